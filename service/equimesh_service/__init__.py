@@ -1,0 +1,1 @@
+"""The equimesh REST service."""

@@ -1,0 +1,1 @@
+"""Local equidistribution of 2D meshes by Schwarz domain decomposition."""

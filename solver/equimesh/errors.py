@@ -1,0 +1,69 @@
+"""The exceptions of the solver: one tree, drawn here.
+
+::
+
+    EquimeshError
+    ├── InputError            the caller's data cannot be used; says where and what to do
+    │   ├── ExpressionError   ... at a position inside the expression
+    │   ├── SamplesError      ... in an array of samples, names the first bad index
+    │   └── DecompositionError ... subdomains, overlap and grid do not fit together
+    └── SolveError            a solve ended without the asked mesh; carries what there is
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from equimesh.schwarz import Solution
+
+
+class EquimeshError(Exception):
+    """Base of every exception that equimesh raises on purpose."""
+
+
+class InputError(EquimeshError, ValueError):
+    """Input that cannot be used.
+
+    ``field`` names the offending option as a path of the problem's own names, e.g. ``"grid.n_xi"`` or
+    ``"a"``; the message says what is wrong and what would be right.
+    """
+
+    def __init__(self, message: str, *, field: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.field = field
+
+
+@dataclass(frozen=True)
+class Position:
+    """A place inside an expression: 0-based ``offset``, 1-based ``line`` and ``column`` (in characters)."""
+
+    offset: int
+    line: int
+    column: int
+
+
+class ExpressionError(InputError):
+    """An expression that does not parse, uses a name that is not allowed, or has no finite value."""
+
+    def __init__(self, message: str, *, position: Position | None = None, field: str = "") -> None:
+        super().__init__(message, field=field)
+        self.position = position
+
+
+class SamplesError(InputError):
+    """Samples that are not finite, not ordered, of the wrong shape, or do not cover the domain."""
+
+
+class DecompositionError(InputError):
+    """A number of subdomains or an overlap that does not fit the grid."""
+
+
+class SolveError(EquimeshError):
+    """A solve that ended without the asked mesh. ``solution`` holds the partial result."""
+
+    def __init__(self, message: str, solution: Solution) -> None:
+        super().__init__(message)
+        self.solution = solution

@@ -1,0 +1,22 @@
+"""What the solver needs to know of a scalar function of the plane."""
+
+from __future__ import annotations
+
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+class Field(Protocol):
+    """A scalar function u(x, y) with derivatives: an expression, or a spline of samples."""
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        """The value and all partial derivatives up to ``order`` (0, 1 or 2) at points of any shape.
+
+        Returns ``(u,)``, ``(u, u_x, u_y)`` or ``(u, u_x, u_y, u_xx, u_xy, u_yy)``, each of the points' shape.
+        Never raises for points inside the closed domain; values may be non-finite, the caller decides.
+        """
+        ...
