@@ -110,7 +110,7 @@ class BilinearCells:
 
     @cached_property
     def dets(self) -> Array:
-        """Determinant of the Jacobian matrix at the corners, ``(4, cells)``; affine in s and t between them."""
+        """Determinant of the Jacobian matrix at the corners, shape ``(4, cells)``."""
         scaled: Array = self.mesh.corner_jacobians().reshape(4, -1)
         return scaled / self.count
 

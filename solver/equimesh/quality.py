@@ -59,7 +59,7 @@ class Measure:
 
 @dataclass(frozen=True, kw_only=True)
 class InterpolationError:
-    """Error of the isoparametric bilinear (Q1) interpolant of u, on the mesh and on a uniform one of its size.
+    """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
 
     ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain.
     """
@@ -81,7 +81,7 @@ class Quality:
     q_geo: Measure
     """Closeness of the cells to squares, >= 1 and 1 best: see :func:`shape_regularity`."""
     scaled_jacobian: Measure
-    """Smallest sine of the four corner angles, in [-1, 1]: 1 for a rectangle, not positive on a folded cell."""
+    """Smallest sine of the four corner angles, in [-1, 1]: 1 for a rectangle, at most 0 on a folded cell."""
     skewness: Measure
     """Equiangle skewness ``max(t_max - 90, 90 - t_min) / 90`` of the corner angles t in degrees, in [0, 1]:
     0 for a rectangle, 1 for a degenerate or folded cell."""
@@ -166,7 +166,7 @@ def alignment(mesh: Mesh, monitor: ArcLength, *, gauss: int | None = None) -> Ar
 
     ``Q_ali = tr(F'^T M_K F') / (2 sqrt(det M_K) det F')`` (Huang and Russell, chapter 4), F' the Jacobian
     matrix of the bilinear map of the unit square onto the cell. F' varies over the cell: the value is the
-    largest of those at the four corners and the 2 x 2 Gauss points. At least 1. ``gauss`` as in :func:`measure`.
+    largest of those at the four corners and the 2 x 2 Gauss points. At least 1.
     """
     with np.errstate(all="ignore"):
         cells = BilinearCells(mesh)
