@@ -179,6 +179,18 @@ def test_a_skewed_quadrilateral_by_hand() -> None:
     assert q.aspect_ratio.cells[row] == pytest.approx([math.sqrt(5)] * 3)  # edges 2, 1, sqrt 5, 2
 
 
+@pytest.mark.parametrize("reach", [0.6, 1.8], ids=["the widest angle decides", "the narrowest angle decides"])
+def test_skewness_of_a_kite(reach: float) -> None:
+    mesh = uniform(4)
+    x, y = mesh.x.copy(), mesh.y.copy()
+    x[2, 2] = y[2, 2] = (1 + reach) / 3  # the unit kite (0,0) (1,0) (reach,reach) (0,1), a third of its size
+    tip = 2 * math.degrees(math.atan2(0.5, reach - 0.5))
+    angles = [90, tip, (270 - tip) / 2]
+    expected = max(max(angles) - 90, 90 - min(angles)) / 90
+    assert (max(angles) - 90 > 90 - min(angles)) == (reach == 0.6)
+    assert measure(Mesh(x, y), ArcLength(u=CONSTANT)).skewness.cells[1, 1] == pytest.approx(expected)
+
+
 def test_size_ratio_takes_the_worst_neighbour_along_both_directions() -> None:
     x = np.array([0.0, 0.1, 0.4, 1.0])  # widths 1, 3, 6
     y = np.array([0.0, 0.4, 0.8, 1.0])  # heights 2, 2, 1
