@@ -1,0 +1,61 @@
+"""The engine port: where tasks run. An implementation passes ``check_engine`` of the service's tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+Result = TypeVar("Result")
+
+
+class EngineError(Exception):
+    """A task that did not come to its own end."""
+
+
+class TimeLimitError(EngineError):
+    """The task ran longer than its time limit and was stopped."""
+
+
+class MemoryLimitError(EngineError):
+    """The task wanted more memory than its worker may have."""
+
+
+class WorkerLostError(EngineError):
+    """The worker died while it ran the task; running it again may succeed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """Whether an engine can run tasks, and the number of its workers."""
+
+    ready: bool
+    workers: int
+    detail: str = ""
+
+
+class Engine(Protocol):
+    """Runs tasks in other processes. Every method returns at once and may be called from any thread."""
+
+    def submit(
+        self, function: Callable[..., Result], *arguments: Any, time_limit: float | None = None
+    ) -> Future[Result]:
+        """Run ``function(*arguments)``, all picklable, in a worker.
+
+        The future holds what the function returns or raises, an :class:`EngineError`, or is cancelled.
+        ``time_limit`` is in seconds, counted from when a worker starts the task.
+        """
+        ...
+
+    def cancel(self, task: Future[Any]) -> None:
+        """Give a task up, within a second also when it runs."""
+        ...
+
+    def health(self) -> Health:
+        """Whether tasks can run now."""
+        ...
+
+    def close(self) -> None:
+        """Stop all workers; what still runs is given up."""
+        ...

@@ -1,0 +1,178 @@
+"""The embedded engine: a pool of worker processes on this machine, by Pebble."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, TypeVar
+
+from pebble import ProcessExpired, ProcessFuture, ProcessPool
+
+from equimesh_service.engine import EngineError, Health, MemoryLimitError, TimeLimitError, WorkerLostError
+
+Result = TypeVar("Result")
+_log = logging.getLogger(__name__)
+
+
+class PebbleEngine:
+    """A pool of ``workers`` processes; ``memory_limit`` is in MiB for each, over what it needs to start.
+
+    ``preload`` names modules that are imported once, before the workers are forked off, and ``warm_up`` runs
+    in each worker before its first task. A worker that dies is replaced; a pool that breaks, too.
+    """
+
+    def __init__(
+        self,
+        workers: int,
+        *,
+        memory_limit: int | None = None,
+        preload: Sequence[str] = (),
+        warm_up: Callable[[], None] | None = None,
+    ) -> None:
+        self._workers = workers
+        self._start = (memory_limit, warm_up)
+        self._context = _context(preload)
+        self._lock = threading.Lock()
+        self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
+        self._closed = False
+        self._pool = self._new_pool()
+
+    def submit(
+        self, function: Callable[..., Result], *arguments: Any, time_limit: float | None = None
+    ) -> Future[Result]:
+        """Run ``function(*arguments)`` in a worker; see :class:`~equimesh_service.engine.Engine`."""
+        outer: Future[Result] = Future()
+        outer.set_running_or_notify_cancel()
+        with self._lock:
+            if self._closed:
+                raise EngineError("the engine is closed")
+            if not self._pool.active:
+                _log.warning("the worker pool broke; starting a new one")
+                _stop(self._pool)
+                self._pool = self._new_pool()
+            inner = self._pool.schedule(_run, args=(function, arguments), timeout=time_limit)
+            self._inner[outer] = inner
+        inner.add_done_callback(lambda done: self._hand_over(done, outer))
+        return outer
+
+    def cancel(self, task: Future[Any]) -> None:
+        """Give the task up; a worker that runs it is killed and replaced."""
+        with self._lock:
+            inner = self._inner.get(task)
+        if inner is not None:
+            inner.cancel()
+
+    def health(self) -> Health:
+        """Ready once a worker has warmed up."""
+        with self._lock:
+            active = bool(self._pool.active) and not self._closed
+            warm = self._warm.done() and not self._warm.cancelled() and self._warm.exception() is None
+        detail = "" if active and warm else "workers are starting" if active else "the worker pool is down"
+        if not active and not self._closed:
+            self._revive()
+        return Health(ready=active and warm, workers=self._workers, detail=detail)
+
+    def wait_until_ready(self, timeout: float) -> bool:
+        """Block until a worker has warmed up; False when that takes longer than ``timeout`` seconds."""
+        end = time.monotonic() + timeout
+        while not self.health().ready:
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.01)
+        return True
+
+    def close(self) -> None:
+        """Stop all workers at once."""
+        with self._lock:
+            self._closed = True
+            left = list(self._inner.values())
+        for inner in left:
+            inner.cancel()
+        _stop(self._pool)
+
+    def _revive(self) -> None:
+        with self._lock:
+            if not self._pool.active and not self._closed:
+                _stop(self._pool)
+                self._pool = self._new_pool()
+
+    def _new_pool(self) -> ProcessPool:
+        pool = ProcessPool(
+            max_workers=self._workers, initializer=_initialize, initargs=self._start, context=self._context
+        )
+        self._warm: ProcessFuture[int] = pool.schedule(os.getpid)
+        return pool
+
+    def _hand_over(self, inner: Future[Any], outer: Future[Any]) -> None:
+        with self._lock:
+            self._inner.pop(outer, None)
+        if inner.cancelled():
+            outer.set_exception(CancelledError())
+            return
+        error = inner.exception()
+        match error:
+            case None:
+                outer.set_result(inner.result())
+            case TimeoutError() if not hasattr(error, "traceback"):  # Pebble's own, not the function's
+                outer.set_exception(TimeLimitError("the time limit was reached"))
+            case ProcessExpired() | BrokenProcessPool():
+                outer.set_exception(WorkerLostError(f"the worker died: {error}"))
+            case _:
+                outer.set_exception(error)
+
+
+def _context(preload: Sequence[str]) -> Any:
+    if "forkserver" not in multiprocessing.get_all_start_methods():  # pragma: no cover - Windows
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(preload))
+    return context
+
+
+def _stop(pool: ProcessPool) -> None:
+    pool.stop()
+    pool.join()
+
+
+def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
+    try:
+        return function(*arguments)
+    except MemoryError:
+        raise MemoryLimitError("the memory limit was reached") from None
+
+
+def _initialize(memory_limit: int | None, warm_up: Callable[[], None] | None) -> None:
+    # Pebble stops a worker by SIGTERM and waits for Python code to notice; a factorisation never would.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_die_with_parent, args=(os.getppid(),), daemon=True).start()
+    if warm_up is not None:
+        warm_up()
+    if memory_limit is not None:
+        _limit_memory(memory_limit)
+
+
+def _die_with_parent(parent: int) -> None:
+    # The service may be killed without a chance to stop its workers; an orphan would compute for nobody.
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
+
+
+def _limit_memory(mebibytes: int) -> None:
+    if sys.platform != "linux":  # pragma: no cover - elsewhere the system does not enforce this limit
+        return
+    import resource
+
+    with open("/proc/self/statm") as file:
+        held = int(file.read().split()[0]) * resource.getpagesize()
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = held + mebibytes * 1024 * 1024
+    resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
