@@ -1,1 +1,76 @@
-"""Local equidistribution of 2D meshes by Schwarz domain decomposition."""
+"""Local equidistribution of 2D meshes by nonlinear Schwarz domain decomposition.
+
+    >>> import equimesh as em
+    >>> u = em.Expression("(1 - exp(15*(x - 1))) * sin(pi*y)")
+    >>> problem = em.Problem(monitor=em.ArcLength(u=u), grid=em.Grid(n_xi=33, n_eta=33))
+    >>> solution = em.solve(problem, em.Schwarz(subdomains=(2, 1)))
+    >>> solution.status.sentence
+    'The mesh satisfies the equidistribution equations to the asked tolerance.'
+
+The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistributed Meshes in 2D via Domain
+Decomposition*. Begin reading in ``schwarz.py``.
+"""
+
+from equimesh.boundary import Boundary
+from equimesh.decomposition import Decomposition
+from equimesh.errors import (
+    DecompositionError,
+    EquimeshError,
+    ExpressionError,
+    InputError,
+    Position,
+    SamplesError,
+    SolveError,
+)
+from equimesh.expression import Expression
+from equimesh.field import Field
+from equimesh.grid import Grid
+from equimesh.mesh import Mesh
+from equimesh.mesh_data import MeshData
+from equimesh.monitor import ArcLength
+from equimesh.problem import Problem
+from equimesh.quality import Quality, measure
+from equimesh.samples import GridSamples, ScatteredSamples
+from equimesh.schwarz import Iteration, Ordering, Schwarz, SubdomainRecord, iterate
+from equimesh.single_domain import NewtonRecord
+from equimesh.solution import Event, Initial, Solution, solve
+from equimesh.status import Status
+from equimesh.transmission import Classical, LinearRobin, NonlinearRobin, TransmissionCondition
+
+__all__ = [
+    "ArcLength",
+    "Boundary",
+    "Classical",
+    "Decomposition",
+    "DecompositionError",
+    "EquimeshError",
+    "Event",
+    "Expression",
+    "ExpressionError",
+    "Field",
+    "Grid",
+    "GridSamples",
+    "Initial",
+    "InputError",
+    "Iteration",
+    "LinearRobin",
+    "Mesh",
+    "MeshData",
+    "NewtonRecord",
+    "NonlinearRobin",
+    "Ordering",
+    "Position",
+    "Problem",
+    "Quality",
+    "SamplesError",
+    "ScatteredSamples",
+    "Schwarz",
+    "Solution",
+    "SolveError",
+    "Status",
+    "SubdomainRecord",
+    "TransmissionCondition",
+    "iterate",
+    "measure",
+    "solve",
+]

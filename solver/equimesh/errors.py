@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from equimesh.schwarz import Solution
+    from equimesh.solution import Solution
 
 
 class EquimeshError(Exception):

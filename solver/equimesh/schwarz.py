@@ -1,0 +1,223 @@
+"""The nonlinear Schwarz iteration: subdomain solves that exchange interface data until they agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from equimesh import quality
+from equimesh.decomposition import Decomposition
+from equimesh.errors import InputError
+from equimesh.grid import Grid
+from equimesh.mesh import Mesh
+from equimesh.problem import Problem
+from equimesh.single_domain import LocalSolution, newton_steps
+from equimesh.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.transmission import InterfaceData, NonlinearRobin, TransmissionCondition
+
+# A subdomain whose Newton solve stalls in this many iterations in a row ends the Schwarz iteration.
+MOST_STALLS = 3
+# Changes of the node positions that rounding errors alone can cause, per point in a direction.
+ROUNDING = 1e-13
+
+
+class Ordering(StrEnum):
+    """Which data a subdomain reads: ``PARALLEL``, all of the previous iteration; ``ALTERNATING``, the newest there is,
+    the subdomains taking turns."""
+
+    PARALLEL = "parallel"
+    ALTERNATING = "alternating"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schwarz:
+    """Settings of the Schwarz iteration.
+
+    ``subdomains`` along xi and eta, ``overlap`` in points, as in :class:`~equimesh.decomposition.Decomposition`.
+    The iteration ends when the estimated error of the merged mesh (max norm of node positions, in units of the
+    domain) is at most ``tolerance``; with ``tolerance=None`` it runs exactly ``max_iterations``.
+    ``compare_single_domain`` solves the single-domain problem first and records the error against it.
+    """
+
+    subdomains: tuple[int, int] = (2, 1)
+    overlap: int = 4
+    transmission: TransmissionCondition = field(default_factory=NonlinearRobin)
+    ordering: Ordering = Ordering.ALTERNATING
+    tolerance: float | None = 1e-10
+    max_iterations: int = 100
+    compare_single_domain: bool = False
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None and not (math.isfinite(self.tolerance) and self.tolerance > 0):
+            raise InputError(
+                f"tolerance = {self.tolerance}: must be positive, or null for a fixed number of iterations",
+                field="schwarz.tolerance",
+            )
+        if self.max_iterations < 1:
+            raise InputError(f"max_iterations = {self.max_iterations}: at least 1", field="schwarz.max_iterations")
+
+    def decompose(self, grid: Grid) -> Decomposition:
+        """The subdomains on a grid; raises :class:`~equimesh.errors.DecompositionError` where they do not fit."""
+        return Decomposition(grid=grid, subdomains=self.subdomains, overlap=self.overlap)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SubdomainRecord:
+    """What one subdomain did in one iteration.
+
+    ``stalled`` says that its Newton solve met no tolerance: the best valid state was kept. ``residual`` is relative to
+    the mean flux. ``error_x`` and ``error_y`` are against the single-domain solution, over the whole subdomain.
+    """
+
+    subdomain: int
+    newton_steps: int
+    residual: float
+    stalled: bool = False
+    error_x: float | None = None
+    error_y: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Iteration:
+    """The state after one Schwarz iteration; iteration 0 is the start.
+
+    ``change`` is the max norm by which the merged mesh moved (NaN at 0), ``estimate`` the error that the observed rate
+    predicts from it (NaN until two changes are known), ``error`` the one against the single-domain solution where that
+    is known. ``failed`` ends the iteration: a subdomain has stalled for good.
+    """
+
+    iteration: int
+    mesh: Mesh
+    max_q_eq: float
+    min_jacobian: float
+    change: float
+    estimate: float
+    subdomains: tuple[SubdomainRecord, ...]
+    error: float | None = None
+    failed: bool = False
+
+    def meets(self, tolerance: float | None) -> bool:
+        """Whether the error is known to be at most ``tolerance``: estimated, every subdomain solved, nothing folded."""
+        return (
+            tolerance is not None
+            and self.estimate <= tolerance
+            and not any(record.stalled for record in self.subdomains)
+            and self.min_jacobian > 0
+        )
+
+
+def iterate(problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | None = None) -> Iterator[Iteration]:
+    """Schwarz iterations from ``start``, without end unless a subdomain stalls for good.
+
+    One record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``reference`` is
+    the single-domain solution against which errors are recorded. Haynes and Howse, section 3.
+    """
+    decomposition = settings.decompose(problem.grid)
+    parts = [SubdomainProblem(problem, decomposition, part, settings.transmission) for part in decomposition.parts]
+    states = [part.restrict(start) for part in parts]
+    mesh, changes, stalls = start, [math.nan], [0] * len(parts)
+    records = tuple(SubdomainRecord(subdomain=k, newton_steps=0, residual=math.nan) for k in range(len(parts)))
+    while True:
+        records = tuple(_with_error(r, parts, states, reference) for r in records)
+        yield Iteration(
+            iteration=len(changes) - 1,
+            mesh=mesh,
+            max_q_eq=float(quality.equidistribution(mesh, problem.monitor).max()),
+            min_jacobian=mesh.min_jacobian,
+            change=changes[-1],
+            estimate=_estimate(changes, ROUNDING * max(problem.grid.shape)),
+            subdomains=records,
+            error=None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
+            failed=max(stalls) >= MOST_STALLS,
+        )
+        if max(stalls) >= MOST_STALLS:
+            return
+        records = tuple(_sweep(parts, states, mesh, settings.ordering))
+        stalls = [count + 1 if r.stalled else 0 for count, r in zip(stalls, records, strict=True)]
+        merged = _merge(parts, states)
+        changes.append(max(float(abs(merged.x - mesh.x).max()), float(abs(merged.y - mesh.y).max())))
+        mesh = merged
+
+
+@dataclass(frozen=True)
+class _Exchange:
+    """The subdomains as their neighbours see them, in the states they are read from."""
+
+    parts: Sequence[SubdomainProblem]
+    states: Sequence[Mesh]
+
+    def functional(self, link: Link) -> InterfaceData:
+        return self.parts[link.sender].functional(self.states[link.sender], link)
+
+    def node(self, link: CornerLink) -> tuple[float, float]:
+        return self.parts[link.sender].node(self.states[link.sender], link)
+
+
+def _sweep(
+    parts: Sequence[SubdomainProblem], states: list[Mesh], mesh: Mesh, ordering: Ordering
+) -> Iterator[SubdomainRecord]:
+    """One solve in every subdomain; updates ``states``."""
+    read = list(states) if ordering is Ordering.PARALLEL else states
+    for k, part in enumerate(parts):
+        solution = _solve(part, _Exchange(parts, read), states[k], mesh)
+        states[k] = solution.mesh
+        yield SubdomainRecord(
+            subdomain=k,
+            newton_steps=solution.steps,
+            residual=solution.residual,
+            stalled=not solution.converged,
+        )
+
+
+def _solve(part: SubdomainProblem, exchange: _Exchange, state: Mesh, mesh: Mesh) -> LocalSolution:
+    """The subdomain's solution, from its previous one; where Newton stalls there, from the merged mesh."""
+    equations = part.equations(exchange)
+    best: LocalSolution | None = None
+    for start in (state, part.restrict(mesh)):
+        if start.is_folded:
+            continue
+        *_, solution = newton_steps(equations, start)
+        if solution.converged:
+            return solution
+        if best is None or solution.residual < best.residual:
+            best = solution
+    return best if best is not None else LocalSolution(state, 0, math.inf, converged=False)
+
+
+def _merge(parts: Sequence[SubdomainProblem], states: Sequence[Mesh]) -> Mesh:
+    merged = Mesh.uniform(parts[0].problem.grid)
+    for part, state in zip(parts, states, strict=True):
+        part.merge(state, merged)
+    return merged
+
+
+def _with_error(
+    record: SubdomainRecord, parts: Sequence[SubdomainProblem], states: Sequence[Mesh], reference: Mesh | None
+) -> SubdomainRecord:
+    if reference is None:
+        return record
+    k = record.subdomain
+    error_x, error_y = parts[k].distance(states[k], reference)
+    return SubdomainRecord(
+        subdomain=k,
+        newton_steps=record.newton_steps,
+        residual=record.residual,
+        stalled=record.stalled,
+        error_x=error_x,
+        error_y=error_y,
+    )
+
+
+def _estimate(changes: Sequence[float], rounding: float) -> float:
+    """The error left after changes that go on shrinking at the rate of the last ones, never less than the last change.
+
+    The rate is that over two iterations where three changes are known, as data crosses a subdomain and comes back in
+    two. Changes below ``rounding`` shrink no more, and say nothing of a rate.
+    """
+    change = changes[-1]
+    if len(changes) < 3 or change <= rounding:
+        return change if change <= rounding else math.nan
+    rate = change / changes[-2] if len(changes) == 3 else math.sqrt(change / changes[-3])
+    return change * max(1.0, rate / (1.0 - rate)) if rate < 1.0 else math.inf

@@ -1,0 +1,48 @@
+"""How a solve ended: one status, with a sentence and a remedy."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """How a solve ended. ``sentence`` says what happened, ``remedy`` what to try."""
+
+    CONVERGED = "converged"
+    COMPLETED = "completed"
+    NOT_CONVERGED = "not_converged"
+    NEWTON_FAILED = "newton_failed"
+    FOLDED = "folded"
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the mesh is what was asked for."""
+        return self in (Status.CONVERGED, Status.COMPLETED)
+
+    @property
+    def sentence(self) -> str:
+        """What happened."""
+        return _SENTENCES[self][0]
+
+    @property
+    def remedy(self) -> str:
+        """What to try; empty when there is nothing to mend."""
+        return _SENTENCES[self][1]
+
+
+_SENTENCES = {
+    Status.CONVERGED: ("The mesh satisfies the equidistribution equations to the asked tolerance.", ""),
+    Status.COMPLETED: ("The asked number of Schwarz iterations was run, without a tolerance to meet.", ""),
+    Status.NOT_CONVERGED: (
+        "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
+        "Allow more iterations, widen the overlap, or use a Robin transmission condition with p = auto.",
+    ),
+    Status.NEWTON_FAILED: (
+        "Newton's method found no valid mesh that satisfies the equations.",
+        "Lower a, raise b, add grid points, start nested, or use the trace boundary condition.",
+    ),
+    Status.FOLDED: (
+        "The mesh has an inverted cell.",
+        "Lower a, raise b, run more iterations, or start nested.",
+    ),
+}
