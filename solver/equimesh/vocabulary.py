@@ -1,0 +1,127 @@
+"""The language of expressions: its names, its limits, and what to write in place of what it does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+#: Every function of the language, and what it returns.
+FUNCTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "sin": "sine of an angle in radians",
+        "cos": "cosine of an angle in radians",
+        "tan": "tangent of an angle in radians",
+        "asin": "angle in [-pi/2, pi/2] with the given sine",
+        "acos": "angle in [0, pi] with the given cosine",
+        "atan": "angle in (-pi/2, pi/2) with the given tangent",
+        "atan2": "atan2(b, a): angle of the point (a, b), in (-pi, pi]",
+        "sinh": "hyperbolic sine",
+        "cosh": "hyperbolic cosine",
+        "tanh": "hyperbolic tangent, the usual steep front: tanh(60*(x - 0.5))",
+        "asinh": "inverse hyperbolic sine",
+        "acosh": "inverse hyperbolic cosine, of an argument of at least 1",
+        "atanh": "inverse hyperbolic tangent, of an argument between -1 and 1",
+        "exp": "exponential function",
+        "log": "natural logarithm, of a positive argument",
+        "log2": "logarithm to base 2, of a positive argument",
+        "log10": "logarithm to base 10, of a positive argument",
+        "sqrt": "square root, of an argument that is not negative",
+        "abs": "absolute value (slope 0 at 0)",
+        "sign": "-1, 0 or 1 (slope 0 everywhere)",
+        "min": "smallest of two or more arguments (mean slope at a tie)",
+        "max": "largest of two or more arguments (mean slope at a tie)",
+        "hypot": "hypot(a, b): sqrt(a**2 + b**2) (slope 0 at 0)",
+        "erf": "error function",
+        "where": "where(condition, a, b): a where the condition holds, else b: where(x < 0.5, 1, 2*y)",
+    }
+)
+#: The names with a fixed meaning, which no parameter can take.
+RESERVED = ("x", "y", "t", "pi", "e")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What keeps one expression from holding up a solve."""
+
+    length: int = 4096  # characters of the text
+    depth: int = 100  # brackets, signs and powers inside one another
+    nodes: int = 1000  # operations, names and numbers
+    digits: int = 40  # characters of one number
+    exponent: float = 1000.0  # size of a constant exponent
+    parameters: int = 100
+    magnitude: float = 1e100  # size of u and of its gradient: their squares must not overflow
+
+
+LIMITS = Limits()
+
+#: Least and greatest number of arguments where it is not one; None: any number.
+ARGUMENTS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
+    {"atan2": (2, 2), "hypot": (2, 2), "min": (2, None), "max": (2, None), "where": (3, 3)}
+)
+
+#: What to do about characters that do not belong to the language.
+CHARACTER_REMEDIES: Mapping[str, str] = MappingProxyType(
+    {
+        "^": "use ** for powers",
+        "//": "use / for a quotient",
+        "%": "there is no remainder",
+        ":=": "nothing can be assigned; declare a parameter instead",
+        "=>": "write >=",
+        "=<": "write <=",
+        "=": "write == to compare, inside where(...); declare parameters apart from the expression",
+        "&": "write and, inside where(...)",
+        "|": "write or, inside where(...); the absolute value is abs(...)",
+        "~": "write not, inside where(...)",
+        "!": "write not, inside where(...)",
+        "@": "use * for a product",
+        "[": "group with ( and )",
+        "]": "group with ( and )",
+        "{": "group with ( and )",
+        "}": "group with ( and )",
+        "'": "text is not part of the language",
+        '"': "text is not part of the language",
+        ".": "a point belongs inside a number; write sin(x), not np.sin(x) or math.sin(x)",
+        "#": "comments are not part of the language",
+        "×": "use * for a product",
+        "·": "use * for a product",
+        "⋅": "use * for a product",
+        "∙": "use * for a product",
+        "÷": "use / for a quotient",
+        "∕": "use / for a quotient",
+        "⁄": "use / for a quotient",
+        "−": "use the plain minus sign -",
+        "–": "use the plain minus sign -",
+        "—": "use the plain minus sign -",
+        "²": "write **2",
+        "³": "write **3",
+        "√": "write sqrt(...)",
+        "∞": "there is no infinity",
+        "≤": "write <=",
+        "≥": "write >=",
+        "≠": "write !=",
+    }
+)
+
+#: Names used elsewhere, and what they are called here.
+OTHER_NAMES: Mapping[str, str] = MappingProxyType(
+    {
+        "π": "pi",
+        "ln": "log",
+        "arcsin": "asin",
+        "arccos": "acos",
+        "arctan": "atan",
+        "arctan2": "atan2",
+        "arcsinh": "asinh",
+        "arccosh": "acosh",
+        "arctanh": "atanh",
+        "fabs": "abs",
+        "pow": "** for powers",
+        "step": "where(condition, a, b)",
+        "heaviside": "where(condition, a, b)",
+        "sgn": "sign",
+        "Piecewise": "where(condition, a, b)",
+        "if": "where(condition, a, b)",
+        "else": "where(condition, a, b)",
+    }
+)
