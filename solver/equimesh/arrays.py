@@ -1,0 +1,99 @@
+"""Arrays of real numbers out of what callers send: nested lists, JSON, numpy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import SamplesError
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+def real_array(value: object, name: str, *, ndim: int) -> Array:
+    """``value`` as a read-only array of finite floats with ``ndim`` dimensions.
+
+    Raises :class:`~equimesh.errors.SamplesError` with the field ``name``, naming the first bad entry.
+    """
+    if isinstance(value, (list, tuple)):
+        _check_nested(value, name, ndim, field_name=name)
+    raw = np.ma.filled(value.astype(np.float64), np.nan) if isinstance(value, np.ma.MaskedArray) else value
+    try:
+        array = np.asarray(raw) if not isinstance(raw, (list, tuple)) else np.array(raw, dtype=np.float64)
+    except (OverflowError, ValueError, TypeError) as error:
+        raise SamplesError(f"{name} cannot be read as an array of numbers: {error}", field=name) from error
+    if array.dtype.kind not in "iuf":
+        raise SamplesError(f"{name} holds {_kind(array.dtype)}: only real numbers are allowed", field=name)
+    if array.ndim != ndim:
+        raise SamplesError(
+            f"{name} has shape {array.shape}: it must have {counted(ndim, 'dimension')}, not {array.ndim}",
+            field=name,
+        )
+    with np.errstate(over="ignore"):
+        array = np.array(array, dtype=np.float64, order="C")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        index = np.unravel_index(int(np.argmax(bad)), array.shape)
+        found = "NaN" if np.isnan(array[index]) else "infinite"
+        raise SamplesError(
+            f"{name}{_brackets(index)} is {found}: every sample must be a finite number; fill in or leave out"
+            f" the missing ones ({counted(int(bad.sum()), 'such entry', 'such entries')})",
+            field=name,
+        )
+    array.setflags(write=False)
+    return array
+
+
+def _check_nested(value: object, path: str, ndim: int, *, field_name: str) -> None:
+    """Refuse lists that are ragged, too shallow or too deep, or hold anything but real numbers."""
+    if isinstance(value, np.ndarray):
+        return  # numpy judges its shape and type
+    if not isinstance(value, (list, tuple)):
+        raise SamplesError(f"{path} is {_describe(value)}: it must be a list of numbers", field=field_name)
+    if ndim == 1:
+        if not set(map(type, value)) <= {int, float}:
+            for i, entry in enumerate(value):
+                if isinstance(entry, bool) or not isinstance(entry, (int, float, np.integer, np.floating)):
+                    raise SamplesError(
+                        f"{path}[{i}] is {_describe(entry)}: it must be a real number", field=field_name
+                    )
+        return
+    for i, row in enumerate(value):
+        _check_nested(row, f"{path}[{i}]", ndim - 1, field_name=field_name)
+        if len(row) != len(value[0]):
+            raise SamplesError(
+                f"{path}[{i}] has {counted(len(row), 'entry', 'entries')} but {path}[0] has {len(value[0])}:"
+                " every row must have the same length",
+                field=field_name,
+            )
+
+
+def counted(n: int, one: str = "sample", many: str = "") -> str:
+    """``n`` with its noun, singular or plural."""
+    return f"{n} {one if n == 1 else many or one + 's'}"
+
+
+def _brackets(index: Sequence[Any]) -> str:
+    return "".join(f"[{int(i)}]" for i in index)
+
+
+def _describe(value: object) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, (bool, np.bool_)):
+        return "a boolean"
+    if isinstance(value, str):
+        return f"the text {value[:20]!r}"
+    if isinstance(value, (complex, np.complexfloating)):
+        return "a complex number"
+    if isinstance(value, (int, float, np.number)):
+        return "a single number"
+    return "a list" if isinstance(value, (list, tuple, np.ndarray)) else f"of type {type(value).__name__}"
+
+
+def _kind(dtype: np.dtype[Any]) -> str:
+    words = {"b": "booleans", "c": "complex numbers", "O": "mixed objects", "U": "text", "S": "bytes"}
+    return words.get(dtype.kind, f"data of type {dtype}")

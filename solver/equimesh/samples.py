@@ -1,0 +1,248 @@
+"""u given by samples: values on a rectilinear grid, or at scattered points, made into a smooth function."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CloughTocher2DInterpolator, RectBivariateSpline
+from scipy.spatial import ConvexHull, QhullError
+
+from equimesh.arrays import counted, real_array
+from equimesh.errors import SamplesError
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+COVERAGE_TOLERANCE = 1e-9
+CUBIC = 4  # points that a cubic needs
+SMALLEST_RESAMPLING, LARGEST_RESAMPLING = 16, 1025
+PARTIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+COUNT = {0: 1, 1: 3, 2: 6}  # how many of them up to each order
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
+class GridSamples:
+    """u as the bicubic spline through samples on a rectilinear grid.
+
+    ``values[i, j]``, of shape ``(nx, ny)``, is u at ``(x[i], y[j])``. ``x``, of shape ``(nx,)``, and ``y``,
+    of shape ``(ny,)``, increase strictly and reach from 0 or less to 1 or more. For smooth u and spacing h
+    the values are accurate to O(h^4), the gradient to O(h^3). With only 2 or 3 points in a direction the
+    spline is linear or quadratic there.
+
+    Implements :class:`~equimesh.field.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names the
+    first bad index.
+    """
+
+    x: Array
+    y: Array
+    values: Array
+    _splines: tuple[Any, Any, Any] = field(repr=False)  # u, u_x, u_y
+
+    def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike) -> None:
+        axes = {"x": _axis(x, "x"), "y": _axis(y, "y")}
+        table = real_array(values, "values", ndim=2)
+        shape = (axes["x"].size, axes["y"].size)
+        if table.shape != shape:
+            hint = "; transpose it" if table.shape == shape[::-1] else ""
+            raise SamplesError(
+                f"values has shape {table.shape}, but x has {shape[0]} points and y has {shape[1]}:"
+                f" values[i][j] is u at (x[i], y[j]), so the shape must be {shape}{hint}",
+                field="values",
+            )
+        for name, axis in axes.items():
+            _check_reach(axis, name)
+        spline = _bicubic(axes["x"], axes["y"], table)
+        splines = (spline, spline.partial_derivative(1, 0), spline.partial_derivative(0, 1))
+        for name, value in {**axes, "values": table, "_splines": splines}.items():
+            object.__setattr__(self, name, value)
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        """u and its partial derivatives up to ``order``, each of the points' shape: see ``Field.evaluate``.
+
+        Outside the samples the nearest point of their rectangle is used.
+        """
+        first = [spline(x, y, grid=False) for spline in self._splines[: COUNT[min(order, 1)]]]
+        second = PARTIALS[COUNT[1] : COUNT[order]]
+        return (*first, *(self._splines[0](x, y, dx=dx, dy=dy, grid=False) for dx, dy in second))
+
+    def __repr__(self) -> str:
+        return f"GridSamples({self.x.size} x {self.y.size})"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
+class ScatteredSamples:
+    """u from ``values`` of shape ``(n,)`` at scattered ``points`` of shape ``(n, 2)``.
+
+    The samples are interpolated once by the Clough-Tocher element on their Delaunay triangulation, read off
+    on a uniform grid of about ``2 sqrt(n)`` points a side (16 to 1025; ``n`` counts the points in the unit
+    square), and become the :class:`GridSamples` ``grid``. For spacing h the error is about O(h^2) in the
+    values and O(h) in the gradient: where u is known on a grid, give it as one.
+
+    The convex hull of the points must hold the unit square: its four corners are to be among them, or inside.
+    Implements :class:`~equimesh.field.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names the
+    first bad index.
+    """
+
+    points: Array
+    values: Array
+    grid: GridSamples
+
+    def __init__(self, *, points: npt.ArrayLike, values: npt.ArrayLike) -> None:
+        where = real_array(points, "points", ndim=2)
+        if where.shape[1] != 2:
+            raise SamplesError(
+                f"points has shape {where.shape}: it must be (n, 2), one row x, y each", field="points"
+            )
+        u = real_array(values, "values", ndim=1)
+        if len(u) != len(where):
+            raise SamplesError(
+                f"there are {len(where)} points and {len(u)} values: each point needs one value",
+                field="values",
+            )
+        if len(u) < CUBIC:
+            raise SamplesError(f"{counted(len(u))}: scattered samples need at least {CUBIC}", field="points")
+        for name, value in {"points": where, "values": u, "grid": _resample(*_distinct(where, u))}.items():
+            object.__setattr__(self, name, value)
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        """u and its partial derivatives up to ``order``, each of the points' shape; as ``Field.evaluate``."""
+        return self.grid.evaluate(x, y, order)
+
+    def __repr__(self) -> str:
+        return f"ScatteredSamples({len(self.values)} points)"
+
+
+def _axis(value: object, name: str) -> Array:
+    """A strictly increasing axis of at least two points."""
+    axis = real_array(value, name, ndim=1)
+    if axis.size < 2:
+        raise SamplesError(
+            f"{name} has {counted(axis.size, 'point')}: at least 2 are needed in each direction, {CUBIC} for"
+            " a cubic spline",
+            field=name,
+        )
+    steps = np.diff(axis)
+    if np.all(steps > 0):
+        return axis
+    i = int(np.argmax(steps <= 0)) + 1
+    if steps[i - 1] == 0:
+        what, remedy = "repeats", "leave out the repeated line of samples"
+    elif np.all(steps < 0):
+        flip = "values[::-1, :]" if name == "x" else "values[:, ::-1]"
+        what, remedy = (
+            "is less than",
+            f"the axis decreases; reverse it and the samples with it: {name}[::-1], {flip}",
+        )
+    else:
+        what, remedy = "is less than", "sort the axis and the samples with it"
+    raise SamplesError(
+        f"{name}[{i}] = {axis[i]:.6g} {what} {name}[{i - 1}] = {axis[i - 1]:.6g}: the axis must"
+        f" increase; {remedy}",
+        field=name,
+    )
+
+
+def _check_reach(axis: Array, name: str) -> None:
+    """Refuse an axis that leaves a part of [0, 1] without samples."""
+    if axis[0] > COVERAGE_TOLERANCE or axis[-1] < 1 - COVERAGE_TOLERANCE:
+        raise SamplesError(
+            f"{name} reaches from {axis[0]:.6g} to {axis[-1]:.6g}, but the samples must cover the unit"
+            " square: add samples up to 0 and 1, or map the coordinates there:"
+            f" ({name} - {name}[0]) / ({name}[-1] - {name}[0])",
+            field=name,
+        )
+
+
+def _bicubic(x: Array, y: Array, values: Array) -> RectBivariateSpline:
+    """The interpolating bicubic spline; fewer than 4 points are first raised to 4 on their own polynomial."""
+    x, values = _raised(x, values)
+    y, transposed = _raised(y, values.T)
+    try:
+        with np.errstate(all="ignore"):
+            spline = RectBivariateSpline(x, y, transposed.T, s=0)
+    except ValueError as error:
+        raise SamplesError(f"no spline passes through the samples: {error}", field="values") from error
+    if not np.all(np.isfinite(spline.get_coeffs())):
+        raise SamplesError(
+            "the samples are too large or too close for a spline: rescale them", field="values"
+        )
+    return spline
+
+
+def _raised(axis: Array, values: Array) -> tuple[Array, Array]:
+    """At least four points along the first axis, on the same polynomial, which a cubic then reproduces."""
+    if axis.size >= CUBIC:
+        return axis, values
+    finer = np.linspace(axis[0], axis[-1], CUBIC)
+    weights = [np.prod([(finer - b) / (a - b) for b in axis if b != a], axis=0) for a in axis]
+    return finer, np.stack(weights, axis=1) @ values
+
+
+def _distinct(points: Array, values: Array) -> tuple[Array, Array]:
+    """The samples without repetitions; two values at one point are refused."""
+    order = np.lexsort((np.arange(len(values)), points[:, 1], points[:, 0]))
+    repeats = np.all(points[order[1:]] == points[order[:-1]], axis=1)
+    differ = repeats & (values[order[1:]] != values[order[:-1]])
+    if differ.any():
+        k = int(np.argmax(differ))
+        first, second = int(order[k]), int(order[k + 1])
+        x, y = points[first]
+        raise SamplesError(
+            f"points[{second}] repeats points[{first}] = ({x:.6g}, {y:.6g}) with another value"
+            f" ({values[second]:.6g}, not {values[first]:.6g}): keep one of them",
+            field="points",
+        )
+    kept = np.sort(order[np.concatenate([[True], ~repeats])])
+    return points[kept], values[kept]
+
+
+def _resample(points: Array, values: Array) -> GridSamples:
+    """Clough-Tocher interpolant of the samples on a uniform grid of the unit square."""
+    if len(points) < CUBIC:
+        raise SamplesError(f"{counted(len(points))} without repetitions: {CUBIC} are needed", field="points")
+    try:
+        _check_hull(points)
+        shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
+        interpolant = CloughTocher2DInterpolator(points, (values - shift) / scale)
+    except QhullError as error:
+        raise SamplesError(
+            "the points lie on one line, or so near to it that they span no triangle: give samples all over"
+            " the unit square",
+            field="points",
+        ) from error
+    inside = int(np.count_nonzero(np.all((points >= 0) & (points <= 1), axis=1)))
+    n = min(max(round(2 * math.sqrt(inside)), SMALLEST_RESAMPLING), LARGEST_RESAMPLING)
+    axis = np.linspace(0, 1, n)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    resampled = interpolant(x, y)
+    missed = np.isnan(resampled)  # rounding can put points of the hull's rim outside
+    inwards = 1 - 10 * COVERAGE_TOLERANCE
+    resampled[missed] = interpolant(0.5 + inwards * (x[missed] - 0.5), 0.5 + inwards * (y[missed] - 0.5))
+    if not np.all(np.isfinite(resampled)):
+        i, j = np.argwhere(~np.isfinite(resampled))[0]
+        raise SamplesError(
+            f"the samples give no value at ({axis[i]:.6g}, {axis[j]:.6g}): add a sample there", field="points"
+        )
+    return GridSamples(x=axis, y=axis, values=shift + scale * resampled)
+
+
+def _check_hull(points: Array) -> None:
+    """Refuse points whose convex hull leaves out a corner of the unit square."""
+    hull = ConvexHull(points)
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    distance = (hull.equations[:, :2] @ corners.T + hull.equations[:, 2:]).max(axis=0)
+    outside = [
+        f"({x:.0f}, {y:.0f})" for (x, y), d in zip(corners, distance, strict=True) if d > COVERAGE_TOLERANCE
+    ]
+    if outside:
+        low, high = points.min(axis=0), points.max(axis=0)
+        raise SamplesError(
+            f"the samples reach from {low[0]:.6g} to {high[0]:.6g} in x and from {low[1]:.6g} to"
+            f" {high[1]:.6g} in y, and {' '.join(outside)} {'lies' if len(outside) == 1 else 'lie'} outside"
+            " their convex hull: the samples must cover the unit square; add samples at these corners, or"
+            " map the coordinates there",
+            field="points",
+        )
