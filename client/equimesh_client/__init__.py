@@ -1,1 +1,75 @@
-"""Python client of the equimesh service."""
+"""Python client of the equimesh service.
+
+::
+
+    from equimesh_client import Client
+
+    with Client("http://127.0.0.1:8000") as client:
+        mesh = client.generate("tanh(20*(x**2 + y**2 - 0.5))", 65)
+        print(mesh.quality)
+        mesh.download("mesh.vtu")
+"""
+
+from equimesh_client.async_client import AsyncClient
+from equimesh_client.async_mesh import AsyncMesh
+from equimesh_client.client import Client
+from equimesh_client.errors import (
+    BadArgument,
+    Conflict,
+    DeadlineExceeded,
+    DownloadDamaged,
+    EquimeshClientError,
+    InputProblem,
+    InvalidInput,
+    MeshCanceled,
+    MeshFailed,
+    NotFound,
+    ProblemError,
+    RateLimited,
+    ServerError,
+    ServiceUnreachable,
+    TooLarge,
+)
+from equimesh_client.mesh import Mesh
+from equimesh_client.pictures import Plot
+from equimesh_client.records import Convergence, Measure, MeshArrays, Progress, Quality
+from equimesh_client.retry import RetryPolicy
+from equimesh_client.sources import StoredSamples, Upload
+from equimesh_client.spec import Classical, LinearRobin, NonlinearRobin, Schwarz
+from equimesh_client.stream import Event
+
+__all__ = [
+    "AsyncClient",
+    "AsyncMesh",
+    "BadArgument",
+    "Classical",
+    "Client",
+    "Conflict",
+    "Convergence",
+    "DeadlineExceeded",
+    "DownloadDamaged",
+    "EquimeshClientError",
+    "Event",
+    "InputProblem",
+    "InvalidInput",
+    "LinearRobin",
+    "Measure",
+    "Mesh",
+    "MeshArrays",
+    "MeshCanceled",
+    "MeshFailed",
+    "NonlinearRobin",
+    "NotFound",
+    "Plot",
+    "ProblemError",
+    "Progress",
+    "Quality",
+    "RateLimited",
+    "RetryPolicy",
+    "Schwarz",
+    "ServerError",
+    "ServiceUnreachable",
+    "StoredSamples",
+    "TooLarge",
+    "Upload",
+]

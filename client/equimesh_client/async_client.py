@@ -1,0 +1,201 @@
+"""The client for asyncio: the twin of ``client``, with the same flows behind it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from types import TracebackType
+from typing import Any
+
+from equimesh_client import flows, protocol
+from equimesh_client.async_mesh import AsyncMesh
+from equimesh_client.client import URL
+from equimesh_client.errors import DeadlineExceeded
+from equimesh_client.flows import Deadline, Settings
+from equimesh_client.orders import DEADLINE, order, order_of_spec, settled, stored
+from equimesh_client.retry import RetryPolicy, policy_of
+from equimesh_client.session import AsyncSession
+from equimesh_client.sources import StoredSamples, upload_of
+from equimesh_client.spec import Schwarz
+from equimesh_client.transport import base_url
+from equimesh_client.watching import Watch
+
+
+class AsyncClient:
+    """A service of adaptive meshes; an asynchronous context manager.
+
+    ``timeout``: seconds that a single answer may take. ``retries``: further attempts after a lost
+    connection, 429, 502, 503 or 504, or a :class:`RetryPolicy`. ``headers``: sent with every request, e.g.
+    for authorisation.
+    """
+
+    def __init__(
+        self,
+        url: str = URL,
+        *,
+        timeout: float = 30.0,
+        retries: int | RetryPolicy = 5,
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        settings = Settings(url=base_url(url), timeout=timeout, policy=policy_of(retries))
+        self._session = AsyncSession(settings, headers or {})
+        self.meshes = AsyncMeshes(self._session)
+        self.samples = AsyncSamplesStore(self._session)
+
+    @property
+    def url(self) -> str:
+        """The address of the service."""
+        return self._session.settings.url
+
+    async def generate(
+        self,
+        u: object,
+        n: int | tuple[int, int],
+        *,
+        a: float = 0.7,
+        b: float = 0.05,
+        schwarz: Schwarz | Mapping[str, Any] | None = None,
+        boundary: str = "trace",
+        initial: str = "nested",
+        cells: str = "quad",
+        label: str | None = None,
+        parameters: Mapping[str, float] | None = None,
+        t: float | None = None,
+        n_samples: int = 129,
+        deadline: float = DEADLINE,
+        progress: bool | None = None,
+    ) -> AsyncMesh:
+        """The finished mesh of ``n`` points a side (or ``(n_xi, n_eta)``) that is adapted to ``u``.
+
+        ``u`` is an expression in x and y; a 2-D array of values on the uniform grid of the unit square,
+        first index along x; ``(x, y, values)``; scattered ``(points, values)``; a callable ``u(x, y)`` on
+        arrays, sampled here on ``n_samples`` points a side; a ``pathlib.Path`` of a file of samples; or
+        stored samples. ``schwarz=None`` solves on a single domain. ``progress``: a bar, True, False, or
+        None: on a terminal.
+
+        When the deadline (seconds) passes or the wait is interrupted, the mesh is canceled. Raises
+        :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
+        """
+        limit = Deadline.after(deadline)
+        made = order(
+            u,
+            n,
+            a=a,
+            b=b,
+            schwarz=schwarz,
+            boundary=boundary,
+            initial=initial,
+            cells=cells,
+            label=label,
+            parameters=parameters,
+            t=t,
+            n_samples=n_samples,
+        )
+        mesh = None
+        settings = self._session.settings
+        try:
+            with Watch(progress) as watch:
+                hold = max(1, min(1 if watch.shown else flows.LONG_POLL, int(limit.left)))
+                flow = flows.create(made, settings, wait=hold, deadline=limit)
+                mesh = AsyncMesh(self._session, await self._session.run(flow))
+                await mesh._wait(limit, watch)
+        except (DeadlineExceeded, asyncio.CancelledError):
+            await self._session.run(flows.abandon(made, mesh.id if mesh else None, settings))
+            raise
+        settled(mesh)
+        return mesh
+
+    async def check(
+        self, expression: str, *, parameters: Mapping[str, float] | None = None, t: float | None = None
+    ) -> dict[str, Any]:
+        """What the service finds in an expression; raises :class:`InvalidInput` with the position of a
+        fault.
+        """
+        return await self._session.run(
+            flows.fetch(protocol.check_expression(expression, parameters, t), self._session.settings)
+        )
+
+    async def capabilities(self) -> dict[str, Any]:
+        """Formats, limits, functions and transmission conditions of the service."""
+        return await self._session.run(flows.fetch(protocol.capabilities(), self._session.settings))
+
+    async def close(self) -> None:
+        """Close all connections."""
+        await self._session.close()
+
+    async def __aenter__(self) -> AsyncClient:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+
+class AsyncMeshes:
+    """The meshes of a service: ``client.meshes``."""
+
+    def __init__(self, session: AsyncSession) -> None:
+        self._session = session
+
+    async def create(
+        self,
+        spec: Mapping[str, Any],
+        *,
+        samples: object = None,
+        idempotency_key: str | None = None,
+        wait: int = 0,
+    ) -> AsyncMesh:
+        """The mesh that is asked for by a whole spec of the HTTP interface; does not wait for it to be
+        finished, but for ``wait`` seconds. ``samples`` are uploaded for ``"u": {"samples": "upload"}``.
+        """
+        made = order_of_spec(spec, samples, idempotency_key)
+        settings = self._session.settings
+        deadline = Deadline.after(settings.deadline().seconds + wait)
+        flow = flows.create(made, settings, wait=wait, deadline=deadline)
+        return AsyncMesh(self._session, await self._session.run(flow))
+
+    async def get(self, mesh_id: str) -> AsyncMesh:
+        """The mesh of that id; raises :class:`NotFound`."""
+        record = await self._session.run(flows.fetch(protocol.get_mesh(mesh_id), self._session.settings))
+        return AsyncMesh(self._session, record)
+
+    async def list(
+        self, *, status: str | None = None, label: str | None = None, limit: int | None = None
+    ) -> AsyncIterator[AsyncMesh]:
+        """The meshes, newest first, at most ``limit``; fetched page by page as they are iterated over."""
+        left, cursor = limit, None
+        while left is None or left > 0:
+            size = 100 if left is None else min(left, 100)
+            page = flows.pages(self._session.settings, status=status, label=label, cursor=cursor, limit=size)
+            items, cursor = await self._session.run(page)
+            items = items[:left]
+            for item in items:
+                yield AsyncMesh(self._session, item)
+            left = None if left is None else left - len(items)
+            if cursor is None:
+                return
+
+
+class AsyncSamplesStore:
+    """The samples that a service keeps: ``client.samples``."""
+
+    def __init__(self, session: AsyncSession) -> None:
+        self._session = session
+
+    async def upload(self, u: object, *, n_samples: int = 129) -> StoredSamples:
+        """Samples stored once, for any number of meshes: arrays, a callable, or a ``pathlib.Path`` of a
+        file.
+        """
+        call = protocol.upload_samples(upload_of(u, n_samples=n_samples))
+        return stored(await self._session.run(flows.fetch(call, self._session.settings)))
+
+    async def get(self, samples_id: str) -> StoredSamples:
+        """The stored samples of that id."""
+        return stored(await self._session.run(flows.fetch(protocol.stored_samples(samples_id), self._session.settings)))
+
+    async def delete(self, samples: str | StoredSamples) -> None:
+        """Delete stored samples."""
+        name = samples if isinstance(samples, str) else samples.id
+        call = protocol.stored_samples(name, method="DELETE")
+        await self._session.run(flows.delete(call, self._session.settings))

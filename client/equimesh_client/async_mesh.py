@@ -1,0 +1,137 @@
+"""A mesh at the service, for asyncio: the twin of ``mesh``."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from equimesh_client import flows, protocol
+from equimesh_client.errors import DeadlineExceeded
+from equimesh_client.files import PendingFile
+from equimesh_client.flows import Deadline
+from equimesh_client.orders import DEADLINE, meshio_mesh, settled
+from equimesh_client.pictures import Plot, plot_format
+from equimesh_client.records import Convergence, MeshArrays, MeshState, Quality, arrays_of
+from equimesh_client.session import AsyncSession
+from equimesh_client.stream import Event, StreamPosition
+from equimesh_client.watching import Watch
+
+
+class AsyncMesh(MeshState):
+    """A mesh at the service. What is large is fetched when it is first asked for, and kept."""
+
+    def __init__(self, session: AsyncSession, record: Mapping[str, Any]) -> None:
+        super().__init__(record)
+        self._session = session
+        self._arrays: MeshArrays | None = None
+        self._quality: Quality | None = None
+        self._convergence: Convergence | None = None
+
+    async def refresh(self) -> AsyncMesh:
+        """The mesh itself, after asking the service for its present state."""
+        self.record = await self._fetch(protocol.get_mesh(self.id))
+        return self
+
+    async def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE) -> AsyncMesh:
+        """The mesh itself, once it is finished.
+
+        Raises :class:`MeshFailed`, :class:`MeshCanceled`, or :class:`DeadlineExceeded` after ``deadline``
+        seconds; the mesh then goes on, and can be waited for again.
+        """
+        with Watch(progress) as watch:
+            await self._wait(Deadline.after(deadline), watch)
+        settled(self)
+        return self
+
+    def events(self, *, after: int = 0, deadline: float = DEADLINE) -> AsyncIterator[Event]:
+        """The events of the mesh from number ``after`` on, up to ``done``, as they happen.
+
+        A dropped connection is opened again where it ended: no event is lost, none comes twice.
+        """
+        return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
+
+    async def cancel(self) -> AsyncMesh:
+        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it had finished."""
+        self.record = await self._session.run(flows.cancel(self.id, self._session.settings))
+        return self
+
+    async def delete(self) -> None:
+        """Delete the mesh and its files at the service."""
+        await self._session.run(flows.delete(protocol.delete_mesh(self.id), self._session.settings))
+
+    async def quality(self) -> Quality:
+        """All quality measures; ``print(await mesh.quality())`` shows a table."""
+        if self._quality is None:
+            self._quality = Quality.from_json(await self._fetch(protocol.mesh_part(self.id, "quality")))
+        return self._quality
+
+    async def convergence(self) -> Convergence:
+        """The Schwarz iteration; ``print(await mesh.convergence())`` shows a table."""
+        if self._convergence is None:
+            self._convergence = Convergence.from_json(await self._fetch(protocol.mesh_part(self.id, "convergence")))
+        return self._convergence
+
+    async def spec(self) -> dict[str, Any]:
+        """The spec with all defaults filled in; creating it again gives the same mesh."""
+        return await self._fetch(protocol.mesh_part(self.id, "spec"))
+
+    async def download(
+        self,
+        path: str | Path,
+        format: str | None = None,
+        *,
+        partial: bool = False,
+        deadline: float = DEADLINE,
+    ) -> Path:
+        """Write the mesh to ``path`` and return it; the format follows from the suffix.
+
+        The file is complete and has the checksum that the service announced, or does not appear at all.
+        ``partial`` takes the mesh of a failed solve, too, if it is not folded.
+        """
+        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), partial=partial)
+        with PendingFile(path) as sink:
+            await self._session.run(flows.download(call, self._session.settings, Deadline.after(deadline), sink))
+        return Path(path)
+
+    async def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:
+        """All arrays of the mesh, fetched once: points, cells, boundary, x, y, u."""
+        if self._arrays is None:
+            flow = flows.verified(protocol.mesh_file(self.id, "npz"), self._session.settings, Deadline.after(deadline))
+            self._arrays = arrays_of(await self._session.run(flow))
+        return self._arrays
+
+    async def to_meshio(self) -> Any:
+        """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
+        return meshio_mesh(await self.arrays())
+
+    async def plot(self, path: str | Path | None = None, kind: str = "mesh", *, format: str | None = None) -> Plot:
+        """A picture drawn by the service: ``mesh``, ``quality`` or ``convergence``; written to ``path`` if
+        given.
+
+        svg, unless the suffix or ``format`` says png. Shows itself in a notebook.
+        """
+        chosen = plot_format(path, format)
+        reply = await self._session.run(
+            flows.request(protocol.mesh_plot(self.id, kind, chosen), self._session.settings)
+        )
+        plot = Plot(data=reply.body, format=chosen)
+        if path is not None:
+            plot.save(path)
+        return plot
+
+    async def _fetch(self, call: protocol.Call) -> dict[str, Any]:
+        return await self._session.run(flows.fetch(call, self._session.settings))
+
+    async def _wait(self, deadline: Deadline, watch: Watch) -> None:
+        def report(record: Mapping[str, Any]) -> None:
+            self.record = dict(record)
+            watch.update(record)
+
+        try:
+            await self._session.run(
+                flows.wait(self.record, self._session.settings, deadline, watched=watch.shown), report
+            )
+        except DeadlineExceeded as error:
+            error.mesh = self
+            raise

@@ -1,0 +1,185 @@
+"""The exceptions of the client: one tree, drawn here.
+
+::
+
+    EquimeshClientError
+    ├── BadArgument          refused before anything was sent (also a ValueError)
+    ├── ServiceUnreachable   no service answers at this address (also a ConnectionError)
+    ├── DeadlineExceeded     the time the caller allowed has passed (also a TimeoutError)
+    ├── DownloadDamaged      a file that does not have the checksum the service announced
+    ├── ProblemError         the service answered with an error: status, type, title, detail, errors
+    │   ├── InvalidInput     422: something in the request cannot be used; says where
+    │   ├── NotFound         404, 410: no such mesh, or no longer
+    │   ├── Conflict         409: not in the state that this needs
+    │   ├── TooLarge         413: over a limit of the service
+    │   ├── RateLimited      429: too many requests, and waiting did not help
+    │   └── ServerError      500 and above
+    ├── MeshFailed           the mesh was computed and failed; carries mesh and problem
+    └── MeshCanceled         the mesh was canceled; carries mesh
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from equimesh_client.records import MeshState
+
+
+class EquimeshClientError(Exception):
+    """Base of every exception that the client raises on purpose."""
+
+
+class BadArgument(EquimeshClientError, ValueError):
+    """An argument that cannot be used, found before anything was sent."""
+
+
+class ServiceUnreachable(EquimeshClientError, ConnectionError):
+    """No equimesh service answers at the address, after all retries."""
+
+
+class DeadlineExceeded(EquimeshClientError, TimeoutError):
+    """The caller's deadline has passed. ``mesh`` is the mesh that was waited for, if there is one."""
+
+    def __init__(self, message: str, *, mesh: MeshState | None = None) -> None:
+        super().__init__(message)
+        self.mesh = mesh
+
+
+class DownloadDamaged(EquimeshClientError):
+    """A downloaded file does not have the sha256 that the service announced; nothing was written."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputProblem:
+    """One thing wrong with a request: a JSON ``pointer`` into it, a ``message``, and inside an expression
+    the 1-based ``line`` and ``column`` and the ``text`` of the expression.
+    """
+
+    pointer: str
+    message: str
+    line: int | None = None
+    column: int | None = None
+    text: str | None = None
+
+    def __str__(self) -> str:
+        head = f"{self.pointer}: {self.message}" if self.pointer else self.message
+        shown = caret(self.text, line=self.line, column=self.column)
+        return f"{head}\n{shown}" if shown else head
+
+
+def caret(text: str | None, *, line: int | None, column: int | None) -> str:
+    """The line of ``text`` with a caret under the 1-based ``column``, indented; empty if there is no such
+    place.
+    """
+    if text is None or column is None:
+        return ""
+    lines = text.splitlines() or [""]
+    number = (1 if line is None else line) - 1
+    if not 0 <= number < len(lines) or column < 1:
+        return ""
+    shown = lines[number]
+    before = "".join("\t" if sign == "\t" else " " for sign in shown[: column - 1]).ljust(column - 1)
+    return f"    {shown}\n    {before}^"
+
+
+class ProblemError(EquimeshClientError):
+    """The service answered with a problem (RFC 9457).
+
+    ``status`` is the HTTP status, ``type`` the stable name of the problem, ``title`` and ``detail`` say it in
+    words, ``errors`` what is wrong with the input, ``problem`` the document as it came, ``retry_after`` the
+    seconds after which the service said to come back.
+    """
+
+    def __init__(
+        self,
+        *,
+        status: int,
+        type: str = "about:blank",
+        title: str = "",
+        detail: str = "",
+        errors: Sequence[InputProblem] = (),
+        problem: Mapping[str, Any] | None = None,
+        retry_after: float | None = None,
+    ) -> None:
+        super().__init__(title, detail)
+        self.status = status
+        self.type = type
+        self.title = title
+        self.detail = detail
+        self.errors = tuple(errors)
+        self.problem = dict(problem or {})
+        self.retry_after = retry_after
+
+    def __str__(self) -> str:
+        detail = "" if self.errors else self.detail  # with errors, the detail only repeats the first
+        words = ": ".join(part.rstrip(".") for part in (self.title, detail) if part)
+        lines = [f"{words or 'the service answered with an error'} (HTTP {self.status})"]
+        for error in self.errors:
+            lines += ["  " + line for line in str(error).splitlines()]
+        if not self.errors and self.problem.get("remedy"):
+            lines.append(str(self.problem["remedy"]))
+        return "\n".join(lines)
+
+
+class InvalidInput(ProblemError, ValueError):
+    """422: something in the request cannot be used; ``errors`` says what and where."""
+
+
+class NotFound(ProblemError, LookupError):
+    """404 or 410: there is no such mesh, file or samples, or no longer."""
+
+
+class Conflict(ProblemError):
+    """409: the mesh is not in the state that the request needs."""
+
+
+class TooLarge(ProblemError):
+    """413: over a limit of the service; see ``client.capabilities()``."""
+
+
+class RateLimited(ProblemError):
+    """429: too many requests; ``retry_after`` says when to come back."""
+
+
+class ServerError(ProblemError):
+    """500 and above: the service failed, not the request."""
+
+
+class MeshFailed(EquimeshClientError):
+    """A mesh that ended as ``failed``. ``mesh`` is the mesh, ``problem`` the service's account of it."""
+
+    def __init__(self, mesh: MeshState, problem: Mapping[str, Any]) -> None:
+        super().__init__(mesh.id)
+        self.mesh = mesh
+        self.problem = dict(problem)
+
+    def __str__(self) -> str:
+        said = [str(self.problem[key]) for key in ("title", "detail", "remedy") if self.problem.get(key)]
+        words = [sentence for n, sentence in enumerate(said) if sentence not in said[:n]]
+        return f"mesh {self.mesh.id} failed: " + (". ".join(w.rstrip(".") for w in words) or "no reason given")
+
+
+class MeshCanceled(EquimeshClientError):
+    """A mesh that was canceled before it was finished."""
+
+    def __init__(self, mesh: MeshState) -> None:
+        super().__init__(f"mesh {mesh.id} was canceled")
+        self.mesh = mesh
+
+
+BY_STATUS: Mapping[int, type[ProblemError]] = {
+    404: NotFound,
+    409: Conflict,
+    410: NotFound,
+    413: TooLarge,
+    422: InvalidInput,
+    429: RateLimited,
+}
+
+
+def error_class(status: int) -> type[ProblemError]:
+    """The exception for an HTTP status."""
+    return BY_STATUS.get(status, ServerError if status >= 500 else ProblemError)

@@ -1,0 +1,304 @@
+"""What the client does, step by step, without I/O: generators that both shells drive.
+
+A flow yields steps and is sent their outcomes: a :class:`Send` is answered with a :class:`Reply` or a
+:class:`Disconnected`, a :class:`Pause` and a :class:`Report` with None. What a flow returns is its result.
+Retries, waiting and deadlines live here, once, for :class:`Client` and :class:`AsyncClient`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeVar
+
+from equimesh_client import protocol
+from equimesh_client.errors import (
+    BadArgument,
+    Conflict,
+    DeadlineExceeded,
+    DownloadDamaged,
+    EquimeshClientError,
+    NotFound,
+    ServiceUnreachable,
+)
+from equimesh_client.files import PendingFile
+from equimesh_client.orders import Order
+from equimesh_client.protocol import Call, Reply
+from equimesh_client.records import FINISHED
+from equimesh_client.retry import RETRIED, RetryPolicy, pause_before_retry, retry_after_of
+from equimesh_client.stream import StreamPosition
+
+T = TypeVar("T")
+LONG_POLL = 20
+"""Seconds that the service is asked to hold an answer back while nobody watches the progress."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deadline:
+    """A moment of the monotonic clock; ``seconds`` is what the caller allowed."""
+
+    seconds: float
+    end: float
+    clock: Callable[[], float] = time.monotonic
+
+    @classmethod
+    def after(cls, seconds: float, clock: Callable[[], float] = time.monotonic) -> Deadline:
+        """The moment ``seconds`` from now. Raises :class:`BadArgument` when that is no positive number."""
+        if not seconds > 0:
+            raise BadArgument(f"deadline = {seconds}: a deadline is a positive number of seconds")
+        return cls(seconds=seconds, end=clock() + seconds, clock=clock)
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left, not below 0."""
+        return max(0.0, self.end - self.clock())
+
+    def exceeded(self, doing: str) -> DeadlineExceeded:
+        """The exception that says so."""
+        return DeadlineExceeded(f"{doing}: the deadline of {self.seconds:g} s has passed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What a client was made with: base ``url``, seconds a single answer may take, the retry policy."""
+
+    url: str
+    timeout: float
+    policy: RetryPolicy
+
+    def deadline(self) -> Deadline:
+        """The deadline of a plain request: time for every attempt."""
+        return Deadline.after(self.timeout * (self.policy.retries + 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Send:
+    """Send this call; nothing may arrive for at most ``timeout`` seconds, all within the ``deadline``. A
+    ``sink`` takes the body of a success.
+    """
+
+    call: Call
+    timeout: float
+    deadline: Deadline
+    sink: PendingFile | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pause:
+    """Sleep."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """News of the mesh that is waited for: the resource as it is now."""
+
+    record: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disconnected:
+    """The outcome of a :class:`Send` that brought no answer."""
+
+    reason: str
+
+
+Step: TypeAlias = Send | Pause | Report
+Outcome: TypeAlias = Reply | Disconnected | None
+Flow: TypeAlias = Generator[Step, Outcome, T]
+
+
+def persist(call: Call, settings: Settings, deadline: Deadline, sink: PendingFile | None = None) -> Flow[Reply]:
+    """The first answer that is not worth a retry, success or not; raises when there is none in time."""
+    attempt = 0
+    while True:
+        if deadline.left <= 0:
+            raise deadline.exceeded(f"{call.method} {call.path}")
+        timeout = min(settings.timeout + call.patience, deadline.left)
+        outcome = yield Send(call=call, timeout=timeout, deadline=deadline, sink=sink)
+        assert outcome is not None
+        if isinstance(outcome, Reply):
+            status: int | None = outcome.status
+            after = retry_after_of(outcome.headers)
+        else:
+            status = after = None
+        pause = None
+        if status is None or status >= 400:
+            pause = pause_before_retry(settings.policy, attempt, status=status, retry_after=after)
+        if deadline.left <= (pause or 0.0) and (isinstance(outcome, Disconnected) or pause is not None):
+            error = deadline.exceeded(f"{call.method} {call.path}")
+            last = outcome.reason if isinstance(outcome, Disconnected) else f"the last answer was HTTP {status}"
+            raise DeadlineExceeded(f"{error}; {last}")
+        if pause is None:
+            if isinstance(outcome, Disconnected):
+                raise unreachable(settings.url, outcome.reason)
+            return outcome
+        yield Pause(seconds=pause)
+        attempt += 1
+
+
+def unreachable(url: str, reason: str) -> ServiceUnreachable:
+    """The exception for a service that does not answer, with what to do about it."""
+    return ServiceUnreachable(
+        f"no equimesh service answers at {url} ({reason}); start one with `equimesh serve`, or give its URL"
+    )
+
+
+def request(call: Call, settings: Settings, deadline: Deadline | None = None) -> Flow[Reply]:
+    """A successful answer; raises the problem when it is none."""
+    reply = yield from persist(call, settings, deadline or settings.deadline())
+    return protocol.checked(reply, call)
+
+
+def fetch(call: Call, settings: Settings) -> Flow[dict[str, Any]]:
+    """The JSON object that a call is answered with."""
+    return protocol.json_of((yield from request(call, settings)))
+
+
+def create(made: Order, settings: Settings, *, wait: int, deadline: Deadline) -> Flow[dict[str, Any]]:
+    """The resource of a new mesh."""
+    upload = made.source.upload if made.source else None
+    call = protocol.create_mesh(made.spec, upload, wait=wait, key=made.key)
+    return protocol.mesh_of((yield from request(call, settings, deadline)))
+
+
+def abandon(made: Order, mesh_id: str | None, settings: Settings) -> Flow[None]:
+    """Nothing. Cancels, as well as can be done in two seconds, a mesh that nobody waits for any more.
+
+    When its id is not known, because the answer to the request has not arrived, the same key tells it.
+    """
+    deadline = Deadline.after(2.0)
+    try:
+        if mesh_id is None:
+            mesh_id = str((yield from create(made, settings, wait=0, deadline=deadline))["id"])
+        yield from cancel(mesh_id, settings, deadline)
+    except EquimeshClientError:
+        return
+
+
+def wait(record: Mapping[str, Any], settings: Settings, deadline: Deadline, *, watched: bool) -> Flow[dict[str, Any]]:
+    """The resource once its status is final. ``watched``: report at least every second."""
+    now = dict(record)
+    hold, idle = (1 if watched else LONG_POLL), 0.05
+    yield Report(record=now)
+    while now.get("status") not in FINISHED:
+        if deadline.left <= 0:
+            raise deadline.exceeded(f"mesh {now['id']} is still {now.get('status', 'unknown')}")
+        asked = deadline.clock()
+        call = protocol.get_mesh(str(now["id"]), wait=max(1, min(hold, int(deadline.left))))
+        now = protocol.mesh_of((yield from request(call, settings, deadline)))
+        yield Report(record=now)
+        if now.get("status") not in FINISHED and deadline.clock() - asked < 0.5:
+            # The service did not hold the answer back: do not ask in a tight loop.
+            yield Pause(seconds=min(idle, deadline.left))
+            idle = min(1.0, idle * 2.0)
+    return now
+
+
+def cancel(mesh_id: str, settings: Settings, deadline: Deadline | None = None) -> Flow[dict[str, Any]]:
+    """The resource after a cancel. That it was canceled before, perhaps by a request whose answer got lost,
+    is fine.
+    """
+    call = protocol.cancel_mesh(mesh_id)
+    try:
+        reply = yield from request(call, settings, deadline)
+    except Conflict:
+        now = protocol.mesh_of((yield from request(protocol.get_mesh(mesh_id), settings, deadline)))
+        if now.get("status") != "canceled":
+            raise
+        return now
+    if not reply.body.strip():
+        return protocol.mesh_of((yield from request(protocol.get_mesh(mesh_id), settings, deadline)))
+    return protocol.mesh_of(reply)
+
+
+def delete(call: Call, settings: Settings) -> Flow[None]:
+    """Nothing. That it is gone already is an error only when no earlier attempt can have removed it."""
+    flow = persist(call, settings, settings.deadline())
+    sends, outcome = 0, None
+    try:
+        while True:
+            step = flow.send(outcome)
+            sends += isinstance(step, Send)
+            outcome = yield step
+    except StopIteration as stop:
+        reply: Reply = stop.value
+    try:
+        protocol.checked(reply, call)
+    except NotFound:
+        if sends == 1:
+            raise
+
+
+def download(call: Call, settings: Settings, deadline: Deadline, sink: PendingFile) -> Flow[None]:
+    """Nothing; the file has its name afterwards. Bytes that do not match the ETag are fetched a second
+    time.
+    """
+    for attempt in (1, 2):
+        reply = yield from persist(call, settings, deadline, sink)
+        protocol.checked(reply, call)
+        try:
+            sink.commit(protocol.sha256_of(reply.headers))
+            return
+        except DownloadDamaged:
+            if attempt == 2:
+                raise
+
+
+def verified(call: Call, settings: Settings, deadline: Deadline) -> Flow[bytes]:
+    """The body of a file, checked against its ETag; fetched a second time if it does not match."""
+    for _ in range(2):
+        reply = yield from request(call, settings, deadline)
+        announced = protocol.sha256_of(reply.headers)
+        if announced in (None, hashlib.sha256(reply.body).hexdigest()):
+            return reply.body
+    raise DownloadDamaged(f"{call.path}: the bytes received do not have the checksum that the service announced")
+
+
+def pages(
+    settings: Settings, *, status: str | None, label: str | None, cursor: str | None, limit: int
+) -> Flow[tuple[list[dict[str, Any]], str | None]]:
+    """One page of meshes and the cursor of the next."""
+    answer = yield from fetch(protocol.list_meshes(status=status, label=label, limit=limit, cursor=cursor), settings)
+    return list(answer.get("items") or []), answer.get("next_cursor")
+
+
+def silence(settings: Settings, deadline: Deadline) -> float:
+    """Seconds that an event stream may be silent; raises when none are left."""
+    if deadline.left <= 0:
+        raise deadline.exceeded("waiting for events")
+    return min(settings.timeout, deadline.left)
+
+
+def streams(head: Reply, call: Call) -> bool:
+    """Whether an answer is the event stream; False when it is worth a retry, raises when it is not."""
+    if head.status in RETRIED:
+        return False
+    protocol.checked(head, call)
+    if "text/event-stream" not in head.headers.get("content-type", ""):
+        raise ServiceUnreachable(f"{call.path} is no event stream; check that the URL is that of an equimesh service")
+    return True
+
+
+def reconnect_pause(
+    position: StreamPosition, settings: Settings, deadline: Deadline, *, reason: str, lived: float
+) -> float:
+    """Seconds until an event stream that ended early is opened again; raises when that is pointless or too
+    late.
+
+    A connection that ``lived`` some seconds, or brought an event, was a good one: only failures in a row
+    count.
+    """
+    if lived > 5.0:
+        position.failures = 0
+    pause = pause_before_retry(settings.policy, position.failures, status=None)
+    if pause is None:
+        raise unreachable(settings.url, f"the event stream ended early, {reason}")
+    position.failures += 1
+    pause = max(pause, position.retry)
+    if pause >= deadline.left:
+        raise deadline.exceeded("waiting for events")
+    return pause

@@ -1,0 +1,293 @@
+"""The HTTP interface as plain functions: requests are built and answers are read here, nothing is sent."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import quote, unquote
+
+from equimesh_client.errors import BadArgument, InputProblem, ProblemError, ServiceUnreachable, error_class
+from equimesh_client.retry import retry_after_of
+from equimesh_client.sources import Upload
+from equimesh_client.stream import StreamPosition
+
+FORMATS = ("vtu", "vtk", "xdmf", "msh", "npz")
+SUFFIXES: Mapping[str, str] = {".xdmf.zip": "xdmf", ".zip": "xdmf"} | {f".{name}": name for name in FORMATS}
+PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Call:
+    """One request. ``body`` is complete, so that a repeated call sends the same bytes; ``sent`` is the JSON
+    in it, which error messages quote from; ``patience`` is how long the service may take before it answers.
+    """
+
+    method: str
+    path: str
+    query: Mapping[str, str] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    body: bytes | None = None
+    sent: Any = None
+    patience: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reply:
+    """One answer: status, headers with lower-case names, the body (empty when it went into a file)."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: bytes = b""
+
+
+def create_mesh(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str) -> Call:
+    """Ask for a mesh. ``key`` makes repeated calls the same request; ``wait`` is in seconds, 0 for none."""
+    headers = {"Accept": "application/json", "Idempotency-Key": key}
+    if wait:
+        headers["Prefer"] = f"wait={wait}"
+    body = encoded(spec)
+    if upload is None:
+        headers["Content-Type"] = "application/json"
+    else:
+        part = Upload(filename="", data=body, media_type="application/json")
+        headers["Content-Type"], body = multipart({"spec": part, "samples": upload})
+    return Call(method="POST", path="/v1/meshes", headers=headers, body=body, sent=dict(spec), patience=float(wait))
+
+
+def list_meshes(*, status: str | None, label: str | None, limit: int, cursor: str | None) -> Call:
+    """One page of the list of meshes."""
+    asked = {"status": status, "label": label, "limit": str(limit), "cursor": cursor}
+    return _get("/v1/meshes", query={key: value for key, value in asked.items() if value is not None})
+
+
+def get_mesh(mesh_id: str, *, wait: int = 0) -> Call:
+    """One mesh; with ``wait`` the answer comes when it is finished or after so many seconds."""
+    return _get(_mesh(mesh_id), query={"wait": str(wait)} if wait else {}, patience=float(wait))
+
+
+def events(mesh_id: str, position: StreamPosition) -> Call:
+    """The stream of events after ``position``."""
+    headers = {"Accept": "text/event-stream", "Cache-Control": "no-store", **position.headers}
+    return Call(method="GET", path=_mesh(mesh_id, "events"), headers=headers)
+
+
+def cancel_mesh(mesh_id: str) -> Call:
+    """Cancel a mesh."""
+    return Call(method="POST", path=_mesh(mesh_id, "cancel"), headers={"Accept": "application/json"})
+
+
+def delete_mesh(mesh_id: str) -> Call:
+    """Delete a mesh and its files."""
+    return Call(method="DELETE", path=_mesh(mesh_id))
+
+
+def mesh_file(mesh_id: str, format: str, *, partial: bool = False) -> Call:
+    """The mesh as a file."""
+    query = {"format": format, "partial": "true"} if partial else {"format": format}
+    return Call(method="GET", path=_mesh(mesh_id, "file"), query=query, headers={"Accept": "*/*"})
+
+
+def mesh_part(mesh_id: str, part: str, **query: str) -> Call:
+    """``quality``, ``convergence`` or ``spec`` of a mesh."""
+    return _get(_mesh(mesh_id, part), query=query)
+
+
+def mesh_plot(mesh_id: str, kind: str, format: str) -> Call:
+    """A picture of a mesh. Raises :class:`BadArgument` for a format other than svg and png."""
+    if format not in PLOTS:
+        raise BadArgument(f"plots are svg or png, not {format!r}")
+    return Call(
+        method="GET",
+        path=_mesh(mesh_id, "plot"),
+        query={"kind": kind, "format": format},
+        headers={"Accept": PLOTS[format]},
+    )
+
+
+def upload_samples(upload: Upload) -> Call:
+    """Store samples once, for any number of meshes."""
+    content_type, body = multipart({"samples": upload})
+    headers = {"Accept": "application/json", "Content-Type": content_type}
+    return Call(method="POST", path="/v1/samples", headers=headers, body=body)
+
+
+def stored_samples(samples_id: str, *, method: str = "GET") -> Call:
+    """Look up or delete stored samples."""
+    return Call(
+        method=method,
+        path=f"/v1/samples/{quote(samples_id, safe='')}",
+        headers={"Accept": "application/json"},
+    )
+
+
+def check_expression(expression: str, parameters: Mapping[str, float] | None, t: float | None) -> Call:
+    """Have an expression parsed and evaluated."""
+    sent: dict[str, Any] = {"expression": expression}
+    if parameters:
+        sent["parameters"] = dict(parameters)
+    if t is not None:
+        sent["t"] = t
+    headers = {"Accept": "application/json", "Content-Type": "application/json"}
+    return Call(method="POST", path="/v1/expressions/check", headers=headers, body=encoded(sent), sent=sent)
+
+
+def capabilities() -> Call:
+    """What the service can do."""
+    return _get("/v1/capabilities")
+
+
+def encoded(value: object) -> bytes:
+    """JSON bytes. Raises :class:`BadArgument` for what JSON cannot carry (NaN, infinity, foreign objects)."""
+    try:
+        return json.dumps(value, allow_nan=False, default=_plain).encode()
+    except (TypeError, ValueError) as error:
+        raise BadArgument(f"the request cannot be written as JSON: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    """A number or list for numpy's scalars and arrays."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{value!r} is no JSON value")
+
+
+def multipart(parts: Mapping[str, Upload]) -> tuple[str, bytes]:
+    """Content type and body of ``multipart/form-data``. The same parts give the same bytes."""
+    boundary = "equimesh-" + hashlib.sha256(b"\0".join(part.data for part in parts.values())).hexdigest()[:40]
+    lines: list[bytes] = []
+    for name, part in parts.items():
+        disposition = f'Content-Disposition: form-data; name="{name}"'
+        if part.filename:
+            safe = part.filename.replace("\\", "_").replace('"', "%22").replace("\r", "%0D").replace("\n", "%0A")
+            disposition += f'; filename="{safe}"'
+        lines += [
+            b"--" + boundary.encode(),
+            disposition.encode(),
+            f"Content-Type: {part.media_type}".encode(),
+            b"",
+        ]
+        lines += [part.data]
+    lines += [b"--" + boundary.encode() + b"--", b""]
+    return f"multipart/form-data; boundary={boundary}", b"\r\n".join(lines)
+
+
+def json_of(reply: Reply) -> dict[str, Any]:
+    """The JSON object of an answer. Raises :class:`ServiceUnreachable` when it is none: something else
+    answered.
+    """
+    try:
+        value = json.loads(reply.body)
+    except ValueError:
+        value = None
+    if not isinstance(value, dict):
+        kind = reply.headers.get("content-type", "no content type")
+        raise ServiceUnreachable(
+            f"something answered (HTTP {reply.status}, {kind}), but not as an equimesh service does; check the URL"
+        )
+    return value
+
+
+def mesh_of(reply: Reply) -> dict[str, Any]:
+    """The mesh resource of an answer; its id may come from the ``Location`` header."""
+    record = json_of(reply)
+    if "id" not in record:
+        found = re.search(r"/v1/meshes/([^/?#]+)", reply.headers.get("location", ""))
+        if found is None:
+            raise ServiceUnreachable("the answer holds no mesh; check that the URL is that of an equimesh service")
+        record["id"] = unquote(found.group(1))
+    return record
+
+
+def checked(reply: Reply, call: Call) -> Reply:
+    """The reply itself when it is a success; otherwise raises the :class:`ProblemError` that it holds."""
+    if 200 <= reply.status < 300:
+        return reply
+    raise problem_of(reply, call)
+
+
+def problem_of(reply: Reply, call: Call) -> ProblemError:
+    """The exception for an answer that is no success, whatever its body looks like."""
+    try:
+        document = json.loads(reply.body)
+    except ValueError:
+        document = None
+    if not isinstance(document, dict):
+        document = {}
+    phrase = next((s.phrase for s in HTTPStatus if s.value == reply.status), "unexpected answer")
+    detail = document.get("detail", "")
+    if not detail and 300 <= reply.status < 400:
+        detail = f"the service is at another address: {reply.headers.get('location', 'not named')}"
+    return error_class(reply.status)(
+        status=reply.status,
+        type=str(document.get("type", "about:blank")),
+        title=str(document.get("title") or phrase),
+        detail=detail if isinstance(detail, str) else json.dumps(detail),
+        errors=[_input_problem(error, call.sent) for error in _objects(document.get("errors"))],
+        problem=document,
+        retry_after=retry_after_of(reply.headers),
+    )
+
+
+def _objects(value: Any) -> Sequence[Mapping[str, Any]]:
+    return [item for item in value if isinstance(item, dict)] if isinstance(value, list) else []
+
+
+def _input_problem(error: Mapping[str, Any], sent: Any) -> InputProblem:
+    pointer = str(error.get("pointer") or error.get("parameter") or "")
+    position = error.get("position")
+    place = position if isinstance(position, dict) else {}
+    text = at_pointer(sent, pointer) if place else None
+    line, column = place.get("line"), place.get("column")
+    return InputProblem(
+        pointer=pointer,
+        message=str(error.get("message", "")),
+        line=line if isinstance(line, int) else None,
+        column=column if isinstance(column, int) else None,
+        text=text if isinstance(text, str) else None,
+    )
+
+
+def at_pointer(document: Any, pointer: str) -> Any:
+    """The value at a JSON pointer (RFC 6901), None when there is none."""
+    value = document
+    for token in pointer.removeprefix("#").split("/")[1:]:
+        key = unquote(token).replace("~1", "/").replace("~0", "~")
+        if isinstance(value, dict) and key in value:
+            value = value[key]
+        elif isinstance(value, list) and key.isdigit() and int(key) < len(value):
+            value = value[int(key)]
+        else:
+            return None
+    return value
+
+
+def sha256_of(headers: Mapping[str, str]) -> str | None:
+    """The sha256 in the ETag of a file, None when the ETag holds none."""
+    found = re.search(r"(?<![0-9a-f])[0-9a-f]{64}(?![0-9a-f])", headers.get("etag", "").lower())
+    return found.group() if found else None
+
+
+def format_of(path: str, format: str | None = None) -> str:
+    """The mesh format: ``format`` itself, or what the suffix of ``path`` says.
+
+    Raises :class:`BadArgument` when neither tells.
+    """
+    if format is not None:
+        return format
+    for suffix, name in SUFFIXES.items():
+        if path.lower().endswith(suffix):
+            return name
+    raise BadArgument(f"{path}: the suffix names no mesh format; use {', '.join(SUFFIXES)}, or give the format")
+
+
+def _mesh(mesh_id: str, part: str = "") -> str:
+    return f"/v1/meshes/{quote(mesh_id, safe='')}" + (f"/{part}" if part else "")
+
+
+def _get(path: str, *, query: Mapping[str, str] | None = None, patience: float = 0.0) -> Call:
+    return Call(method="GET", path=path, query=query or {}, headers={"Accept": "application/json"}, patience=patience)
