@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from equimesh_client import flows, protocol
+from equimesh_client.archives import unpack_xdmf
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.files import PendingFile
 from equimesh_client.flows import Deadline
@@ -86,12 +87,17 @@ class AsyncMesh(MeshState):
     ) -> Path:
         """Write the mesh to ``path`` and return it; the format follows from the suffix.
 
+        A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
+
         The file is complete and has the checksum that the service announced, or does not appear at all.
         ``partial`` takes the mesh of a failed solve, too, if it is not folded.
         """
         call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), partial=partial)
+        settings, limit = self._session.settings, Deadline.after(deadline)
+        if format is None and Path(path).suffix.lower() == ".xdmf":
+            return unpack_xdmf(await self._session.run(flows.verified(call, settings, limit)), path)
         with PendingFile(path) as sink:
-            await self._session.run(flows.download(call, self._session.settings, Deadline.after(deadline), sink))
+            await self._session.run(flows.download(call, settings, limit, sink))
         return Path(path)
 
     async def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:

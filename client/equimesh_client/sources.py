@@ -23,7 +23,6 @@ MEDIA_TYPES = {
     ".json": "application/json",
     ".vtu": "application/octet-stream",
     ".vtk": "application/octet-stream",
-    ".xdmf": "application/octet-stream",
 }
 
 
@@ -122,6 +121,8 @@ def sampled(u: Callable[[Array, Array], object], n_samples: int) -> dict[str, Ar
     try:
         values = _array("u(x, y)", u(x, y))
         values = np.ascontiguousarray(np.broadcast_to(values, x.shape))
+    except BadArgument:
+        raise
     except (TypeError, ValueError) as error:
         raise BadArgument(
             f"u(x, y) must take arrays and return an array of their shape; it ended with: {error}. "
@@ -174,12 +175,13 @@ def _three(x: object, y: object, values: object) -> dict[str, Array]:
 def _array(name: str, value: object) -> Array:
     if np.ma.is_masked(value):
         raise BadArgument(f"{name} has masked values; give the rest as scattered points")
-    if np.iscomplexobj(value):
-        raise BadArgument(f"{name} is not an array of real numbers: it is complex")
     try:
-        return np.asarray(value, dtype=np.float64)
+        array = np.asarray(value)
+        if not np.iscomplexobj(array):
+            return array.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise BadArgument(f"{name} is not an array of real numbers: {error}") from error
+    raise BadArgument(f"{name} is not an array of real numbers: it is complex")
 
 
 def _checked(pieces: dict[str, Array]) -> dict[str, Array]:

@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import inspect
-import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from client.fake_service import FakeService, Fault
 from equimesh_client import AsyncClient, Client, RetryPolicy
-
-_found = importlib.util.spec_from_file_location("fake_service", Path(__file__).with_name("fake_service.py"))
-assert _found is not None
-assert _found.loader is not None
-fake_service = importlib.util.module_from_spec(_found)
-
-
-sys.modules["fake_service"] = fake_service
-_found.loader.exec_module(fake_service)
 
 QUICK = RetryPolicy(retries=3, first=0.01, longest=0.05)
 
@@ -96,7 +85,7 @@ def connect(request: pytest.FixtureRequest) -> Iterator[Connect]:
 @pytest.fixture
 def service() -> Iterator[Any]:
     """A fresh fake service."""
-    fake = fake_service.FakeService()
+    fake = FakeService()
     yield fake
     fake.close()
 
@@ -104,4 +93,4 @@ def service() -> Iterator[Any]:
 @pytest.fixture
 def fault() -> Any:
     """The class of faults."""
-    return fake_service.Fault
+    return Fault

@@ -9,6 +9,7 @@ import re
 import socket
 import threading
 import time
+import zipfile
 from dataclasses import dataclass, field
 from email.parser import BytesParser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -57,6 +58,15 @@ def mesh_file(n_xi: int, n_eta: int) -> bytes:
         subdomain=np.zeros((n_xi - 1, n_eta - 1), dtype=int),
         **{side: np.column_stack([lines[side][:-1], lines[side][1:]]) for side in SIDES},
     )
+    return file.getvalue()
+
+
+def archive() -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as zipped:
+        for part in ("mesh", "facets"):
+            zipped.writestr(f"{part}.xdmf", f"<DataItem>{part}.h5:/data0</DataItem>")
+            zipped.writestr(f"{part}.h5", part)
     return file.getvalue()
 
 
@@ -192,7 +202,7 @@ class _Handler(BaseHTTPRequestHandler):
         if request.path == "/v1/expressions/check":
             return self._check(json.loads(request.body))
         if request.path == "/v1/samples":
-            data = _parts(request)["samples"][1]
+            data = parts_of(request)["samples"][1]
             name = hashlib.sha256(data).hexdigest()[:12]
             self.service.samples[name] = data
             return _json(201, {"id": name, "shape": [3, 3]})
@@ -225,6 +235,8 @@ class _Handler(BaseHTTPRequestHandler):
         if part == "file":
             grid = mesh["spec"]["grid"]
             data = mesh_file(grid["n_xi"], grid["n_eta"])
+            if request.query["format"] == "xdmf":
+                data = archive()
             return 200, {"Content-Type": "x/y", "ETag": f'"{hashlib.sha256(data).hexdigest()}"'}, data
         if part == "quality":
             return _json(200, {"q_eq": {"max": 1.5, "min": 0.5, "mean": 1.0, "rms": 1.1}, "min_jacobian": 0.25})
@@ -239,7 +251,7 @@ class _Handler(BaseHTTPRequestHandler):
         return _problem(404, "There is nothing here")
 
     def _create(self, request: Request) -> tuple[int, dict[str, str], bytes]:
-        spec, key = json.loads(_parts(request)["spec"][1]), request.headers["idempotency-key"]
+        spec, key = json.loads(parts_of(request)["spec"][1]), request.headers["idempotency-key"]
         text = spec["monitor"]["u"].get("expression", "")
         if "foo" in text:
             place = {"offset": text.index("foo"), "line": 1, "column": text.index("foo") + 1}
@@ -298,7 +310,7 @@ def _problem(status: int, title: str, **more: Any) -> tuple[int, dict[str, str],
     return status, {"Content-Type": "application/problem+json"}, data
 
 
-def _parts(request: Request) -> dict[str, tuple[str | None, bytes]]:
+def parts_of(request: Request) -> dict[str, tuple[str | None, bytes]]:
     """Name to (file name, bytes) of a multipart body; a JSON body is the part ``spec``."""
     kind = request.headers["content-type"]
     if not kind.startswith("multipart/"):

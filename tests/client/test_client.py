@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from client.fake_service import parts_of
 from equimesh_client import (
     BadArgument,
     Conflict,
@@ -85,9 +86,7 @@ def test_big_samples_travel_as_npz_and_small_ones_inline(connect: Any, service: 
     client.generate(lambda x, y: x + 2 * y, 5, n_samples=65)
     sent = service.seen("POST", "meshes")[-1]
     assert sent.headers["content-type"].startswith("multipart/form-data; boundary=")
-    import fake_service
-
-    name, data = fake_service._parts(sent)["samples"]
+    name, data = parts_of(sent)["samples"]
     assert name == "samples.npz"
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         x, y = np.meshgrid(file["x"], file["y"], indexing="ij")
@@ -333,6 +332,18 @@ def test_the_suffix_chooses_the_format(connect: Any, service: Any, tmp_path: Any
     asked = [request.query for request in service.seen("GET", "file")]
     assert [query["format"] for query in asked] == ["vtu", "vtk", "xdmf", "xdmf", "msh", "npz"]
     assert asked[-1]["partial"] == "true"
+
+
+def test_xdmf_is_unpacked_under_its_own_name(connect: Any, service: Any, tmp_path: Any) -> None:
+    mesh = connect(service.url).generate("x", 5)
+    assert mesh.download(tmp_path / "a.xdmf") == tmp_path / "a.xdmf"
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {
+        "a.xdmf": "<DataItem>a.h5:/data0</DataItem>",
+        "a.h5": "mesh",
+        "a_facets.xdmf": "<DataItem>a_facets.h5:/data0</DataItem>",
+        "a_facets.h5": "facets",
+    }
+    assert mesh.download(tmp_path / "a.xdmf.zip").read_bytes()[:2] == b"PK"
 
 
 def test_listing_goes_over_pages(connect: Any, service: Any) -> None:
