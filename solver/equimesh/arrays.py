@@ -57,9 +57,7 @@ def _check_nested(value: object, path: str, ndim: int, *, field_name: str) -> No
         if not set(map(type, value)) <= {int, float}:
             for i, entry in enumerate(value):
                 if isinstance(entry, bool) or not isinstance(entry, (int, float, np.integer, np.floating)):
-                    raise SamplesError(
-                        f"{path}[{i}] is {_describe(entry)}: it must be a real number", field=field_name
-                    )
+                    raise SamplesError(f"{path}[{i}] is {_describe(entry)}: it must be a real number", field=field_name)
         return
     for i, row in enumerate(value):
         _check_nested(row, f"{path}[{i}]", ndim - 1, field_name=field_name)

@@ -93,9 +93,7 @@ class ScatteredSamples:
     def __init__(self, *, points: npt.ArrayLike, values: npt.ArrayLike) -> None:
         where = real_array(points, "points", ndim=2)
         if where.shape[1] != 2:
-            raise SamplesError(
-                f"points has shape {where.shape}: it must be (n, 2), one row x, y each", field="points"
-            )
+            raise SamplesError(f"points has shape {where.shape}: it must be (n, 2), one row x, y each", field="points")
         u = real_array(values, "values", ndim=1)
         if len(u) != len(where):
             raise SamplesError(
@@ -139,8 +137,7 @@ def _axis(value: object, name: str) -> Array:
     else:
         what, remedy = "is less than", "sort the axis and the samples with it"
     raise SamplesError(
-        f"{name}[{i}] = {axis[i]:.6g} {what} {name}[{i - 1}] = {axis[i - 1]:.6g}: the axis must"
-        f" increase; {remedy}",
+        f"{name}[{i}] = {axis[i]:.6g} {what} {name}[{i - 1}] = {axis[i - 1]:.6g}: the axis must increase; {remedy}",
         field=name,
     )
 
@@ -166,9 +163,7 @@ def _bicubic(x: Array, y: Array, values: Array) -> RectBivariateSpline:
     except ValueError as error:
         raise SamplesError(f"no spline passes through the samples: {error}", field="values") from error
     if not np.all(np.isfinite(spline.get_coeffs())):
-        raise SamplesError(
-            "the samples are too large or too close for a spline: rescale them", field="values"
-        )
+        raise SamplesError("the samples are too large or too close for a spline: rescale them", field="values")
     return spline
 
 
@@ -234,9 +229,7 @@ def _check_hull(points: Array) -> None:
     hull = ConvexHull(points)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     distance = (hull.equations[:, :2] @ corners.T + hull.equations[:, 2:]).max(axis=0)
-    outside = [
-        f"({x:.0f}, {y:.0f})" for (x, y), d in zip(corners, distance, strict=True) if d > COVERAGE_TOLERANCE
-    ]
+    outside = [f"({x:.0f}, {y:.0f})" for (x, y), d in zip(corners, distance, strict=True) if d > COVERAGE_TOLERANCE]
     if outside:
         low, high = points.min(axis=0), points.max(axis=0)
         raise SamplesError(

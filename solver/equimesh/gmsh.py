@@ -1,0 +1,62 @@
+"""The text of a Gmsh 2.2 file: the version that nearly every reader understands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.integer[Any]]
+
+LINE, TRIANGLE, QUADRILATERAL = 1, 2, 3  # Gmsh's numbers of the element types
+
+
+def gmsh_text(
+    points: Array,
+    cells: IntArray,
+    sides: Mapping[str, IntArray],
+    *,
+    subdomain: IntArray,
+    point_data: Mapping[str, Array],
+    cell_data: Mapping[str, npt.NDArray[Any]],
+) -> str:
+    """The file's text: first the edges of each side, then the cells.
+
+    ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, each side ``(k, 2)``; numbering starts at 0.
+    The sides become the physical groups 1, 2, ... of dimension 1 in their order, the cells the group ``domain`` of
+    dimension 2 with the next number; a cell's elementary entity is the number of its ``subdomain``, from 1.
+
+    Cell data go into ``$ElementNodeData``, the same value at all corners: Gmsh shows them, and readers that know no
+    such section skip it. (meshio refuses a file with ``$ElementData`` as soon as there are edges beside the cells.)
+    """
+    edges = np.concatenate(list(sides.values()))
+    groups = np.repeat(np.arange(1, len(sides) + 1), [len(side) for side in sides.values()])
+    domain, corners = len(sides) + 1, cells.shape[1]
+    shape = TRIANGLE if corners == 3 else QUADRILATERAL
+    names = [f'1 {number} "{side}"' for number, side in enumerate(sides, start=1)] + [f'2 {domain} "domain"']
+    elements = [f"{LINE} 2 {g} {g} {a} {b}" for g, (a, b) in zip(groups.tolist(), (edges + 1).tolist(), strict=True)]
+    for entity, nodes in zip((subdomain + 1).tolist(), (cells + 1).tolist(), strict=True):
+        elements.append(f"{shape} 2 {domain} {entity} " + " ".join(map(str, nodes)))
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
+    lines += ["$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
+    lines += ["$Nodes", str(len(points)), *_numbered(f"{x!r} {y!r} 0.0" for x, y in points.tolist()), "$EndNodes"]
+    lines += ["$Elements", str(len(elements)), *_numbered(elements), "$EndElements"]
+    for name, values in point_data.items():
+        lines += _data("NodeData", name, map(repr, values.tolist()), values.size)
+    for name, values in cell_data.items():
+        rows = (f"{corners}" + f" {value!r}" * corners for value in values.astype(np.float64).tolist())
+        lines += _data("ElementNodeData", name, rows, values.size, start=len(edges) + 1)
+    return "\n".join(lines) + "\n"
+
+
+def _numbered(rows: Iterable[str], start: int = 1) -> Iterator[str]:
+    return (f"{k} {row}" for k, row in enumerate(rows, start=start))
+
+
+def _data(section: str, name: str, rows: Iterable[str], count: int, start: int = 1) -> list[str]:
+    """One scalar field: its name, the time 0, then time step, components and entries."""
+    head = [f"${section}", "1", f'"{name}"', "1", "0.0", "3", "0", "1", str(count)]
+    return [*head, *_numbered(rows, start), f"$End{section}"]

@@ -1,0 +1,231 @@
+"""Samples out of an uploaded file: npz, npy, csv, json, vtu or vtk."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import PurePath
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import SamplesError
+from equimesh.samples import GridSamples, ScatteredSamples
+from equimesh.vtk_points import read_legacy_vtk, read_vtu
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Samples: TypeAlias = GridSamples | ScatteredSamples
+
+MAX_BYTES: Final = 256 * 2**20
+GRID_KEYS, SCATTERED_KEYS = ("x", "y", "values"), ("points", "values")
+NPY_TYPES: Final = {
+    f"{order}{code}" for code in ("f2", "f4", "f8", "i2", "i4", "i8", "u2", "u4", "u8") for order in "<>="
+}
+NPY_TYPES.update({"|i1", "|u1"})
+NPY_HEADER: Final = {
+    "descr": r"""['"]descr['"]\s*:\s*['"]([^'"]*)['"]""",
+    "fortran_order": r"""['"]fortran_order['"]\s*:\s*(True|False)""",
+    "shape": r"""['"]shape['"]\s*:\s*\(([\d\s,]{0,99})\)""",
+}
+NEEDED = "give x, y and values (a grid), or points and values (scattered samples)"
+
+
+def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> Samples:
+    """u from the contents ``data`` of a file; the suffix of ``filename`` says what it is.
+
+    ========= ==========================================================================================
+    npz       arrays ``x``, ``y``, ``values`` (grid) or ``points``, ``values`` (scattered)
+    npy       ``values`` alone, 2-D: u on the uniform grid of the unit square, first index along x
+    csv       rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
+    json      ``{"grid": {...}}`` or ``{"scattered": {...}}`` with the keys of the npz, or these keys alone
+    vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
+    ========= ==========================================================================================
+
+    The points of a csv, vtu or vtk file that fill a rectilinear grid become :class:`GridSamples`, others
+    :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
+    unpacked. Raises :class:`~equimesh.errors.SamplesError`, which says what to change.
+    """
+    suffix = PurePath(filename).suffix.lower().removeprefix(".")
+    if suffix not in READERS:
+        raise SamplesError(f"{filename!r} is not a file of samples: its suffix must be one of {', '.join(READERS)}")
+    if len(data) > max_bytes:
+        raise SamplesError(f"{filename!r} has {len(data)} bytes, more than the {max_bytes} allowed")
+    if not data.strip():
+        raise SamplesError(f"{filename!r} is empty")
+    return READERS[suffix](data, max_bytes)
+
+
+def _read_npz(data: bytes, max_bytes: int) -> Samples:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+            keys = _choose(list(members))
+            if sum(members[key].file_size for key in keys) > max_bytes:
+                raise SamplesError(f"the npz file unpacks to more than the {max_bytes} bytes allowed")
+            arrays = {key: _parse_npy(archive.read(members[key]), key) for key in keys}
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise SamplesError(f"the npz file cannot be unpacked: {error}; write it with numpy.savez") from error
+    return _build(arrays)
+
+
+def _read_npy(data: bytes, _: int) -> Samples:
+    values = _parse_npy(data, "values")
+    if values.ndim != 2:
+        raise SamplesError(
+            f"the npy file has an array of shape {values.shape}: it must be 2-D, u on the uniform grid of the"
+            " unit square, first index along x; for other grids send an npz with x, y and values",
+            field="values",
+        )
+    x, y = (np.linspace(0.0, 1.0, n) for n in values.shape)
+    return GridSamples(x=x, y=y, values=values)
+
+
+def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
+    """One array of an npy file; its size is checked before memory is reserved."""
+    length = {b"\x01": 2, b"\x02": 4}.get(data[6:7])  # bytes that hold the header's length, by version
+    if data[:6] != b"\x93NUMPY" or length is None:
+        raise SamplesError(f"{key} is not a plain npy array: write it with numpy.save", field=key)
+    start = 8 + length + int.from_bytes(data[8 : 8 + length], "little")
+    header = data[8 + length : start].decode("latin-1")
+    descr, order, extents = (re.search(NPY_HEADER[name], header) for name in ("descr", "fortran_order", "shape"))
+    if descr is None or order is None or extents is None:
+        raise SamplesError(f"{key} is not a plain npy array: {header.strip()[:80]!r} describes it", field=key)
+    if descr[1] not in NPY_TYPES:
+        raise SamplesError(f"{key} holds data of type {descr[1]!r}: only real numbers are allowed", field=key)
+    dtype, shape = np.dtype(descr[1]), tuple(int(n) for n in extents[1].split(",") if n.strip())
+    if math.prod(shape) * dtype.itemsize != len(data) - start:
+        raise SamplesError(f"{key} has {len(data) - start} bytes, not those of shape {shape}", field=key)
+    return np.frombuffer(data, dtype, offset=start).reshape(shape, order="F" if order[1] == "True" else "C")
+
+
+def _read_json(data: bytes, _: int) -> Samples:
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise SamplesError(f"the json file cannot be read: {error}") from error
+    for kind in ("u", "grid", "scattered"):
+        if isinstance(found, dict) and kind in found:
+            found = found[kind]
+    if not isinstance(found, dict):
+        raise SamplesError(f"the json file must hold an object: {NEEDED}")
+    return _build({key: found[key] for key in _choose(list(found))})
+
+
+def _read_csv(data: bytes, _: int) -> Samples:
+    try:
+        lines = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    except UnicodeDecodeError as error:
+        raise SamplesError(f"the csv file is not UTF-8 text (byte {error.start}): save it as UTF-8") from error
+    order: list[int] | None = None
+    rows: list[tuple[float, float, float]] = []
+    delimiter = _delimiter(lines)
+    for number, line in enumerate(lines, start=1):
+        text = line.partition("#")[0].strip()
+        if not text:
+            continue
+        cells = [cell.strip().strip('"') for cell in text.split(delimiter)]
+        if order is None:
+            order = _columns(cells, number)
+            if order is not None:
+                continue
+            order = [0, 1, 2]
+        if len(cells) <= max(order):
+            raise SamplesError(f"line {number} of the csv file has {len(cells)} columns: x, y and u are needed")
+        try:
+            x, y, u = (float(cells[i]) for i in order)
+        except ValueError as error:
+            comma = "; use a point as decimal mark" if any("," in cell for cell in cells) else ""
+            raise SamplesError(f"line {number} of the csv file: {error}{comma}") from error
+        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(u)):
+            raise SamplesError(
+                f"line {number} of the csv file holds a number that is not finite ({text}): fill it in or"
+                " leave the line out",
+                field="values",
+            )
+        rows.append((x, y, u))
+    if not rows:
+        raise SamplesError("the csv file has no line of samples: it needs the columns x, y, u")
+    table = np.array(rows)
+    return _from_points(table[:, :2], table[:, 2])
+
+
+def _delimiter(lines: list[str]) -> str | None:
+    """The character between columns: semicolon, tab or comma if the first line has it, else white space."""
+    first = next((text for line in lines if (text := line.partition("#")[0].strip())), "")
+    return next((c for c in ";\t," if c in first), None)
+
+
+def _columns(cells: list[str], number: int) -> list[int] | None:
+    """Where x, y and u stand according to a header; none when the line holds numbers."""
+    try:
+        for cell in cells:
+            float(cell)
+    except ValueError:
+        names = [cell.lower() for cell in cells]
+        if {"x", "y"} <= set(names):
+            value = next((name for name in ("u", "value", "values") if name in names), None)
+            others = [i for i, name in enumerate(names) if name not in ("x", "y")]
+            if value is not None or len(others) == 1:
+                return [names.index("x"), names.index("y"), names.index(value) if value else others[0]]
+        if any(cell[:1].isalpha() and cell.lower() not in ("nan", "inf", "infinity") for cell in cells):
+            raise SamplesError(
+                f"line {number} of the csv file is a header {', '.join(cells)[:60]!r}: name the columns x, y and u"
+            ) from None
+    return None
+
+
+def _read_vtu(data: bytes, max_bytes: int) -> Samples:
+    return _from_cloud(*read_vtu(data, max_bytes=max_bytes))
+
+
+def _read_vtk(data: bytes, _: int) -> Samples:
+    return _from_cloud(*read_legacy_vtk(data))
+
+
+def _from_cloud(points: Array, fields: dict[str, Array]) -> Samples:
+    if "u" not in fields and len(fields) != 1:
+        found = ", ".join(sorted(fields)) or "none"
+        raise SamplesError(f"the file must have scalar point data named u (it has: {found})", field="values")
+    values = fields["u"] if "u" in fields else next(iter(fields.values()))
+    return _from_points(points[:, :2], values)
+
+
+def _from_points(points: Array, values: Array) -> Samples:
+    """A grid when the points fill one, each place once; else scattered samples."""
+    (x, i), (y, j) = (np.unique(column, return_inverse=True) for column in points.T)
+    if min(x.size, y.size) < 2 or x.size * y.size != len(values) or not np.all(np.isfinite(points)):
+        return ScatteredSamples(points=points, values=values)
+    table = np.full((x.size, y.size), np.nan)
+    taken = np.zeros(table.shape, dtype=bool)
+    table[i, j], taken[i, j] = values, True
+    return GridSamples(x=x, y=y, values=table) if taken.all() else ScatteredSamples(points=points, values=values)
+
+
+def _choose(found: list[str]) -> tuple[str, ...]:
+    """The keys to read of those found."""
+    for keys in (GRID_KEYS, SCATTERED_KEYS):
+        if set(keys) <= set(found):
+            return keys
+    raise SamplesError(f"the file holds {', '.join(map(repr, sorted(found)[:10])) or 'nothing'}: {NEEDED}")
+
+
+def _build(arrays: dict[str, Any]) -> Samples:
+    if "points" in arrays:
+        return ScatteredSamples(points=arrays["points"], values=arrays["values"])
+    return GridSamples(x=arrays["x"], y=arrays["y"], values=arrays["values"])
+
+
+READERS: Final[dict[str, Callable[[bytes, int], Samples]]] = {
+    "npz": _read_npz,
+    "npy": _read_npy,
+    "csv": _read_csv,
+    "json": _read_json,
+    "vtu": _read_vtu,
+    "vtk": _read_vtk,
+}
