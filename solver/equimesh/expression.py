@@ -62,15 +62,12 @@ class Expression:
 
     def __post_init__(self) -> None:
         if not isinstance(self.text, str):
-            raise ExpressionError(
-                "an expression is text, for instance 'tanh(20*(x - y))'", field="expression"
-            )
+            raise ExpressionError("an expression is text, for instance 'tanh(20*(x - y))'", field="expression")
         if len(self.parameters) > LIMITS.parameters:
             message = f"{len(self.parameters)} parameters: at most {LIMITS.parameters} are allowed"
             raise ExpressionError(message, field="parameters")
         parameters = {
-            _checked_name(name): _finite(value, f"parameters.{name}")
-            for name, value in self.parameters.items()
+            _checked_name(name): _finite(value, f"parameters.{name}") for name, value in self.parameters.items()
         }
         object.__setattr__(self, "parameters", MappingProxyType(parameters))
         object.__setattr__(self, "t", _finite(self.t, "t"))
@@ -146,9 +143,7 @@ def _checked_name(name: object) -> str:
         raise ExpressionError(f"'{name}' is written in look-alike characters: write {plain}", field=where)
     if name in RESERVED or name in FUNCTIONS or keyword.iskeyword(name):
         remedy = f"rename it, for instance to {name}_1"
-        raise ExpressionError(
-            f"'{name}' has a meaning of its own and cannot name a parameter: {remedy}", field=where
-        )
+        raise ExpressionError(f"'{name}' has a meaning of its own and cannot name a parameter: {remedy}", field=where)
     return name
 
 
@@ -158,9 +153,7 @@ def _finite(value: object, where: str) -> float:
         try:
             number = float(value)
         except OverflowError:
-            raise ExpressionError(
-                f"{where} is too large: the largest is about 1.8e308", field=where
-            ) from None
+            raise ExpressionError(f"{where} is too large: the largest is about 1.8e308", field=where) from None
         if math.isfinite(number):
             return number
     raise ExpressionError(f"{where} = {shorten(repr(value))}: a finite number is wanted", field=where)

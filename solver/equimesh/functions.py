@@ -95,9 +95,7 @@ def _general_power(a: Jet, b: Jet, order: int) -> Jet:
     f = np.power(u, w)
     if order == 0:
         return Jet(f)
-    log = (
-        np.where(u == 0.0, 0.0, np.log(u)) if a.number is None else np.log(u)
-    )  # u^w log u -> 0 with u, w > 0
+    log = np.where(u == 0.0, 0.0, np.log(u)) if a.number is None else np.log(u)  # u^w log u -> 0 with u, w > 0
     below = None if a.is_flat else np.power(u, w - 1.0)
     f1 = (None if a.is_flat else w * below, f * log)
     if order == 1:
@@ -127,9 +125,7 @@ def atan2(a: Jet, b: Jet, order: int) -> Jet:
         return Jet(f)
     r = 1.0 / np.hypot(a.value, b.value)
     c, s = b.value * r, a.value * r
-    return chain2(
-        a, b, f, (c * r, -s * r), (-2.0 * c * s * r * r, (s * s - c * c) * r * r, 2.0 * c * s * r * r), order
-    )
+    return chain2(a, b, f, (c * r, -s * r), (-2.0 * c * s * r * r, (s * s - c * c) * r * r, 2.0 * c * s * r * r), order)
 
 
 def where(condition: Jet, a: Jet, b: Jet, order: int) -> Jet:  # noqa: ARG001

@@ -120,9 +120,7 @@ def multiply(a: Jet, b: Jet, order: int) -> Jet:
     hessian = tuple(
         plus(
             plus(times(a.hessian[k], v), times(u, b.hessian[k])),
-            times(np.float64(2.0), times(du[i], dv[i]))
-            if i == j
-            else plus(times(du[i], dv[j]), times(du[j], dv[i])),
+            times(np.float64(2.0), times(du[i], dv[i])) if i == j else plus(times(du[i], dv[j]), times(du[j], dv[i])),
         )
         for k, (i, j) in enumerate(SECOND)
     )
@@ -158,8 +156,7 @@ def chain(a: Jet, f: Component, f1: Component, f2: Component, order: int) -> Jet
     if order == 1:
         return Jet(f, gradient)
     hessian = tuple(
-        plus(times(f1, a.hessian[k]), times(f2, times(a.gradient[i], a.gradient[j])))
-        for k, (i, j) in enumerate(SECOND)
+        plus(times(f1, a.hessian[k]), times(f2, times(a.gradient[i], a.gradient[j]))) for k, (i, j) in enumerate(SECOND)
     )
     return Jet(f, gradient, hessian)
 

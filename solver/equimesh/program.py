@@ -18,6 +18,7 @@ from equimesh.vocabulary import LIMITS
 Array: TypeAlias = npt.NDArray[np.float64]
 BLOCK = 8192  # points at a time: the jets of a few operations stay in the cache
 CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
+WITHOUT_SLOPE = CONDITIONS | {"sign"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +114,7 @@ class Program:
                     del jets[slot]
         return jets
 
-    def _constant(
-        self, operation: Operation, arguments: tuple[int, ...], values: Mapping[str, float]
-    ) -> Jet | None:
+    def _constant(self, operation: Operation, arguments: tuple[int, ...], values: Mapping[str, float]) -> Jet | None:
         """The jet of an operation that is the same at all points."""
         if operation.name == "number":
             return constant(operation.value)
@@ -130,11 +129,8 @@ class Program:
         exponent = self.constants.get(self.slots[operation.arguments[1]])
         if exponent is not None and abs(exponent.value) > LIMITS.exponent:
             at = self.operations[operation.arguments[1]].start
-            refuse(
-                text,
-                at,
-                f"the exponent {exponent.value:g} is too large: at most {LIMITS.exponent:g} is allowed",
-            )
+            message = f"the exponent {exponent.value:g} is too large: at most {LIMITS.exponent:g} is allowed"
+            refuse(text, at, message)
 
     def _schedule(self) -> tuple[Step, ...]:
         """The steps that the result depends on; those that feed conditions alone need no derivatives."""
@@ -147,14 +143,9 @@ class Program:
             arguments = tuple(self.slots[a] for a in operation.arguments)
             order.append((number, operation, arguments))
             for k, argument in enumerate(arguments):
-                flat = (
-                    operation.name in CONDITIONS
-                    or operation.name == "sign"
-                    or (operation.name == "where" and k == 0)
-                )
-                needs_slopes[argument] = needs_slopes.get(argument, False) or (
-                    needs_slopes[number] and not flat
-                )
+                flat = operation.name in WITHOUT_SLOPE or (operation.name == "where" and k == 0)
+                needed = needs_slopes[number] and not flat
+                needs_slopes[argument] = needs_slopes.get(argument, False) or needed
         free: set[int] = {self.result, *self.constants}
         steps: list[Step] = []
         for number, operation, arguments in order:  # backwards, so that the first use seen is the last one

@@ -63,9 +63,7 @@ def parse(text: str, names: Collection[str]) -> list[Operation]:
         raise
     except (SyntaxError, ValueError, RecursionError, MemoryError, OverflowError) as error:
         at = getattr(error, "offset", None) or 1  # what tokenize lets through, and the parser's own bounds
-        what = (
-            "cannot be read here" if isinstance(error, SyntaxError) else "is too large or too deeply nested"
-        )
+        what = "cannot be read here" if isinstance(error, SyntaxError) else "is too large or too deeply nested"
         refuse(text, _place(tokens, at), f"the expression {what}: simplify it")
     return walk.operations
 
@@ -112,9 +110,7 @@ class _Walk:
             case ast.Call(func=ast.Name(id=name), keywords=[]) if name in FUNCTIONS:
                 return self.call(node, name, depth)
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
-                return self.refuse(
-                    node, "a comparison stands only in the first argument of where(condition, a, b)"
-                )
+                return self.refuse(node, "a comparison stands only in the first argument of where(condition, a, b)")
             case _:
                 return self.refuse(node, "this is not part of the language: write a formula in x and y")
 
@@ -125,9 +121,7 @@ class _Walk:
             chain.append(chain[-1].left)
         result = self.quantity(chain[-1].left, depth + 1)
         for link in reversed(chain):
-            result = self.append(
-                link, _OPERATORS[type(link.op)], result, self.quantity(link.right, depth + 1)
-            )
+            result = self.append(link, _OPERATORS[type(link.op)], result, self.quantity(link.right, depth + 1))
         return result
 
     def call(self, node: ast.Call, name: str, depth: int) -> int:
@@ -157,9 +151,7 @@ class _Walk:
             case ast.BoolOp():
                 result = self.condition(node.values[0], depth + 1)
                 for value in node.values[1:]:
-                    result = self.append(
-                        node, _OPERATORS[type(node.op)], result, self.condition(value, depth + 1)
-                    )
+                    result = self.append(node, _OPERATORS[type(node.op)], result, self.condition(value, depth + 1))
                 return result
             case ast.UnaryOp(op=ast.Not()):
                 return self.append(node, "not", self.condition(node.operand, depth + 1))

@@ -103,9 +103,7 @@ def _character_remedy(sign: str) -> str:
     plain = unicodedata.normalize("NFKC", sign)
     if plain.isspace():
         return "use an ordinary space"
-    return CHARACTER_REMEDIES.get(
-        sign, f"write {plain}" if plain != sign and plain.isascii() else "remove it"
-    )
+    return CHARACTER_REMEDIES.get(sign, f"write {plain}" if plain != sign and plain.isascii() else "remove it")
 
 
 class _Reader:
@@ -210,9 +208,7 @@ class _Reader:
         if len(token.text) > LIMITS.digits:
             refuse(self.text, token.start, f"the number has more than {LIMITS.digits} characters: round it")
         if not math.isfinite(float(token.text)):
-            refuse(
-                self.text, token.start, f"the number {token.text} is too large: the largest is about 1.8e308"
-            )
+            refuse(self.text, token.start, f"the number {token.text} is too large: the largest is about 1.8e308")
         if token.text.isdigit() and token.text[0] == "0" and token.text.strip("0"):
             refuse(
                 self.text,
@@ -227,9 +223,7 @@ class _Reader:
                 refuse(self.text, token.start, f"{name} is a function: write {name}(...)")
         elif name not in self.names:
             if follows == ".":
-                refuse(
-                    self.text, token.start, f"'{shorten(name)}.' is not known: write sin(x), not np.sin(x)"
-                )
+                refuse(self.text, token.start, f"'{shorten(name)}.' is not known: write sin(x), not np.sin(x)")
             refuse(self.text, token.start, self._unknown(name, is_call=follows == "("))
 
     def _unknown(self, name: str, *, is_call: bool) -> str:
@@ -253,6 +247,4 @@ class _Reader:
         listed = shorten(", ".join(known if is_call else self.names), 300)
         if is_call:
             return f"{shown} is not a known function: known are {listed}"
-        return (
-            f"{shown} is not a known name: known are {listed} and the functions; declare others as parameters"
-        )
+        return f"{shown} is not a known name: known are {listed} and the functions; declare others as parameters"
