@@ -40,23 +40,21 @@ class FileStore:
         """Where the file with this content is, or would be."""
         return self.folder / sha256[:2] / sha256
 
-    def put(self, data: bytes) -> StoredFile:
-        """Store bytes."""
-        with self.unfinished(".bin") as path:
-            path.write_bytes(data)
-            return self.adopt(path)
-
-    def adopt(self, path: Path) -> StoredFile:
-        """Move a finished file of :meth:`unfinished` in under its content's name."""
+    def seal(self, path: Path) -> StoredFile:
+        """Bring a finished file of :meth:`unfinished` to disk; it still has its temporary name."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
             size = file.tell()
             os.fsync(file.fileno())
-        target = self.path(digest)
+        return StoredFile(digest, size)
+
+    def publish(self, path: Path, file: StoredFile) -> None:
+        """Give a sealed file its name. Done inside the transaction that first refers to it, so that nobody
+        who removes the same content for another mesh can remove it in between."""
+        target = self.path(file.sha256)
         target.parent.mkdir(exist_ok=True)
         os.replace(path, target)
         _sync_folder(target.parent)
-        return StoredFile(digest, size)
 
     @contextmanager
     def unfinished(self, suffix: str) -> Iterator[Path]:

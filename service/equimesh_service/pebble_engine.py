@@ -68,7 +68,7 @@ class PebbleEngine:
         with self._lock:
             inner = self._inner.get(task)
         if inner is not None:
-            inner.cancel()
+            inner.cancel()  # type: ignore[no-untyped-call]
 
     def health(self) -> Health:
         """Ready once a worker has warmed up."""
@@ -95,7 +95,7 @@ class PebbleEngine:
             self._closed = True
             left = list(self._inner.values())
         for inner in left:
-            inner.cancel()
+            inner.cancel()  # type: ignore[no-untyped-call]
         _stop(self._pool)
 
     def _revive(self) -> None:
@@ -138,7 +138,7 @@ def _context(preload: Sequence[str]) -> Any:
 
 
 def _stop(pool: ProcessPool) -> None:
-    pool.stop()
+    pool.stop()  # type: ignore[no-untyped-call]
     pool.join()
 
 

@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from equimesh.errors import ExpressionError, InputError
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+
+from equimesh.errors import ExpressionError, InputError
 
 MEDIA_TYPE = "application/problem+json"
 

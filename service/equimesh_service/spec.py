@@ -117,8 +117,8 @@ class DomainSpec(_Strict):
 class GridSpec(_Strict):
     """Points of the mesh in each direction; 12 points make 11 cells."""
 
-    n_xi: int = Field(64, description="Points along xi, at least 4.")
-    n_eta: int = Field(64, description="Points along eta, at least 4.")
+    n_xi: int = Field(default=64, description="Points along xi, at least 4.")
+    n_eta: int = Field(default=64, description="Points along eta, at least 4.")
 
 
 class ClassicalSpec(_Strict):
@@ -131,14 +131,14 @@ class LinearRobinSpec(_Strict):
     """The linear Robin condition of the paper."""
 
     kind: Literal["linear_robin"]
-    p: Literal["auto"] | FiniteFloat = Field("auto", description="A positive number, or 'auto'.")
+    p: Literal["auto"] | FiniteFloat = Field(default="auto", description="A positive number, or 'auto'.")
 
 
 class NonlinearRobinSpec(_Strict):
     """The nonlinear Robin condition of the paper."""
 
     kind: Literal["nonlinear_robin"]
-    p: Literal["auto"] | FiniteFloat = Field("auto", description="A positive number, or 'auto'.")
+    p: Literal["auto"] | FiniteFloat = Field(default="auto", description="A positive number, or 'auto'.")
 
 
 _TRANSMISSIONS = ("classical", "linear_robin", "nonlinear_robin")
@@ -185,7 +185,7 @@ class MeshSpec(_Strict):
 
     monitor: MonitorSpec
     domain: DomainSpec = Field(default_factory=DomainSpec)
-    grid: GridSpec = Field(default_factory=lambda: GridSpec())
+    grid: GridSpec = Field(default_factory=GridSpec)
     boundary: Literal["trace", "equidistributed_1d", "orthogonal"] = Field(
         "trace", description="How points move along the sides; equidistributed_1d is the paper's."
     )

@@ -8,100 +8,34 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import Connection, Row, create_engine, delete, event, func, insert, or_, select, update
+from sqlalchemy import Connection, Row, delete, func, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.sql.elements import ColumnElement
 
+from equimesh_service.database import Database, to_json
+from equimesh_service.rows import (
+    CANCELED,
+    FAILED,
+    QUEUED,
+    RUNNING,
+    SUCCEEDED,
+    Artifact,
+    Claim,
+    EventRow,
+    KeyReusedError,
+    MeshRow,
+    NewMesh,
+    SamplesGoneError,
+    SamplesRow,
+)
 from equimesh_service.schema import artifacts, events, idempotency, meshes, metadata, samples
 
-QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED = "queued", "running", "succeeded", "failed", "canceled"
-STATUSES = (QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED)
-FINISHED = (SUCCEEDED, FAILED, CANCELED)
 
-
-class KeyReusedError(Exception):
-    """An idempotency key that belongs to another request."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NewMesh:
-    """What is known of a mesh when it is asked for."""
-
-    id: str
-    spec: Mapping[str, Any]
-    samples_id: str | None = None
-    format: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeshRow:
-    """A mesh as it stands; see :mod:`equimesh_service.schema` for the columns."""
-
-    number: int
-    id: str
-    status: str
-    label: str | None
-    n_xi: int
-    n_eta: int
-    cells: str
-    format: str | None
-    created_at: float
-    started_at: float | None
-    finished_at: float | None
-    attempt: int
-    last_event: int
-    progress: dict[str, Any] | None
-    result: dict[str, Any] | None
-    error: dict[str, Any] | None
-    partial: bool
-
-    @property
-    def finished(self) -> bool:
-        """Whether the mesh has come to an end, good or bad."""
-        return self.status in FINISHED
-
-
-@dataclass(frozen=True)
-class EventRow:
-    """One thing that happened to a mesh."""
-
-    number: int
-    time: float
-    kind: str
-    data: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """The right to compute a mesh, until another attempt begins."""
-
-    mesh_id: str
-    attempt: int
-
-
-@dataclass(frozen=True)
-class Artifact:
-    """A file that belongs to a mesh."""
-
-    name: str
-    sha256: str
-    size: int
-
-
-@dataclass(frozen=True)
-class SamplesRow:
-    """Stored samples."""
-
-    id: str
-    sha256: str
-    size: int
-    summary: dict[str, Any]
-    created_at: float
+def _nothing() -> None:
+    pass
 
 
 _SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
@@ -116,12 +50,8 @@ class Store:
 
     def __init__(self, url: str, *, durable: bool = True, clock: Callable[[], float] = time.time) -> None:
         self._clock = clock
-        self._sqlite = url.startswith("sqlite")
-        arguments = {"timeout": 30.0, "check_same_thread": False} if self._sqlite else {}
-        self._engine = create_engine(url, connect_args=arguments, json_serializer=_json, pool_size=8, max_overflow=64)
-        if self._sqlite:
-            event.listen(self._engine, "connect", _prepare_sqlite(durable))
-            event.listen(self._engine, "begin", _begin_sqlite)
+        self._database = Database(url, durable=durable)
+        self._read, self._write = self._database.read, self._database.write
 
     def create_tables(self) -> None:
         """Make the tables that are not there yet."""
@@ -130,7 +60,7 @@ class Store:
 
     def close(self) -> None:
         """Close all connections."""
-        self._engine.dispose()
+        self._database.close()
 
     def check(self) -> None:
         """Raise when the database does not answer."""
@@ -142,7 +72,8 @@ class Store:
     def add_mesh(self, new: NewMesh, *, key: str | None = None, fingerprint: str = "") -> str:
         """Put a mesh into the queue and return its id: an older one's when ``key`` was seen before.
 
-        Raises :class:`KeyReusedError` when the key came with another ``fingerprint``.
+        Raises :class:`KeyReusedError` when the key came with another ``fingerprint``, and
+        :class:`SamplesGoneError` when the samples were deleted.
         """
         known = self._known(key, fingerprint)
         if known is not None:
@@ -251,26 +182,31 @@ class Store:
         with self._read() as connection:
             return [Claim(row.id, row.attempt) for row in connection.execute(query)]
 
-    def requeue(self, claim: Claim, reason: str, *, lost: bool) -> int | None:
-        """Put a running mesh back into the queue; ``lost`` counts against its attempts.
+    def requeue(self, claim: Claim, reason: str) -> bool:
+        """Put a running mesh back into the queue, as if it had not been claimed."""
+        with self._write() as connection:
+            return self._back(connection, claim, reason, 0)
 
-        Returns the number of losses so far, or None when the claim no longer holds.
+    def lose(self, claim: Claim, reason: str, *, most: int, error: Mapping[str, Any]) -> str | None:
+        """Note that the worker of a running mesh is lost: it waits again, or fails when ``most`` were lost.
+
+        Returns the new status, or None when the claim no longer holds.
         """
         with self._write() as connection:
-            change = {"status": QUEUED, "owner": None, "lease_until": None, "progress": None}
-            if lost:
-                change["losses"] = meshes.c.losses + 1
-            data = {"status": QUEUED, "reason": reason}
-            if not self._append(connection, _held(claim), change, "status", data):
-                return None
             query = select(meshes.c.losses).where(meshes.c.id == claim.mesh_id)
-            return int(connection.execute(query).scalar_one())
-
-    def losses(self, mesh_id: str) -> int:
-        """How many attempts at a mesh lost their worker."""
-        with self._read() as connection:
-            query = select(meshes.c.losses).where(meshes.c.id == mesh_id)
-            return int(connection.execute(query).scalar() or 0)
+            losses = int(connection.execute(query).scalar() or 0) + 1
+            if losses < most:
+                return QUEUED if self._back(connection, claim, reason, 1) else None
+            change = {
+                "status": FAILED,
+                "finished_at": self._clock(),
+                "owner": None,
+                "lease_until": None,
+                "losses": losses,
+                "error": dict(error),
+            }
+            data = {"status": FAILED, "error": dict(error)}
+            return FAILED if self._append(connection, _held(claim), change, "done", data) else None
 
     # The worker's side ---------------------------------------------------------------------------------------
 
@@ -287,8 +223,12 @@ class Store:
         result: Mapping[str, Any] | None = None,
         files: Sequence[Artifact] = (),
         partial: bool = False,
+        publish: Callable[[], None] = _nothing,
     ) -> bool:
-        """End a running mesh: succeeded, or failed with ``error``; False when the claim no longer holds."""
+        """End a running mesh: succeeded, or failed with ``error``; False when the claim no longer holds.
+
+        ``publish`` gives ``files`` their names, inside the transaction.
+        """
         status = SUCCEEDED if error is None else FAILED
         data: dict[str, Any] = {"status": status}
         if error is not None:
@@ -307,6 +247,7 @@ class Store:
                 return False
             for file in files:
                 self._insert_artifact(connection, claim.mesh_id, file)
+            publish()
             return True
 
     # Events --------------------------------------------------------------------------------------------------
@@ -332,24 +273,23 @@ class Store:
             row = connection.execute(query).first()
         return None if row is None else Artifact(*row)
 
-    def add_artifact(self, mesh_id: str, file: Artifact) -> bool:
+    def add_artifact(self, mesh_id: str, file: Artifact, publish: Callable[[], None] = _nothing) -> bool:
         """Give a finished mesh one more file; False when the mesh is gone."""
-        try:
-            with self._write() as connection:
-                if connection.execute(select(meshes.c.id).where(meshes.c.id == mesh_id)).first() is None:
-                    return False
-                self._insert_artifact(connection, mesh_id, file)
-        except IntegrityError:
-            pass  # another worker wrote the same file at the same moment
-        return True
+        with self._write() as connection:
+            if connection.execute(select(meshes.c.id).where(meshes.c.id == mesh_id)).first() is None:
+                return False
+            self._insert_artifact(connection, mesh_id, file)
+            publish()
+            return True
 
     # Samples -------------------------------------------------------------------------------------------------
 
-    def add_samples(self, row: SamplesRow) -> bool:
+    def add_samples(self, row: SamplesRow, publish: Callable[[], None] = _nothing) -> bool:
         """Keep samples; False when they were there already."""
         try:
             with self._write() as connection:
                 connection.execute(insert(samples).values(vars(row)))
+                publish()
         except IntegrityError:
             return False
         return True
@@ -389,12 +329,16 @@ class Store:
         return str(row.mesh_id)
 
     def _insert_mesh(self, connection: Connection, new: NewMesh) -> None:
+        if new.samples_id is not None:
+            query = select(samples.c.id).where(samples.c.id == new.samples_id)
+            if connection.execute(query).first() is None:
+                raise SamplesGoneError(new.samples_id)
         now = self._clock()
         row = {
             "id": new.id,
             "status": QUEUED,
             "label": new.spec["label"],
-            "spec": _json(new.spec),
+            "spec": to_json(new.spec),
             "samples_id": new.samples_id,
             "n_xi": new.spec["grid"]["n_xi"],
             "n_eta": new.spec["grid"]["n_eta"],
@@ -406,6 +350,16 @@ class Store:
         connection.execute(insert(meshes).values(row))
         first = {"mesh_id": new.id, "number": 1, "time": now, "kind": "status", "data": {"status": QUEUED}}
         connection.execute(insert(events).values(first))
+
+    def _back(self, connection: Connection, claim: Claim, reason: str, lost: int) -> bool:
+        change = {
+            "status": QUEUED,
+            "owner": None,
+            "lease_until": None,
+            "progress": None,
+            "losses": meshes.c.losses + lost,
+        }
+        return self._append(connection, _held(claim), change, "status", {"status": QUEUED, "reason": reason})
 
     def _append(
         self,
@@ -437,16 +391,6 @@ class Store:
             if connection.execute(in_artifacts).first() is None and connection.execute(in_samples).first() is None:
                 remove_file(sha256)
 
-    @contextmanager
-    def _read(self) -> Iterator[Connection]:
-        with self._engine.connect() as connection:
-            yield connection
-
-    @contextmanager
-    def _write(self) -> Iterator[Connection]:
-        with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
-            yield connection
-
 
 def _held(claim: Claim) -> list[ColumnElement[bool]]:
     return [meshes.c.id == claim.mesh_id, meshes.c.attempt == claim.attempt, meshes.c.status == RUNNING]
@@ -454,25 +398,3 @@ def _held(claim: Claim) -> list[ColumnElement[bool]]:
 
 def _mesh(row: Row[Any]) -> MeshRow:
     return MeshRow(**row._mapping)
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
-
-
-def _prepare_sqlite(durable: bool) -> Callable[[Any, Any], None]:
-    def prepare(connection: Any, _record: Any) -> None:
-        connection.isolation_level = None  # transactions begin where _begin_sqlite says, not where the driver guesses
-        cursor = connection.cursor()
-        cursor.execute("PRAGMA journal_mode=WAL")
-        cursor.execute(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
-        cursor.execute("PRAGMA foreign_keys=ON")
-        cursor.close()
-
-    return prepare
-
-
-def _begin_sqlite(connection: Connection) -> None:
-    # A writer takes the lock at once: upgrading a read later could fail as busy.
-    writes = connection.get_execution_options().get("writes", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

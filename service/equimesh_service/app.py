@@ -1,0 +1,104 @@
+"""The FastAPI application: routes, errors, and the life of the service behind them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic.json_schema import models_json_schema
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from equimesh_service import checks_api, events_api, meshes_api, operations_api, results_api, samples_api
+from equimesh_service.problems import Problem, problem_of
+from equimesh_service.resources import MeshEvents
+from equimesh_service.service import open_service
+from equimesh_service.settings import Settings
+from equimesh_service.spec import ExpressionCheck, MeshSpec
+
+_log = logging.getLogger(__name__)
+
+_DESCRIPTION = """Adaptive 2D meshes for PDE solvers: send a monitor function, get a mesh.
+
+One noun, **mesh**: it is asked for (`POST /v1/meshes`), it is computed, it is downloaded
+(`GET /v1/meshes/{id}/file`). With `Prefer: wait=30` all of that is one round trip.
+
+Every error is `application/problem+json` (RFC 9457) with a stable `type`, and for bad input `errors` says where
+(a JSON pointer), what, and for expressions at which column.
+"""
+_TAGS = [
+    {"name": "meshes", "description": "Ask for meshes, follow and cancel them."},
+    {"name": "results", "description": "The mesh as a file, its quality, its convergence, pictures."},
+    {"name": "samples", "description": "Monitor functions as samples, uploaded once."},
+    {"name": "checks", "description": "Questions before a mesh is asked for."},
+    {"name": "operations", "description": "Health, and explanations of problems."},
+]
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The application; its service opens with the server's lifespan and closes with it."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        service = open_service(settings)
+        app.state.service = service
+        try:
+            yield
+        finally:
+            service.wakeups.close()
+            await run_in_threadpool(service.close)
+
+    app = FastAPI(
+        title="equimesh",
+        summary="Equidistributed 2D meshes by Schwarz domain decomposition.",
+        description=_DESCRIPTION,
+        version=version("equimesh"),
+        license_info={"name": "MIT", "identifier": "MIT"},
+        openapi_tags=_TAGS,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        swagger_ui_oauth2_redirect_url=None,
+    )
+    for part in (meshes_api, events_api, results_api, samples_api, checks_api, operations_api):
+        app.include_router(part.router)
+    operations_api.add_pages(app)
+    for kind in (Problem, RequestValidationError, HTTPException):
+        app.add_exception_handler(kind, _answer_problem)
+    app.add_exception_handler(Exception, _answer_failure)
+    _complete_schema(app)
+    return app
+
+
+async def _answer_problem(_request: Request, error: Exception) -> Response:
+    return problem_of(error).response()
+
+
+async def _answer_failure(request: Request, error: Exception) -> Response:
+    _log.error("%s %s failed", request.method, request.url.path, exc_info=error)
+    return problem_of(error).response()
+
+
+def _complete_schema(app: FastAPI) -> None:
+    """Add the models of bodies that the routes read themselves."""
+    generate = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            schema = generate()
+            models = [(model, "validation") for model in (MeshSpec, ExpressionCheck)]
+            _, extra = models_json_schema(
+                [*models, (MeshEvents, "serialization")],  # type: ignore[list-item]
+                ref_template="#/components/schemas/{model}",
+            )
+            schema["components"]["schemas"].update(extra["$defs"])
+            app.openapi_schema = schema
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]

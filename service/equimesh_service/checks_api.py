@@ -1,0 +1,106 @@
+"""Routes that answer questions before a mesh is asked for: is this expression good, what can the service do."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from fastapi import APIRouter, Request
+from starlette.concurrency import run_in_threadpool
+
+from equimesh import Boundary, Initial, Ordering
+from equimesh.expression import FUNCTIONS, LIMITS
+from equimesh.io import CELLS, FORMATS
+from equimesh_service import body as bodies
+from equimesh_service.assembly import build_expression, pointing
+from equimesh_service.document import parse
+from equimesh_service.exports import PICTURES, PLOTS
+from equimesh_service.problems import Problem
+from equimesh_service.resources import ExpressionReport, Range
+from equimesh_service.routing import ServiceDependency, problems
+from equimesh_service.spec import read_expression_check
+
+router = APIRouter(prefix="/v1", tags=["checks"])
+
+_POINTS = 65
+_BODY = {
+    "required": True,
+    "content": {
+        "application/json": {
+            "schema": {"$ref": "#/components/schemas/ExpressionCheck"},
+            "example": {"expression": "tanh(k*(x - 0.5))", "parameters": {"k": 20}},
+        }
+    },
+}
+
+
+@router.post(
+    "/expressions/check",
+    summary="Check an expression",
+    operation_id="checkExpression",
+    responses=problems(400, 413, 415, 422),
+    openapi_extra={"requestBody": _BODY},
+)
+async def check(request: Request, service: ServiceDependency) -> ExpressionReport:
+    """Parse the expression and evaluate it on the unit square; a 422 says what is wrong, and at which column."""
+    if bodies.media_type(request) != bodies.JSON:
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON}.")
+    data = await bodies.read_body(request, service.settings.max_body)
+    return await run_in_threadpool(_report, data)
+
+
+@router.get("/capabilities", summary="What this service can do", operation_id="getCapabilities")
+async def capabilities(service: ServiceDependency) -> dict[str, Any]:
+    """Formats and who reads them, limits, the language of expressions, the choices of a spec, the engine."""
+    settings = service.settings
+    health = service.engine.health()
+    return {
+        "version": version("equimesh"),
+        "formats": [asdict(form) for form in FORMATS.values()],
+        "cells": list(CELLS),
+        "plots": {"kinds": list(PLOTS), "formats": dict(PICTURES)},
+        "samples": {
+            "formats": ["npz", "npy", "csv", "json", "vtu", "vtk"],
+            "max_samples": settings.max_samples,
+        },
+        "monitors": ["arc_length"],
+        "domains": ["rectangle"],
+        "boundaries": [str(kind) for kind in Boundary],
+        "initials": [str(kind) for kind in Initial],
+        "transmissions": ["classical", "linear_robin", "nonlinear_robin"],
+        "orderings": [str(kind) for kind in Ordering],
+        "expressions": {
+            "names": ["x", "y", "t", "pi", "e"],
+            "functions": dict(FUNCTIONS),
+            "limits": asdict(LIMITS),
+        },
+        "limits": {
+            "max_points": settings.max_points,
+            "max_body": settings.max_body,
+            "max_samples": settings.max_samples,
+            "max_subdomains": settings.max_subdomains,
+            "max_iterations": settings.max_iterations,
+            "max_wait": settings.max_wait,
+            "time_limit": settings.time_limit,
+            "memory_limit": settings.memory_limit,
+        },
+        "engine": {"kind": "pebble", "workers": health.workers, "ready": health.ready},
+    }
+
+
+def _report(data: bytes) -> ExpressionReport:
+    asked = read_expression_check(parse(data))
+    with pointing("", default="expression"):
+        expression = build_expression(asked)
+    points = np.linspace(0.0, 1.0, _POINTS)
+    x, y = np.meshgrid(points, points, indexing="ij")
+    u, u_x, u_y = expression.evaluate(x, y, order=1)
+    gradient = np.hypot(u_x, u_y)
+    return ExpressionReport(
+        names=sorted(expression.names),
+        u=Range(min=float(u.min()), max=float(u.max())),
+        gradient=Range(min=float(gradient.min()), max=float(gradient.max())),
+        constant=not gradient.any(),
+    )

@@ -1,0 +1,172 @@
+"""The dispatcher: takes waiting meshes to the engine, and looks after those that lost their worker."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from equimesh_service.engine import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.problems import Problem
+from equimesh_service.rows import Claim
+from equimesh_service.store import Store
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """The dispatcher's part of the settings; all times in seconds."""
+
+    time_limit: float = 300.0
+    memory_limit: int = 4096
+    max_attempts: int = 3
+    lease: float = 15.0
+    poll: float = 0.2
+
+
+class Dispatcher:
+    """A thread between a store and an engine.
+
+    It holds as many claims as the engine has workers, renews their leases while they run, and takes back the
+    claims of owners that went silent. ``run`` is what a worker does with a claim: it writes its results into
+    the store itself. ``notify`` hears the id of every mesh whose status may have changed.
+    """
+
+    def __init__(
+        self,
+        owner: str,
+        store: Store,
+        engine: Engine,
+        run: Callable[[Claim], tuple[Callable[..., None], tuple[Any, ...]]],
+        rules: Rules,
+        notify: Callable[[str], None],
+    ) -> None:
+        self._owner = owner
+        self._store = store
+        self._engine = engine
+        self._run = run
+        self._rules = rules
+        self._notify = notify
+        self._running: dict[Claim, Future[None]] = {}
+        self._ended: queue.SimpleQueue[tuple[Claim, Future[None]]] = queue.SimpleQueue()
+        self._wake = threading.Event()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._loop, name="equimesh-dispatcher", daemon=True)
+
+    def start(self, *, alone: bool) -> None:
+        """Begin. ``alone`` says that no other service uses this store: what is running there is left over."""
+        for claim in self._store.abandoned(owner_gone=self._owner if alone else None):
+            self._lost(claim, "the service stopped while a worker had this mesh")
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Look at the queue now."""
+        self._wake.set()
+
+    def cancel(self, mesh_id: str) -> None:
+        """Stop the work on a mesh that was canceled or deleted in the store."""
+        for claim, task in list(self._running.items()):
+            if claim.mesh_id == mesh_id:
+                self._engine.cancel(task)
+        self._notify(mesh_id)
+        self._wake.set()
+
+    def alive(self) -> bool:
+        """Whether the thread does its work."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """End; meshes that are being computed go back into the queue."""
+        self._stopping.set()
+        self._wake.set()
+        self._thread.join()
+        for claim, task in self._running.items():
+            if self._store.requeue(claim, "the service was stopped"):
+                _log.info("mesh %s goes back into the queue", claim.mesh_id)
+            self._engine.cancel(task)
+
+    def _loop(self) -> None:
+        next_care = time.monotonic()
+        while not self._stopping.is_set():
+            self._wake.clear()
+            try:
+                self._settle()
+                if time.monotonic() >= next_care:
+                    self._care()
+                    next_care = time.monotonic() + self._rules.lease / 3
+                self._fill()
+            except Exception:
+                _log.exception("the dispatcher failed; it goes on")
+                self._stopping.wait(1.0)
+            self._wake.wait(self._rules.poll)
+
+    def _fill(self) -> None:
+        health = self._engine.health()
+        while health.ready and len(self._running) < health.workers:
+            claim = self._store.claim(self._owner, self._rules.lease)
+            if claim is None:
+                return
+            _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
+            function, arguments = self._run(claim)
+            task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
+            self._running[claim] = task
+            task.add_done_callback(partial(self._end, claim))
+            self._notify(claim.mesh_id)
+
+    def _end(self, claim: Claim, task: Future[None]) -> None:
+        self._notify(claim.mesh_id)  # at once: the worker has written its result already
+        self._ended.put((claim, task))
+        self._wake.set()
+
+    def _settle(self) -> None:
+        while not self._ended.empty():
+            claim, task = self._ended.get()
+            self._running.pop(claim, None)
+            self._conclude(claim, task.exception())
+            self._notify(claim.mesh_id)
+
+    def _conclude(self, claim: Claim, error: BaseException | None) -> None:
+        rules = self._rules
+        match error:
+            case None:
+                problem = Problem("internal-error", "The worker ended without a result.")
+            case CancelledError():
+                return
+            case WorkerLostError():
+                self._lost(claim, "the worker process died")
+                return
+            case TimeLimitError():
+                problem = Problem("time-limit", f"The mesh was not finished within {rules.time_limit:g} s.")
+            case MemoryLimitError():
+                problem = Problem("memory-limit", f"The mesh needs more than {rules.memory_limit} MiB of memory.")
+            case Problem():
+                problem = error
+            case _:
+                _log.error("mesh %s: the worker failed", claim.mesh_id, exc_info=error)
+                problem = Problem("internal-error", f"The worker failed: {type(error).__name__}.")
+        # When all went well the mesh is finished already, and this changes nothing.
+        if self._store.finish(claim, error=problem.body()):
+            _log.warning("mesh %s failed: %s", claim.mesh_id, problem)
+
+    def _lost(self, claim: Claim, reason: str) -> None:
+        most = self._rules.max_attempts
+        problem = Problem("worker-lost", f"Given up after {most} attempts; at the last one {reason}.")
+        status = self._store.lose(claim, reason, most=most, error=problem.body())
+        if status is not None:
+            _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
+            self._notify(claim.mesh_id)
+
+    def _care(self) -> None:
+        held = self._store.renew(self._owner, self._rules.lease)
+        for claim, task in list(self._running.items()):
+            if claim not in held and not task.done():
+                self._engine.cancel(task)  # canceled, or taken over after a long silence of this service
+        for claim in self._store.abandoned():
+            self._lost(claim, "its service fell silent")

@@ -1,0 +1,97 @@
+"""The route of a mesh's events, as a stream (Server-Sent Events) or as JSON."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request
+from fastapi.responses import JSONResponse
+from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from equimesh_service.negotiation import chosen
+from equimesh_service.problems import Problem
+from equimesh_service.resources import MeshEvents, event_resource
+from equimesh_service.routing import LARGEST, ServiceDependency, problems
+from equimesh_service.rows import EventRow
+from equimesh_service.service import Service
+
+router = APIRouter(prefix="/v1/meshes/{id}", tags=["meshes"])
+
+_OFFERS = {"stream": "text/event-stream", "json": "application/json"}
+_PING_SECONDS = 15.0
+_RETRY_MILLISECONDS = 1000
+
+
+@router.get(
+    "/events",
+    summary="Follow a mesh",
+    operation_id="getMeshEvents",
+    response_model=None,
+    responses={
+        200: {
+            "description": "Events `status`, `progress` and `done`; their ids are 1, 2, 3, …",
+            "content": {
+                "text/event-stream": {"schema": {"type": "string"}},
+                "application/json": {"schema": {"$ref": "#/components/schemas/MeshEvents"}},
+            },
+        },
+        204: {"description": "The mesh is finished and there is nothing after Last-Event-ID."},
+        **problems(404, 406, 422),
+    },
+)
+async def get_events(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    after: Annotated[int, Query(ge=0, le=LARGEST, description="Only events with larger ids.")] = 0,
+    last_event_id: Annotated[
+        str | None, Header(description="As `after`; sent by browsers when they connect again.")
+    ] = None,
+) -> Response:
+    """A stream that ends with the event `done`; with `Accept: application/json`, what there is by now."""
+    kind = chosen(request.headers.get("accept"), _OFFERS)
+    if kind is None:
+        raise Problem("not-acceptable", "Events are text/event-stream or application/json.")
+    row = await service.mesh(id)
+    if last_event_id is not None and last_event_id.isascii() and last_event_id.isdigit():
+        after = max(after, min(int(last_event_id[:19]), LARGEST))
+    if kind == "json":
+        events = await run_in_threadpool(service.store.events, id, after=after)
+        last = events[-1].number if events else after
+        items = [event_resource(event) for event in events]
+        return JSONResponse(MeshEvents(items=items, last=last, done=row.finished).model_dump(mode="json"))
+    if row.finished and after >= row.last_event:
+        return Response(status_code=204)  # tells a browser not to connect again
+    return EventSourceResponse(_stream(service, id, after), headers={"Cache-Control": "no-store"})
+
+
+async def _stream(service: Service, mesh_id: str, after: int) -> AsyncIterator[bytes]:
+    yield format_sse_event(retry=_RETRY_MILLISECONDS)
+    quiet_since = time.monotonic()
+    while not service.wakeups.closing:
+        events = await run_in_threadpool(service.store.events, mesh_id, after=after)
+        for event in events:
+            yield _wire(event)
+            after = event.number
+            if event.kind == "done":
+                return
+        if events:
+            quiet_since = time.monotonic()
+        elif time.monotonic() - quiet_since > _PING_SECONDS:
+            quiet_since = time.monotonic()
+            yield KEEPALIVE_COMMENT
+            if await run_in_threadpool(service.store.mesh, mesh_id) is None:
+                return  # deleted
+        await service.wakeups.wait(mesh_id, service.settings.poll)
+
+
+def _wire(event: EventRow) -> bytes:
+    data: dict[str, Any] = event.data
+    return format_sse_event(
+        event=event.kind, id=str(event.number), data_str=json.dumps(data, allow_nan=False, separators=(",", ":"))
+    )

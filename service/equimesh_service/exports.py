@@ -1,0 +1,92 @@
+"""What a worker makes of a finished mesh on request: other formats, pictures, arrays of quality."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import equimesh
+from equimesh.io import CELLS, FORMATS, load_npz, write_mesh
+from equimesh_service.assembly import build_problem, build_schwarz
+from equimesh_service.files import FileStore
+from equimesh_service.job import Export
+from equimesh_service.problems import Problem
+from equimesh_service.rows import Artifact
+from equimesh_service.spec import read_spec
+from equimesh_service.store import Store
+from equimesh_service.worker import CONVERGENCE, MESH, field_of, open_store
+
+ARRAYS = "quality:arrays"
+PLOTS = ("mesh", "convergence", "quality")
+PICTURES = {"svg": "image/svg+xml", "png": "image/png"}
+
+
+def export(task: Export) -> Artifact | None:
+    """Make the file and give it to the mesh; None when the mesh is gone."""
+    store, files = open_store(task.place), task.place.files()
+    with files.unfinished(_suffix(task.name)) as path:
+        _write(task, path, store, files)
+        file = files.seal(path)
+        artifact = Artifact(task.name, file.sha256, file.size)
+        kept = store.add_artifact(task.mesh_id, artifact, lambda: files.publish(path, file))
+    return artifact if kept else None
+
+
+def warm_up() -> None:
+    """Load what drawing needs; it takes a second the first time."""
+    import_module("equimesh.plot")
+    import_module("matplotlib.backends.backend_agg")
+    import_module("matplotlib.backends.backend_svg")
+
+
+def plot_name(kind: str, format: str) -> str:
+    """Name of the artifact that is a picture."""
+    return f"plot:{kind}:{format}"
+
+
+def _suffix(name: str) -> str:
+    match name.split(":"):
+        case ["file", format, _]:
+            return FORMATS[format].suffix
+        case ["plot", _, format]:
+            return f".{format}"
+        case _:
+            return ".json"
+
+
+def _write(task: Export, path: Path, store: Store, files: FileStore) -> None:
+    match task.name.split(":"):
+        case ["file", format, asked]:
+            cells = next(known for known in CELLS if known == asked)
+            write_mesh(path, load_npz(_path(task, MESH, store, files)), format=format, cells=cells)
+        case ["plot", "convergence", _]:
+            from equimesh.plot import draw_convergence
+
+            draw_convergence(json.loads(_path(task, CONVERGENCE, store, files).read_bytes()), path)
+        case ["plot", kind, _]:
+            from equimesh.plot import draw_mesh, draw_quality
+
+            data = load_npz(_path(task, MESH, store, files))
+            if kind == "quality":
+                draw_quality(data, path)
+            else:
+                draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
+        case _:
+            document = store.spec(task.mesh_id)
+            mesh = load_npz(_path(task, MESH, store, files)).mesh
+            spec = read_spec(document)
+            monitor = build_problem(spec, field_of(spec, store, files)).monitor
+            path.write_text(json.dumps(equimesh.measure(mesh, monitor).summary(arrays=True), allow_nan=False))
+
+
+def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:
+    schwarz = build_schwarz(read_spec(store.spec(task.mesh_id)))
+    return None if schwarz is None else schwarz.decompose(grid)
+
+
+def _path(task: Export, name: str, store: Store, files: FileStore) -> Path:
+    artifact = store.artifact(task.mesh_id, name)
+    if artifact is None:
+        raise Problem("not-found", "The mesh is gone.")
+    return files.path(artifact.sha256)

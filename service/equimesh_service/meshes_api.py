@@ -1,0 +1,247 @@
+"""Routes that ask for meshes and look after them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header, Query, Request
+from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from equimesh.io import FORMATS
+from equimesh_service import body as bodies
+from equimesh_service.admission import Upload
+from equimesh_service.document import parse
+from equimesh_service.negotiation import explicit, preferred_wait
+from equimesh_service.problems import Problem, invalid
+from equimesh_service.resources import MeshList, MeshResource, mesh_resource
+from equimesh_service.results_api import mesh_file, mesh_format
+from equimesh_service.routing import LARGEST, ServiceDependency, problems
+from equimesh_service.rows import CANCELED, SUCCEEDED, MeshRow
+from equimesh_service.spec import MeshSpec
+
+router = APIRouter(prefix="/v1/meshes", tags=["meshes"])
+
+EXAMPLES: dict[str, Any] = {
+    "single domain": {
+        "summary": "One expression, everything else by default",
+        "value": {"monitor": {"u": {"expression": "tanh(20*(x + y/2 - 0.75))"}}},
+    },
+    "paper": {
+        "summary": "The mesh of Haynes and Howse's Table 1, classical conditions",
+        "value": {
+            "monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}, "a": 0.7, "b": 0.05},
+            "grid": {"n_xi": 12, "n_eta": 12},
+            "boundary": "equidistributed_1d",
+            "initial": "uniform",
+            "schwarz": {
+                "subdomains": [2, 1],
+                "overlap": 2,
+                "transmission": {"kind": "classical"},
+                "ordering": "parallel",
+                "tolerance": None,
+                "max_iterations": 5,
+            },
+        },
+    },
+    "samples": {
+        "summary": "u as samples on a grid",
+        "value": {
+            "monitor": {
+                "u": {"grid": {"x": [0, 0.5, 1], "y": [0, 1], "values": [[0, 0], [1, 1], [0, 0]]}},
+            },
+            "grid": {"n_xi": 16, "n_eta": 16},
+        },
+    },
+}
+_SPEC = {"$ref": "#/components/schemas/MeshSpec"}
+_BODY = {
+    "required": True,
+    "content": {
+        "application/json": {"schema": _SPEC, "examples": EXAMPLES},
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["spec"],
+                "properties": {
+                    "spec": _SPEC,
+                    "samples": {
+                        "type": "string",
+                        "contentMediaType": "application/octet-stream",
+                        "description": "npz, npy, csv, json, vtu or vtk, for u = {'samples': 'upload'}.",
+                    },
+                },
+            },
+            "encoding": {"spec": {"contentType": "application/json"}},
+        },
+    },
+}
+_MESH_FILES: dict[str, Any] = {form.media_type: {} for form in FORMATS.values()}
+_LOCATION = {"Location": {"description": "The mesh.", "schema": {"type": "string"}}}
+
+
+@router.post(
+    "",
+    summary="Ask for a mesh",
+    operation_id="createMesh",
+    status_code=201,
+    response_model=None,
+    responses={
+        201: {
+            "description": "The finished mesh; its file, when a mesh format was asked for.",
+            "model": MeshResource,
+            "headers": _LOCATION,
+            "content": _MESH_FILES,
+        },
+        202: {"description": "It waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
+        **problems(400, 406, 409, 413, 415, 422, 429),
+    },
+    openapi_extra={"requestBody": _BODY},
+)
+async def create(
+    request: Request,
+    service: ServiceDependency,
+    format: Annotated[
+        str | None, Query(description="Answer with the mesh file in this format, when it finishes in time.")
+    ] = None,
+    prefer: Annotated[
+        str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")
+    ] = None,
+    idempotency_key: Annotated[
+        str | None, Header(description="A repeated request with the same key gives the same mesh.")
+    ] = None,
+) -> Response:
+    """Ask for a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
+
+    With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip; a mesh that fails in
+    this time answers 201, too, with status `failed` and the reason in `error`.
+    """
+    name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), _media_types())
+    key = _checked_key(idempotency_key)
+    document, upload = await _read(request, service.settings.max_body)
+    admitted = await run_in_threadpool(service.admission.admit, document, upload)
+    mesh_id = await service.enqueue(admitted, key=key, format=name)
+    headers = {"Location": f"/v1/meshes/{mesh_id}"}
+    asked = preferred_wait(prefer)
+    seconds = min(asked or 0, int(service.settings.max_wait))
+    if asked is not None:
+        headers["Preference-Applied"] = f"wait={seconds}"
+    row = await service.finished(mesh_id, seconds)
+    if row.status == SUCCEEDED and name is not None:
+        return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)
+    if not row.finished:
+        headers["Retry-After"] = "1"
+    return _answer(row, 201 if row.finished else 202, headers)
+
+
+@router.get("", summary="List meshes, newest first", operation_id="listMeshes", responses=problems(422))
+async def list_meshes(
+    request: Request,
+    response: Response,
+    service: ServiceDependency,
+    status: Annotated[
+        Literal["queued", "running", "succeeded", "failed", "canceled"] | None, Query(description="Only these.")
+    ] = None,
+    label: Annotated[str | None, Query(description="Only those with exactly this label.")] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Most meshes on a page.")] = 50,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.")] = None,
+) -> MeshList:
+    """A page of meshes; the header `Link` with rel="next" leads to the next one."""
+    before = None if cursor is None else _position(cursor)
+    rows = await run_in_threadpool(
+        lambda: service.store.meshes(status=status, label=label, before=before, limit=limit + 1)
+    )
+    following = f"{rows[limit - 1].number:x}" if len(rows) > limit else None
+    if following is not None:
+        url = request.url.include_query_params(cursor=following)
+        response.headers["Link"] = f'<{url.path}?{url.query}>; rel="next"'
+    return MeshList(items=[mesh_resource(row) for row in rows[:limit]], next_cursor=following)
+
+
+@router.get("/{id}", summary="Look at a mesh", operation_id="getMesh", responses=problems(404, 422))
+async def get_mesh(
+    id: str,
+    service: ServiceDependency,
+    wait: Annotated[
+        float, Query(ge=0, le=3600, allow_inf_nan=False, description="Seconds to wait for it to finish.")
+    ] = 0.0,
+) -> MeshResource:
+    """State, progress, quality, and links; also of a mesh that failed, whose `error` says why."""
+    return mesh_resource(await service.finished(id, wait))
+
+
+@router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 409))
+async def cancel(id: str, service: ServiceDependency) -> MeshResource:
+    """Cancel a mesh that is not finished; a worker that computes it is stopped."""
+    if await run_in_threadpool(service.store.cancel, id):
+        service.dispatcher.cancel(id)
+    row = await service.mesh(id)
+    if row.status != CANCELED:
+        raise Problem("conflict", f"The mesh has {row.status} already.")
+    return mesh_resource(row)
+
+
+@router.delete("/{id}", summary="Delete a mesh", operation_id="deleteMesh", status_code=204, responses=problems(404))
+async def delete(id: str, service: ServiceDependency) -> None:
+    """Delete the record and the files; a mesh that is not finished is canceled first."""
+    await run_in_threadpool(service.store.cancel, id)
+    if not await run_in_threadpool(service.store.delete_mesh, id, service.files.remove):
+        raise Problem("not-found", "There is no mesh with this id.")
+    service.dispatcher.cancel(id)
+
+
+@router.get(
+    "/{id}/spec",
+    summary="The spec with all defaults",
+    operation_id="getMeshSpec",
+    response_model=MeshSpec,
+    responses=problems(404),
+)
+async def get_spec(id: str, service: ServiceDependency) -> Response:
+    """The spec as it was computed: posting it again gives the same mesh."""
+    spec = await run_in_threadpool(service.store.spec, id)
+    if spec is None:
+        raise Problem("not-found", "There is no mesh with this id.")
+    return JSONResponse(spec)
+
+
+async def _read(request: Request, most: int) -> tuple[Any, Upload | None]:
+    kind = bodies.media_type(request)
+    if kind not in (bodies.JSON, bodies.MULTIPART):
+        shown = repr(kind[:80]) if kind else "no Content-Type"
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.MULTIPART}, not {shown}.")
+    data = await bodies.read_body(request, most)
+    upload = None
+    if kind == bodies.MULTIPART:
+        parts = await bodies.read_parts(request, data, ("spec", "samples"))
+        if "spec" not in parts:
+            raise Problem("malformed-body", 'The multipart body needs a part "spec".')
+        data = parts["spec"].data
+        if "samples" in parts:
+            upload = bodies.upload_of(parts["samples"])
+    return await run_in_threadpool(parse, data), upload
+
+
+def _answer(row: MeshRow, status: int, headers: dict[str, str]) -> Response:
+    return JSONResponse(mesh_resource(row).model_dump(mode="json"), status, headers)
+
+
+def _media_types() -> dict[str, str]:
+    return {name: form.media_type for name, form in FORMATS.items()}
+
+
+def _checked_key(key: str | None) -> str | None:
+    if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
+        raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")
+    return key
+
+
+def _position(cursor: str) -> int:
+    try:
+        number = int(cursor, 16)
+    except ValueError:
+        number = -1
+    if not 0 < number < LARGEST:
+        raise invalid("", "not a cursor of this list", parameter="cursor")
+    return number

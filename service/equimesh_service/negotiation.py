@@ -1,0 +1,54 @@
+"""What a client asks for in headers: media types (Accept), and preferences (RFC 7240)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+_JSON = ("application/json", "application/problem+json")
+
+
+def preferred_types(header: str) -> list[str]:
+    """Media types of an Accept header, the most wanted first; those with q=0 are left out."""
+    found: list[tuple[float, str]] = []
+    for entry in header.split(","):
+        name, *parameters = (part.strip().lower() for part in entry.split(";"))
+        quality = 1.0
+        for parameter in parameters:
+            if match := re.fullmatch(r"q\s*=\s*([01](?:\.\d{0,3})?)", parameter):
+                quality = float(match.group(1))
+        if name and quality > 0:
+            found.append((-quality, name))
+    return [name for _, name in sorted(found, key=lambda entry: entry[0])]
+
+
+def chosen(header: str | None, offers: Mapping[str, str]) -> str | None:
+    """The offer that Accept asks for first, None when it takes none; without the header, the first offer.
+
+    ``offers`` maps names to media types.
+    """
+    for wanted in preferred_types(header or "*/*"):
+        pattern = re.escape(wanted).replace(r"\*", "[^/]+")
+        for name, media_type in offers.items():
+            if re.fullmatch(pattern, media_type):
+                return name
+    return None
+
+
+def explicit(header: str | None, offers: Mapping[str, str]) -> str | None:
+    """The offer that Accept names before JSON and wildcards, if it names one."""
+    for wanted in preferred_types(header or ""):
+        if wanted in _JSON or "*" in wanted:
+            return None
+        for name, media_type in offers.items():
+            if wanted == media_type:
+                return name
+    return None
+
+
+def preferred_wait(header: str | None) -> int | None:
+    """Seconds of ``Prefer: wait=N``, None when it is not there or cannot be read."""
+    for entry in re.split(r"[,;]", header or ""):
+        if match := re.fullmatch(r'\s*wait\s*=\s*"?(\d{1,9})"?\s*', entry, re.IGNORECASE):
+            return int(match.group(1))
+    return None

@@ -1,0 +1,99 @@
+"""What a worker tells of its progress: the solver's events, thinned out, as rows of the store."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from equimesh import Event, Iteration, Schwarz
+
+SINGLE_DOMAIN, START, SCHWARZ, WRITING = "single_domain", "start", "schwarz", "writing"
+# Part of the whole that the solves before a Schwarz iteration count for, and the part before the writing.
+_START_SHARE, _SOLVE_SHARE = 0.1, 0.95
+_NEWTON_STEPS = 8.0
+
+
+class AttemptLostError(Exception):
+    """The mesh was canceled, or is computed by someone else now: what this worker does is for nobody."""
+
+
+@dataclass
+class Reporter:
+    """Hears the events of ``equimesh.solve`` and tells at most one in ``interval`` seconds to ``tell``.
+
+    ``tell`` returns False when the attempt no longer counts; then :class:`AttemptLostError` ends the solve.
+    The fraction never falls.
+    """
+
+    schwarz: Schwarz | None
+    tell: Callable[[Mapping[str, Any]], bool]
+    interval: float = 0.05
+    _fraction: float = 0.0
+    _first_change: float = math.nan
+    _last: float = field(default=-math.inf)
+
+    def __call__(self, event: Event) -> None:
+        """Report an event of the solver."""
+        if isinstance(event, Iteration):
+            self._fraction = max(self._fraction, _SOLVE_SHARE * self._share(event))
+            residual = max(record.residual for record in event.subdomains)
+            more = {"max_q_eq": event.max_q_eq, "change": event.change, "min_jacobian": event.min_jacobian}
+            self.report(SCHWARZ, event.iteration, residual, more)
+            return
+        done = (event.level + min(event.step / _NEWTON_STEPS, 1.0)) / event.levels
+        share = _START_SHARE if self.schwarz is not None else _SOLVE_SHARE
+        self._fraction = max(self._fraction, share * done)
+        stage = SINGLE_DOMAIN if self.schwarz is None else START
+        points = [event.grid.n_xi, event.grid.n_eta]
+        self.report(stage, event.step, event.residual, {"level": event.level, "levels": event.levels, "grid": points})
+
+    def report(
+        self,
+        stage: str,
+        iteration: int | None,
+        residual: float | None,
+        more: Mapping[str, Any],
+        *,
+        always: bool = False,
+    ) -> None:
+        """Tell how things stand, unless that was done a moment ago."""
+        now = time.monotonic()
+        if not always and now - self._last < self.interval:
+            return
+        self._last = now
+        numbers = {"residual": residual, **more}
+        told = {
+            "stage": stage,
+            "iteration": iteration,
+            "fraction": round(self._fraction, 4),
+            **{name: _plain(number) for name, number in numbers.items()},
+        }
+        if not self.tell(told):
+            raise AttemptLostError
+
+    def writing(self) -> None:
+        """Tell that the solve is over and the files are being written."""
+        self._fraction = _SOLVE_SHARE
+        self.report(WRITING, None, None, {}, always=True)
+
+    def _share(self, event: Iteration) -> float:
+        if self.schwarz is None:
+            return 0.0
+        by_count = event.iteration / self.schwarz.max_iterations
+        if self.schwarz.tolerance is None:
+            return by_count
+        if math.isnan(self._first_change):
+            self._first_change = event.change
+        # An error that falls at a steady rate makes the same way on a logarithmic scale in each iteration.
+        way = self._first_change / self.schwarz.tolerance
+        if not (way > 1.0 and event.change > 0.0):
+            return by_count
+        by_error = math.log(self._first_change / event.change) / math.log(way)
+        return min(1.0, max(by_count, by_error))
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,209 @@
+"""What the service answers: the models of its JSON, and how they come from the rows of the store."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from equimesh_service.rows import SUCCEEDED, EventRow, MeshRow, SamplesRow
+
+Status = Literal["queued", "running", "succeeded", "failed", "canceled"]
+
+
+class Position(BaseModel):
+    """A place inside an expression."""
+
+    offset: int = Field(description="0-based, in characters.")
+    line: int
+    column: int = Field(description="1-based.")
+
+
+class InputComplaint(BaseModel):
+    """One thing wrong with the input."""
+
+    pointer: str = Field(description="JSON pointer into the body.")
+    message: str = Field(description="What is wrong, and what would be right.")
+    position: Position | None = None
+    parameter: str | None = Field(None, description="The query parameter or header, when it is one.")
+
+
+class ProblemDetails(BaseModel):
+    """A problem, after RFC 9457."""
+
+    type: str = Field(description="Stable; GET it for an explanation.", examples=["/problems/invalid-input"])
+    title: str
+    detail: str
+    remedy: str = Field(description="What to try.")
+    status: int | None = Field(None, description="HTTP status; absent in the error of a mesh.")
+    errors: list[InputComplaint] | None = None
+
+
+class Progress(BaseModel):
+    """How far a mesh is."""
+
+    model_config = ConfigDict(extra="allow")
+
+    stage: str = Field(description="queued, start, single_domain, schwarz, writing, done.")
+    iteration: int | None = Field(None, description="Newton step, or Schwarz iteration.")
+    residual: float | None = Field(None, description="Relative to the mean flux.")
+    fraction: float = Field(0.0, description="Estimated part of the work that is done, 0 to 1.")
+
+
+class ConvergenceSummary(BaseModel):
+    """How the solve went, in one line."""
+
+    status: str = Field(description="converged, completed, not_converged, newton_failed, folded.")
+    message: str
+    iterations: int = Field(description="Schwarz iterations; 0 for a single domain.")
+    newton_steps: int
+    residual: float | None
+    change: float | None
+    error: float | None
+    max_q_eq: float | None
+    rate: float | None
+    predicted_rate: float | None
+
+
+class Timings(BaseModel):
+    """Where the time went, in seconds."""
+
+    queued: float | None = None
+    solve: float | None = None
+    write: float | None = None
+    total: float | None = None
+
+
+class GridSize(BaseModel):
+    """Points in each direction."""
+
+    n_xi: int
+    n_eta: int
+
+
+class MeshResource(BaseModel):
+    """A mesh: its state, and when it is done, its quality and where its files are."""
+
+    id: str
+    status: Status
+    label: str | None
+    grid: GridSize
+    cells: str
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    attempts: int = Field(description="How often a worker has begun it.")
+    progress: Progress
+    quality: dict[str, Any] | None = Field(description="As GET …/quality, without the values per cell.")
+    convergence: ConvergenceSummary | None
+    timings: Timings
+    error: ProblemDetails | None = Field(description="Why it failed.")
+    partial: bool = Field(description="Whether a mesh that failed downloads with ?partial=true.")
+    links: dict[str, str]
+
+
+class MeshList(BaseModel):
+    """A page of meshes, newest first."""
+
+    items: list[MeshResource]
+    next_cursor: str | None = Field(description="The cursor of the next page, null on the last.")
+
+
+class MeshEvent(BaseModel):
+    """One thing that happened to a mesh."""
+
+    id: int = Field(description="1, 2, 3, … for each mesh.")
+    time: datetime
+    event: Literal["status", "progress", "done"]
+    data: dict[str, Any]
+
+
+class MeshEvents(BaseModel):
+    """Events of a mesh, in order."""
+
+    items: list[MeshEvent]
+    last: int = Field(description="Number of the last event here, for ?after=.")
+    done: bool = Field(description="Whether the mesh is finished.")
+
+
+class SamplesResource(BaseModel):
+    """Stored samples of a monitor function."""
+
+    id: str
+    kind: Literal["grid", "scattered"]
+    shape: list[int]
+    min: float
+    max: float
+    size: int = Field(description="Bytes of the stored npz file.")
+    created_at: datetime
+    links: dict[str, str]
+
+
+class Range(BaseModel):
+    """Extremes over the sample grid."""
+
+    min: float
+    max: float
+
+
+class ExpressionReport(BaseModel):
+    """What an expression is."""
+
+    valid: Literal[True] = True
+    names: list[str] = Field(description="The variables and parameters that occur.")
+    u: Range
+    gradient: Range = Field(description="Length of the gradient.")
+    constant: bool = Field(description="Whether the mesh will be uniform.")
+
+
+def mesh_resource(row: MeshRow) -> MeshResource:
+    """The mesh as clients see it."""
+    here = f"/v1/meshes/{row.id}"
+    result = row.result or {}
+    parts = ("events", "cancel", "file", "quality", "convergence", "plot", "spec")
+    started = row.started_at
+    return MeshResource(
+        id=row.id,
+        status=row.status,  # type: ignore[arg-type]
+        label=row.label,
+        grid=GridSize(n_xi=row.n_xi, n_eta=row.n_eta),
+        cells=row.cells,
+        created_at=_moment(row.created_at),
+        started_at=None if started is None else _moment(started),
+        finished_at=None if row.finished_at is None else _moment(row.finished_at),
+        attempts=row.attempt,
+        progress=_progress(row),
+        quality=result.get("quality"),
+        convergence=result.get("solution"),
+        timings=Timings(
+            queued=None if started is None else round(max(0.0, started - row.created_at), 6),
+            total=None if row.finished_at is None else round(max(0.0, row.finished_at - row.created_at), 6),
+            **result.get("timings", {}),
+        ),
+        error=None if row.error is None else ProblemDetails(**row.error),
+        partial=row.partial,
+        links={"self": here, **{part: f"{here}/{part}" for part in parts}},
+    )
+
+
+def event_resource(row: EventRow) -> MeshEvent:
+    """An event as clients see it."""
+    return MeshEvent(id=row.number, time=_moment(row.time), event=row.kind, data=row.data)  # type: ignore[arg-type]
+
+
+def samples_resource(row: SamplesRow) -> SamplesResource:
+    """Samples as clients see them."""
+    here = f"/v1/samples/{row.id}"
+    links = {"self": here, "file": f"{here}?format=npz"}
+    return SamplesResource(id=row.id, size=row.size, created_at=_moment(row.created_at), links=links, **row.summary)
+
+
+def _progress(row: MeshRow) -> Progress:
+    if row.status == SUCCEEDED:
+        return Progress(**{**(row.progress or {}), "stage": "done", "fraction": 1.0})
+    return Progress(**(row.progress or {"stage": row.status}))
+
+
+def _moment(seconds: float) -> datetime:
+    return datetime.fromtimestamp(seconds, UTC)

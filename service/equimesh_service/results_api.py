@@ -1,0 +1,248 @@
+"""Routes that give what was computed: the mesh file, its quality, its convergence, pictures."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import FileResponse, Response
+
+from equimesh.io import FORMATS
+from equimesh_service.exports import ARRAYS, PICTURES, plot_name
+from equimesh_service.negotiation import chosen
+from equimesh_service.problems import Problem
+from equimesh_service.routing import ServiceDependency, problems
+from equimesh_service.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
+from equimesh_service.service import Service
+from equimesh_service.worker import CONVERGENCE, MESH, QUALITY, file_name
+
+router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"])
+
+_TEXT = {"type": "string"}
+_FILES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The mesh.",
+        "content": {form.media_type: {} for form in FORMATS.values()},
+        "headers": {"ETag": {"description": "The SHA-256 of the bytes.", "schema": _TEXT}},
+    },
+    206: {"description": "The part that Range asks for."},
+    304: {"description": "If-None-Match names the same bytes."},
+    **problems(404, 406, 409, 422, 503),
+}
+_FORMAT = Query(description=f"One of {', '.join(FORMATS)}; it wins over Accept. Default vtu.")
+_CELLS = Query(description="Cells of the file; by default as the spec says.")
+_PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
+
+
+@router.get(
+    "/file",
+    summary="Download the mesh",
+    operation_id="getMeshFile",
+    response_class=FileResponse,
+    responses=_FILES,
+)
+async def get_file(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    format: Annotated[str | None, _FORMAT] = None,
+    cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
+    partial: Annotated[bool, _PARTIAL] = False,
+) -> Response:
+    """The mesh in a format that a solver reads; made on the first request, then kept."""
+    row = await service.mesh(id)
+    name = mesh_format(format) if format is not None else _accepted(request)
+    _check_done(row, partial=partial)
+    return await mesh_file(request, service, row, name, cells or row.cells)
+
+
+@router.head(
+    "/file",
+    summary="Headers of the mesh file",
+    operation_id="headMeshFile",
+    response_class=Response,
+    responses=_FILES,
+)
+async def head_file(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    format: Annotated[str | None, _FORMAT] = None,
+    cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
+    partial: Annotated[bool, _PARTIAL] = False,
+) -> Response:
+    """As GET, without the bytes."""
+    return await get_file(id, request, service, format, cells, partial)
+
+
+@router.get(
+    "/quality",
+    summary="Quality of the mesh",
+    operation_id="getMeshQuality",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422, 503)},
+)
+async def get_quality(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    arrays: Annotated[bool, Query(description="With `cells`, the values per cell, xi first.")] = False,
+) -> Response:
+    """All measures with maximum, minimum, mean and root mean square over the cells; also of a partial mesh."""
+    artifact = await _kept(service, id, QUALITY)
+    if arrays:
+        artifact = await service.artifact(id, ARRAYS)
+    return _send(request, service, artifact, "application/json")
+
+
+@router.get(
+    "/convergence",
+    summary="The Schwarz iteration",
+    operation_id="getMeshConvergence",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/json": {}, "text/csv": {}}}, **problems(404, 406, 409, 422)},
+)
+async def get_convergence(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    format: Annotated[Literal["json", "csv"] | None, Query(description="It wins over Accept.")] = None,
+) -> Response:
+    """Each iteration: largest Q_eq, change, error, and what every subdomain did; iteration 0 is the start."""
+    artifact = await _kept(service, id, CONVERGENCE)
+    offers = {"json": "application/json", "csv": "text/csv"}
+    name = format or chosen(request.headers.get("accept"), offers)
+    if name is None:
+        raise Problem("not-acceptable", "Convergence is application/json or text/csv.")
+    if name == "json":
+        return _send(request, service, artifact, "application/json")
+    text = await run_in_threadpool(lambda: _table(json.loads(service.file(artifact).read_bytes())))
+    return Response(text, media_type="text/csv", headers={"Vary": "Accept"})
+
+
+@router.get(
+    "/plot",
+    summary="A picture",
+    operation_id="getMeshPlot",
+    response_class=FileResponse,
+    responses={
+        200: {"content": {media: {} for media in PICTURES.values()}},
+        **problems(404, 406, 409, 422, 503),
+    },
+)
+async def get_plot(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    kind: Annotated[Literal["mesh", "convergence", "quality"], Query(description="What to draw.")] = "mesh",
+    format: Annotated[Literal["svg", "png"] | None, Query(description="It wins over Accept.")] = None,
+) -> Response:
+    """The mesh with its subdomains, its cells coloured by Q_eq, or the history of the Schwarz iteration."""
+    name = format or chosen(request.headers.get("accept"), PICTURES)
+    if name is None:
+        raise Problem("not-acceptable", f"Pictures are {', '.join(PICTURES.values())}.")
+    await _kept(service, id, CONVERGENCE if kind == "convergence" else MESH)
+    artifact = await service.artifact(id, plot_name(kind, name))
+    return _send(request, service, artifact, PICTURES[name])
+
+
+async def mesh_file(
+    request: Request,
+    service: Service,
+    row: MeshRow,
+    format: str,
+    cells: str,
+    *,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The file of a finished mesh."""
+    artifact = await service.artifact(row.id, file_name(format, cells))
+    form = FORMATS[format]
+    name = f"equimesh-{row.id}{form.suffix}"
+    return _send(request, service, artifact, form.media_type, filename=name, headers=headers, status=status)
+
+
+def mesh_format(name: str) -> str:
+    """A known name of a mesh format; raises a 406 problem."""
+    if name not in FORMATS:
+        raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}.")
+    return name
+
+
+def _accepted(request: Request) -> str:
+    offers = {name: form.media_type for name, form in FORMATS.items()}
+    name = chosen(request.headers.get("accept"), offers)
+    if name is None:
+        raise Problem("not-acceptable", f"Meshes are {', '.join(offers.values())}.")
+    return name
+
+
+def _check_done(row: MeshRow, *, partial: bool) -> None:
+    if row.status == SUCCEEDED or (partial and row.partial):
+        return
+    if row.status == CANCELED:
+        raise Problem("canceled", "It was canceled before it was finished.")
+    if row.status != FAILED:
+        raise Problem("not-finished", f"It is {row.status}.", headers={"Retry-After": "1"})
+    error = row.error or {}
+    name = str(error.get("type", "")).rpartition("/")[2]
+    hint = " Its last valid mesh downloads with ?partial=true." if row.partial else ""
+    raise Problem(name, f"{error.get('detail', '')}{hint}")
+
+
+async def _kept(service: Service, mesh_id: str, name: str) -> Artifact:
+    """What the worker wrote of a mesh; of a failed one, as far as it came."""
+    row = await service.mesh(mesh_id)
+    artifact = await run_in_threadpool(service.store.artifact, mesh_id, name)
+    if artifact is None:
+        _check_done(row, partial=False)
+        raise Problem("not-found", "There is no mesh with this id.")
+    return artifact
+
+
+def _send(
+    request: Request,
+    service: Service,
+    artifact: Artifact,
+    media_type: str,
+    *,
+    filename: str | None = None,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The bytes of an artifact, with what caches need: they never change under their ETag."""
+    etag = f'"{artifact.sha256}"'
+    shared = {**(headers or {}), "ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept"}
+    if status == 200 and _matches(request.headers.get("if-none-match"), etag):
+        return Response(status_code=304, headers=shared)
+    path = service.file(artifact)
+    try:
+        stat = os.stat(path)
+    except FileNotFoundError:
+        raise Problem("not-found", "The mesh was deleted.") from None
+    return FileResponse(path, status, shared, media_type, filename=filename, stat_result=stat)
+
+
+def _matches(header: str | None, etag: str) -> bool:
+    named = [name.strip().removeprefix("W/") for name in (header or "").split(",")]
+    return "*" in named or etag in named
+
+
+def _table(convergence: Mapping[str, Any]) -> str:
+    """One row for each iteration and subdomain."""
+    outer = ("iteration", "max_q_eq", "change", "error", "min_jacobian")
+    inner = ("subdomain", "newton_steps", "status", "error_x", "error_y")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(outer + inner)
+    for iteration in convergence["iterations"]:
+        for subdomain in iteration["subdomains"]:
+            writer.writerow([iteration[key] for key in outer] + [subdomain[key] for key in inner])
+    return text.getvalue()

@@ -1,0 +1,95 @@
+"""What the store gives and takes: plain records of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED = "queued", "running", "succeeded", "failed", "canceled"
+STATUSES = (QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED)
+FINISHED = (SUCCEEDED, FAILED, CANCELED)
+
+
+class SamplesGoneError(Exception):
+    """A mesh that refers to samples which are not there."""
+
+
+class KeyReusedError(Exception):
+    """An idempotency key that belongs to another request."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewMesh:
+    """What is known of a mesh when it is asked for."""
+
+    id: str
+    spec: Mapping[str, Any]
+    samples_id: str | None = None
+    format: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshRow:
+    """A mesh as it stands; see :mod:`equimesh_service.schema` for the columns."""
+
+    number: int
+    id: str
+    status: str
+    label: str | None
+    n_xi: int
+    n_eta: int
+    cells: str
+    format: str | None
+    created_at: float
+    started_at: float | None
+    finished_at: float | None
+    attempt: int
+    last_event: int
+    progress: dict[str, Any] | None
+    result: dict[str, Any] | None
+    error: dict[str, Any] | None
+    partial: bool
+
+    @property
+    def finished(self) -> bool:
+        """Whether the mesh has come to an end, good or bad."""
+        return self.status in FINISHED
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """One thing that happened to a mesh."""
+
+    number: int
+    time: float
+    kind: str
+    data: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to compute a mesh, until another attempt begins."""
+
+    mesh_id: str
+    attempt: int
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A file that belongs to a mesh."""
+
+    name: str
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True)
+class SamplesRow:
+    """Stored samples."""
+
+    id: str
+    sha256: str
+    size: int
+    summary: dict[str, Any]
+    created_at: float

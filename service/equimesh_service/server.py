@@ -1,0 +1,99 @@
+"""The server: a service on a port, in the foreground or beside other work."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import uvicorn
+
+from equimesh_service.app import create_app
+from equimesh_service.settings import Settings
+
+_log = logging.getLogger(__name__)
+_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+_START_SECONDS, _GRACE_SECONDS = 60.0, 5
+
+
+class _Server(uvicorn.Server):
+    """A uvicorn server that ends waits and streams first when it is to stop."""
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        service = getattr(self.config.app.state, "service", None)  # type: ignore[union-attr]
+        if service is not None:
+            service.wakeups.close()
+        await super().shutdown(sockets)
+
+
+def run(settings: Settings) -> None:
+    """Serve until the process is told to stop (SIGINT or SIGTERM)."""
+    logging.basicConfig(level=settings.log_level.upper(), format=_FORMAT)
+    server = _server(settings)
+    listener = _listen(settings)
+    _log.info("listening on %s", _url(settings, listener))
+    server.run(sockets=[listener])
+
+
+@contextmanager
+def running(settings: Settings) -> Iterator[str]:
+    """A service in a thread of this process, ready to work, for the length of a ``with``; gives its URL.
+
+    The main module of a program that uses it must be guarded by ``if __name__ == "__main__"``, as worker
+    processes import it. Raises :class:`RuntimeError` when the service does not start.
+    """
+    server = _server(settings)
+    listener = _listen(settings)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="equimesh-server", daemon=True)
+    thread.start()
+    try:
+        _wait_until_ready(server, thread)
+        yield _url(settings, listener)
+    finally:
+        server.should_exit = True
+        thread.join()
+        listener.close()
+
+
+def _server(settings: Settings) -> _Server:
+    config = uvicorn.Config(
+        create_app(settings),
+        log_config=None,
+        log_level=settings.log_level,
+        access_log=settings.log_level == "debug",
+        timeout_graceful_shutdown=_GRACE_SECONDS,
+        lifespan="on",
+        server_header=False,
+    )
+    return _Server(config)
+
+
+def _listen(settings: Settings) -> socket.socket:
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)  # asyncio then sets TCP_NODELAY
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((settings.host, settings.port))
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+def _url(settings: Settings, listener: socket.socket) -> str:
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(settings.host, settings.host)
+    shown = f"[{host}]" if ":" in host else host
+    return f"http://{shown}:{listener.getsockname()[1]}"
+
+
+def _wait_until_ready(server: _Server, thread: threading.Thread) -> None:
+    deadline = time.monotonic() + _START_SECONDS
+    while time.monotonic() < deadline and thread.is_alive():
+        service = getattr(server.config.app.state, "service", None)  # type: ignore[union-attr]
+        if server.started and service is not None and service.engine.health().ready:
+            return
+        time.sleep(0.02)
+    raise RuntimeError("the service did not start; its log says why")

@@ -1,0 +1,150 @@
+"""What runs in a worker process: one mesh, from its spec in the store to its files."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import equimesh
+from equimesh.io import write_mesh
+from equimesh_service.assembly import build_field, build_problem, build_schwarz, load_field
+from equimesh_service.files import FileStore, StoredFile
+from equimesh_service.job import Job, Place
+from equimesh_service.problems import Problem
+from equimesh_service.reporter import AttemptLostError, Reporter
+from equimesh_service.rows import Artifact
+from equimesh_service.spec import MeshSpec, StoredSource, read_spec
+from equimesh_service.store import Store
+
+MESH, QUALITY, CONVERGENCE = "mesh", "quality", "convergence"
+
+
+def solve_mesh(job: Job) -> None:
+    """Compute the mesh of ``job`` and finish it in the store, unless the attempt has been lost meanwhile."""
+    try:
+        _solve(job)
+    except AttemptLostError:
+        return
+
+
+def warm_up() -> None:
+    """Do everything once that is slow at first."""
+    problem = equimesh.Problem(
+        monitor=equimesh.ArcLength(u=equimesh.Expression("sin(pi*x)*y")), grid=equimesh.Grid(n_xi=9, n_eta=9)
+    )
+    equimesh.solve(problem, equimesh.Schwarz(), check=False).data()
+
+
+@lru_cache(maxsize=8)
+def open_store(place: Place) -> Store:
+    """The store, opened once in each process."""
+    return place.store()
+
+
+def field_of(spec: MeshSpec, store: Store, files: FileStore) -> equimesh.Field:
+    """u as the spec gives it; stored samples are read from their file."""
+    source = spec.monitor.u
+    if not isinstance(source, StoredSource):
+        return build_field(source)
+    row = store.samples(source.samples)
+    if row is None:
+        raise Problem("conflict", "The samples of this mesh were deleted.")
+    return load_field(files.path(row.sha256))
+
+
+def _solve(job: Job) -> None:
+    started = time.perf_counter()
+    store, files = open_store(job.place), job.place.files()
+    document, row = store.spec(job.claim.mesh_id), store.mesh(job.claim.mesh_id)
+    if document is None or row is None:
+        raise AttemptLostError
+    spec = read_spec(document)
+    problem = build_problem(spec, field_of(spec, store, files))
+    schwarz = build_schwarz(spec)
+    reporter = Reporter(schwarz, lambda told: store.progress(job.claim, told))
+    solution = equimesh.solve(problem, schwarz, initial=equimesh.Initial(spec.initial), observe=reporter, check=False)
+    solved = time.perf_counter()
+    reporter.writing()
+    usable = not solution.mesh.is_folded
+    with ExitStack() as stack:
+        output = _Output(files, stack)
+        output.json(CONVERGENCE, solution.convergence())
+        quality = None
+        if usable:
+            quality = solution.quality.summary()
+            output.json(QUALITY, quality)
+            data = solution.data()
+            output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
+            if row.format is not None and (row.format, spec.cells) != ("npz", "quad"):
+                name, cells = row.format, spec.cells
+                output.write(
+                    file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
+                )
+        timings = {"solve": solved - started, "write": time.perf_counter() - solved}
+        store.finish(
+            job.claim,
+            error=None if solution.status.succeeded else _problem(solution).body(),
+            result={"solution": _summary(solution), "quality": quality, "timings": timings},
+            files=output.artifacts,
+            partial=usable and not solution.status.succeeded,
+            publish=output.publish,
+        )
+
+
+def file_name(format: str, cells: str) -> str:
+    """Name of the artifact that is the mesh in a format; npz with quads is the mesh as it was computed."""
+    return MESH if (format, cells) == ("npz", "quad") else f"file:{format}:{cells}"
+
+
+class _Output:
+    """Files that are written but not yet published."""
+
+    def __init__(self, files: FileStore, stack: ExitStack) -> None:
+        self._files = files
+        self._stack = stack
+        self._sealed: list[tuple[Path, StoredFile]] = []
+        self.artifacts: list[Artifact] = []
+
+    def json(self, name: str, value: Any) -> None:
+        """Write a JSON document."""
+        self.write(name, ".json", lambda path: path.write_text(json.dumps(value, allow_nan=False)))
+
+    def write(self, name: str, suffix: str, write: Callable[[Path], object]) -> None:
+        """Have ``write`` make a file."""
+        path = self._stack.enter_context(self._files.unfinished(suffix))
+        write(path)
+        file = self._files.seal(path)
+        self._sealed.append((path, file))
+        self.artifacts.append(Artifact(name, file.sha256, file.size))
+
+    def publish(self) -> None:
+        """Give all files their names."""
+        for path, file in self._sealed:
+            self._files.publish(path, file)
+
+
+def _problem(solution: equimesh.Solution) -> Problem:
+    return Problem(str(solution.status).replace("_", "-"), solution.message)
+
+
+def _summary(solution: equimesh.Solution) -> dict[str, Any]:
+    convergence = solution.convergence()
+    iterations = convergence["iterations"]
+    last = iterations[-1] if iterations else {}
+    return {
+        "status": str(solution.status),
+        "message": solution.message,
+        "newton_steps": solution.newton_steps,
+        "residual": solution.residual if solution.residual < float("inf") else None,
+        "iterations": max(len(iterations) - 1, 0),
+        "max_q_eq": last.get("max_q_eq"),
+        "change": last.get("change"),
+        "error": last.get("error"),
+        "rate": convergence["rate"],
+        "predicted_rate": convergence["predicted_rate"],
+    }
