@@ -1,6 +1,5 @@
 """The command `equimesh`."""
 
+from equimesh_cli.command import main
 
-def main() -> int:
-    """Run the command line."""
-    return 0
+__all__ = ["main"]

@@ -1,0 +1,7 @@
+"""`python -m equimesh_cli` is the command `equimesh`."""
+
+import sys
+
+from equimesh_cli.command import main
+
+sys.exit(main())

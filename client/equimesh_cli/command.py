@@ -1,0 +1,74 @@
+"""The command line: its parser, and what becomes of an error."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from equimesh_cli import check, demo, generate, serve, solve
+from equimesh_cli.exits import EPILOG, Exit, code_of
+
+EXAMPLES = """\
+examples:
+  equimesh demo                                           see it work, from nothing to files
+  equimesh serve --port 8000                              run a service
+  equimesh generate 'tanh(20*(x-y))' -n 65 -o mesh.vtu    a mesh from a service
+  equimesh solve 'tanh(20*(x-y))' -n 65 -o mesh.vtu       a mesh without a service
+  equimesh check 'sin(pi*x'                               what is wrong with an expression
+
+`equimesh COMMAND --help` shows the options of a command.
+
+"""
+
+
+def build_parser(command: str = "") -> argparse.ArgumentParser:
+    """The parser of the command and all its subcommands. The options of `serve` are those of the service,
+    which is imported only when ``command`` is ``serve``.
+    """
+    parser = argparse.ArgumentParser(
+        prog="equimesh",
+        description="Adaptive meshes of the unit square by equidistribution and Schwarz domain decomposition.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"equimesh {version('equimesh')}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    demo.add_parser(commands)
+    serve.add_parser(commands, full=command == "serve")
+    for module in (generate, solve, check):
+        module.add_parser(commands)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code. Errors are sentences on standard error."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        options = build_parser(words[0] if words else "").parse_args(words)
+        code: int = options.run(options)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("\nequimesh: interrupted", file=sys.stderr)
+        return Exit.INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has gone. Python's own flush at exit must not fail, too.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return Exit.DONE
+    except Exception as error:
+        code_or_none = code_of(error)
+        if code_or_none is None:
+            raise
+        print(f"equimesh: {sentence(error)}", file=sys.stderr)
+        return code_or_none
+
+
+def sentence(error: Exception) -> str:
+    """An error as the user reads it, without the name of its class."""
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__

@@ -1,0 +1,60 @@
+"""Exit codes, and the table from exceptions to them."""
+
+from __future__ import annotations
+
+import sys
+from enum import IntEnum
+
+EPILOG = """\
+exit codes:
+  0    done
+  1    the mesh failed: it did not converge, it folded, or it was canceled
+  2    bad usage or bad input
+  3    no service answers, or it failed
+  4    the deadline passed
+  130  interrupted
+"""
+
+
+class Exit(IntEnum):
+    """What a command tells its caller."""
+
+    DONE = 0
+    FAILED = 1
+    INPUT = 2
+    UNREACHABLE = 3
+    DEADLINE = 4
+    INTERRUPTED = 130
+
+
+class Refused(Exception):
+    """Usage or input that a command cannot work with; the message is for the user."""
+
+
+def code_of(error: Exception) -> Exit | None:
+    """The exit code for an exception that is meant for the user; None for a mistake in the program.
+
+    Looks at the classes by name of their package: a side that is not loaded cannot have raised anything.
+    """
+    if isinstance(error, Refused | OSError) and not isinstance(error, ConnectionError | TimeoutError):
+        return Exit.INPUT
+    if "equimesh_client" in sys.modules:
+        from equimesh_client import errors as client
+
+        for kind, code in (
+            ((client.MeshFailed, client.MeshCanceled), Exit.FAILED),
+            (client.DeadlineExceeded, Exit.DEADLINE),
+            ((client.ServiceUnreachable, client.ServerError, client.RateLimited), Exit.UNREACHABLE),
+            (client.DownloadDamaged, Exit.UNREACHABLE),
+            (client.EquimeshClientError, Exit.INPUT),
+        ):
+            if isinstance(error, kind):
+                return code
+    if "equimesh" in sys.modules:
+        from equimesh import errors as solver
+
+        if isinstance(error, solver.SolveError):
+            return Exit.FAILED
+        if isinstance(error, solver.EquimeshError):
+            return Exit.INPUT
+    return None

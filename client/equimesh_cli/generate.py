@@ -1,0 +1,91 @@
+"""`equimesh generate`: a mesh from a service."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from typing import Any
+
+from equimesh_cli.exits import EPILOG, Exit
+from equimesh_cli.options import add_mesh_options, check_options, schwarz_of
+
+SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".npz")
+DEFAULT_URL = "http://127.0.0.1:8000"
+EXAMPLES = """\
+examples:
+  equimesh generate '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
+  equimesh generate 'tanh(c*(x-y))' --parameter c=30 -n 65 --plot mesh.png
+  equimesh generate --samples u.npz -n 129 --subdomains 2x2 --overlap 6 -o mesh.msh
+  equimesh generate x*y -n 33 --url http://meshes.example:8000 --json
+
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "generate",
+        help="ask a service for a mesh",
+        description="Ask a service for the mesh that is adapted to u, wait for it, and write it to a file.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_mesh_options(parser)
+    service = parser.add_argument_group("service")
+    add_url(service, default=DEFAULT_URL)
+    service.add_argument("--deadline", metavar="SECONDS", type=float, default=600.0, help="(600)")
+    service.add_argument("--label", help="free text, for the service's list of meshes")
+    parser.set_defaults(run=run)
+
+
+def add_url(parser: Any, *, default: str | None) -> None:
+    """Add --url, which EQUIMESH_URL also sets."""
+    said = f" ({default})" if default else ""
+    parser.add_argument(
+        "--url",
+        default=os.environ.get("EQUIMESH_URL") or default,
+        help=f"address of the service; also EQUIMESH_URL{said}",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Ask, wait, download, report."""
+    check_options(options, SUFFIXES)
+    from equimesh_client import Client
+
+    quiet = options.quiet or None
+    with Client(options.url) as client:
+        mesh = client.generate(
+            options.u if options.samples is None else options.samples,
+            (options.n_xi, options.n_xi if options.n_eta is None else options.n_eta),
+            a=options.a,
+            b=options.b,
+            schwarz=schwarz_of(options),
+            boundary=options.boundary,
+            initial=options.initial,
+            cells=options.cells,
+            label=options.label,
+            parameters=dict(options.parameter),
+            t=options.t,
+            deadline=options.deadline,
+            progress=False if quiet else None,
+        )
+        files = []
+        if options.output is not None:
+            files.append(str(mesh.download(options.output)))
+        if options.plot is not None:
+            mesh.plot(options.plot, options.plot_kind)
+            files.append(str(options.plot))
+        if options.json:
+            parts = {"quality": mesh.quality.record, "convergence": mesh.convergence.record}
+            print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
+        elif not options.quiet:
+            print(f"mesh {mesh.id} of {client.url}")
+            print(mesh.quality)
+            if options.subdomains is not None:
+                print(f"\n{mesh.convergence}")
+            for file in files:
+                print(f"wrote {file}")
+    return Exit.DONE

@@ -1,0 +1,150 @@
+"""Options that describe a mesh: the same for `generate` and `solve`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from equimesh_cli.exits import Refused
+
+if TYPE_CHECKING:
+    from equimesh_client import Schwarz
+
+SCHWARZ = ("overlap", "transmission", "p", "ordering", "tolerance", "max_iterations", "compare")
+PLOT_SUFFIXES = (".png", ".svg")
+PLOT_KINDS = ("mesh", "quality", "convergence")
+
+
+def add_mesh_options(parser: argparse.ArgumentParser) -> None:
+    """Add u, grid, monitor, boundary and Schwarz options, and where results go."""
+    parser.add_argument(
+        "u", metavar="U", nargs="?", help="u(x, y), e.g. 'tanh(20*(x-y))'; after -- if it begins with -"
+    )
+    parser.add_argument(
+        "--samples",
+        metavar="FILE",
+        type=Path,
+        help="samples of u instead of U: npz, npy, csv, json, vtu or vtk",
+    )
+    parser.add_argument(
+        "--parameter",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        type=parameter,
+        help="value of a further name in U; may be repeated",
+    )
+    parser.add_argument("--t", type=float, help="value of the name t in U")
+    mesh = parser.add_argument_group("mesh")
+    mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, default=64, help="points a side, along xi (64)")
+    mesh.add_argument("--n-eta", type=int, help="points along eta (as along xi)")
+    mesh.add_argument("-a", type=float, default=0.7, help="strength of the adaptation, 0 to 1 (0.7)")
+    mesh.add_argument("-b", type=float, default=0.05, help="damping where u is steep, not negative (0.05)")
+    mesh.add_argument(
+        "--boundary",
+        choices=("trace", "equidistributed_1d", "orthogonal"),
+        default="trace",
+        help="how points move along the sides (trace)",
+    )
+    mesh.add_argument("--initial", choices=("nested", "uniform"), default="nested", help="first mesh (nested)")
+    mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
+    schwarz = parser.add_argument_group("Schwarz iteration", "without --subdomains there is a single domain")
+    schwarz.add_argument("--subdomains", metavar="AxB", type=_subdomains, help="along xi and eta, e.g. 2x1")
+    schwarz.add_argument("--overlap", type=int, help="points that neighbours share, at least 2 (4)")
+    schwarz.add_argument(
+        "--transmission",
+        choices=("classical", "linear_robin", "nonlinear_robin"),
+        help="condition at the interfaces (linear_robin)",
+    )
+    schwarz.add_argument("--p", type=_number_or("auto"), help="its parameter, a positive number or auto (auto)")
+    schwarz.add_argument("--ordering", choices=("alternating", "parallel"), help="(alternating)")
+    schwarz.add_argument(
+        "--tolerance",
+        type=_number_or("none"),
+        help="end of the iteration; none: run --max-iterations (1e-10)",
+    )
+    schwarz.add_argument("--max-iterations", type=int, help="most iterations (100)")
+    schwarz.add_argument(
+        "--compare", action="store_true", default=None, help="record the error against the single domain"
+    )
+    results = parser.add_argument_group("results")
+    results.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the mesh: .vtu .vtk .xdmf .msh .npz")
+    results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
+    results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
+    results.add_argument("--json", action="store_true", help="print one JSON object instead of tables")
+    results.add_argument("--quiet", action="store_true", help="no progress bar, no tables")
+
+
+def check_options(options: argparse.Namespace, suffixes: tuple[str, ...]) -> None:
+    """Raises :class:`Refused` for options that do not go together, before any work is done."""
+    if (options.u is None) == (options.samples is None):
+        raise Refused("give either an expression U or --samples FILE")
+    if options.samples is not None and (options.parameter or options.t is not None):
+        raise Refused("--parameter and --t belong to an expression, not to --samples")
+    given = [name for name in SCHWARZ if getattr(options, name) is not None]
+    if given and options.subdomains is None:
+        flags = ", ".join("--" + name.replace("_", "-") for name in given)
+        raise Refused(f"{flags} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
+    for path, allowed in ((options.output, suffixes), (options.plot, PLOT_SUFFIXES)):
+        if path is None:
+            continue
+        if not str(path).lower().endswith(allowed):
+            raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}")
+        if not path.parent.is_dir():
+            raise Refused(f"{path.parent}: there is no such folder")
+
+
+def schwarz_of(options: argparse.Namespace) -> Schwarz | None:
+    """The Schwarz settings of the client, None for a single domain."""
+    from equimesh_client.spec import Schwarz, transmission
+
+    if options.subdomains is None:
+        return None
+    defaults = Schwarz()
+    tolerance = defaults.tolerance if options.tolerance is None else options.tolerance
+    return Schwarz(
+        subdomains=options.subdomains,
+        overlap=_given(options.overlap, defaults.overlap),
+        transmission=transmission(options.transmission or "linear_robin", options.p),
+        ordering=options.ordering or defaults.ordering,
+        tolerance=None if tolerance == "none" else tolerance,
+        max_iterations=_given(options.max_iterations, defaults.max_iterations),
+        compare_single_domain=bool(options.compare),
+    )
+
+
+def _given(value: int | None, default: int) -> int:
+    return default if value is None else value
+
+
+def _subdomains(text: str) -> tuple[int, int]:
+    try:
+        along_xi, along_eta = text.lower().replace("×", "x").split("x")
+        return int(along_xi), int(along_eta)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not like 2x1") from None
+
+
+def parameter(text: str) -> tuple[str, float]:
+    """A pair of name and value, of ``c=2.5``."""
+    name, equals, value = text.partition("=")
+    try:
+        if name and equals:
+            return name.strip(), float(value)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text!r} is not like c=2.5")
+
+
+def _number_or(word: Literal["auto", "none"]) -> Callable[[str], float | str]:
+    def read(text: str) -> float | str:
+        if text.lower() == word:
+            return word
+        try:
+            return float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor {word}") from None
+
+    return read

@@ -1,0 +1,75 @@
+"""`equimesh serve`: run the service."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from equimesh_cli.exits import EPILOG, Exit, Refused
+
+EXAMPLES = """\
+Every option is also an environment variable: --data-dir is EQUIMESH_DATA_DIR. The option wins.
+
+examples:
+  equimesh serve
+  equimesh serve --host 0.0.0.0 --port 9000 --data-dir meshes --workers 8
+  EQUIMESH_PORT=9000 equimesh serve
+
+needs the service: pip install 'equimesh[service]'
+
+"""
+
+
+def add_parser(commands: Any, *, full: bool) -> None:
+    """Add the command; with ``full`` its options, too, which are the settings that the service declares."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "serve",
+        help="run a service",
+        description="Run the service until it is stopped.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.set_defaults(run=run)
+    if not full:
+        return
+    try:
+        from equimesh_service.settings import Settings
+    except ImportError:
+        return  # run says what is missing
+    for name, field in Settings.model_fields.items():
+        default = field.get_default(call_default_factory=True)
+        parser.add_argument(
+            "--" + name.replace("_", "-"),
+            dest=f"setting_{name}",
+            metavar=name.upper(),
+            help=f"{field.description} ({default})".replace("%", "%%"),
+        )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the service in this process."""
+    try:
+        from pydantic import ValidationError
+
+        import equimesh_service
+        from equimesh_service.settings import Settings
+    except ImportError as error:
+        raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
+    given = {
+        name.removeprefix("setting_"): value
+        for name, value in vars(options).items()
+        if name.startswith("setting_") and value is not None
+    }
+    try:
+        settings = Settings(**given)
+    except ValidationError as error:
+        raise Refused("\n".join(map(_complaint, error.errors()))) from None
+    equimesh_service.run(settings)
+    return Exit.DONE
+
+
+def _complaint(entry: Any) -> str:
+    name = "_".join(str(part) for part in entry["loc"])
+    flag, variable = "--" + name.replace("_", "-"), f"EQUIMESH_{name.upper()}"
+    return f"{flag} (or {variable}) = {entry['input']}: {entry['msg']}"

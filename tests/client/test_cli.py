@@ -1,0 +1,273 @@
+"""The command line: codes, words, files."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.metadata
+import json
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from equimesh_cli import main
+from equimesh_cli.command import build_parser
+
+COMMAND = [sys.executable, "-m", "equimesh_cli"]
+
+
+@pytest.fixture
+def generate(service: Any, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Runs `equimesh generate` against the fake service; gives code, output and errors."""
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = main(["generate", *arguments, "--url", service.url])
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return run
+
+
+@pytest.mark.parametrize("command", ["", "demo", "serve", "generate", "solve", "check"])
+def test_help_has_examples_and_exit_codes(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([*command.split(), "--help"])
+    assert caught.value.code == 0
+    said = capsys.readouterr().out
+    assert f"examples:\n  equimesh {command or 'demo'}" in said
+    assert "130  interrupted" in said
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"equimesh {importlib.metadata.version('equimesh')}\n"
+
+
+def test_generate_writes_files_and_tables(generate: Any, tmp_path: Path) -> None:
+    mesh, picture = tmp_path / "mesh.npz", tmp_path / "mesh.png"
+    code, out, err = generate("x*y", "-n", "5", "--n-eta", "4", "-o", str(mesh), "--plot", str(picture))
+    assert (code, err) == (0, "")
+    assert np.load(mesh)["x"].shape == (5, 4)
+    assert picture.read_bytes() == b"\x89PNG"
+    assert "q_eq     0.5000" in out
+    assert f"wrote {mesh}\nwrote {picture}\n" in out
+
+
+def test_generate_sends_what_was_asked(generate: Any, service: Any) -> None:
+    asked = "--subdomains 2x3 --overlap 5 --transmission nonlinear_robin --p 1.5 --ordering parallel"
+    asked += " --tolerance none --max-iterations 7 --compare --boundary orthogonal --initial uniform"
+    asked += " --cells triangle -a 0.5 -b 0.1 --label mine --parameter c=2 --t 0.5"
+    code, out, _ = generate("c*x", "-n", "33", *asked.split())
+    assert code == 0
+    assert "iteration  max_q_eq" in out
+    assert json.loads(service.seen("POST", "meshes")[0].body) == {
+        "monitor": {
+            "kind": "arc_length",
+            "u": {"expression": "c*x", "parameters": {"c": 2.0}, "t": 0.5},
+            "a": 0.5,
+            "b": 0.1,
+        },
+        "grid": {"n_xi": 33, "n_eta": 33},
+        "boundary": "orthogonal",
+        "initial": "uniform",
+        "schwarz": {
+            "subdomains": [2, 3],
+            "overlap": 5,
+            "transmission": {"kind": "nonlinear_robin", "p": 1.5},
+            "ordering": "parallel",
+            "tolerance": None,
+            "max_iterations": 7,
+            "compare_single_domain": True,
+        },
+        "cells": "triangle",
+        "label": "mine",
+    }
+
+
+def test_generate_uploads_a_file(generate: Any, service: Any, tmp_path: Path) -> None:
+    (tmp_path / "u.csv").write_text("x,y,u\n")
+    assert generate("--samples", str(tmp_path / "u.csv"), "-n", "5", "--quiet") == (0, "", "")
+    assert b'filename="u.csv"' in service.seen("POST", "meshes")[0].body
+
+
+def test_json_is_one_object(generate: Any) -> None:
+    code, out, _ = generate("x", "-n", "5", "--json")
+    said = json.loads(out)
+    assert code == 0
+    assert said["mesh"]["status"] == "succeeded"
+    assert said["quality"]["min_jacobian"] == 0.25
+    assert said["files"] == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["x", "--samples", "u.npz"], "either an expression U or --samples"),
+        ([], "either an expression U or --samples"),
+        (["x", "--overlap", "4", "--p", "1"], "--overlap, --p is for the Schwarz iteration"),
+        (["x", "-o", "mesh.doc"], "mesh.doc: the suffix must be one of .vtu"),
+        (["x", "-o", "no/where/mesh.vtu"], "no/where: there is no such folder"),
+        (["x", "--plot", "mesh.gif"], "mesh.gif: the suffix"),
+        (["--samples", "missing.npz"], "missing.npz: No such file"),
+        (["--samples", "u.npz", "--t", "1"], "belong to an expression"),
+        (["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"], "takes no parameter p"),
+        (["x", "--deadline", "-1"], "deadline = -1"),
+    ],
+)
+def test_usage_is_refused_before_anything_is_sent(
+    generate: Any, service: Any, arguments: list[str], words: str
+) -> None:
+    code, out, err = generate(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("equimesh: ")
+    assert words in err
+    assert service.requests == []
+
+
+@pytest.mark.parametrize(
+    "arguments", [["x", "--subdomains", "2"], ["x", "--p", "much"], ["x", "--parameter", "c"], ["x", "-n", "a"], ["-x"]]
+)
+def test_usage_that_argparse_refuses(generate: Any, arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        generate(*arguments)
+    assert caught.value.code == 2
+
+
+def test_bad_input_is_a_sentence_with_a_caret(generate: Any) -> None:
+    code, out, err = generate("1+foo", "-n", "5")
+    assert (code, out) == (2, "")
+    assert err.endswith("      1+foo\n        ^\n")
+    assert "Traceback" not in err
+
+
+def test_a_failed_mesh_is_1(generate: Any) -> None:
+    code, _, err = generate("x", "-n", "5", "--label", "fail")
+    assert code == 1
+    assert err == "equimesh: mesh m0 failed: The mesh folded. At cell 3. Lower a\n"
+
+
+def test_nobody_there_is_3(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "x", "--url", "http://127.0.0.1:9"]) == 3
+    assert "equimesh serve" in capsys.readouterr().err
+
+
+def test_a_deadline_is_4(generate: Any, service: Any) -> None:
+    code, _, err = generate("x", "--label", "hang", "--deadline", "0.4")
+    assert code == 4
+    assert "deadline of 0.4 s" in err
+    assert service.meshes["m0"]["status"] == "canceled"
+
+
+def test_check_at_a_service(service: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "x", "--url", service.url]) == 0
+    assert capsys.readouterr().out == "ok\n  names: x, y\n"
+    assert main(["check", "foo", "--url", service.url]) == 2
+    assert capsys.readouterr().err.endswith("      foo\n      ^\n")
+
+
+def test_check_here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("scipy")
+    monkeypatch.delenv("EQUIMESH_URL", raising=False)
+    assert main(["check", "c*x", "--parameter", "c=2"]) == 0
+    assert "u: 0 to 2" in capsys.readouterr().out
+    assert main(["check", "1 + foo(x)"]) == 2
+    said = capsys.readouterr().err
+    assert "foo" in said
+    assert said.endswith("    1 + foo(x)\n        ^\n")
+
+
+def test_the_environment_names_the_service(service: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EQUIMESH_URL", service.url)
+    assert main(["generate", "x", "-n", "5", "--quiet"]) == 0
+    assert build_parser().parse_args(["check", "x"]).url == service.url
+
+
+def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    mesh, picture = tmp_path / "m.npz", tmp_path / "m.png"
+    asked = "-n 12 --subdomains 2x1 --overlap 2 --p 2.3 --compare --plot-kind convergence"
+    assert main(["solve", "x*y", *asked.split(), "-o", str(mesh), "--plot", str(picture)]) == 0
+    out = capsys.readouterr().out
+    assert "q_eq" in out
+    assert "observed rate" in out
+    assert np.load(mesh)["x"].shape == (12, 12)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["solve", "x*y", "-n", "8", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "converged"
+
+
+def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    assert main(["solve", "x*", "-n", "8"]) == 2
+    assert capsys.readouterr().err.endswith("    x*\n      ^\n")
+    assert main(["solve", "x", "-n", "3"]) == 2
+    assert "at least 4" in capsys.readouterr().err
+    assert main(["solve", "x", "-n", "8", "--subdomains", "9x1"]) == 2
+    assert capsys.readouterr().err.startswith("equimesh: ")
+    few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
+    assert main(["solve", "x*y", *few.split()]) == 1
+    assert "tolerance" in capsys.readouterr().err
+    (tmp_path / "u.csv").write_text("x,y,u\n0,0,1\n")
+    assert main(["solve", "--samples", str(tmp_path / "u.csv")]) == 2
+
+
+def test_serve_has_an_option_for_every_setting(capsys: pytest.CaptureFixture[str]) -> None:
+    settings = pytest.importorskip("equimesh_service.settings").Settings
+    with pytest.raises(SystemExit):
+        main(["serve", "--help"])
+    said = capsys.readouterr().out
+    for name in settings.model_fields:
+        assert f"--{name.replace('_', '-')} " in said
+    assert main(["serve", "--port", "many", "--lease", "-1"]) == 2
+    said = capsys.readouterr().err
+    assert "--port (or EQUIMESH_PORT) = many" in said
+    assert "--lease (or EQUIMESH_LEASE) = -1" in said
+
+
+def test_no_bar_in_a_pipe_and_one_on_a_terminal(service: Any) -> None:
+    command = [*COMMAND, "generate", "x", "-n", "5", "--label", "slow", "--url", service.url]
+    piped = subprocess.run(command, capture_output=True, timeout=60, check=True)
+    assert piped.stderr == b""
+    reading, writing = pty.openpty()
+    fcntl.ioctl(writing, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))
+    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=writing, timeout=60, check=True)
+    os.close(writing)
+    shown = os.read(reading, 65536).decode()
+    os.close(reading)
+    assert "newton" in shown
+    assert "100%" in shown
+
+
+def test_an_interrupt_is_130_and_cancels(service: Any) -> None:
+    command = [*COMMAND, "generate", "x", "--label", "hang", "--url", service.url]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
+    limit = time.monotonic() + 30
+    while not service.seen("GET", "meshes") and time.monotonic() < limit:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (130, b"", b"\nequimesh: interrupted\n")
+    assert service.meshes["m0"]["status"] == "canceled"
+
+
+def test_a_closed_pipe_is_no_error(service: Any) -> None:
+    command = [*COMMAND, "generate", "x", "-n", "5", "--json", "--url", service.url]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    err = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(timeout=60), err) == (0, b"")
