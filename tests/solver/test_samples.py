@@ -188,8 +188,8 @@ class TestScattered:
     def test_the_grid_follows_the_number_of_samples_in_the_square(self) -> None:
         points = scattered_points(2500)
         inside = len(points)
-        far = np.array([[5.0, 5.0], [-5, 5], [5, -5], [-5, -5]])
-        field = ScatteredSamples(points=np.concatenate([far, points]), values=np.zeros(inside + 4))
+        far = np.add(points, [3.0, 0.0])
+        field = ScatteredSamples(points=np.concatenate([far, points]), values=np.zeros(2 * inside))
         assert field.grid.x.size == round(2 * np.sqrt(inside))
         assert ScatteredSamples(points=CORNERS, values=np.ones(4)).grid.x.size == 16
 
