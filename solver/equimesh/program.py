@@ -18,7 +18,6 @@ from equimesh.vocabulary import LIMITS
 Array: TypeAlias = npt.NDArray[np.float64]
 BLOCK = 8192  # points at a time: the jets of a few operations stay in the cache
 CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
-WITHOUT_SLOPE = CONDITIONS | {"sign"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +142,7 @@ class Program:
             arguments = tuple(self.slots[a] for a in operation.arguments)
             order.append((number, operation, arguments))
             for k, argument in enumerate(arguments):
-                flat = operation.name in WITHOUT_SLOPE or (operation.name == "where" and k == 0)
+                flat = operation.name == "sign" or (operation.name == "where" and k == 0)
                 needed = needs_slopes[number] and not flat
                 needs_slopes[argument] = needs_slopes.get(argument, False) or needed
         free: set[int] = {self.result, *self.constants}
