@@ -219,6 +219,8 @@ def test_the_first_subdomain_is_on_the_left_in_the_picture(tmp_path: Path) -> No
         near = np.abs(image - matplotlib.colors.to_rgb(colour)).max(axis=-1) < 0.05
         place[colour] = np.nonzero(near)[1].mean()
     assert place[RED] < place[OVERLAP_COLOUR] < place[BLUE]
+    strongest = [int(np.argmax(matplotlib.colors.to_rgb(colour))) for colour in (RED, BLUE)]
+    assert strongest == [0, 2]
 
 
 def test_large_meshes_are_thinned_and_the_title_says_so(tmp_path: Path) -> None:
