@@ -43,8 +43,9 @@ def run(options: argparse.Namespace) -> int:
     local = options.url is None and importlib.util.find_spec("scipy") is not None
     found = _here(options) if local else _there(options)
     print("ok")
-    for name, value in found.items():
-        print(f"  {name}: {_words(value)}")
+    for name in ("names", "u", "gradient", "constant"):
+        if name in found:
+            print(f"  {name}: {_words(found[name])}")
     return Exit.DONE
 
 
@@ -64,8 +65,9 @@ def _here(options: argparse.Namespace) -> dict[str, Any]:
     slope = np.hypot(u_x, u_y)
     return {
         "names": sorted(expression.names),
-        "u": [float(u.min()), float(u.max())],
-        "gradient": [float(slope.min()), float(slope.max())],
+        "u": {"min": float(u.min()), "max": float(u.max())},
+        "gradient": {"min": float(slope.min()), "max": float(slope.max())},
+        "constant": not slope.any(),
     }
 
 
@@ -77,8 +79,10 @@ def _there(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _words(value: Any) -> str:
-    if isinstance(value, list) and len(value) == 2 and all(isinstance(v, int | float) for v in value):
-        return f"{value[0]:.6g} to {value[1]:.6g}"
+    if isinstance(value, dict) and value.keys() == {"min", "max"}:
+        return f"{value['min']:.6g} to {value['max']:.6g}"
+    if isinstance(value, bool):
+        return "yes, the mesh will be uniform" if value else "no"
     if isinstance(value, list) and all(isinstance(v, str) for v in value):
         return ", ".join(value) or "none"
     return json.dumps(value)

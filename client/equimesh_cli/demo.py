@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from equimesh_cli.exits import EPILOG, Exit, Refused
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
 
-FORMATS = ("vtu", "vtk", "xdmf.zip")
+FORMATS = ("vtu", "vtk", "xdmf")
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 EXAMPLES = """\
 examples:
@@ -68,13 +69,18 @@ def run(options: argparse.Namespace) -> int:
         }
         settings = Settings(**chosen)
         print("Starting a service ...", flush=True)
-        with equimesh_service.running(settings) as url, Client(url) as client:
+        with ExitStack() as stack:
+            try:
+                url = stack.enter_context(equimesh_service.running(settings))
+            except (OSError, RuntimeError) as error:
+                raise Refused(f"the service cannot be started: {error}", Exit.UNREACHABLE) from error
+            client = stack.enter_context(Client(url))
             print(f"It answers at {url}.", flush=True)
             written = [*paper(client, output), *ring(client, output)]
     print(f"\nFiles in {output}:")
     for path in written:
         print(f"  {path.name:<28}{path.stat().st_size:>9} bytes")
-    print("\nOpen the .vtu files in ParaView, or read the .vtk and .xdmf files with your solver.")
+    print("\nOpen a .vtu file in ParaView. Solvers read the .vtk, or the .xdmf with the files beside it.")
     return Exit.DONE
 
 

@@ -28,7 +28,11 @@ class Exit(IntEnum):
 
 
 class Refused(Exception):
-    """Usage or input that a command cannot work with; the message is for the user."""
+    """What a command cannot work with, by default usage or input; the message is for the user."""
+
+    def __init__(self, message: str, code: Exit = Exit.INPUT) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 def code_of(error: Exception) -> Exit | None:
@@ -36,7 +40,9 @@ def code_of(error: Exception) -> Exit | None:
 
     Looks at the classes by name of their package: a side that is not loaded cannot have raised anything.
     """
-    if isinstance(error, Refused | OSError) and not isinstance(error, ConnectionError | TimeoutError):
+    if isinstance(error, Refused):
+        return error.code
+    if isinstance(error, OSError) and not isinstance(error, ConnectionError | TimeoutError):
         return Exit.INPUT
     if "equimesh_client" in sys.modules:
         from equimesh_client import errors as client

@@ -65,7 +65,12 @@ def run(options: argparse.Namespace) -> int:
         settings = Settings(**given)
     except ValidationError as error:
         raise Refused("\n".join(map(_complaint, error.errors()))) from None
-    equimesh_service.run(settings)
+    try:
+        equimesh_service.run(settings)
+    except KeyboardInterrupt:
+        pass  # the way to stop it
+    except OSError as error:
+        raise Refused(f"cannot serve on {settings.host} port {settings.port}: {error.strerror or error}") from error
     return Exit.DONE
 
 

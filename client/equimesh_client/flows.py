@@ -273,11 +273,16 @@ def silence(settings: Settings, deadline: Deadline) -> float:
     return min(settings.timeout, deadline.left)
 
 
-def streams(head: Reply, call: Call) -> bool:
-    """Whether an answer is the event stream; False when it is worth a retry, raises when it is not."""
+def streams(head: Reply, call: Call, position: StreamPosition) -> bool:
+    """Whether an answer is the event stream. False when there is nothing after ``position`` (204), and when it is
+    worth a retry; raises when it is neither.
+    """
     if head.status in RETRIED:
         return False
     protocol.checked(head, call)
+    if head.status == 204:
+        position.done = True
+        return False
     if "text/event-stream" not in head.headers.get("content-type", ""):
         raise ServiceUnreachable(f"{call.path} is no event stream; check that the URL is that of an equimesh service")
     return True

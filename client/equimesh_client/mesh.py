@@ -116,7 +116,7 @@ class Mesh(MeshState):
 
     @property
     def cells(self) -> IntArray:
-        """Nodes of every quadrilateral, counter-clockwise, shape ``(m, 4)``."""
+        """Nodes of every cell, counter-clockwise, shape ``(m, 4)``, or ``(m, 3)`` for triangles."""
         return self.arrays().cells
 
     @property

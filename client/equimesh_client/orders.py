@@ -93,7 +93,7 @@ def stored(record: Mapping[str, Any]) -> StoredSamples:
 
 
 def meshio_mesh(arrays: MeshArrays) -> Any:
-    """A ``meshio.Mesh`` of quadrilaterals and named boundary lines.
+    """A ``meshio.Mesh`` of the cells and named boundary lines.
 
     Raises :class:`BadArgument` when meshio is not installed.
     """
@@ -104,11 +104,13 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
         raise BadArgument("to_meshio() needs meshio, which is not installed: pip install meshio") from error
     sides = list(arrays.boundary.items())
     empty = np.zeros(0, dtype=np.int64)
+    kind, parts = ("triangle", 2) if arrays.cells.shape[1] == 3 else ("quad", 1)
+    q_eq = np.repeat(arrays.q_eq.ravel(), parts)
     return meshio.Mesh(
         arrays.points,
-        [("quad", arrays.cells), *(("line", edges) for _, edges in sides)],
+        [(kind, arrays.cells), *(("line", edges) for _, edges in sides)],
         point_data={"u": arrays.u.ravel()},
-        cell_data={"Q_eq": [arrays.q_eq.ravel(), *(np.full(len(edges), np.nan) for _, edges in sides)]},
+        cell_data={"Q_eq": [q_eq, *(np.full(len(edges), np.nan) for _, edges in sides)]},
         cell_sets={
             name: [np.arange(len(edges)) if block == place else empty for block in range(len(sides) + 1)]
             for place, (name, edges) in enumerate(sides, start=1)

@@ -210,9 +210,9 @@ def _newton(row: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshArrays:
-    """The mesh itself: ``x``, ``y`` and ``u`` of shape ``(n_xi, n_eta)``, ``cells`` ``(m, 4)``
-    counter-clockwise, ``q_eq`` and ``subdomain`` per cell ``(n_xi - 1, n_eta - 1)``, ``boundary``: edges
-    ``(k, 2)`` of each side.
+    """The mesh itself: ``x``, ``y`` and ``u`` of shape ``(n_xi, n_eta)``, ``cells`` counter-clockwise, ``(m, 4)``
+    or for triangles ``(m, 3)``, ``q_eq`` and ``subdomain`` of the quadrilaterals, ``(n_xi - 1, n_eta - 1)``, which
+    two successive triangles share, ``boundary``: edges ``(k, 2)`` of each side, the domain on their left.
     """
 
     x: Array
@@ -234,13 +234,14 @@ def arrays_of(npz: bytes) -> MeshArrays:
     try:
         with np.load(io.BytesIO(npz), allow_pickle=False) as file:
             shape = (file["x"].shape[0] - 1, file["x"].shape[1] - 1)
+            every = 2 if file["cells"].shape[1] == 3 else 1
             return MeshArrays(
                 x=file["x"],
                 y=file["y"],
                 u=file["u"],
                 cells=file["cells"].astype(np.int64),
-                q_eq=file["q_eq"].reshape(shape),
-                subdomain=file["subdomain"].reshape(shape).astype(np.int64),
+                q_eq=file["q_eq"].ravel()[::every].reshape(shape),
+                subdomain=file["subdomain"].ravel()[::every].reshape(shape).astype(np.int64),
                 boundary={side: file[side].astype(np.int64) for side in SIDES},
             )
     except (KeyError, ValueError, OSError, EOFError, IndexError) as error:

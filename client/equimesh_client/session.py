@@ -49,7 +49,7 @@ class Session:
             call = protocol.events(mesh_id, position)
             try:
                 with self._transport.stream(call, flows.silence(self.settings, deadline)) as (head, chunks):
-                    if flows.streams(head, call):
+                    if flows.streams(head, call, position):
                         position.connected()
                         for chunk in chunks:
                             yield from position.feed(chunk)
@@ -104,7 +104,7 @@ class AsyncSession:
                     head,
                     chunks,
                 ):
-                    if flows.streams(head, call):
+                    if flows.streams(head, call, position):
                         position.connected()
                         async for chunk in chunks:
                             for event in position.feed(chunk):

@@ -177,6 +177,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _events(self, request: Request) -> None:
         after = int(request.headers.get("last-event-id", "0"))
+        if after == len(self.service.events):
+            self._send(204, {}, b"")
+            return
         text = ": hello\n\n"
         for number, (kind, data) in enumerate(self.service.events, start=1):
             if number > after - 1:  # one event too many on purpose: the client drops what it has

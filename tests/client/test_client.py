@@ -271,6 +271,7 @@ def test_events_survive_a_cut_anywhere(connect: Any, service: Any, cut: int) -> 
 def test_events_start_where_asked(connect: Any, service: Any) -> None:
     mesh = connect(service.url).generate("x", 5)
     assert [event.id for event in mesh.events(after=3)] == [4, 5]
+    assert list(mesh.events(after=5)) == []
 
 
 def test_events_that_never_come_are_given_up(connect: Any, service: Any) -> None:

@@ -1,0 +1,381 @@
+"""The client and the real service: both twins, the same tests."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from equimesh_client import (
+    BadArgument,
+    Client,
+    Conflict,
+    DeadlineExceeded,
+    InvalidInput,
+    LinearRobin,
+    MeshCanceled,
+    MeshFailed,
+    NotFound,
+    RetryPolicy,
+    Schwarz,
+    TooLarge,
+)
+
+equimesh_service = pytest.importorskip("equimesh_service")
+PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
+TABLE_1 = {
+    "schwarz": Schwarz(overlap=2, transmission=LinearRobin(2.3), compare_single_domain=True),
+    "boundary": "equidistributed_1d",
+    "initial": "uniform",
+}
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service with one worker."""
+    folder = tmp_path_factory.mktemp("service")
+    settings = equimesh_service.Settings(
+        port=0, data_dir=folder, workers=1, log_level="warning", max_points=40_000, max_body=2**20
+    )
+    with equimesh_service.running(settings) as address:
+        yield address
+
+
+@pytest.fixture
+def client(connect: Any, url: str) -> Any:
+    return connect(url, timeout=30.0)
+
+
+def heavy(**more: Any) -> dict[str, Any]:
+    """A spec that keeps a worker busy for a while."""
+    schwarz = Schwarz(subdomains=(4, 4), overlap=2, tolerance=None, max_iterations=1000).json()
+    monitor = {"u": {"expression": "tanh(20*((x-0.5)**2+(y-0.5)**2-0.09))"}}
+    return {"monitor": monitor, "grid": {"n_xi": 200, "n_eta": 200}, "schwarz": schwarz, **more}
+
+
+def test_the_papers_mesh(client: Any) -> None:
+    mesh = client.generate(PAPER, 12, **TABLE_1)
+    assert mesh.convergence.iterations[0]["max_q_eq"] == pytest.approx(1.6375, abs=5e-5)
+    errors = mesh.convergence.column("error")
+    assert errors[-1] < 1e-10 < errors[0]
+    assert mesh.convergence.rate < 0.1
+    assert mesh.quality.q_eq.mean == pytest.approx(1.0)
+    assert mesh.quality.interpolation_error["l2"] < mesh.quality.interpolation_error["l2_uniform"]
+    assert mesh.attempts == 1
+    assert mesh.timings["solve"] > 0
+    assert mesh.progress.fraction == 1.0
+
+
+def test_the_arrays_belong_together(client: Any) -> None:
+    mesh = client.generate("x*y", (9, 7))
+    assert mesh.x.shape == (9, 7)
+    assert np.allclose(mesh.u, mesh.x * mesh.y)
+    for side, (axis, value) in {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)}.items():
+        assert abs(mesh.points[mesh.boundary[side]][..., axis] - value).max() < 1e-14
+    corners = mesh.points[mesh.cells]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+    assert (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0).all()
+    arrays = mesh.arrays()
+    assert arrays.q_eq.max() == pytest.approx(mesh.quality.q_eq.max)
+    assert (arrays.subdomain == 0).all()
+
+
+def test_one_u_in_every_form_gives_one_mesh(client: Any, tmp_path: Path) -> None:
+    axis = np.linspace(0, 1, 129)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    values = (1 - np.exp(15 * (x - 1))) * np.sin(np.pi * y)
+    np.savez(tmp_path / "u.npz", x=axis, y=axis, values=values)
+    exact = client.generate(PAPER, 12)
+    forms: list[Any] = [values, (axis, axis, values), tmp_path / "u.npz", client.samples.upload(values)]
+    forms.append(lambda x, y: (1 - np.exp(15 * (x - 1))) * np.sin(np.pi * y))
+    meshes = [client.generate(u, 12) for u in forms]
+    for mesh in meshes:
+        assert abs(mesh.x - exact.x).max() < 1e-4
+        assert np.array_equal(mesh.x, meshes[0].x)
+    coarse = slice(None, None, 8)
+    points = np.column_stack([x[coarse, coarse].ravel(), y[coarse, coarse].ravel()])
+    scattered = client.generate((points, values[coarse, coarse].ravel()), 12)
+    assert abs(scattered.x - exact.x).max() < 0.1
+
+
+def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    mesh = client.generate("x*y", 9, cells="triangle")
+    for name in ("m.vtu", "m.vtk", "m.msh", "m.npz", "m.xdmf.zip", "n.xdmf"):
+        assert mesh.download(tmp_path / name).stat().st_size > 0
+    for name in ("m.vtu", "m.vtk", "m.msh", "n.xdmf", "n_facets.xdmf"):
+        read = meshio.read(tmp_path / name)
+        assert len(read.points) == 81, name
+    assert len(meshio.read(tmp_path / "n.xdmf").cells_dict["triangle"]) == 128
+    assert not [path.name for path in tmp_path.iterdir() if path.suffix == ".part"]
+    assert mesh.cells.shape == (128, 3)
+    assert mesh.arrays().q_eq.shape == (8, 8)
+    here = mesh.to_meshio()
+    assert here.cell_sets["left"][1].size == 8
+    assert np.allclose(here.cell_data["Q_eq"][0], meshio.read(tmp_path / "m.vtu").cell_data["Q_eq"][0])
+
+
+def test_pictures(client: Any, tmp_path: Path) -> None:
+    mesh = client.generate(PAPER, 12, **TABLE_1)
+    assert mesh.plot()._repr_svg_().lstrip().startswith("<?xml")
+    for kind in ("mesh", "quality", "convergence"):
+        assert mesh.plot(tmp_path / f"{kind}.png", kind)._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(InvalidInput):
+        mesh.plot(kind="nothing")
+
+
+def test_the_spec_makes_the_same_mesh(client: Any) -> None:
+    label = f"made {time.time_ns()}"
+    mesh = client.generate("c*x*y", (9, 7), parameters={"c": 2.0}, label=label, b=0.1)
+    again = client.meshes.create(mesh.spec(), wait=10).wait(deadline=30)
+    assert again.id != mesh.id
+    assert np.array_equal(again.x, mesh.x)
+    assert [found.label for found in client.meshes.list(label=label)] == [label, label]
+    assert client.meshes.get(mesh.id).record == mesh.record
+
+
+def test_a_key_makes_one_mesh(client: Any) -> None:
+    spec = {"monitor": {"u": {"expression": "x"}}, "grid": {"n_xi": 8, "n_eta": 8}}
+    key = f"once {time.time_ns()}"
+    first = client.meshes.create(spec, idempotency_key=key)
+    assert client.meshes.create(spec, idempotency_key=key).id == first.id
+    with pytest.raises(InvalidInput, match="Idempotency-Key"):
+        client.meshes.create({**spec, "label": "other"}, idempotency_key=key)
+
+
+def test_bad_expressions_show_where(client: Any) -> None:
+    for ask in (lambda u: client.generate(u, 8), client.check):
+        with pytest.raises(InvalidInput) as caught:
+            ask("sin(pi*x) + foo")
+        (error,) = caught.value.errors
+        assert error.pointer.endswith("/expression")
+        assert error.column == 13
+        assert str(caught.value).endswith("      sin(pi*x) + foo\n                  ^")
+
+
+def test_a_good_expression(client: Any) -> None:
+    found = client.check("c*x", parameters={"c": 2})
+    assert found["u"] == {"min": 0.0, "max": 2.0}
+    assert "c" in found["names"]
+
+
+@pytest.mark.parametrize(
+    ("n", "options", "pointer"),
+    [
+        (3, {}, "/grid/n_xi"),
+        (8, {"a": 1.5}, "/monitor/a"),
+        (8, {"b": -1.0}, "/monitor/b"),
+        (8, {"boundary": "free"}, "/boundary"),
+        (8, {"schwarz": Schwarz(subdomains=(9, 1))}, "/schwarz/subdomains"),
+        (12, {"schwarz": Schwarz(overlap=1)}, "/schwarz/overlap"),
+        (12, {"schwarz": {"overlaps": 3}}, "/schwarz/overlaps"),
+        (5000, {}, "/grid"),
+    ],
+)
+def test_bad_input_names_its_place(client: Any, n: int, options: dict[str, Any], pointer: str) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        client.generate("x", n, **options)
+    assert [error.pointer for error in caught.value.errors] == [pointer]
+
+
+def test_bad_samples_name_their_place(client: Any) -> None:
+    for u in (np.ones((3, 3)), np.ones((60, 60))):
+        short = np.linspace(0, 0.5, len(u))
+        with pytest.raises(InvalidInput, match="x"):
+            client.generate((short, short, u), 8)
+    with pytest.raises(BadArgument):
+        client.generate(np.full((3, 3), np.nan), 8)
+
+
+def test_too_much_is_too_large(client: Any) -> None:
+    noise = np.random.default_rng(0).random((500, 500))
+    with pytest.raises(TooLarge):
+        client.generate(noise, 8)
+
+
+def test_a_mesh_that_does_not_converge_says_so(client: Any, tmp_path: Path) -> None:
+    few = Schwarz(overlap=2, transmission=LinearRobin(2.3), max_iterations=2)
+    with pytest.raises(MeshFailed) as caught:
+        client.generate(PAPER, 12, schwarz=few)
+    assert caught.value.problem["type"] == "/problems/not-converged"
+    assert "tolerance" in str(caught.value)
+    mesh = client.meshes.get(caught.value.mesh.id)
+    assert mesh.status == "failed"
+    with pytest.raises(Conflict):
+        mesh.download(tmp_path / "m.vtu")
+    assert mesh.download(tmp_path / "m.vtu", partial=True).exists()
+
+
+def test_cancel_and_delete(client: Any) -> None:
+    mesh = client.meshes.create(heavy())
+    mesh.cancel()
+    with pytest.raises(MeshCanceled):
+        mesh.wait(deadline=20)
+    assert [event.kind for event in mesh.events(deadline=20)][-1] == "done"
+    mesh.delete()
+    with pytest.raises(NotFound):
+        mesh.refresh()
+    done = client.generate("x", 8)
+    with pytest.raises(Conflict):
+        done.cancel()
+
+
+def test_a_deadline_cancels(client: Any) -> None:
+    spec = heavy()
+    with pytest.raises(DeadlineExceeded):
+        client.generate(spec["monitor"]["u"]["expression"], 200, schwarz=spec["schwarz"], label="late", deadline=1.0)
+    (mesh,) = client.meshes.list(label="late", limit=1)
+    with pytest.raises(MeshCanceled):
+        mesh.wait(deadline=20)
+
+
+def test_events_tell_the_story(client: Any) -> None:
+    mesh = client.meshes.create({"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 64, "n_eta": 64}})
+    events = list(mesh.events(deadline=60))
+    assert [event.id for event in events] == list(range(1, len(events) + 1))
+    assert [events[0].kind, events[-1].kind] == ["status", "done"]
+    assert events[-1].data["status"] == "succeeded"
+    assert list(mesh.events(after=events[-1].id)) == []
+    assert [event.id for event in mesh.events(after=2)] == [event.id for event in events[2:]]
+
+
+def test_what_it_can_do(client: Any) -> None:
+    found = client.capabilities()
+    assert {form["name"] for form in found["formats"]} >= {"vtu", "vtk", "xdmf", "msh", "npz"}
+    assert found["limits"]["max_points"] == 40_000
+
+
+class CuttingProxy:
+    """Passes connections on to a service, and cuts some of them after so many bytes of the answer."""
+
+    def __init__(self, target: str) -> None:
+        self.cuts: list[int] = []
+        host, port = target.removeprefix("http://").split(":")
+        self.target = (host, int(port))
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
+        self.open: list[socket.socket] = []
+        self.threads = [threading.Thread(target=self.accept)]
+        self.threads[0].start()
+
+    def cut(self, *limits: int) -> None:
+        """Hang up now, and cut the next connections."""
+        self.cuts = list(limits)
+        self.hang_up()
+
+    def hang_up(self) -> None:
+        for end in self.open:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def accept(self) -> None:
+        while True:
+            try:
+                near, _ = self.listener.accept()
+            except OSError:
+                return
+            far = socket.create_connection(self.target)
+            self.open += [near, far]
+            limit = self.cuts.pop(0) if self.cuts else None
+            for source, sink, most in ((near, far, None), (far, near, limit)):
+                self.threads.append(threading.Thread(target=self.pump, args=(source, sink, most)))
+                self.threads[-1].start()
+
+    def pump(self, source: socket.socket, sink: socket.socket, limit: int | None) -> None:
+        passed = 0
+        with contextlib.suppress(OSError):
+            while passed != limit and (data := source.recv(4096)):
+                data = data if limit is None else data[: limit - passed]
+                sink.sendall(data)
+                passed += len(data)
+        for end in (source, sink):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self.listener.shutdown(socket.SHUT_RDWR)
+        self.listener.close()
+        self.hang_up()
+        for thread in self.threads:
+            thread.join(timeout=10)
+        for end in self.open:
+            end.close()
+
+
+def test_events_and_files_over_a_line_that_breaks(connect: Any, client: Any, url: str, tmp_path: Path) -> None:
+    mesh = client.generate(PAPER, 33)
+    expected = [(event.id, event.kind, event.data) for event in mesh.events()]
+    proxy = CuttingProxy(url)
+    try:
+        far = connect(proxy.url, retries=RetryPolicy(retries=9, first=0.01, longest=0.05)).meshes.get(mesh.id)
+        proxy.cut(300, 520, 640)
+        assert [(event.id, event.kind, event.data) for event in far.events()] == expected
+        assert proxy.cuts == []
+        proxy.cut(2000, 9000)
+        path = far.download(tmp_path / "far.npz")
+        assert proxy.cuts == []
+        assert path.read_bytes() == mesh.download(tmp_path / "near.npz").read_bytes()
+    finally:
+        proxy.close()
+
+
+def test_a_mesh_survives_a_restart_of_the_service(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", str(port), "--data-dir", str(tmp_path)]
+    command += ["--workers", "1", "--lease", "2"]
+    environment = {**os.environ, "EQUIMESH_LOG_LEVEL": "warning"}
+    patient = RetryPolicy(retries=60, first=0.2, longest=1.0)
+    spec = heavy(grid={"n_xi": 60, "n_eta": 60})
+    spec["schwarz"] |= {"max_iterations": 5}
+    first = subprocess.Popen(command, env=environment)
+    second = None
+    try:
+        with Client(f"http://127.0.0.1:{port}", retries=patient) as client:
+            mesh = client.meshes.create(spec)
+            first.send_signal(signal.SIGKILL)
+            first.wait(timeout=30)
+            second = subprocess.Popen(command, env=environment)
+            assert mesh.wait(deadline=90).status == "succeeded"
+            assert len(mesh.convergence.iterations) == 6
+            assert [event.kind for event in mesh.events()][-1] == "done"
+        second.send_signal(signal.SIGINT)
+        assert second.wait(timeout=30) == 0
+    finally:
+        for process in (first, second):
+            if process is not None:
+                process.kill()
+                process.wait(timeout=30)
+
+
+def test_the_demo(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "equimesh_cli", "demo", "--output", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+    assert (done.returncode, done.stderr) == (0, "")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names >= {"paper.vtu", "paper.vtk", "paper.xdmf", "paper.png", "paper-convergence.png", "ring.vtu"}
+    assert all(path.stat().st_size > 0 for path in (tmp_path / "out").iterdir())
+    for words in ("1.6375", "q_eq", "max_q_eq", "interpolation error L2", "ring.png"):
+        assert words in done.stdout
+
+
+def test_a_taken_port_is_a_sentence(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        for words, code in ((["serve", "--data-dir", str(tmp_path)], 2), (["demo", "--output", str(tmp_path)], 3)):
+            command = [sys.executable, "-m", "equimesh_cli", *words, "--port", port]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+            assert done.returncode == code, done.stderr
+            assert "in use" in done.stderr
+            assert "Traceback" not in done.stderr
