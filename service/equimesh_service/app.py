@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
@@ -76,8 +77,20 @@ def create_app(settings: Settings) -> FastAPI:
     return app
 
 
-async def _answer_problem(_request: Request, error: Exception) -> Response:
+async def _answer_problem(request: Request, error: Exception) -> Response:
+    if isinstance(error, HTTPException) and error.status_code == 405:
+        error.headers = {**(error.headers or {}), "Allow": ", ".join(_methods(request))}
     return problem_of(error).response()
+
+
+def _methods(request: Request) -> list[str]:
+    """All methods that a path takes; Starlette names those of one of its routes only."""
+    paths: dict[str, dict[str, Any]] = request.app.openapi()["paths"]
+    taken: set[str] = set()
+    for template, operations in paths.items():
+        if re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", template), request.url.path):
+            taken |= {method.upper() for method in operations}
+    return sorted(taken) or ["GET"]
 
 
 async def _answer_failure(request: Request, error: Exception) -> Response:

@@ -29,6 +29,8 @@ from equimesh_service.wakeups import Wakeups
 _log = logging.getLogger(__name__)
 # Exports have one worker of their own, so that a file never waits behind the solves.
 _DESK_WORKERS = 1
+# Modules that workers share the memory and the loading time of.
+PRELOAD = ("equimesh_service.worker", "equimesh_service.exports")
 
 
 class FolderInUseError(RuntimeError):
@@ -133,9 +135,8 @@ def open_service(settings: Settings) -> Service:
     store, files = Store(place.database_url), place.files()
     store.create_tables()
     files.prepare()
-    preload = ("equimesh_service.worker", "equimesh_service.exports")
-    engine = PebbleEngine(settings.workers, memory_limit=settings.memory_limit, preload=preload, warm_up=worker.warm_up)
-    desk = PebbleEngine(_DESK_WORKERS, memory_limit=settings.memory_limit, preload=preload, warm_up=exports.warm_up)
+    engine = PebbleEngine(settings.workers, memory_limit=settings.memory_limit, preload=PRELOAD, warm_up=worker.warm_up)
+    desk = PebbleEngine(_DESK_WORKERS, memory_limit=settings.memory_limit, preload=PRELOAD, warm_up=exports.warm_up)
     wakeups = Wakeups()
     rules = Rules(
         time_limit=settings.time_limit,

@@ -1,0 +1,153 @@
+"""What every engine must do. ``check_engine`` runs all of it against an engine of at least two workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from concurrent.futures import CancelledError, Future
+from concurrent.futures import wait as wait_for
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from equimesh_service.engine import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
+
+SECONDS = 20.0
+
+
+def add(first: int, second: int) -> int:
+    """A sum."""
+    return first + second
+
+
+def fail(message: str) -> None:
+    """An error of the task's own."""
+    raise ValueError(message)
+
+
+def time_out() -> None:
+    """A TimeoutError of the task's own, not a time limit."""
+    raise TimeoutError("mine")
+
+
+def own_pid() -> int:
+    """The worker's process id."""
+    return os.getpid()
+
+
+def spin(marker: str) -> None:
+    """Work without end, inside one call that no Python signal handler can interrupt."""
+    Path(marker).write_text(str(os.getpid()))
+    sum(range(10**12))
+
+
+def die() -> None:
+    """The worker's death, as by the kernel's memory killer."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def allocate(mebibytes: int) -> int:
+    """Take memory and touch it."""
+    return len(bytearray(mebibytes * 1024 * 1024))
+
+
+def check_engine(engine: Engine, folder: Path, memory_limit: int) -> None:
+    """Raise AssertionError where ``engine`` does not keep the contract of its port."""
+    _check_results(engine)
+    _check_parallel(engine)
+    _check_cancel(engine, folder)
+    _check_time_limit(engine, folder)
+    _check_memory_limit(engine, memory_limit)
+    _check_lost_worker(engine)
+    assert engine.health().ready
+
+
+def _check_results(engine: Engine) -> None:
+    assert engine.health().ready
+    assert engine.submit(add, 2, 3).result(SECONDS) == 5
+    assert engine.submit(own_pid).result(SECONDS) != os.getpid()
+    assert isinstance(engine.submit(fail, "bad").exception(SECONDS), ValueError)
+    assert type(engine.submit(time_out).exception(SECONDS)) is TimeoutError
+
+
+def _check_parallel(engine: Engine) -> None:
+    began = time.monotonic()
+    tasks = [engine.submit(time.sleep, 0.5) for _ in range(2)]
+    wait_for(tasks, SECONDS)
+    assert time.monotonic() - began < 0.9
+
+
+def _check_cancel(engine: Engine, folder: Path) -> None:
+    task, pid = _spinning(engine, folder / "cancel", None)
+    began = time.monotonic()
+    engine.cancel(task)
+    assert isinstance(task.exception(SECONDS), CancelledError)
+    while _alive(pid):
+        assert time.monotonic() - began < 1.0, "a cancelled task still runs after a second"
+        time.sleep(0.01)
+    engine.cancel(task)  # a second time does no harm
+    busy = [_spinning(engine, folder / f"busy{number}", None)[0] for number in range(engine.health().workers)]
+    waiting = engine.submit(add, 1, 1)
+    engine.cancel(waiting)
+    assert isinstance(waiting.exception(SECONDS), CancelledError)
+    for task in busy:
+        engine.cancel(task)
+
+
+def _check_time_limit(engine: Engine, folder: Path) -> None:
+    task, pid = _spinning(engine, folder / "limit", 0.3)
+    assert isinstance(task.exception(SECONDS), TimeLimitError)
+    began = time.monotonic()
+    while _alive(pid):
+        assert time.monotonic() - began < 1.0
+        time.sleep(0.01)
+    assert engine.submit(add, 1, 1, time_limit=5.0).result(SECONDS) == 2
+
+
+def _check_memory_limit(engine: Engine, memory_limit: int) -> None:
+    assert engine.submit(allocate, memory_limit // 4).result(SECONDS) > 0
+    assert isinstance(engine.submit(allocate, memory_limit * 2).exception(SECONDS), MemoryLimitError)
+
+
+def _check_lost_worker(engine: Engine) -> None:
+    assert isinstance(engine.submit(die).exception(SECONDS), WorkerLostError)
+    assert engine.submit(add, 1, 1).result(SECONDS) == 2
+    idle = engine.submit(own_pid).result(SECONDS)
+    os.kill(idle, signal.SIGKILL)
+    time.sleep(0.3)
+    deadline = time.monotonic() + SECONDS
+    while not engine.health().ready:
+        assert time.monotonic() < deadline, "an idle worker was lost, and the engine with it"
+        time.sleep(0.05)
+    assert engine.submit(add, 1, 1).result(SECONDS) == 2
+
+
+def _spinning(engine: Engine, marker: Path, time_limit: float | None) -> tuple[Future[Any], int]:
+    task = engine.submit(spin, str(marker), time_limit=time_limit)
+    deadline = time.monotonic() + SECONDS
+    while not (marker.exists() and marker.read_text()):
+        assert time.monotonic() < deadline, "a task did not begin"
+        time.sleep(0.01)
+    return task, int(marker.read_text())
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    # A killed process stays visible until its parent has asked for its end.
+    stat = Path(f"/proc/{pid}/stat")
+    try:
+        return stat.read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def expect_closed(engine: Engine) -> None:
+    """A closed engine takes no tasks and says that it is not ready."""
+    assert not engine.health().ready
+    with pytest.raises(Exception, match="closed"):
+        engine.submit(add, 1, 1)

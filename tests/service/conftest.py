@@ -1,0 +1,77 @@
+"""One service for the whole session, on a free port; tests that break things start their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import pytest
+
+from equimesh_service import Settings, running
+
+PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
+# A solve that takes many seconds: nothing it does ends it early.
+SLOW: dict[str, Any] = {
+    "monitor": {"u": {"expression": PAPER}},
+    "grid": {"n_xi": 40, "n_eta": 40},
+    "schwarz": {"tolerance": None, "max_iterations": 1000, "subdomains": [4, 1]},
+}
+
+
+def small(**more: Any) -> dict[str, Any]:
+    """A spec that is solved in a moment."""
+    return {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 8, "n_eta": 9}, **more}
+
+
+def until(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
+    """The first true value of ``condition``; fails after so many seconds."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.02)
+    raise AssertionError(f"not within {seconds} s")
+
+
+@pytest.fixture(scope="session")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """Small limits, so that they can be reached."""
+    return Settings(
+        data_dir=tmp_path_factory.mktemp("data"),
+        port=0,
+        workers=2,
+        max_points=20_000,
+        max_samples=10_000,
+        max_body=2_000_000,
+        max_subdomains=16,
+        log_level="warning",
+    )
+
+
+@pytest.fixture(scope="session")
+def url(settings: Settings) -> Iterator[str]:
+    """The URL of the session's service."""
+    with running(settings) as url:
+        yield url
+
+
+@pytest.fixture(scope="session")
+def http(url: str) -> Iterator[httpx.Client]:
+    """A plain HTTP client."""
+    with httpx.Client(base_url=url, timeout=60.0) as client:
+        yield client
+
+
+@pytest.fixture(scope="session")
+def finished(http: httpx.Client) -> dict[str, Any]:
+    """A mesh that was computed by Schwarz iteration."""
+    answer = http.post(
+        "/v1/meshes", json=small(schwarz={"overlap": 2}, label="finished"), headers={"Prefer": "wait=30"}
+    )
+    assert answer.status_code == 201, answer.text
+    mesh: dict[str, Any] = answer.json()
+    assert mesh["status"] == "succeeded", mesh["error"]
+    return mesh

@@ -1,0 +1,36 @@
+"""Pebble keeps the contract of the engine port."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from equimesh_service.pebble_engine import PebbleEngine
+from equimesh_service.service import PRELOAD
+from service.check_engine import check_engine, expect_closed
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
+def test_pebble_keeps_the_contract(tmp_path: Path) -> None:
+    engine = PebbleEngine(2, memory_limit=128, preload=PRELOAD)
+    assert engine.wait_until_ready(30.0)
+    try:
+        check_engine(engine, tmp_path, memory_limit=128)
+    finally:
+        engine.close()
+    expect_closed(engine)
+
+
+def broken() -> None:
+    """A warm-up that fails."""
+    raise RuntimeError("no")
+
+
+def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
+    engine = PebbleEngine(1, preload=PRELOAD, warm_up=broken)
+    try:
+        assert not engine.wait_until_ready(1.5)
+    finally:
+        engine.close()
