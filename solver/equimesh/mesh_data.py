@@ -59,7 +59,7 @@ class MeshData:
         cells = self.mesh.cells
         cuts = np.stack([cells[:, [0, 1, 2, 0, 2, 3]], cells[:, [0, 1, 3, 1, 2, 3]]]).reshape(2, -1, 2, 3)
         first, second = (_smallest_angle(self.mesh.points[cut]).min(axis=1) for cut in cuts)
-        chosen = np.where((second > first + TIE)[:, None, None], cuts[1], cuts[0])
+        chosen: IntArray = np.where((second > first + TIE)[:, None, None], cuts[1], cuts[0])
         return chosen.reshape(-1, 3)
 
 

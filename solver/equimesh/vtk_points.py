@@ -12,7 +12,8 @@ import lzma
 import re
 import zlib
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from functools import partial
+from typing import Any, Literal, TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
@@ -32,7 +33,7 @@ LEGACY_TYPES = {
 }  # fmt: skip
 DECOMPRESSORS: dict[str, Callable[[], Any]] = {
     "vtkZLibDataCompressor": zlib.decompressobj,
-    "vtkLZMADataCompressor": lzma.LZMADecompressor,
+    "vtkLZMADataCompressor": partial(lzma.LZMADecompressor, memlimit=2**26),
 }
 LEGACY_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 LEGACY_CELLS = {"CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"}
@@ -88,7 +89,7 @@ class _VtuReader:
         attributes, _, appended = tail.partition(b"_")
         self.appended = appended
         self.raw = re.search(rb"""encoding\s*=\s*["']raw""", attributes) is not None
-        self.order = ">" if self.root.get("byte_order") == "BigEndian" else "<"
+        self.order: Literal["<", ">"] = ">" if self.root.get("byte_order") == "BigEndian" else "<"
         self.header = np.dtype(XML_TYPES[self.root.get("header_type", "UInt32")]).newbyteorder(self.order)
         compressor = self.root.get("compressor")
         if compressor is not None and compressor not in DECOMPRESSORS:

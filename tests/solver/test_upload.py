@@ -8,6 +8,7 @@ import json
 import lzma
 import pickle
 import struct
+import tracemalloc
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -170,6 +171,11 @@ class TestCsv:
     def test_separators_and_line_ends(self, separator: str, end: str) -> None:
         check_cloud(read_samples(csv(CLOUD, CLOUD_U, head="", separator=separator, end=end), "u.csv"))
 
+    def test_a_repeated_row_and_a_missing_one_make_no_grid(self) -> None:
+        rows = np.arange(30)
+        rows[8] = 7
+        assert isinstance(read_samples(csv(GRID_POINTS[rows], TABLE.ravel()[rows]), "u.csv"), ScatteredSamples)
+
     def test_the_header_gives_the_order_and_other_columns_are_ignored(self) -> None:
         rows = "\n".join(f"{u!r},7,{y!r},{x!r}" for (x, y), u in zip(CLOUD.tolist(), CLOUD_U.tolist(), strict=True))
         check_cloud(read_samples(("u,id,y,x\n" + rows).encode(), "u.csv"))
@@ -290,7 +296,12 @@ class TestVtk:
         header = struct.pack("<4Q", 1, 50_000_000, 0, len(block))
         text = (base64.b64encode(header) + base64.b64encode(block)).decode()
         bomb = vtu(dict.fromkeys(RAW, ("format='binary'", text)), header_type="UInt64", compressor=name)
-        refused(bomb, "u.vtu", "does not expand to the 1056 bytes expected")
+        tracemalloc.start()
+        try:
+            refused(bomb, "u.vtu", "does not expand to the 1056 bytes expected")
+            assert tracemalloc.get_traced_memory()[1] < 20_000_000  # LZMA has a dictionary of 8 MB
+        finally:
+            tracemalloc.stop()
 
     def test_headers_that_promise_too_much(self) -> None:
         text = dict.fromkeys(RAW, ("format='ascii'", "1"))
