@@ -338,7 +338,7 @@ def test_a_mesh_survives_a_restart_of_the_service(tmp_path: Path) -> None:
     environment = {**os.environ, "EQUIMESH_LOG_LEVEL": "warning"}
     patient = RetryPolicy(retries=60, first=0.2, longest=1.0)
     spec = heavy(grid={"n_xi": 60, "n_eta": 60})
-    spec["schwarz"] |= {"max_iterations": 5}
+    spec["schwarz"] |= {"max_iterations": 5, "subdomains": [2, 1]}
     first = subprocess.Popen(command, env=environment)
     second = None
     try:
