@@ -76,7 +76,7 @@ class Mesh:
                 ex[:, 1:] * fy[:-1] - ey[:, 1:] * fx[:-1],
             ]
         )
-        return jacobians * ((x.shape[0] - 1) * (x.shape[1] - 1))
+        return np.asarray(jacobians * ((x.shape[0] - 1) * (x.shape[1] - 1)))
 
     @property
     def min_jacobian(self) -> float:

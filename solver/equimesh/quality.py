@@ -142,9 +142,7 @@ def measure(mesh: Mesh, monitor: ArcLength, *, gauss: int | None = None) -> Qual
             size_ratio=Measure(_size_ratio(cells)),
             min_jacobian=mesh.min_jacobian,
             min_jacobian_over_mean=float(cells.dets.min() / cells.dets.mean()),
-            interpolation_error=InterpolationError(
-                l2=l2, l2_uniform=l2_uniform, h1=h1, h1_uniform=h1_uniform
-            ),
+            interpolation_error=InterpolationError(l2=l2, l2_uniform=l2_uniform, h1=h1, h1_uniform=h1_uniform),
         )
 
 
@@ -223,9 +221,7 @@ def _alignment(cells: BilinearCells, metric: _Metric) -> Array:
 
 def _angles_and_edges(cells: BilinearCells) -> tuple[Array, Array, Array]:
     """Scaled Jacobian, equiangle skewness and aspect ratio of every cell."""
-    out_x, out_y = (
-        np.roll(corner, -1, axis=0) - corner for corner in (cells.x, cells.y)
-    )  # edge after a corner
+    out_x, out_y = (np.roll(corner, -1, axis=0) - corner for corner in (cells.x, cells.y))  # edge after a corner
     back_x, back_y = -np.roll(out_x, 1, axis=0), -np.roll(out_y, 1, axis=0)  # from it along the edge before
     cross, dot = out_x * back_y - out_y * back_x, out_x * back_x + out_y * back_y
     length = np.hypot(out_x, out_y)

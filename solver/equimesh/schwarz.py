@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from equimesh import quality
@@ -15,10 +15,16 @@ from equimesh.mesh import Mesh
 from equimesh.problem import Problem
 from equimesh.single_domain import LocalSolution, newton_steps
 from equimesh.subdomain import CornerLink, Link, SubdomainProblem
-from equimesh.transmission import InterfaceData, NonlinearRobin, TransmissionCondition
+from equimesh.transmission import InterfaceData, LinearRobin, TransmissionCondition
 
-# A subdomain whose Newton solve stalls in this many iterations in a row ends the Schwarz iteration.
+# After this many iterations in which some subdomain had to take classical data, all do for the rest of the solve: a
+# Robin condition that keeps failing does not converge, and classical Schwarz does.
+MOST_RESCUES = 3
+# A subdomain whose Newton solve stalls in this many iterations in a row, with classical data as well, ends the Schwarz
+# iteration; a Robin iteration first begins again from its start, with classical data throughout.
 MOST_STALLS = 3
+# Newton steps that a subdomain solve may take: it starts near its solution or has none near by.
+MOST_LOCAL_STEPS = 25
 # Changes of the node positions that rounding errors alone can cause, per point in a direction.
 ROUNDING = 1e-13
 
@@ -43,7 +49,7 @@ class Schwarz:
 
     subdomains: tuple[int, int] = (2, 1)
     overlap: int = 4
-    transmission: TransmissionCondition = field(default_factory=NonlinearRobin)
+    transmission: TransmissionCondition = field(default_factory=LinearRobin)
     ordering: Ordering = Ordering.ALTERNATING
     tolerance: float | None = 1e-10
     max_iterations: int = 100
@@ -67,14 +73,17 @@ class Schwarz:
 class SubdomainRecord:
     """What one subdomain did in one iteration.
 
-    ``stalled`` says that its Newton solve met no tolerance: the best valid state was kept. ``residual`` is relative to
-    the mean flux. ``error_x`` and ``error_y`` are against the single-domain solution, over the whole subdomain.
+    ``classical`` says that its Newton solve stalled with the asked transmission condition, and that it took the
+    neighbours' positions for this iteration; ``stalled`` that this failed, too, and the previous state was kept.
+    ``residual`` is relative to the mean flux. ``error_x`` and ``error_y`` are against the single-domain solution, over
+    the whole subdomain.
     """
 
     subdomain: int
     newton_steps: int
     residual: float
     stalled: bool = False
+    classical: bool = False
     error_x: float | None = None
     error_y: float | None = None
 
@@ -111,13 +120,15 @@ class Iteration:
 def iterate(problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | None = None) -> Iterator[Iteration]:
     """Schwarz iterations from ``start``, without end unless a subdomain stalls for good.
 
-    One record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``reference`` is
+    Where a Robin condition gives a subdomain no solution, classical data takes its place, and the record says so. One
+    record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``reference`` is
     the single-domain solution against which errors are recorded. Haynes and Howse, section 3.
     """
     decomposition = settings.decompose(problem.grid)
     parts = [SubdomainProblem(problem, decomposition, part, settings.transmission) for part in decomposition.parts]
     states = [part.restrict(start) for part in parts]
-    mesh, changes, stalls = start, [math.nan], [0] * len(parts)
+    mesh, changes, stalls, rescues = start, [math.nan], [0] * len(parts), 0
+    classical = settings.transmission.ghosts == 0
     records = tuple(SubdomainRecord(subdomain=k, newton_steps=0, residual=math.nan) for k in range(len(parts)))
     while True:
         records = tuple(_with_error(r, parts, states, reference) for r in records)
@@ -130,11 +141,15 @@ def iterate(problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | 
             estimate=_estimate(changes, ROUNDING * max(problem.grid.shape)),
             subdomains=records,
             error=None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
-            failed=max(stalls) >= MOST_STALLS,
+            failed=classical and max(stalls) >= MOST_STALLS,
         )
         if max(stalls) >= MOST_STALLS:
-            return
-        records = tuple(_sweep(parts, states, mesh, settings.ordering))
+            if classical:
+                return
+            states, stalls, rescues = [part.restrict(start) for part in parts], [0] * len(parts), MOST_RESCUES
+        classical = classical or rescues >= MOST_RESCUES
+        records = tuple(_sweep(parts, states, mesh, settings.ordering, classical))
+        rescues += any(record.classical for record in records)
         stalls = [count + 1 if r.stalled else 0 for count, r in zip(stalls, records, strict=True)]
         merged = _merge(parts, states)
         changes.append(max(float(abs(merged.x - mesh.x).max()), float(abs(merged.y - mesh.y).max())))
@@ -156,34 +171,39 @@ class _Exchange:
 
 
 def _sweep(
-    parts: Sequence[SubdomainProblem], states: list[Mesh], mesh: Mesh, ordering: Ordering
+    parts: Sequence[SubdomainProblem], states: list[Mesh], mesh: Mesh, ordering: Ordering, classical: bool
 ) -> Iterator[SubdomainRecord]:
     """One solve in every subdomain; updates ``states``."""
     read = list(states) if ordering is Ordering.PARALLEL else states
     for k, part in enumerate(parts):
-        solution = _solve(part, _Exchange(parts, read), states[k], mesh)
+        solution, rescued = _solve(part, _Exchange(parts, read), states[k], mesh, classical)
         states[k] = solution.mesh
         yield SubdomainRecord(
             subdomain=k,
             newton_steps=solution.steps,
             residual=solution.residual,
             stalled=not solution.converged,
+            classical=rescued,
         )
 
 
-def _solve(part: SubdomainProblem, exchange: _Exchange, state: Mesh, mesh: Mesh) -> LocalSolution:
-    """The subdomain's solution, from its previous one; where Newton stalls there, from the merged mesh."""
-    equations = part.equations(exchange)
-    best: LocalSolution | None = None
-    for start in (state, part.restrict(mesh)):
-        if start.is_folded:
-            continue
-        *_, solution = newton_steps(equations, start)
-        if solution.converged:
-            return solution
-        if best is None or solution.residual < best.residual:
-            best = solution
-    return best if best is not None else LocalSolution(state, 0, math.inf, converged=False)
+def _solve(
+    part: SubdomainProblem, exchange: _Exchange, state: Mesh, mesh: Mesh, classical: bool
+) -> tuple[LocalSolution, bool]:
+    """The subdomain's solution, and whether it was found with classical data in place of the asked condition.
+
+    Newton starts from the subdomain's previous solution, then from the merged mesh. Where it stalls from both, the
+    interface data is far from any solution of the subdomain: positions from the neighbours are taken instead.
+    """
+    starts = [start for start in (state, part.restrict(mesh)) if not start.is_folded]
+    has_substitute = part.condition.ghosts > 0
+    for rescue in (False, True)[classical and has_substitute : 1 + has_substitute]:
+        equations = part.equations(exchange, classical=rescue)
+        for start in starts:
+            *_, solution = newton_steps(equations, start, most_steps=MOST_LOCAL_STEPS)
+            if solution.converged:
+                return solution, rescue
+    return LocalSolution(state, 0, math.inf, converged=False), False
 
 
 def _merge(parts: Sequence[SubdomainProblem], states: Sequence[Mesh]) -> Mesh:
@@ -198,16 +218,8 @@ def _with_error(
 ) -> SubdomainRecord:
     if reference is None:
         return record
-    k = record.subdomain
-    error_x, error_y = parts[k].distance(states[k], reference)
-    return SubdomainRecord(
-        subdomain=k,
-        newton_steps=record.newton_steps,
-        residual=record.residual,
-        stalled=record.stalled,
-        error_x=error_x,
-        error_y=error_y,
-    )
+    error_x, error_y = parts[record.subdomain].distance(states[record.subdomain], reference)
+    return replace(record, error_x=error_x, error_y=error_y)
 
 
 def _estimate(changes: Sequence[float], rounding: float) -> float:

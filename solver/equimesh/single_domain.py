@@ -52,7 +52,9 @@ class LocalSolution:
     converged: bool
 
 
-def newton_steps(equations: MeshEquations, start: Mesh, tolerance: float = TOLERANCE) -> Iterator[LocalSolution]:
+def newton_steps(
+    equations: MeshEquations, start: Mesh, tolerance: float = TOLERANCE, most_steps: int = MOST_STEPS
+) -> Iterator[LocalSolution]:
     """Guarded Newton steps for one set of mesh equations, never through a folded mesh.
 
     ``tolerance`` is relative to the mean flux, and is raised to the rounding floor of the grid where it lies below.
@@ -70,7 +72,7 @@ def newton_steps(equations: MeshEquations, start: Mesh, tolerance: float = TOLER
     for record in steps:
         met = record.residual <= max(tolerance, floor) * unit
         yield LocalSolution(equations.mesh(record.z), record.step, record.residual / unit, met)
-        if record.step >= MOST_STEPS:
+        if record.step >= most_steps:
             return
 
 

@@ -137,7 +137,7 @@ def _plain_iteration(record: Iteration) -> dict[str, Any]:
             {
                 "subdomain": r.subdomain,
                 "newton_steps": r.newton_steps,
-                "status": "stalled" if r.stalled else "converged",
+                "status": "stalled" if r.stalled else "classical" if r.classical else "converged",
                 "residual": _plain(r.residual),
                 "error_x": _plain(r.error_x),
                 "error_y": _plain(r.error_y),
@@ -210,6 +210,12 @@ def _nested_start(problem: Problem, observe: Observer) -> Mesh:
 
 def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], note: str) -> Solution:
     last = records[-1]
+    rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
+    if rescued:
+        note = (
+            f"The {schwarz.transmission.name} condition gave some subdomain no solution; classical data took its place "
+            f"in {len(rescued)} of {last.iteration} iterations, first in iteration {rescued[0]}. {note}"
+        ).strip()
     if last.failed:
         status = Status.NEWTON_FAILED
         stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -13,7 +13,7 @@ from equimesh.decomposition import Decomposition, Subdomain
 from equimesh.equations import Condition, MeshEquations
 from equimesh.mesh import Mesh
 from equimesh.problem import Problem
-from equimesh.transmission import Interface, InterfaceCorner, InterfaceData, TransmissionCondition
+from equimesh.transmission import Classical, Interface, InterfaceCorner, InterfaceData, TransmissionCondition
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -26,8 +26,10 @@ class Link:
     """One interface of a subdomain, seen from the subdomain that receives.
 
     ``axis`` is the direction across it, ``end`` the end of the subdomain where it lies, ``line`` its grid line in the
-    whole grid, ``sender`` the number of the neighbour beyond, ``p`` the signed parameter of the condition.
+    whole grid, ``sender`` the number of the neighbour beyond, ``p`` the signed parameter of the ``condition``.
     """
+
+    condition: TransmissionCondition
 
     axis: int
     end: int
@@ -48,7 +50,7 @@ class Neighbours(Protocol):
     """The other subdomains, as a receiver sees them."""
 
     def functional(self, link: Link) -> InterfaceData:
-        """The condition's two functionals on the interface, evaluated by the sender."""
+        """The two functionals of the link's condition on its grid line, evaluated by the sender."""
         ...
 
     def node(self, link: CornerLink) -> tuple[float, float]:
@@ -111,19 +113,23 @@ class SubdomainProblem:
             float(np.abs(state.y[local] - mesh.y[place]).max()),
         )
 
-    def equations(self, neighbours: Neighbours) -> MeshEquations:
-        """The subdomain's equations with data from its neighbours."""
-        return MeshEquations(self.problem.monitor, self.shape, self._spacing, self._conditions(neighbours))
+    def equations(self, neighbours: Neighbours, *, classical: bool = False) -> MeshEquations:
+        """The subdomain's equations with data from its neighbours.
+
+        ``classical`` takes the positions on the outermost lines of the window instead of the own condition: a problem
+        with milder data, for when that one has no solution near by.
+        """
+        return MeshEquations(self.problem.monitor, self.shape, self._spacing, self._conditions(neighbours, classical))
 
     def functional(self, state: Mesh, link: Link) -> InterfaceData:
-        """What this subdomain sends over a neighbour's ``link``: the condition's functionals of its own window."""
+        """What this subdomain sends over a neighbour's ``link``: the functionals of its own window."""
         equations = MeshEquations(self.problem.monitor, self.shape, self._spacing, ())
         window = equations.window(equations.vector(state))
         turned = window if link.axis == 0 else window.turned()
         line, nodes = link.line - self.first[link.axis], self._nodes(link.axis)
         return InterfaceData(
-            normal=self.condition.normal(turned, line, link.p).values[nodes],
-            tangential=self.condition.tangential(turned, line, link.p).values[nodes],
+            normal=link.condition.normal(turned, line, link.p).values[nodes],
+            tangential=link.condition.tangential(turned, line, link.p).values[nodes],
         )
 
     def node(self, state: Mesh, link: CornerLink) -> tuple[float, float]:
@@ -146,7 +152,14 @@ class SubdomainProblem:
         line = span.last if end else span.first
         spacing = self._spacing[axis]
         beyond = 1.0 - line * spacing if end else line * spacing
-        return Link(axis=axis, end=end, line=line, sender=sender, p=step * self.condition.strength(beyond))
+        return Link(
+            condition=self.condition,
+            axis=axis,
+            end=end,
+            line=line,
+            sender=sender,
+            p=step * self.condition.strength(beyond),
+        )
 
     def _corner_link(self, decomposition: Decomposition, ends: tuple[int, int]) -> CornerLink:
         column, row = (place + (1 if end else -1) for place, end in zip(self.part.place, ends, strict=True))
@@ -158,23 +171,25 @@ class SubdomainProblem:
         lower, upper = (int(self._open[1 - axis, end]) for end in ENDS)
         return slice(lower, self.shape[1 - axis] - upper)
 
-    def _conditions(self, neighbours: Neighbours) -> list[Condition]:
+    def _conditions(self, neighbours: Neighbours, classical: bool) -> list[Condition]:
         physical = [side for place, side in sides(self.problem.boundary).items() if not self._open[place]]
         corners = []
         for corner in self.corner_links:
             x, y = neighbours.node(corner)
             local = (corner.node[0] - self.first[0], corner.node[1] - self.first[1])
             corners.append(InterfaceCorner(node=local, x=x, y=y))
-        return [
-            *physical,
-            *(self._interface(link, neighbours.functional(link)) for link in self.links),
-            *corners,
-        ]
+        links = [self._classical(link) for link in self.links] if classical else self.links
+        return [*physical, *(self._interface(link, neighbours.functional(link)) for link in links), *corners]
+
+    def _classical(self, link: Link) -> Link:
+        """The outermost line of the window beyond an interface, with the classical condition."""
+        window = self.window[link.axis]
+        return replace(link, condition=Classical(), line=window.stop - 1 if link.end else window.start, p=0.0)
 
     def _interface(self, link: Link, data: InterfaceData) -> Interface:
         # Where the interface ends on a physical side, or in a corner of interfaces, the tangential unknown is taken.
         return Interface(
-            condition=self.condition,
+            condition=link.condition,
             axis=link.axis,
             end=link.end,
             line=link.line - self.first[link.axis],

@@ -157,7 +157,7 @@ def _metric_length(window: Window, i: int) -> Functional:
     nodes, weights = _derivative_along(window.x.shape[1], window.d_eta)
 
     def along_xi(q: Array) -> Array:
-        return np.multiply(across, q[i + 1] - q[i - 1])
+        return np.asarray(across * (q[i + 1] - q[i - 1]))
 
     def along_eta(q: Array) -> Array:
         return np.asarray(np.sum(weights * q[i, nodes], axis=0))

@@ -1,0 +1,92 @@
+"""Jacobian: the Taylor remainder of every equation falls at second order in the perturbation."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh.equations import MeshEquations
+from equimesh.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.transmission import InterfaceData
+
+STEPS = (1e-3, 5e-4, 2.5e-4)
+
+
+def check_taylor_remainder(equations: MeshEquations, mesh: em.Mesh) -> None:
+    """The remainder of the linearisation falls by 4 when the step is halved, and the derivative is not small."""
+    random = np.random.default_rng(7)
+    z = equations.vector(mesh) + 0.02 * random.standard_normal(2 * equations.size)
+    v = random.standard_normal(z.size)
+    value, slope = equations.residual(z), equations.jacobian(z) @ v
+    remainders = [np.linalg.norm(equations.residual(z + h * v) - value - h * slope) for h in STEPS]
+    assert np.linalg.norm(slope) > 1.0
+    for coarse, fine in pairwise(remainders):
+        assert 3.9 < coarse / fine < 4.1
+
+
+@pytest.mark.parametrize("boundary", em.Boundary)
+@pytest.mark.parametrize("b", [0.0, 0.05])
+def test_single_domain(boundary: em.Boundary, b: float) -> None:
+    case = problem("tanh20", 9, 7, boundary=boundary, b=b)
+    check_taylor_remainder(case.equations(), em.Mesh.uniform(case.grid))
+
+
+def test_samples() -> None:
+    axis = np.linspace(0, 1, 21)
+    values = np.sin(4 * axis)[:, None] * np.cos(3 * axis)
+    monitor = em.ArcLength(u=em.GridSamples(x=axis, y=axis, values=values), a=1.0, b=0.0)
+    case = em.Problem(monitor=monitor, grid=em.Grid(n_xi=8, n_eta=9))
+    equations, mesh = case.equations(), em.Mesh.uniform(case.grid)
+    z, v = equations.vector(mesh), np.zeros(2 * equations.size)
+    v[equations.size // 2 + 2] = v[-equations.size // 2] = 1.0  # interior nodes: a spline is not smooth outside
+    value, slope = equations.residual(z), equations.jacobian(z) @ v
+    remainders = [np.linalg.norm(equations.residual(z + h * v) - value - h * slope) for h in STEPS]
+    assert 3.8 < remainders[0] / remainders[1] < 4.2
+
+
+class OldNeighbours:
+    """Neighbours that send the values of a fixed mesh."""
+
+    def __init__(self, part: SubdomainProblem, mesh: em.Mesh) -> None:
+        self.part, self.mesh = part, mesh
+
+    def functional(self, link: Link) -> InterfaceData:
+        return self.part.functional(self.part.restrict(self.mesh), link)
+
+    def node(self, link: CornerLink) -> tuple[float, float]:
+        return self.part.node(self.part.restrict(self.mesh), link)
+
+
+@pytest.mark.parametrize(
+    "condition", [em.Classical(), em.LinearRobin(), em.NonlinearRobin(p=3.0)], ids=lambda c: c.name
+)
+@pytest.mark.parametrize("number", range(9))
+def test_subdomain_with_interfaces_on_every_side(condition: em.TransmissionCondition, number: int) -> None:
+    case = problem("tanh20", 18, 15)
+    mesh = em.Mesh.uniform(case.grid)
+    decomposition = em.Decomposition(grid=case.grid, subdomains=(3, 3), overlap=2)
+    part = SubdomainProblem(case, decomposition, decomposition.parts[number], condition)
+    equations = part.equations(OldNeighbours(part, mesh))
+    state = part.restrict(mesh)
+    check_taylor_remainder(equations, state)
+    # Square and consistent: as many equations as unknowns, each unknown with a row of its own.
+    matrix = equations.jacobian(equations.vector(state))
+    assert np.count_nonzero(np.diff(matrix.tocsr().indptr)) == 2 * equations.size
+    # What the neighbours send is what the subdomain has: the interface rows vanish, not only the others.
+    rows = np.concatenate([c.rows(equations.window(equations.vector(state))).rows for c in equations.conditions])
+    interior = np.zeros(2 * equations.size, dtype=bool)
+    interior[rows] = True
+    assert interior.sum() == 2 * (equations.size - (equations.shape[0] - 2) * (equations.shape[1] - 2))
+    assert abs(equations.residual(equations.vector(state))[interior_interface_rows(equations, state)]).max() < 1e-12
+
+
+def interior_interface_rows(equations: MeshEquations, state: em.Mesh) -> list[int]:
+    """Rows of the interface conditions alone."""
+    window = equations.window(equations.vector(state))
+    interfaces = [c for c in equations.conditions if type(c).__name__.startswith("Interface")]
+    assert interfaces
+    return [int(r) for c in interfaces for r in c.rows(window).rows]
