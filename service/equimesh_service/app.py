@@ -18,7 +18,7 @@ from starlette.responses import Response
 
 from equimesh_service import checks_api, events_api, meshes_api, operations_api, results_api, samples_api
 from equimesh_service.problems import Problem, problem_of
-from equimesh_service.resources import MeshEvents
+from equimesh_service.resources import MeshEvents, ProblemDetails
 from equimesh_service.service import open_service
 from equimesh_service.settings import Settings
 from equimesh_service.spec import ExpressionCheck, MeshSpec
@@ -107,11 +107,22 @@ def _complete_schema(app: FastAPI) -> None:
             schema = generate()
             models = [(model, "validation") for model in (MeshSpec, ExpressionCheck)]
             _, extra = models_json_schema(
-                [*models, (MeshEvents, "serialization")],  # type: ignore[list-item]
+                [*models, *((model, "serialization") for model in (MeshEvents, ProblemDetails))],  # type: ignore[list-item]
                 ref_template="#/components/schemas/{model}",
             )
             schema["components"]["schemas"].update(extra["$defs"])
+            _remove_foreign_errors(schema)
             app.openapi_schema = schema
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _remove_foreign_errors(schema: dict[str, Any]) -> None:
+    """Take out the 422 of FastAPI's own, which it writes at every route with a parameter: ours is documented."""
+    for name in ("HTTPValidationError", "ValidationError"):
+        schema["components"]["schemas"].pop(name, None)
+    for operations in schema["paths"].values():
+        for operation in operations.values():
+            if "application/json" in operation["responses"].get("422", {}).get("content", {}):
+                del operation["responses"]["422"]

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
@@ -20,6 +22,7 @@ from equimesh_service.engine import EngineError, Health, MemoryLimitError, TimeL
 
 Result = TypeVar("Result")
 _log = logging.getLogger(__name__)
+_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class PebbleEngine:
@@ -38,8 +41,10 @@ class PebbleEngine:
         warm_up: Callable[[], None] | None = None,
     ) -> None:
         self._workers = workers
-        self._start = (memory_limit, warm_up)
         self._context = _context(preload)
+        # Workers hold the reading end: it tells them when this process is gone, however it went.
+        reader, self._lifeline = self._context.Pipe(duplex=False)
+        self._start = (memory_limit, warm_up, reader)
         self._lock = threading.Lock()
         self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
         self._closed = False
@@ -134,6 +139,16 @@ def _context(preload: Sequence[str]) -> Any:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(preload))
+    # One thread in each worker: the workers are as many as the processors. The libraries read this when they
+    # are loaded, in the server that the workers are forked from.
+    missing = [name for name in _THREAD_COUNTS if name not in os.environ]
+    try:
+        for name in missing:
+            os.environ[name] = "1"
+        forkserver.ensure_running()
+    finally:
+        for name in missing:
+            del os.environ[name]
     return context
 
 
@@ -149,20 +164,19 @@ def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
         raise MemoryLimitError("the memory limit was reached") from None
 
 
-def _initialize(memory_limit: int | None, warm_up: Callable[[], None] | None) -> None:
+def _initialize(memory_limit: int | None, warm_up: Callable[[], None] | None, lifeline: Connection[Any, Any]) -> None:
     # Pebble stops a worker by SIGTERM and waits for Python code to notice; a factorisation never would.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    threading.Thread(target=_die_with_parent, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_die_with_service, args=(lifeline,), daemon=True).start()
     if warm_up is not None:
         warm_up()
     if memory_limit is not None:
         _limit_memory(memory_limit)
 
 
-def _die_with_parent(parent: int) -> None:
+def _die_with_service(lifeline: Connection[Any, Any]) -> None:
     # The service may be killed without a chance to stop its workers; an orphan would compute for nobody.
-    while os.getppid() == parent:
-        time.sleep(0.5)
+    lifeline.poll(None)
     os._exit(1)
 
 

@@ -7,7 +7,6 @@ from typing import Annotated, Any, cast
 from fastapi import Depends, Request
 
 from equimesh_service.problems import MEDIA_TYPE
-from equimesh_service.resources import ProblemDetails
 from equimesh_service.service import Service
 
 LARGEST = 2**62
@@ -30,7 +29,6 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {
         status: {
             "description": _MEANINGS[status],
-            "model": ProblemDetails,
             "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}},
         }
         for status in statuses

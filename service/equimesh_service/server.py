@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import uvicorn
 
 from equimesh_service.app import create_app
+from equimesh_service.service import check_folder
 from equimesh_service.settings import Settings
 
 _log = logging.getLogger(__name__)
@@ -30,8 +31,13 @@ class _Server(uvicorn.Server):
 
 
 def run(settings: Settings) -> None:
-    """Serve until the process is told to stop (SIGINT or SIGTERM)."""
+    """Serve until the process is told to stop (SIGINT or SIGTERM).
+
+    Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses the data folder, and
+    OSError when the address cannot be used.
+    """
     logging.basicConfig(level=settings.log_level.upper(), format=_FORMAT)
+    check_folder(settings)
     server = _server(settings)
     listener = _listen(settings)
     _log.info("listening on %s", _url(settings, listener))
@@ -43,8 +49,10 @@ def running(settings: Settings) -> Iterator[str]:
     """A service in a thread of this process, ready to work, for the length of a ``with``; gives its URL.
 
     The main module of a program that uses it must be guarded by ``if __name__ == "__main__"``, as worker
-    processes import it. Raises :class:`RuntimeError` when the service does not start.
+    processes import it. Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses
+    the data folder, and :class:`RuntimeError` when the service does not start.
     """
+    check_folder(settings)
     server = _server(settings)
     listener = _listen(settings)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="equimesh-server", daemon=True)

@@ -170,6 +170,12 @@ def open_service(settings: Settings) -> Service:
     )
 
 
+def check_folder(settings: Settings) -> None:
+    """Raise :class:`FolderInUseError` when another service uses the data folder, and OSError without access."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    _lock(settings.data_dir.resolve()).close()
+
+
 def _lock(folder: Path) -> TextIOWrapper:
     """Hold the folder for this process alone; the system lets go of it however the process ends."""
     file = (folder / "service.lock").open("w")

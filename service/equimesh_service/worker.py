@@ -10,6 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import equimesh
 from equimesh.io import write_mesh
 from equimesh_service.assembly import build_field, build_problem, build_schwarz, load_field
@@ -33,7 +35,8 @@ def solve_mesh(job: Job) -> None:
 
 
 def warm_up() -> None:
-    """Do everything once that is slow at first."""
+    """Do everything once that is slow, or takes memory for good, the first time."""
+    np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
     problem = equimesh.Problem(
         monitor=equimesh.ArcLength(u=equimesh.Expression("sin(pi*x)*y")), grid=equimesh.Grid(n_xi=9, n_eta=9)
     )

@@ -1,0 +1,162 @@
+"""The description of the interface is valid, complete and true, and its pages need no network."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import httpx
+import jsonschema
+import pytest
+from fastapi import FastAPI
+
+from equimesh_service import Settings
+from equimesh_service.app import create_app
+from equimesh_service.meshes_api import EXAMPLES
+from equimesh_service.problems import KINDS
+from service.conftest import small
+
+
+@pytest.fixture(scope="module")
+def document(http: httpx.Client) -> dict[str, Any]:
+    found: dict[str, Any] = http.get("/openapi.json").json()
+    return found
+
+
+def validator(document: dict[str, Any], name: str) -> jsonschema.Draft202012Validator:
+    schema = {"$ref": f"#/components/schemas/{name}", "components": document["components"]}
+    return jsonschema.Draft202012Validator(schema)
+
+
+def operations(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {
+        f"{method.upper()} {path}": operation
+        for path, methods in document["paths"].items()
+        for method, operation in methods.items()
+    }
+
+
+def references(value: Any) -> set[str]:
+    if isinstance(value, dict):
+        own = {value["$ref"]} if isinstance(value.get("$ref"), str) else set()
+        return own.union(*(references(member) for member in value.values()))
+    return set().union(*(references(member) for member in value)) if isinstance(value, list) else set()
+
+
+def test_the_document_is_well_formed(document: dict[str, Any]) -> None:
+    assert document["openapi"].startswith("3.1")
+    for name, schema in document["components"]["schemas"].items():
+        jsonschema.Draft202012Validator.check_schema(schema)
+        assert re.fullmatch(r"[A-Za-z]+", name)
+    for reference in references(document):
+        assert reference.removeprefix("#/components/schemas/") in document["components"]["schemas"], reference
+    ids = [operation["operationId"] for operation in operations(document).values()]
+    assert len(ids) == len(set(ids))
+
+
+def test_every_route_is_described(document: dict[str, Any]) -> None:
+    pages = {"/docs", "/", "/docs/assets/{name}", "/openapi.json"}
+    asked = {
+        "/v1/meshes", "/v1/meshes/{id}", "/v1/meshes/{id}/events", "/v1/meshes/{id}/cancel", "/v1/meshes/{id}/file",
+        "/v1/meshes/{id}/quality", "/v1/meshes/{id}/convergence", "/v1/meshes/{id}/plot", "/v1/meshes/{id}/spec",
+        "/v1/samples", "/v1/samples/{id}", "/v1/expressions/check", "/v1/capabilities", "/livez", "/readyz",
+        "/problems/{name}",
+    }  # fmt: skip
+    assert set(document["paths"]) == asked
+    assert not pages & set(document["paths"])
+    for name, operation in operations(document).items():
+        assert operation["summary"], name
+        assert operation["description"], name
+        for parameter in operation.get("parameters", []):
+            assert parameter["in"] == "path" or parameter["description"], f"{name} {parameter['name']}"
+        for status, response in operation["responses"].items():
+            assert response["description"], f"{name} {status}"
+            if int(status) >= 400 and name != "GET /readyz":
+                assert list(response["content"]) == ["application/problem+json"], f"{name} {status}"
+
+
+def test_every_key_of_the_spec_is_described(document: dict[str, Any]) -> None:
+    schemas = document["components"]["schemas"]
+    assert {"MeshSpec", "SchwarzSpec", "GridValues", "ExpressionSource", "MeshEvents"} <= set(schemas)
+    assert schemas["MeshSpec"]["additionalProperties"] is False
+    assert list(schemas["MeshSpec"]["properties"]) == [
+        "monitor", "domain", "grid", "boundary", "initial", "schwarz", "cells", "label",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_examples_work(http: httpx.Client, document: dict[str, Any], name: str) -> None:
+    spec = EXAMPLES[name]["value"]
+    validator(document, "MeshSpec").validate(spec)
+    mesh = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()
+    assert mesh["status"] == "succeeded", mesh
+    validator(document, "MeshResource").validate(mesh)
+
+
+def test_the_answers_are_as_described(http: httpx.Client, document: dict[str, Any], finished: dict[str, Any]) -> None:
+    links = finished["links"]
+    for url, name in (
+        (links["self"], "MeshResource"),
+        ("/v1/meshes", "MeshList"),
+        (links["spec"], "MeshSpec"),
+    ):
+        validator(document, name).validate(http.get(url).json())
+    events = http.get(links["events"], headers={"Accept": "application/json"}).json()
+    validator(document, "MeshEvents").validate(events)
+    stored = http.post("/v1/samples", json={"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2, 3]]}})
+    validator(document, "SamplesResource").validate(stored.json())
+    refused = http.post("/v1/meshes", json=small(cells="hex"))
+    validator(document, "ProblemDetails").validate(refused.json())
+
+
+def test_every_problem_explains_itself(http: httpx.Client) -> None:
+    for kind in KINDS.values():
+        assert http.get(kind.type).json() == {
+            "type": kind.type, "title": kind.title, "status": kind.status, "remedy": kind.remedy,
+        }  # fmt: skip
+
+
+def test_the_pages_load_nothing_from_elsewhere(http: httpx.Client) -> None:
+    for page in ("/", "/docs"):
+        answer = http.get(page)
+        assert answer.status_code == 200
+        assert answer.headers["content-type"].startswith("text/html")
+        links = re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)""", answer.text)
+        assert links
+        for link in links:
+            assert "//" not in link, link
+            assert http.get("/" + link.lstrip("/")).status_code == 200, link
+    assert "SwaggerUIBundle" in http.get("/docs/assets/swagger-ui-bundle.js").text
+
+
+def test_the_command_on_the_front_page_works(http: httpx.Client, url: str) -> None:
+    page = http.get("/").text
+    body = re.search(r"-d '(.*?)'", page)
+    assert body is not None
+    assert f"curl '{url}/v1/meshes?format=vtu'" in page
+    headers = {"Content-Type": "application/json", "Prefer": "wait=30"}
+    answer = http.post("/v1/meshes?format=vtu", content=body.group(1), headers=headers)
+    assert (answer.status_code, answer.content[:5]) == (201, b"<?xml")
+
+
+def test_health(http: httpx.Client) -> None:
+    assert http.get("/livez").json() == {"status": "ok"}
+    ready = http.get("/readyz")
+    assert ready.status_code == 200
+    assert set(ready.json()["checks"].values()) == {"ok"}
+
+
+def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, Any], settings: Settings) -> None:
+    able = http.get("/v1/capabilities").json()
+    assert {form["name"] for form in able["formats"]} == {"vtu", "vtk", "xdmf", "msh", "npz"}
+    properties = document["components"]["schemas"]["MeshSpec"]["properties"]
+    assert able["boundaries"] == properties["boundary"]["enum"]
+    assert able["initials"] == properties["initial"]["enum"]
+    assert able["cells"] == properties["cells"]["enum"]
+    assert able["limits"]["max_points"] == settings.max_points
+    assert "tanh" in able["expressions"]["functions"]
+    assert able["engine"] == {"kind": "pebble", "workers": 2, "ready": True}
+
+
+def test_an_app_is_made_without_touching_anything(settings: Settings) -> None:
+    assert isinstance(create_app(settings), FastAPI)
