@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from fastapi import APIRouter, Request
-from starlette.concurrency import run_in_threadpool
 
 from equimesh import Boundary, Initial, Ordering
 from equimesh.expression import FUNCTIONS, LIMITS
@@ -48,7 +47,7 @@ async def check(request: Request, service: ServiceDependency) -> ExpressionRepor
     if bodies.media_type(request) != bodies.JSON:
         raise Problem("unsupported-media-type", f"Send {bodies.JSON}.")
     data = await bodies.read_body(request, service.settings.max_body)
-    return await run_in_threadpool(_report, data)
+    return await service.check(_report, data)
 
 
 @router.get("/capabilities", summary="What this service can do", operation_id="getCapabilities")

@@ -118,6 +118,9 @@ class Dispatcher:
             task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
             self._running[claim] = task
             task.add_done_callback(partial(self._end, claim))
+            row = self._store.mesh(claim.mesh_id)
+            if row is None or row.finished:
+                self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task
             self._notify(claim.mesh_id)
 
     def _end(self, claim: Claim, task: Future[None]) -> None:

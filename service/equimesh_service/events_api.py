@@ -64,7 +64,8 @@ async def get_events(
         events = await run_in_threadpool(service.store.events, id, after=after)
         last = events[-1].number if events else after
         items = [event_resource(event) for event in events]
-        return JSONResponse(MeshEvents(items=items, last=last, done=row.finished).model_dump(mode="json"))
+        done = row.finished and last >= row.last_event
+        return JSONResponse(MeshEvents(items=items, last=last, done=done).model_dump(mode="json"))
     if row.finished and after >= row.last_event:
         return Response(status_code=204)  # tells a browser not to connect again
     return EventSourceResponse(_stream(service, id, after), headers={"Cache-Control": "no-store"})

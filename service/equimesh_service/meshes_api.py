@@ -19,6 +19,7 @@ from equimesh_service.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.results_api import mesh_file, mesh_format
 from equimesh_service.routing import LARGEST, ServiceDependency, problems
 from equimesh_service.rows import CANCELED, SUCCEEDED, MeshRow
+from equimesh_service.service import Service
 from equimesh_service.spec import MeshSpec
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"])
@@ -119,8 +120,8 @@ async def create(
     """
     name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), _media_types())
     key = _checked_key(idempotency_key)
-    document, upload = await _read(request, service.settings.max_body)
-    admitted = await run_in_threadpool(service.admission.admit, document, upload)
+    document, upload = await _read(request, service)
+    admitted = await service.check(service.admission.admit, document, upload)
     mesh_id = await service.enqueue(admitted, key=key, format=name)
     headers = {"Location": f"/v1/meshes/{mesh_id}"}
     asked = preferred_wait(prefer)
@@ -206,12 +207,12 @@ async def get_spec(id: str, service: ServiceDependency) -> Response:
     return JSONResponse(spec)
 
 
-async def _read(request: Request, most: int) -> tuple[Any, Upload | None]:
+async def _read(request: Request, service: Service) -> tuple[Any, Upload | None]:
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, bodies.MULTIPART):
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.MULTIPART}, not {shown}.")
-    data = await bodies.read_body(request, most)
+    data = await bodies.read_body(request, service.settings.max_body)
     upload = None
     if kind == bodies.MULTIPART:
         parts = await bodies.read_parts(request, data, ("spec", "samples"))
@@ -220,7 +221,7 @@ async def _read(request: Request, most: int) -> tuple[Any, Upload | None]:
         data = parts["spec"].data
         if "samples" in parts:
             upload = bodies.upload_of(parts["samples"])
-    return await run_in_threadpool(parse, data), upload
+    return await service.check(parse, data), upload
 
 
 def _answer(row: MeshRow, status: int, headers: dict[str, str]) -> Response:

@@ -124,7 +124,7 @@ class MeshEvents(BaseModel):
 
     items: list[MeshEvent]
     last: int = Field(description="Number of the last event here, for ?after=.")
-    done: bool = Field(description="Whether the mesh is finished.")
+    done: bool = Field(description="Whether nothing comes after these.")
 
 
 class SamplesResource(BaseModel):

@@ -56,7 +56,7 @@ async def create(
 ) -> Response:
     """Samples of u as npz, npy, csv, json, vtu or vtk; the same samples give the same id."""
     upload = await read_upload(request, service.settings.max_body, filename)
-    row, new = await run_in_threadpool(service.admission.keep, upload, "")
+    row, new = await service.check(service.admission.keep, upload, "")
     headers = {"Location": f"/v1/samples/{row.id}"}
     return JSONResponse(samples_resource(row).model_dump(mode="json"), 201 if new else 200, headers)
 

@@ -6,11 +6,14 @@ import asyncio
 import logging
 import secrets
 import time
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
 from io import TextIOWrapper
 from pathlib import Path
+from typing import Any, TypeVar
 
+from anyio import CapacityLimiter, to_thread
 from starlette.concurrency import run_in_threadpool
 
 from equimesh_service import exports, worker
@@ -26,9 +29,12 @@ from equimesh_service.settings import Settings
 from equimesh_service.store import Store
 from equimesh_service.wakeups import Wakeups
 
+Checked = TypeVar("Checked")
 _log = logging.getLogger(__name__)
 # Exports have one worker of their own, so that a file never waits behind the solves.
 _DESK_WORKERS = 1
+# Threads that check what clients send.
+_CHECKERS = 4
 # Modules that workers share the memory and the loading time of.
 PRELOAD = ("equimesh_service.worker", "equimesh_service.exports")
 
@@ -51,7 +57,16 @@ class Service:
     wakeups: Wakeups
     admission: Admission
     lock: TextIOWrapper
+    checkers: CapacityLimiter
     exporting: dict[Export, Future[Artifact | None]] = field(default_factory=dict)
+
+    async def check(self, function: Callable[..., Checked], *arguments: Any) -> Checked:
+        """Run a check of what a client sent, off the event loop.
+
+        Checks may take long (a million samples), so they have a few threads of their own: however many there
+        are, the other requests are served.
+        """
+        return await to_thread.run_sync(function, *arguments, limiter=self.checkers)
 
     async def mesh(self, mesh_id: str) -> MeshRow:
         """The mesh with this id; raises a 404 problem."""
@@ -100,15 +115,13 @@ class Service:
         if future is None:
             future = self.desk.submit(exports.export, task, time_limit=self.settings.time_limit)
             self.exporting[task] = future
+            future.add_done_callback(lambda _: self.exporting.pop(task, None))
         try:
             made = await asyncio.wrap_future(future)
         except (TimeLimitError, MemoryLimitError) as error:
             raise Problem("unavailable", f"The file was not made: {error}.") from None
         except (EngineError, CancelledError) as error:
             raise Problem("unavailable", f"The file was not made: {error}.", headers={"Retry-After": "1"}) from None
-        finally:
-            if future.done():
-                self.exporting.pop(task, None)
         if made is None:
             raise Problem("not-found", "There is no mesh with this id.")
         return made
@@ -167,6 +180,7 @@ def open_service(settings: Settings) -> Service:
         wakeups=wakeups,
         admission=Admission(settings, store, files),
         lock=lock,
+        checkers=CapacityLimiter(_CHECKERS),
     )
 
 
