@@ -67,6 +67,10 @@ class AsyncMesh(MeshState):
             self._quality = Quality.from_json(await self._fetch(protocol.mesh_part(self.id, "quality")))
         return self._quality
 
+    async def quality_of_cells(self) -> Quality:
+        """All quality measures with their values per cell, ``quality.q_eq.cells`` and so on; fetched each time."""
+        return Quality.from_json(await self._fetch(protocol.mesh_part(self.id, "quality", arrays="true")))
+
     async def convergence(self) -> Convergence:
         """The Schwarz iteration; ``print(await mesh.convergence())`` shows a table."""
         if self._convergence is None:
@@ -82,6 +86,7 @@ class AsyncMesh(MeshState):
         path: str | Path,
         format: str | None = None,
         *,
+        cells: str | None = None,
         partial: bool = False,
         deadline: float = DEADLINE,
     ) -> Path:
@@ -90,9 +95,10 @@ class AsyncMesh(MeshState):
         A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
 
         The file is complete and has the checksum that the service announced, or does not appear at all.
+        ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
         ``partial`` takes the mesh of a failed solve, too, if it is not folded.
         """
-        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), partial=partial)
+        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(await self._session.run(flows.verified(call, settings, limit)), path)

@@ -68,6 +68,10 @@ class Mesh(MeshState):
             self._quality = Quality.from_json(self._fetch(protocol.mesh_part(self.id, "quality")))
         return self._quality
 
+    def quality_of_cells(self) -> Quality:
+        """All quality measures with their values per cell, ``quality.q_eq.cells`` and so on; fetched each time."""
+        return Quality.from_json(self._fetch(protocol.mesh_part(self.id, "quality", arrays="true")))
+
     @property
     def convergence(self) -> Convergence:
         """The Schwarz iteration; ``print(mesh.convergence)`` shows a table."""
@@ -84,6 +88,7 @@ class Mesh(MeshState):
         path: str | Path,
         format: str | None = None,
         *,
+        cells: str | None = None,
         partial: bool = False,
         deadline: float = DEADLINE,
     ) -> Path:
@@ -92,9 +97,10 @@ class Mesh(MeshState):
         A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
 
         The file is complete and has the checksum that the service announced, or does not appear at all.
+        ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
         ``partial`` takes the mesh of a failed solve, too, if it is not folded.
         """
-        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), partial=partial)
+        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(self._session.run(flows.verified(call, settings, limit)), path)

@@ -86,9 +86,13 @@ def delete_mesh(mesh_id: str) -> Call:
     return Call(method="DELETE", path=_mesh(mesh_id))
 
 
-def mesh_file(mesh_id: str, format: str, *, partial: bool = False) -> Call:
-    """The mesh as a file."""
-    query = {"format": format, "partial": "true"} if partial else {"format": format}
+def mesh_file(mesh_id: str, format: str, *, cells: str | None = None, partial: bool = False) -> Call:
+    """The mesh as a file; ``cells`` overrules what the spec says."""
+    query = {"format": format}
+    if cells is not None:
+        query["cells"] = cells
+    if partial:
+        query["partial"] = "true"
     return Call(method="GET", path=_mesh(mesh_id, "file"), query=query, headers={"Accept": "*/*"})
 
 

@@ -89,6 +89,8 @@ def test_the_arrays_belong_together(client: Any) -> None:
     arrays = mesh.arrays()
     assert arrays.q_eq.max() == pytest.approx(mesh.quality.q_eq.max)
     assert (arrays.subdomain == 0).all()
+    assert mesh.quality.q_eq.cells is None
+    assert np.allclose(mesh.quality_of_cells().q_eq.cells, arrays.q_eq)
 
 
 def test_one_u_in_every_form_gives_one_mesh(client: Any, tmp_path: Path) -> None:
@@ -119,6 +121,8 @@ def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
         assert len(read.points) == 81, name
     assert len(meshio.read(tmp_path / "n.xdmf").cells_dict["triangle"]) == 128
     assert not [path.name for path in tmp_path.iterdir() if path.suffix == ".part"]
+    mesh.download(tmp_path / "quads.vtu", cells="quad")
+    assert len(meshio.read(tmp_path / "quads.vtu").cells_dict["quad"]) == 64
     assert mesh.cells.shape == (128, 3)
     assert mesh.arrays().q_eq.shape == (8, 8)
     here = mesh.to_meshio()
