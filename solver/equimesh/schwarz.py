@@ -210,7 +210,7 @@ def _merge(parts: Sequence[SubdomainProblem], states: Sequence[Mesh]) -> Mesh:
     merged = Mesh.uniform(parts[0].problem.grid)
     for part, state in zip(parts, states, strict=True):
         part.merge(state, merged)
-    return merged
+    return Mesh.of_unit_square(merged.x, merged.y)
 
 
 def _with_error(

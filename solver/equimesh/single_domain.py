@@ -134,8 +134,7 @@ def _interpolate(mesh: Mesh, grid: Grid, degree: int) -> Mesh:
     xi, eta = (np.linspace(0, 1, n) for n in mesh.x.shape)
     new_xi, new_eta = (np.linspace(0, 1, n) for n in grid.shape)
     x, y = (RectBivariateSpline(xi, eta, q, kx=degree, ky=degree, s=0)(new_xi, new_eta) for q in (mesh.x, mesh.y))
-    x[0], x[-1], y[:, 0], y[:, -1] = 0.0, 1.0, 0.0, 1.0
-    return Mesh(x, y)
+    return Mesh.of_unit_square(x, y)
 
 
 def _solve_level(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
@@ -151,7 +150,7 @@ def _solve_level(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator
 
 def _newton(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
     last = None
-    for last in newton_steps(problem.equations(), guess):
+    for last in map(_on_the_sides, newton_steps(problem.equations(), guess)):
         if last.converged:
             break
         yield replace(label, a=problem.monitor.a, step=last.steps, residual=last.residual, mesh=last.mesh)
@@ -166,6 +165,10 @@ def _newton(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[Newt
         converged=last.converged,
         failed=not last.converged,
     )
+
+
+def _on_the_sides(solution: LocalSolution) -> LocalSolution:
+    return replace(solution, mesh=Mesh.of_unit_square(solution.mesh.x, solution.mesh.y))
 
 
 def _continuation(problem: Problem, label: NewtonRecord) -> Iterator[NewtonRecord]:
