@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import CancelledError, Future
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import pytest
 
 from equimesh_service import Settings, running
 from equimesh_service.dispatcher import Dispatcher, Rules
+from equimesh_service.engine import Health
 from equimesh_service.pebble_engine import PebbleEngine
 from equimesh_service.rows import Claim, NewMesh
 from equimesh_service.service import PRELOAD, FolderInUseError, open_service
@@ -32,7 +34,7 @@ PROGRAM = """
     from equimesh_service import Settings, run
 
     if __name__ == "__main__":
-        run(Settings(data_dir=Path(sys.argv[1]), port=int(sys.argv[2]), workers=1, lease=3.0))
+        run(Settings(data_dir=Path(sys.argv[1]), port=int(sys.argv[2]), workers=1, lease=60.0))
 """
 
 
@@ -109,6 +111,44 @@ def test_a_mesh_that_kills_its_workers_fails_after_three(tmp_path: Path) -> None
     finally:
         dispatcher.stop()
         engine.close()
+        store.close()
+
+
+class Sluggish:
+    """An engine in which a mesh is canceled at the very moment that its task is submitted."""
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self.canceled: list[Future[Any]] = []
+
+    def submit(self, function: Any, *arguments: Any, time_limit: float | None = None) -> Future[Any]:
+        assert (function, arguments, time_limit) == (add, (1, 1), 300.0)
+        assert self.store.cancel("a")
+        return Future()
+
+    def cancel(self, task: Future[Any]) -> None:
+        self.canceled.append(task)
+        if not task.done():
+            task.set_exception(CancelledError())
+
+    def health(self) -> Health:
+        return Health(ready=True, workers=1)
+
+    def close(self) -> None:
+        raise AssertionError
+
+
+def test_a_cancel_between_claim_and_submission_is_seen(tmp_path: Path) -> None:
+    store = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}")
+    store.create_tables()
+    engine = Sluggish(store)
+    store.add_mesh(NewMesh(id="a", spec=SPEC))
+    dispatcher = Dispatcher("me", store, engine, lambda _: (add, (1, 1)), Rules(), lambda _: None)
+    dispatcher.start(alone=True)
+    try:
+        until(lambda: engine.canceled, 2.0)
+    finally:
+        dispatcher.stop()
         store.close()
 
 

@@ -365,6 +365,15 @@ def test_paths_and_methods_that_are_not_there(http: httpx.Client) -> None:
     assert refused.headers["allow"] == "GET, POST"
 
 
+def test_small_answers_are_sent_at_once(http: httpx.Client, finished: dict[str, Any]) -> None:
+    times = []
+    for _ in range(20):
+        began = time.perf_counter()
+        http.get(finished["links"]["self"])
+        times.append(time.perf_counter() - began)
+    assert min(times) < 0.03, "Nagle's algorithm holds answers back for 40 ms"
+
+
 def test_the_same_expression_under_load(url: str) -> None:
     answers: list[httpx.Response] = []
 
