@@ -1,0 +1,28 @@
+# The service alone: no tests, no examples. Build it with `docker build -t equimesh .` in this folder.
+
+FROM python:3.11-slim AS build
+WORKDIR /src
+COPY pyproject.toml README.md LICENSE constraints.txt ./
+COPY solver solver
+COPY client client
+COPY service service
+RUN python -m venv /opt/equimesh \
+    && /opt/equimesh/bin/pip install --no-cache-dir -c constraints.txt '.[service]'
+
+FROM python:3.11-slim
+COPY --from=build /opt/equimesh /opt/equimesh
+RUN useradd --system --uid 10001 --no-create-home --home-dir /data equimesh \
+    && install --directory --owner=equimesh --mode=0750 /data
+ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
+    PYTHONUNBUFFERED=1 \
+    MPLCONFIGDIR=/tmp/matplotlib \
+    EQUIMESH_HOST=0.0.0.0 \
+    EQUIMESH_PORT=8000 \
+    EQUIMESH_DATA_DIR=/data
+USER 10001
+VOLUME /data
+EXPOSE 8000
+# Healthy when the store, the files, the workers and the dispatcher do their work.
+HEALTHCHECK --interval=30s --timeout=10s --start-period=60s --retries=3 \
+    CMD ["python", "-c", "import httpx, os; httpx.get('http://127.0.0.1:' + os.environ['EQUIMESH_PORT'] + '/readyz', timeout=8, trust_env=False).raise_for_status()"]
+CMD ["equimesh", "serve"]

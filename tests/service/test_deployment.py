@@ -1,0 +1,220 @@
+"""The image and the compose file: valid, of one mind, and their commands run as plain processes.
+
+No container engine is needed: what the image would run is run here, with the image's environment, but for the data
+folder (a temporary one), the port (a free one) and PATH (this environment's).
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import yaml
+
+from equimesh_service.settings import Settings
+
+ROOT = Path(__file__).parents[2]
+SPEC = {"monitor": {"u": {"expression": "tanh(20*(x - y))"}}, "grid": {"n_xi": 9, "n_eta": 9}}
+
+
+@dataclass
+class Stage:
+    """What the instructions of one stage of a Dockerfile say."""
+
+    base: str
+    environment: dict[str, str] = field(default_factory=dict)
+    copies: list[list[str]] = field(default_factory=list)
+    commands: dict[str, str] = field(default_factory=dict)  # the last of each other instruction
+    runs: list[str] = field(default_factory=list)
+
+
+def stages() -> list[Stage]:
+    text = (ROOT / "Dockerfile").read_text()
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    found: list[Stage] = []
+    for line in re.sub(r"\\\n\s*", "", "\n".join(lines)).splitlines():
+        instruction, _, rest = line.partition(" ")
+        if instruction == "FROM":
+            found.append(Stage(rest.split()[0]))
+        elif instruction == "ENV":
+            found[-1].environment |= dict(pair.split("=", 1) for pair in shlex.split(rest))
+        elif instruction == "COPY":
+            found[-1].copies.append(rest.split())
+        elif instruction == "RUN":
+            found[-1].runs.append(rest)
+        else:
+            found[-1].commands[instruction] = rest
+    return found
+
+
+def image() -> Stage:
+    return stages()[-1]
+
+
+def health_command() -> list[str]:
+    _, _, command = image().commands["HEALTHCHECK"].partition("CMD ")
+    words: list[str] = json.loads(command)
+    return words
+
+
+def compose() -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load((ROOT / "compose.yaml").read_text())
+    return document
+
+
+def compose_environment() -> dict[str, str]:
+    """The service's environment when the shell sets nothing: `${NAME:-default}` is the default."""
+    given: dict[str, str] = compose()["services"]["equimesh"]["environment"]
+    return {name: re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", value) for name, value in given.items()}
+
+
+def check_schema(path: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec", str(path)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+def test_the_compose_file_is_valid(tmp_path: Path) -> None:
+    done = check_schema(ROOT / "compose.yaml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    wrong = tmp_path / "compose.yaml"
+    wrong.write_text((ROOT / "compose.yaml").read_text().replace("restart:", "restarts:"))
+    assert "restarts" in check_schema(wrong).stdout
+
+
+def test_compose_and_image_are_of_one_mind() -> None:
+    service, stage = compose()["services"]["equimesh"], image()
+    version = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert version is not None
+    assert service["image"] == f"equimesh:{version[1]}"
+    assert service["healthcheck"]["test"] == ["CMD", *health_command()]
+    (volume,) = service["volumes"]
+    name, _, target = volume.partition(":")
+    assert name in compose()["volumes"]
+    assert target == stage.commands["VOLUME"] == stage.environment["EQUIMESH_DATA_DIR"]
+    (port,) = service["ports"]
+    assert port == f"127.0.0.1:8000:{stage.commands['EXPOSE']}"
+    assert stage.commands["EXPOSE"] == stage.environment["EQUIMESH_PORT"]
+    for option in ("interval", "timeout", "start_period", "retries"):
+        assert f"--{option.replace('_', '-')}={service['healthcheck'][option]} " in stage.commands["HEALTHCHECK"]
+
+
+def test_the_image_is_slim_and_not_run_by_root() -> None:
+    assert {stage.base for stage in stages()} == {"python:3.11-slim"}
+    assert image().commands["USER"] not in ("root", "0")
+    assert f"--uid {image().commands['USER']} " in " ".join(image().runs)
+    assert "constraints.txt" in stages()[0].runs[0]
+
+
+def test_settings_of_the_image_and_of_compose_exist() -> None:
+    for environment in (image().environment, compose_environment()):
+        for name in environment:
+            if name.startswith("EQUIMESH_"):
+                assert name.removeprefix("EQUIMESH_").lower() in Settings.model_fields
+
+
+def test_what_the_image_copies_is_in_the_context() -> None:
+    rules = [line for line in (ROOT / ".dockerignore").read_text().splitlines() if line and line[0] != "#"]
+    for copy in stages()[0].copies:
+        for source in copy[:-1]:
+            assert (ROOT / source).exists(), source
+            ignored = False
+            for rule in rules:
+                if fnmatch.fnmatch(source, rule.lstrip("!")):
+                    ignored = not rule.startswith("!")
+            assert not ignored, source
+
+
+@pytest.mark.external
+def test_what_the_image_copies_makes_the_whole_wheel(tmp_path: Path) -> None:
+    for copy in stages()[0].copies:
+        for source in copy[:-1]:
+            if (ROOT / source).is_dir():
+                shutil.copytree(ROOT / source, tmp_path / source)
+            else:
+                shutil.copy(ROOT / source, tmp_path / source)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q", "wheel", "--no-deps"]
+    subprocess.run([*pip, "-w", str(tmp_path / "wheel"), str(tmp_path)], check=True, timeout=300)
+    (wheel,) = (tmp_path / "wheel").iterdir()
+    names = subprocess.run([sys.executable, "-m", "zipfile", "-l", str(wheel)], capture_output=True, text=True).stdout
+    for package in ("equimesh", "equimesh_client", "equimesh_cli", "equimesh_service"):
+        assert f"{package}/__init__.py" in names
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+def environment(folder: Path, port: int) -> dict[str, str]:
+    """The container's environment, as far as it can be had outside of one."""
+    merged = {**image().environment, **compose_environment()}
+    here = {
+        "PATH": f"{Path(sys.executable).parent}:/usr/local/bin:/usr/bin:/bin",
+        "HOME": str(folder),
+        "EQUIMESH_DATA_DIR": str(folder / "data"),
+        "EQUIMESH_PORT": str(port),
+        "MPLCONFIGDIR": str(folder / "matplotlib"),
+    }
+    return {**merged, **here}
+
+
+def healthy(environment: dict[str, str]) -> bool:
+    done = subprocess.run(health_command(), env=environment, capture_output=True, timeout=20)
+    assert done.returncode in (0, 1)
+    return done.returncode == 0
+
+
+@contextmanager
+def container(environment: dict[str, str]) -> Iterator[None]:
+    """The image's command as a process; stopped as an engine does it, with SIGTERM."""
+    command: list[str] = json.loads(image().commands["CMD"])
+    log = Path(environment["HOME"]) / "log.txt"
+    with log.open("w") as output:
+        process = subprocess.Popen(command, env=environment, cwd=os.sep, stderr=output)
+    try:
+        deadline = time.monotonic() + 60
+        while not healthy(environment):
+            assert process.poll() is None, "the service ended"
+            assert time.monotonic() < deadline, "the service does not get healthy"
+        yield
+        process.send_signal(signal.SIGTERM)
+        grace = int(compose()["services"]["equimesh"]["stop_grace_period"].removesuffix("s"))
+        # uvicorn shuts down first, and then ends by the signal that it was sent
+        assert process.wait(grace) in (0, -signal.SIGTERM)
+        assert "Application shutdown complete" in log.read_text()
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_the_commands_of_the_image_run(tmp_path: Path) -> None:
+    port = free_port()
+    variables = environment(tmp_path, port)
+    url = f"http://127.0.0.1:{port}"
+    assert not healthy(variables)
+    with container(variables):
+        made = httpx.post(f"{url}/v1/meshes", json=SPEC, headers={"Prefer": "wait=30"}, timeout=40)
+        assert made.json()["status"] == "succeeded"
+        assert (tmp_path / "data" / "equimesh.sqlite3").exists()
+    assert not healthy(variables)
+    with container(variables):  # the volume is all that a new container has of the old one
+        again = httpx.get(url + made.headers["Location"])
+        assert again.json()["status"] == "succeeded"
+        assert httpx.get(url + again.json()["links"]["file"]).status_code == 200
