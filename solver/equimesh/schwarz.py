@@ -23,6 +23,9 @@ MOST_RESCUES = 3
 # A subdomain whose Newton solve stalls in this many iterations in a row, with classical data as well, ends the Schwarz
 # iteration; a Robin iteration first begins again from its start, with classical data throughout.
 MOST_STALLS = 3
+# A Robin iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not
+# the solution, and begins again likewise.
+FALSE_FIXED_POINT = 1e-3
 # Newton steps that a subdomain solve may take: it starts near its solution or has none near by.
 MOST_LOCAL_STEPS = 25
 # Changes of the node positions that rounding errors alone can cause, per point in a direction.
@@ -94,7 +97,9 @@ class Iteration:
 
     ``change`` is the max norm by which the merged mesh moved (NaN at 0), ``estimate`` the error that the observed rate
     predicts from it (NaN until two changes are known), ``error`` the one against the single-domain solution where that
-    is known. ``failed`` ends the iteration: a subdomain has stalled for good.
+    is known. ``mismatch`` is the largest difference between subdomains at nodes that they share: a fixed point without
+    mismatch is the single-domain solution, one with is not. ``failed`` ends the iteration: a subdomain has stalled for
+    good.
     """
 
     iteration: int
@@ -103,15 +108,20 @@ class Iteration:
     min_jacobian: float
     change: float
     estimate: float
+    mismatch: float
     subdomains: tuple[SubdomainRecord, ...]
     error: float | None = None
     failed: bool = False
 
     def meets(self, tolerance: float | None) -> bool:
-        """Whether the error is known to be at most ``tolerance``: estimated, every subdomain solved, nothing folded."""
+        """Whether the error is known to be at most ``tolerance``.
+
+        The estimate says so, the subdomains agree as two meshes with such errors must, all were solved, none folded.
+        """
         return (
             tolerance is not None
             and self.estimate <= tolerance
+            and self.mismatch <= 2 * tolerance
             and not any(record.stalled for record in self.subdomains)
             and self.min_jacobian > 0
         )
@@ -120,32 +130,37 @@ class Iteration:
 def iterate(problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | None = None) -> Iterator[Iteration]:
     """Schwarz iterations from ``start``, without end unless a subdomain stalls for good.
 
-    Where a Robin condition gives a subdomain no solution, classical data takes its place, and the record says so. One
-    record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``reference`` is
+    One record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``reference`` is
     the single-domain solution against which errors are recorded. Haynes and Howse, section 3.
+
+    Where a Robin condition gives a subdomain no solution, or a fixed point on which the subdomains do not agree,
+    classical data takes its place, and the record says so.
     """
     decomposition = settings.decompose(problem.grid)
     parts = [SubdomainProblem(problem, decomposition, part, settings.transmission) for part in decomposition.parts]
     states = [part.restrict(start) for part in parts]
-    mesh, changes, stalls, rescues = start, [math.nan], [0] * len(parts), 0
-    classical = settings.transmission.ghosts == 0
     records = tuple(SubdomainRecord(subdomain=k, newton_steps=0, residual=math.nan) for k in range(len(parts)))
+    mesh, changes, stalls, rescues = start, [math.nan], [0] * len(parts), 0
+    classical, rounding = settings.transmission.ghosts == 0, ROUNDING * max(problem.grid.shape)
     while True:
         records = tuple(_with_error(r, parts, states, reference) for r in records)
+        mismatch = max(max(part.distance(state, mesh)) for part, state in zip(parts, states, strict=True))
+        stuck = max(stalls) >= MOST_STALLS
         yield Iteration(
             iteration=len(changes) - 1,
             mesh=mesh,
             max_q_eq=float(quality.equidistribution(mesh, problem.monitor).max()),
             min_jacobian=mesh.min_jacobian,
             change=changes[-1],
-            estimate=_estimate(changes, ROUNDING * max(problem.grid.shape)),
+            estimate=_estimate(changes, rounding),
+            mismatch=mismatch,
             subdomains=records,
             error=None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
-            failed=classical and max(stalls) >= MOST_STALLS,
+            failed=classical and stuck,
         )
-        if max(stalls) >= MOST_STALLS:
-            if classical:
-                return
+        if classical and stuck:
+            return
+        if not classical and (stuck or changes[-1] < FALSE_FIXED_POINT * (mismatch - rounding)):
             states, stalls, rescues = [part.restrict(start) for part in parts], [0] * len(parts), MOST_RESCUES
         classical = classical or rescues >= MOST_RESCUES
         records = tuple(_sweep(parts, states, mesh, settings.ordering, classical))

@@ -131,6 +131,7 @@ def _plain_iteration(record: Iteration) -> dict[str, Any]:
         "max_q_eq": _plain(record.max_q_eq),
         "change": _plain(record.change),
         "estimate": _plain(record.estimate),
+        "mismatch": _plain(record.mismatch),
         "error": _plain(record.error),
         "min_jacobian": _plain(record.min_jacobian),
         "subdomains": [
@@ -213,8 +214,8 @@ def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], 
     rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
     if rescued:
         note = (
-            f"The {schwarz.transmission.name} condition gave some subdomain no solution; classical data took its place "
-            f"in {len(rescued)} of {last.iteration} iterations, first in iteration {rescued[0]}. {note}"
+            f"The {schwarz.transmission.name} condition did not lead to a solution; classical data took its place in "
+            f"{len(rescued)} of {last.iteration} iterations, first in iteration {rescued[0]}. {note}"
         ).strip()
     if last.failed:
         status = Status.NEWTON_FAILED
@@ -226,7 +227,10 @@ def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], 
         status = Status.CONVERGED
     else:
         status = Status.NOT_CONVERGED
-        note = f"After {last.iteration} iterations the estimated error is {last.estimate:.1e}. {note}".strip()
+        note = (
+            f"After {last.iteration} iterations the estimated error is {last.estimate:.1e}, and the subdomains differ "
+            f"by {last.mismatch:.1e}. {note}"
+        ).strip()
     return Solution(
         problem=problem,
         schwarz=schwarz,
