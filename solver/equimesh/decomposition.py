@@ -114,21 +114,17 @@ class Decomposition:
 def _check(direction: str, lines: str, points: int, count: int, overlap: int) -> None:
     if count < 1:
         raise DecompositionError(f"{count} subdomains in {direction}: at least 1 is needed", field="subdomains")
-    if count == 1 or _smallest(points, count, overlap) > overlap:
+    # Every subdomain is wider than the overlap exactly when their number and the overlap make up the grid at most.
+    if count == 1 or count + overlap <= points:
         return
-    most = next(c for c in range(count, 0, -1) if c == 1 or _smallest(points, c, overlap) > overlap)
-    widest = next((o for o in range(overlap, 1, -1) if _smallest(points, count, o) > o), None)
-    by_overlap = f", or an overlap of {widest} with {count} subdomains" if widest else ""
+    widest = points - count
+    by_overlap = f", and {count} subdomains an overlap of at most {widest}" if widest >= SMALLEST_OVERLAP else ""
     raise DecompositionError(
         f"{count} subdomains in {direction} with an overlap of {overlap} points do not fit {points} {lines}: every "
-        f"subdomain must be wider than the overlap. With this overlap at most {most} fit{by_overlap}; "
-        f"or take more grid points",
-        field="subdomains" if widest is None else "overlap",
+        f"subdomain must be wider than the overlap. This overlap allows at most {max(points - overlap, 1)} "
+        f"subdomains{by_overlap}; or take more grid points",
+        field="overlap" if by_overlap else "subdomains",
     )
-
-
-def _smallest(points: int, count: int, overlap: int) -> int:
-    return (points + (count - 1) * overlap) // count
 
 
 def _spans(points: int, count: int, overlap: int) -> tuple[Span, ...]:

@@ -1,0 +1,221 @@
+"""Schwarz: rates, records, statuses, and the endings that are not a success."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh.schwarz import MOST_RESCUES, _estimate
+
+PAPER = problem("paper", 24, 20)
+
+
+def test_classical_rate_is_the_predicted_one() -> None:
+    """alpha (1 - beta) / (beta (1 - alpha)) for two strips and two parallel iterations."""
+    settings = em.Schwarz(
+        overlap=2,
+        transmission=em.Classical(),
+        ordering=em.Ordering.PARALLEL,
+        compare_single_domain=True,
+        tolerance=None,
+        max_iterations=60,
+    )
+    case = problem("paper", 12, boundary=em.Boundary.EQUIDISTRIBUTED_1D)
+    solution = em.solve(case, settings, initial=em.Initial.UNIFORM)
+    alpha, beta = 5 / 11, 6 / 11
+    assert solution.predicted_rate == pytest.approx(math.sqrt(alpha * (1 - beta) / (beta * (1 - alpha))), abs=1e-12)
+    assert solution.rate == pytest.approx(solution.predicted_rate, abs=0.005)
+
+
+@pytest.mark.parametrize("ordering", em.Ordering)
+@pytest.mark.parametrize(("subdomains", "overlap"), [((2, 1), 3), ((1, 3), 4), ((4, 1), 4), ((3, 2), 4)], ids=str)
+def test_predicted_rates_hold_for_strips_and_blocks(
+    subdomains: tuple[int, int], overlap: int, ordering: em.Ordering
+) -> None:
+    settings = em.Schwarz(
+        subdomains=subdomains,
+        overlap=overlap,
+        transmission=em.Classical(),
+        ordering=ordering,
+        compare_single_domain=True,
+        tolerance=1e-7,
+        max_iterations=150,
+    )
+    solution = em.solve(PAPER, settings)
+    assert solution.rate == pytest.approx(solution.predicted_rate, abs=0.01)
+
+
+def test_wider_overlap_and_robin_conditions_take_fewer_iterations() -> None:
+    counts = {}
+    for condition, overlap in [(em.Classical(), 2), (em.Classical(), 4), (em.Classical(), 8), (em.LinearRobin(), 2)]:
+        settings = em.Schwarz(overlap=overlap, transmission=condition, tolerance=1e-8, max_iterations=150)
+        counts[condition.name, overlap] = len(em.solve(PAPER, settings).iterations) - 1
+    assert counts == {("classical", 2): 74, ("classical", 4): 25, ("classical", 8): 12, ("linear_robin", 2): 4}
+
+
+def test_the_estimate_is_honest() -> None:
+    """Where convergence is claimed, the error against the single-domain mesh is below the tolerance."""
+    for condition, tolerance in itertools.product(
+        [em.Classical(), em.LinearRobin(), em.NonlinearRobin()], [1e-4, 1e-7]
+    ):
+        settings = em.Schwarz(
+            transmission=condition,
+            tolerance=tolerance,
+            compare_single_domain=True,
+            max_iterations=150,
+        )
+        last = em.solve(PAPER, settings).iterations[-1]
+        assert last.error is not None
+        assert last.error < 1.1 * tolerance
+        assert last.change <= last.estimate <= tolerance
+
+
+def test_estimate_by_hand() -> None:
+    assert math.isnan(_estimate([math.nan], 1e-15))
+    assert math.isnan(_estimate([math.nan, 0.1], 1e-15))
+    assert _estimate([math.nan, 0.0], 1e-15) == 0.0
+    assert _estimate([math.nan, 0.1, 0.09], 1e-15) == pytest.approx(0.09 * 9)
+    assert _estimate([math.nan, 0.1, 0.01, 0.001], 1e-15) == pytest.approx(0.001)  # never less than the change
+    assert _estimate([math.nan, 0.1, 0.2], 1e-15) == math.inf
+    assert _estimate([math.nan, 0.4, 0.0, 0.1], 1e-15) == pytest.approx(0.1)
+    assert _estimate([math.nan, 1e-3, 1e-16, 2e-16], 1e-15) == 2e-16
+
+
+def test_iterate_belongs_to_its_caller() -> None:
+    start = em.Mesh.uniform(PAPER.grid)
+    first = list(itertools.islice(em.iterate(PAPER, em.Schwarz(), start), 3))
+    assert [record.iteration for record in first] == [0, 1, 2]
+    assert first[0].mesh is start
+    assert first[0].error is None
+    assert math.isnan(first[0].change)
+    assert first[2].change == pytest.approx(
+        max(abs(first[2].mesh.x - first[1].mesh.x).max(), abs(first[2].mesh.y - first[1].mesh.y).max())
+    )
+    assert [r.subdomain for r in first[1].subdomains] == [0, 1]
+    assert all(r.newton_steps > 0 and r.residual < 1e-11 for r in first[1].subdomains)
+
+
+def test_errors_are_per_subdomain_and_coordinate() -> None:
+    settings = em.Schwarz(subdomains=(3, 1), transmission=em.Classical(), compare_single_domain=True, tolerance=1e-3)
+    reference = em.solve(PAPER).mesh
+    solution = em.solve(PAPER, settings)
+    start = solution.iterations[0]
+    decomposition = solution.decomposition
+    assert decomposition is not None
+    for part, record in zip(decomposition.parts, start.subdomains, strict=True):
+        columns = list(part.columns)
+        assert record.error_x == abs(start.mesh.x[columns] - reference.x[columns]).max()
+        assert record.error_y == abs(start.mesh.y[columns] - reference.y[columns]).max()
+    assert start.error == max(max(r.error_x, r.error_y) for r in start.subdomains)  # type: ignore[type-var]
+
+
+def test_not_converged_says_so_and_keeps_what_there_is() -> None:
+    settings = em.Schwarz(transmission=em.Classical(), max_iterations=3)
+    with pytest.raises(em.SolveError, match="within the allowed iterations") as caught:
+        em.solve(PAPER, settings)
+    partial = caught.value.solution
+    assert partial.status is em.Status.NOT_CONVERGED
+    assert len(partial.iterations) == 4
+    assert not partial.mesh.is_folded
+
+
+def test_a_fixed_number_of_iterations_is_a_success() -> None:
+    settings = em.Schwarz(transmission=em.Classical(), tolerance=None, max_iterations=3)
+    solution = em.solve(PAPER, settings)
+    assert (solution.status, len(solution.iterations)) == (em.Status.COMPLETED, 4)
+
+
+def test_a_newton_failure_says_where_and_folds_nothing() -> None:
+    hopeless = problem("wave", 9, boundary=em.Boundary.EQUIDISTRIBUTED_1D, a=1.0, b=0.0)
+    with pytest.raises(em.SolveError, match="stalled") as caught:
+        em.solve(hopeless)
+    assert caught.value.solution.status is em.Status.NEWTON_FAILED
+    assert not caught.value.solution.mesh.is_folded
+
+
+def test_robin_that_finds_no_solution_is_rescued_and_reported() -> None:
+    """Linear Robin with p = auto has no solution on blocks of the paper's function in the first iteration."""
+    case = problem("paper", 17)
+    settings = em.Schwarz(subdomains=(2, 2), tolerance=1e-9)
+    solution = em.solve(case, settings)
+    assert any(r.classical for r in solution.iterations[1].subdomains)
+    assert "classical data took its place" in solution.message
+    single = em.solve(case).mesh
+    assert max(abs(solution.mesh.x - single.x).max(), abs(solution.mesh.y - single.y).max()) < 2e-9
+
+
+def test_a_false_fixed_point_is_not_a_solution() -> None:
+    """On strips in eta, linear Robin with p = auto comes to rest where the two subdomains differ by 0.1."""
+    case = problem("paper", 17)
+    settings = em.Schwarz(subdomains=(1, 2), tolerance=1e-9)
+    solution = em.solve(case, settings)
+    at_rest = min(solution.iterations[1:], key=lambda record: record.change / record.mismatch)
+    assert at_rest.change < 1e-3 * at_rest.mismatch
+    assert at_rest.mismatch > 0.01
+    assert not at_rest.meets(0.001)
+    single = em.solve(case).mesh
+    assert max(abs(solution.mesh.x - single.x).max(), abs(solution.mesh.y - single.y).max()) < 2e-9
+
+
+def test_rescue_that_recurs_becomes_the_rule() -> None:
+    solution = em.solve(problem("sine", 17), em.Schwarz(transmission=em.NonlinearRobin(), tolerance=1e-9))
+    classical = [all(r.classical for r in record.subdomains) for record in solution.iterations]
+    assert sum(classical) > MOST_RESCUES
+    assert all(classical[-5:])
+
+
+def test_one_subdomain_is_the_single_domain_solve() -> None:
+    solution = em.solve(PAPER, em.Schwarz(subdomains=(1, 1)))
+    single = em.solve(PAPER).mesh
+    assert abs(solution.mesh.x - single.x).max() < 1e-13
+    assert len(solution.iterations) - 1 <= 2
+
+
+def test_observer_sees_newton_steps_and_iterations() -> None:
+    seen: list[em.Event] = []
+    settings = em.Schwarz(tolerance=1e-6, compare_single_domain=True)
+    solution = em.solve(PAPER, settings, observe=seen.append)
+    assert [e for e in seen if isinstance(e, em.Iteration)] == list(solution.iterations)
+    grids = {e.grid for e in seen if isinstance(e, em.NewtonRecord)}
+    assert grids == {em.Grid(n_xi=13, n_eta=11), PAPER.grid}
+
+
+@pytest.mark.parametrize("bad", [{"tolerance": 0.0}, {"tolerance": math.nan}, {"max_iterations": 0}])
+def test_bad_settings_are_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(em.InputError):
+        replace(em.Schwarz(), **bad)
+    for p in (0.0, -1.0, math.inf, "best"):
+        with pytest.raises(em.InputError, match="positive number"):
+            em.LinearRobin(p=p)  # type: ignore[arg-type]
+
+
+def test_convergence_is_plain_numbers() -> None:
+    convergence = em.solve(PAPER, em.Schwarz(tolerance=1e-6)).convergence()
+    first, last = convergence["iterations"][0], convergence["iterations"][-1]
+    assert first["change"] is None
+    assert first["error"] is None
+    assert type(last["max_q_eq"]) is float
+    assert last["subdomains"][0]["status"] == "converged"
+    assert convergence["predicted_rate"] is None
+
+
+def test_a_spline_of_samples_gives_the_mesh_of_the_function() -> None:
+    """Node positions differ by the accuracy of the spline: fourth order in the spacing of the samples."""
+    case = problem("paper", 12, boundary=em.Boundary.EQUIDISTRIBUTED_1D)
+    exact = em.solve(case).mesh
+    differences = []
+    for samples in (33, 65, 129):
+        axis = np.linspace(0, 1, samples)
+        (values,) = case.monitor.u.evaluate(*np.meshgrid(axis, axis, indexing="ij"))
+        monitor = replace(case.monitor, u=em.GridSamples(x=axis, y=axis, values=values))
+        mesh = em.solve(replace(case, monitor=monitor)).mesh
+        differences.append(max(abs(mesh.x - exact.x).max(), abs(mesh.y - exact.y).max()))
+    assert differences[0] < 2e-5
+    assert differences[2] < 3e-8
+    assert differences[1] / differences[2] > 8
