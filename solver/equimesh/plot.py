@@ -83,6 +83,43 @@ def draw_mesh(
                 handle.set_linewidth(2.0)
 
 
+def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
+    """Draw the overlapping subdomains in the computational plane, with the lines of the grid.
+
+    The ends of the overlaps are marked on the axes: between two strips alpha and beta of Haynes and Howse, Figure 1.
+    """
+    grid, parts = decomposition.grid, decomposition.parts
+    with figure_file(path, 6.0, 6.2) as figure:
+        from matplotlib.colors import to_rgb
+
+        colours, covered = np.zeros((grid.n_eta - 1, grid.n_xi - 1, 3)), np.zeros((grid.n_eta - 1, grid.n_xi - 1))
+        for part in parts:
+            cells = tuple(slice(span.first, span.last) for span in part.spans[::-1])
+            colours[cells] = to_rgb(SUBDOMAIN_COLOURS[part.number % len(SUBDOMAIN_COLOURS)])
+            covered[cells] += 1
+        colours[covered > 1] = to_rgb(OVERLAP_COLOUR)
+        axes = figure.add_subplot()
+        axes.imshow(1 - 0.4 * (1 - colours), origin="lower", extent=(0, 1, 0, 1), interpolation="nearest")
+        places = [np.linspace(0, 1, n) for n in grid.shape]
+        axes.vlines(places[0], 0, 1, colors="#00000040", linewidths=0.5)
+        axes.hlines(places[1], 0, 1, colors="#00000040", linewidths=0.5)
+        for part in parts if len(parts) <= MOST_LABELS else ():
+            x, y = (
+                (place[span.owned_first] + place[span.owned_last]) / 2
+                for place, span in zip(places, part.spans, strict=True)
+            )
+            axes.text(x, y, rf"$\Omega_{{{part.number + 1}}}$", fontsize=20, ha="center", va="center")
+        for axis, place, spans in zip((axes.xaxis, axes.yaxis), places, decomposition.spans, strict=True):
+            ends = sorted({end for span in spans for end in (span.first, span.last)})
+            names = ["", "$\\alpha$\n", "$\\beta$\n", ""] if len(spans) == 2 else [""] * len(ends)
+            fractions = ["0", *(f"{end}/{place.size - 1}" for end in ends[1:-1]), "1"]
+            axis.set_ticks(place[ends], [name + value for name, value in zip(names, fractions, strict=True)])
+        axes.set(xlabel=r"$\xi$", ylabel=r"$\eta$")
+        size = f"{grid.n_xi} × {grid.n_eta} points"
+        axes.set_title(f"{len(parts)} subdomains of {size}, {decomposition.overlap} points of overlap")
+        axes.spines[:].set_visible(False)
+
+
 def draw_quality(data: MeshData, path: str | Path) -> None:
     """Draw ``Q_eq`` of every cell as a colour: white is equidistributed, orange too small, purple too large.
 

@@ -26,6 +26,7 @@ from equimesh.plot import (
     SINGLE_COLOUR,
     SUBDOMAIN_COLOURS,
     draw_convergence,
+    draw_decomposition,
     draw_histories,
     draw_mesh,
     draw_quality,
@@ -93,6 +94,7 @@ def colours(path: Path) -> set[str]:
 
 DRAWINGS: dict[str, Callable[[Path], None]] = {
     "mesh": lambda path: draw_mesh(result(strips()), path, decomposition=strips()),
+    "decomposition": lambda path: draw_decomposition(strips(), path),
     "quality": lambda path: draw_quality(result(strips()), path),
     "surface": lambda path: draw_surface(result(strips()), path),
     "convergence": lambda path: draw_convergence(convergence(8), path),
@@ -106,7 +108,7 @@ class TestEveryDrawing:
         draw(tmp_path / "picture.png")
         image = matplotlib.image.imread(tmp_path / "picture.png")
         assert min(image.shape[:2]) > 500
-        assert 0.01 < (image[..., :3].min(axis=-1) < 0.9).mean() < 0.7
+        assert 0.01 < (image[..., :3].min(axis=-1) < 0.9).mean() < 0.9
 
     def test_writes_the_same_file_again(self, draw: Callable[[Path], None], tmp_path: Path) -> None:
         for suffix in ("svg", "png"):
@@ -221,6 +223,31 @@ def test_the_first_subdomain_is_on_the_left_in_the_picture(tmp_path: Path) -> No
     assert place[RED] < place[OVERLAP_COLOUR] < place[BLUE]
     strongest = [int(np.argmax(matplotlib.colors.to_rgb(colour))) for colour in (RED, BLUE)]
     assert strongest == [0, 2]
+
+
+def test_the_decomposition_names_its_subdomains_and_the_ends_of_the_overlap(tmp_path: Path) -> None:
+    path = tmp_path / "decomposition.svg"
+    draw_decomposition(strips(12, 10, overlap=4), path)
+    for label in (
+        r"$\Omega_{1}$",
+        r"$\Omega_{2}$",
+        "$\\alpha$ \n 4/11",
+        "$\\beta$ \n 7/11",
+        "12 × 10 points, 4 points",
+    ):
+        assert label in texts(path)
+    draw_decomposition(strips(12, 10, overlap=2), tmp_path / "narrow.png")
+    image = matplotlib.image.imread(tmp_path / "narrow.png")[300, :, :3]  # a row above the names
+    tints = {
+        colour: 1 - 0.4 * (1 - np.array(matplotlib.colors.to_rgb(colour))) for colour in (RED, OVERLAP_COLOUR, BLUE)
+    }
+    columns = {colour: np.nonzero(abs(image - tint).max(axis=-1) < 0.02)[0] for colour, tint in tints.items()}
+    assert columns[RED].max() < columns[OVERLAP_COLOUR].min() < columns[OVERLAP_COLOUR].max() < columns[BLUE].min()
+    assert columns[RED].size / columns[OVERLAP_COLOUR].size == pytest.approx(5, rel=0.1)
+    blocks = Decomposition(grid=Grid(n_xi=40, n_eta=40), subdomains=(4, 4), overlap=2)
+    draw_decomposition(blocks, path)  # too many to name
+    assert "16 subdomains" in texts(path)
+    assert "Omega" not in texts(path)
 
 
 def test_large_meshes_are_thinned_and_the_title_says_so(tmp_path: Path) -> None:
