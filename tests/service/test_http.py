@@ -388,3 +388,22 @@ def test_the_same_expression_under_load(url: str) -> None:
         thread.join()
     assert {answer.status_code for answer in answers} == {201}
     assert len({answer.headers["etag"] for answer in answers}) == 1
+
+
+def test_many_scattered_samples_do_not_hold_up_the_service(http: httpx.Client) -> None:
+    rng = np.random.default_rng(2)
+    points = np.vstack([rng.random((9000, 2)), [[0, 0], [1, 0], [0, 1], [1, 1]]])
+    data = npz(points=points, values=np.tanh(5 * (points[:, 0] - 0.5)))
+    uploads: list[httpx.Response] = []
+    thread = threading.Thread(
+        target=lambda: uploads.append(http.post("/v1/samples", files={"samples": ("u.npz", data)}))
+    )
+    thread.start()
+    slowest = 0.0
+    while thread.is_alive():
+        began = time.perf_counter()
+        assert http.get("/v1/meshes?limit=1").status_code == 200
+        slowest = max(slowest, time.perf_counter() - began)
+    assert uploads[0].status_code == 201
+    assert uploads[0].json()["shape"] == [9004]
+    assert slowest < 0.5
