@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from hashlib import sha256
 from time import time
-from typing import Any
-
-import numpy as np
+from typing import Any, TypeVar
 
 import equimesh
-from equimesh.upload import read_samples
+from equimesh_service import intake
 from equimesh_service.assembly import build_field, build_problem, build_schwarz, pointing
+from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import FileStore
-from equimesh_service.problems import invalid
+from equimesh_service.problems import Problem, invalid
 from equimesh_service.rows import SamplesRow
 from equimesh_service.settings import Settings
 from equimesh_service.spec import (
@@ -24,12 +24,16 @@ from equimesh_service.spec import (
     GridSource,
     MeshSpec,
     ScatteredSource,
+    Source,
     StoredSource,
     read_spec,
 )
 from equimesh_service.store import Store
 
 UPLOAD = "upload"
+# Longest that one request may keep a worker busy with its samples.
+_WORK_SECONDS = 60.0
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,7 @@ class Admission:
     settings: Settings
     store: Store
     files: FileStore
+    desk: Engine
 
     def admit(self, document: Any, upload: Upload | None) -> Admitted:
         """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
@@ -73,8 +78,7 @@ class Admission:
         if upload is not None and not with_upload:
             raise invalid("/monitor/u", 'there is a part "samples": refer to it with {"samples": "upload"}')
         # The numbers first: an upload is not kept for a spec that is refused.
-        constant = equimesh.Expression("0") if isinstance(source, StoredSource) else build_field(source)
-        build_problem(spec, constant)
+        build_problem(spec, self._field(source))
         build_schwarz(spec)
         canonical = spec.canonical()
         if not isinstance(source, StoredSource):
@@ -92,17 +96,35 @@ class Admission:
 
     def keep(self, upload: Upload, pointer: str) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and keep them; the second value tells whether they are new."""
-        with pointing(pointer):
-            found = read_samples(upload.data, upload.filename, max_bytes=4 * self.settings.max_body)
-        number = found.values.size
-        self._check_samples(number, pointer)
-        data = _canonical_npz(found)
-        with self.files.unfinished(".npz") as path:
-            path.write_bytes(data)
+        most = 4 * self.settings.max_body
+        with self.files.unfinished(".upload") as source, self.files.unfinished(".npz") as path:
+            source.write_bytes(upload.data)
+            summary = self._work(pointer, intake.convert, source, upload.filename, path, most)
+            self._check_samples(math.prod(summary["shape"]), pointer)
             file = self.files.seal(path)
-            row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, _summary(found), time())
+            row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
             new = self.store.add_samples(row, lambda: self.files.publish(path, file))
         return (row, True) if new else (self.stored(row.id), False)
+
+    def _field(self, source: Source) -> equimesh.Field:
+        """u as the spec has it; for samples that take long to interpolate, something in its place."""
+        if isinstance(source, ScatteredSource):
+            given = source.scattered
+            self._work("/monitor/u/scattered", intake.check_scattered, given.points, given.values)
+        elif not isinstance(source, StoredSource):
+            return build_field(source)
+        return equimesh.Expression("0")
+
+    def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
+        try:
+            with pointing(pointer):
+                return self.desk.submit(function, *arguments, time_limit=_WORK_SECONDS).result()
+        except (TimeLimitError, MemoryLimitError) as error:
+            message = f"the samples are too many to interpolate ({error}): send fewer, or send them on a grid"
+            raise invalid(pointer, message) from None
+        except (EngineError, CancelledError) as error:
+            raise Problem("unavailable", f"The samples were not read: {error}.") from None
 
     def _check_limits(self, spec: MeshSpec) -> None:
         most = self.settings
@@ -138,23 +160,3 @@ class Admission:
         if number > self.settings.max_samples:
             message = f"{number} samples; this service takes at most {self.settings.max_samples}: send fewer"
             raise invalid(pointer, message)
-
-
-def _canonical_npz(found: equimesh.GridSamples | equimesh.ScatteredSamples) -> bytes:
-    buffer = io.BytesIO()
-    if isinstance(found, equimesh.GridSamples):
-        np.savez(buffer, x=found.x, y=found.y, values=found.values)
-    else:
-        np.savez(buffer, points=found.points, values=found.values)
-    return buffer.getvalue()
-
-
-def _summary(found: equimesh.GridSamples | equimesh.ScatteredSamples) -> dict[str, Any]:
-    kind = "grid" if isinstance(found, equimesh.GridSamples) else "scattered"
-    values = found.values
-    return {
-        "kind": kind,
-        "shape": list(values.shape),
-        "min": float(values.min()),
-        "max": float(values.max()),
-    }

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-
-import numpy as np
 
 import equimesh
 from equimesh.errors import InputError
@@ -77,14 +74,6 @@ def build_expression(source: sp.ExpressionSource | sp.ExpressionCheck) -> equime
     expression = equimesh.Expression(source.expression, parameters=source.parameters, t=source.t)
     expression.check_finite()
     return expression
-
-
-def load_field(path: Path) -> equimesh.Field:
-    """u from stored samples."""
-    with np.load(path, allow_pickle=False) as arrays:
-        if "points" in arrays:
-            return equimesh.ScatteredSamples(points=arrays["points"], values=arrays["values"])
-        return equimesh.GridSamples(x=arrays["x"], y=arrays["y"], values=arrays["values"])
 
 
 @contextmanager

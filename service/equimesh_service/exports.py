@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
 from pathlib import Path
 
 import equimesh
@@ -31,13 +30,6 @@ def export(task: Export) -> Artifact | None:
         artifact = Artifact(task.name, file.sha256, file.size)
         kept = store.add_artifact(task.mesh_id, artifact, lambda: files.publish(path, file))
     return artifact if kept else None
-
-
-def warm_up() -> None:
-    """Load what drawing needs; it takes a second the first time."""
-    import_module("equimesh.plot")
-    import_module("matplotlib.backends.backend_agg")
-    import_module("matplotlib.backends.backend_svg")
 
 
 def plot_name(kind: str, format: str) -> str:

@@ -101,7 +101,7 @@ def _wait_until_ready(server: _Server, thread: threading.Thread) -> None:
     deadline = time.monotonic() + _START_SECONDS
     while time.monotonic() < deadline and thread.is_alive():
         service = getattr(server.config.app.state, "service", None)  # type: ignore[union-attr]
-        if server.started and service is not None and service.engine.health().ready:
+        if server.started and service is not None and service.engine.health().ready and service.desk.health().ready:
             return
         time.sleep(0.02)
     raise RuntimeError("the service did not start; its log says why")

@@ -31,21 +31,28 @@ from equimesh_service.wakeups import Wakeups
 
 Checked = TypeVar("Checked")
 _log = logging.getLogger(__name__)
-# Exports have one worker of their own, so that a file never waits behind the solves.
-_DESK_WORKERS = 1
+# Files, pictures and samples have workers of their own, so that they never wait behind the solves.
+_DESK_WORKERS = 2
 # Threads that check what clients send.
 _CHECKERS = 4
 # Modules that workers share the memory and the loading time of.
-PRELOAD = ("equimesh_service.worker", "equimesh_service.exports")
+PRELOAD = (
+    "equimesh_service.worker",
+    "equimesh_service.exports",
+    "equimesh_service.intake",
+    "equimesh.plot",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_svg",
+)
 
 
-class FolderInUseError(RuntimeError):
+class FolderInUseError(OSError):
     """Another service works in the same data folder."""
 
 
 @dataclass(kw_only=True)
 class Service:
-    """The four rooms, opened. ``engine`` solves, ``desk`` makes files and pictures on request."""
+    """The four rooms, opened. ``engine`` solves, ``desk`` makes files and pictures, and reads samples."""
 
     settings: Settings
     place: Place
@@ -149,7 +156,7 @@ def open_service(settings: Settings) -> Service:
     store.create_tables()
     files.prepare()
     engine = PebbleEngine(settings.workers, memory_limit=settings.memory_limit, preload=PRELOAD, warm_up=worker.warm_up)
-    desk = PebbleEngine(_DESK_WORKERS, memory_limit=settings.memory_limit, preload=PRELOAD, warm_up=exports.warm_up)
+    desk = PebbleEngine(_DESK_WORKERS, memory_limit=settings.memory_limit, preload=PRELOAD)
     wakeups = Wakeups()
     rules = Rules(
         time_limit=settings.time_limit,
@@ -178,7 +185,7 @@ def open_service(settings: Settings) -> Service:
         desk=desk,
         dispatcher=dispatcher,
         wakeups=wakeups,
-        admission=Admission(settings, store, files),
+        admission=Admission(settings, store, files, desk),
         lock=lock,
         checkers=CapacityLimiter(_CHECKERS),
     )

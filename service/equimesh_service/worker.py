@@ -14,8 +14,9 @@ import numpy as np
 
 import equimesh
 from equimesh.io import write_mesh
-from equimesh_service.assembly import build_field, build_problem, build_schwarz, load_field
+from equimesh_service.assembly import build_field, build_problem, build_schwarz
 from equimesh_service.files import FileStore, StoredFile
+from equimesh_service.intake import load_field
 from equimesh_service.job import Job, Place
 from equimesh_service.problems import Problem
 from equimesh_service.reporter import AttemptLostError, Reporter

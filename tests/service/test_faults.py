@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from concurrent.futures import CancelledError, Future
 from pathlib import Path
@@ -270,6 +271,26 @@ def test_limits_and_a_stop_of_the_service(tmp_path: Path) -> None:
     store.close()
     assert row is not None
     assert (row.status, row.attempt) == ("queued", 1)
+
+
+def test_a_stop_does_not_wait_for_those_who_wait(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error")
+    answers: list[int] = []
+    with running(settings) as url:
+        mesh = httpx.post(f"{url}/v1/meshes", json=SLOW).json()
+
+        def follow(path: str) -> None:
+            answers.append(httpx.get(f"{url}{mesh['links']['self']}{path}", timeout=60.0).status_code)
+
+        threads = [threading.Thread(target=follow, args=(path,)) for path in ("?wait=30", "/events")]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.5)
+        began = time.monotonic()
+    for thread in threads:
+        thread.join()
+    assert answers == [200, 200]
+    assert time.monotonic() - began < 4.0
 
 
 @pytest.mark.anyio

@@ -1,0 +1,50 @@
+"""Progress is told sparingly, never goes back, and ends the work of an attempt that is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+import equimesh
+from equimesh_service.reporter import AttemptLostError, Reporter
+
+U = equimesh.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
+PROBLEM = equimesh.Problem(monitor=equimesh.ArcLength(u=U), grid=equimesh.Grid(n_xi=12, n_eta=12))
+
+
+def told_by(schwarz: equimesh.Schwarz | None, interval: float) -> list[Mapping[str, Any]]:
+    told: list[Mapping[str, Any]] = []
+
+    def tell(row: Mapping[str, Any]) -> bool:
+        told.append(row)
+        return True
+
+    reporter = Reporter(schwarz, tell, interval=interval)
+    equimesh.solve(PROBLEM, schwarz, observe=reporter, check=False)
+    reporter.writing()
+    return told
+
+
+@pytest.mark.parametrize(
+    "schwarz",
+    [None, equimesh.Schwarz(overlap=2), equimesh.Schwarz(overlap=2, tolerance=None, max_iterations=3)],
+)
+def test_the_fraction_grows_to_nearly_one(schwarz: equimesh.Schwarz | None) -> None:
+    told = told_by(schwarz, interval=0.0)
+    fractions = [row["fraction"] for row in told]
+    assert fractions == sorted(fractions)
+    assert 0.0 <= fractions[0] < fractions[-1] == 0.95
+    stages = list(dict.fromkeys(row["stage"] for row in told))
+    assert stages == (["single_domain", "writing"] if schwarz is None else ["start", "schwarz", "writing"])
+
+
+def test_little_is_told_in_little_time() -> None:
+    assert len(told_by(equimesh.Schwarz(overlap=2), interval=3600.0)) == 2
+
+
+def test_a_lost_attempt_ends_the_solve() -> None:
+    reporter = Reporter(None, lambda _: False)
+    with pytest.raises(AttemptLostError):
+        equimesh.solve(PROBLEM, observe=reporter)
