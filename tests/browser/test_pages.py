@@ -1,0 +1,68 @@
+"""Browser: the service's pages in a real browser that can reach nothing but the service."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from equimesh_service import Settings, running
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no browser; on Debian: apt-get install chromium")
+# No sandbox, as tests may run as root in a container; no name resolves, so that only the loopback address answers.
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+    "--virtual-time-budget=20000",
+    "--window-size=1200,2000",
+]
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with running(Settings(data_dir=tmp_path_factory.mktemp("data"), port=0, workers=1, log_level="warning")) as url:
+        yield url
+
+
+@pytest.fixture
+def rendered(tmp_path: Path) -> Callable[[str], str]:
+    """The document of a page after its scripts have run."""
+
+    def page(address: str) -> str:
+        command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path}", "--dump-dom", address]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+
+    return page
+
+
+def test_the_interactive_documentation_works_offline(url: str, rendered: Callable[[str], str]) -> None:
+    document = rendered(f"{url}/docs")
+    described = httpx.get(f"{url}/openapi.json").json()
+    operations = [
+        method
+        for path in described["paths"].values()
+        for method in path
+        if method in {"get", "post", "delete", "head", "put"}
+    ]
+    assert document.count('class="opblock opblock-') == len(operations)
+    assert described["info"]["title"] in document
+    assert "Failed to load" not in document
+    assert "Unable to render" not in document
+
+
+def test_the_front_page_leads_to_the_documentation(url: str, rendered: Callable[[str], str]) -> None:
+    document = rendered(f"{url}/")
+    assert 'href="docs"' in document
+    assert "curl" in document
