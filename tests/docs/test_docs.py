@@ -1,0 +1,269 @@
+"""The documentation: complete, true as far as a machine can tell, and its code runs.
+
+Blocks marked ``python`` and ``sh`` are run, in the order of their page and in one folder a page, against a service;
+those marked ``py``, ``shell``, ``text`` and ``json`` are not, nor are commands that install something.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from equimesh import ArcLength, Boundary, Expression, Grid, Initial, Ordering, Problem, Schwarz, Status, solve
+from equimesh.expression import FUNCTIONS, LIMITS
+from equimesh.io import CELLS, FORMATS
+from equimesh.quality import PER_CELL
+from equimesh.upload import READERS
+from equimesh_cli.command import build_parser
+from equimesh_cli.exits import Exit
+from equimesh_service import Settings, running
+from equimesh_service.app import create_app
+from equimesh_service.problems import KINDS
+from equimesh_service.resources import MeshResource
+from equimesh_service.spec import MeshSpec, SchwarzSpec
+
+ROOT = Path(__file__).parents[2]
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path for path in [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
+}
+URL = "http://127.0.0.1:8000"
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LANGUAGES = {"python", "sh", "py", "shell", "text", "json"}
+
+
+def page(name: str) -> str:
+    return PAGES[f"docs/{name}.md"].read_text()
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """The language and the code of every block."""
+    return FENCE.findall(text)
+
+
+RUN = [name for name, path in PAGES.items() if any(kind in ("python", "sh") for kind, _ in blocks(path.read_text()))]
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service for all pages."""
+    with running(Settings(port=0, workers=2, data_dir=tmp_path_factory.mktemp("data"), log_level="warning")) as address:
+        yield address
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_the_code_of_a_page_runs(name: str, url: str, tmp_path: Path) -> None:
+    text = PAGES[name].read_text().replace(URL, url)
+    python: list[str] = []
+    variables = {**os.environ, "EQUIMESH_URL": url, "MPLBACKEND": "agg"}
+    variables["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{variables['PATH']}"
+
+    def run(*command: str) -> None:
+        done = subprocess.run(command, cwd=tmp_path, env=variables, capture_output=True, text=True, timeout=180)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    for kind, code in blocks(text):
+        if kind == "sh" and "pip install" not in code:
+            if "curl" in code and shutil.which("curl") is None:
+                pytest.skip("curl is not installed")
+            # a block may use the files that the Python before it wrote
+            if python:
+                run(sys.executable, "-W", "error", "-c", "\n".join(python))
+                python = []
+            run("bash", "-euo", "pipefail", "-c", code.replace("curl -s ", "curl -sS --fail-with-body "))
+        elif kind == "python":
+            python.append(code)
+    if python:
+        run(sys.executable, "-W", "error", "-c", "\n".join(python))
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_block_says_its_language(name: str) -> None:
+    text = PAGES[name].read_text()
+    fences = [line for line in text.splitlines() if line.lstrip().startswith("```")]
+    assert len(fences) == 2 * len(blocks(text))
+    assert {kind for kind, _ in blocks(text)} <= LANGUAGES
+
+
+def anchors(text: str) -> set[str]:
+    """The anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", text), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_links_lead_somewhere(name: str) -> None:
+    path = PAGES[name]
+    text = re.sub(r"`[^`\n]*`", "", FENCE.sub("", path.read_text()))
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", target):
+            continue
+        file, _, anchor = target.partition("#")
+        found = (path.parent / file).resolve() if file else path
+        assert found.exists(), target
+        if anchor:
+            assert anchor in anchors(found.read_text()), target
+
+
+def test_every_page_is_reached_from_the_index() -> None:
+    index = page("index")
+    for name in PAGES:
+        if name.startswith("docs/") and name != "docs/index.md":
+            assert f"({name.removeprefix('docs/')})" in index, name
+
+
+def row_names(text: str) -> list[str]:
+    """What the first cells of all tables hold in backticks."""
+    return [
+        word for line in re.findall(r"^\| ([^|]*) \|", text, re.MULTILINE) for word in re.findall("`([^`]+)`", line)
+    ]
+
+
+def flags(name: str) -> set[str]:
+    subparsers = next(
+        action for action in build_parser(name)._actions if isinstance(action, argparse._SubParsersAction)
+    )
+    return {flag for action in subparsers.choices[name]._actions for flag in action.option_strings}
+
+
+def test_every_flag_is_documented_and_exists() -> None:
+    text = page("cli")
+    known = {"--version"}.union(*(flags(name) for name in ("demo", "serve", "generate", "solve", "check")))
+    told = set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
+    assert {flag for flag in known if flag not in told} == set()
+    assert {flag for flag in told if flag.startswith("--") and flag not in known} == set()
+
+
+def test_every_command_and_exit_code_is_documented() -> None:
+    text = page("cli")
+    subparsers = next(action for action in build_parser()._actions if isinstance(action, argparse._SubParsersAction))
+    assert {name for name in row_names(text) if name.startswith("equimesh ")} == {
+        f"equimesh {name}" for name in subparsers.choices
+    }
+    codes = re.findall(r"^\| (\d+) \|", text, re.MULTILINE)
+    assert [int(code) for code in codes] == [int(code) for code in Exit]
+
+
+def test_every_setting_is_documented_with_its_default() -> None:
+    rows = re.findall(r"^\| `(EQUIMESH_\w+)` \| `(--[\w-]+)` \| (.+?) \|", page("settings"), re.MULTILINE)
+    assert [row[0] for row in rows] == [f"EQUIMESH_{name.upper()}" for name in Settings.model_fields]
+    for (variable, option, default), (name, field) in zip(rows, Settings.model_fields.items(), strict=True):
+        assert option == f"--{name.replace('_', '-')}", variable
+        if field.default_factory is None:
+            assert str(field.default).removesuffix(".0") == default.strip("`"), variable
+
+
+def test_every_setting_that_any_page_names_exists() -> None:
+    known = {f"EQUIMESH_{name.upper()}" for name in Settings.model_fields} | {"EQUIMESH_URL", "EQUIMESH_"}
+    for name, path in PAGES.items():
+        assert set(re.findall(r"EQUIMESH_\w*", path.read_text())) <= known, name
+
+
+def test_every_endpoint_is_documented_and_exists(tmp_path: Path) -> None:
+    paths = create_app(Settings(data_dir=tmp_path)).openapi()["paths"]
+    real = {(method.upper(), path) for path, methods in paths.items() for method in methods}
+    told = set()
+    for row in re.findall(r"^\| `((?:[A-Z]+(?:, )?)+) (/[^`]*)`", page("http"), re.MULTILINE):
+        told |= {(method, row[1]) for method in row[0].split(", ")}
+    pages_for_people = {("GET", "/docs")}
+    assert told - pages_for_people == real
+
+
+def test_every_query_parameter_and_header_is_documented(tmp_path: Path) -> None:
+    text = page("http")
+    for methods in create_app(Settings(data_dir=tmp_path)).openapi()["paths"].values():
+        for operation in methods.values():
+            for parameter in operation.get("parameters", []):
+                name = parameter["name"]
+                if parameter["in"] == "query":
+                    assert f"?{name}=" in text, name
+                elif parameter["in"] == "header":
+                    assert name.lower() in text.lower(), name
+
+
+def test_every_problem_is_documented_with_its_status() -> None:
+    text = page("http")
+    rows = re.findall(r"^\| `/problems/([\w-]+)` \|(?: (\d+) \|)?", text, re.MULTILINE)
+    assert {name for name, _ in rows} == set(KINDS)
+    for name, status in rows:
+        assert int(status or 409) == KINDS[name].status, name
+
+
+def test_every_key_of_spec_and_mesh_is_documented() -> None:
+    text = page("http")
+    for name in [*MeshSpec.model_fields, *SchwarzSpec.model_fields, *MeshResource.model_fields]:
+        assert re.search(rf"[`.\"]{name}[`.\",]", text), name
+
+
+def test_every_key_of_the_convergence_is_documented() -> None:
+    u = Expression("x*y")
+    problem = Problem(monitor=ArcLength(u=u), grid=Grid(n_xi=8, n_eta=8))
+    found = solve(problem, Schwarz(subdomains=(2, 1), overlap=2)).convergence()
+    iteration = found["iterations"][-1]
+    for name in (*found, *iteration, *iteration["subdomains"][0]):
+        assert re.search(rf"`{name}`", page("http")), name
+
+
+def test_every_choice_is_documented() -> None:
+    for name in ("http", "cli", "choose-settings", "theory"):
+        assert all(f"`{kind}`" in page(name) for kind in Boundary), name
+        for kind in ("classical", "linear_robin", "nonlinear_robin"):
+            assert f"`{kind}`" in page(name), (name, kind)
+    for choice in (*Ordering, *Initial, *CELLS):
+        assert f"`{choice}`" in page("cli"), choice
+
+
+def test_every_status_is_documented() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]*)\|$", page("choose-settings"), re.MULTILINE)
+    assert {row[0] for row in rows} >= {str(status) for status in Status}
+    for status in Status:
+        assert f"`{status}`" in page("http")
+
+
+def test_every_format_is_documented() -> None:
+    text = page("formats")
+    for form in FORMATS.values():
+        row = rf"^\| `{form.name}`.* \| `{re.escape(form.suffix)}` \| `{re.escape(form.media_type)}` \|"
+        assert re.search(row, text, re.MULTILINE), form.name
+    table = text.split("## Mesh files")[1].split("## ")[0]
+    assert set(row_names(table)) >= set(FORMATS)
+    samples = page("samples").split("## Files")[1]
+    assert set(row_names(samples.split("## ")[0])) == set(READERS)
+    assert all(f"`{measure}`" in page("theory") for measure in PER_CELL)
+
+
+def test_every_function_of_expressions_is_documented_and_exists() -> None:
+    table = page("expressions").split("| function | returns |")[1].split("\n\n")[0]
+    told = {re.split(r"\W", word)[0] for word in row_names(table)}
+    assert told == set(FUNCTIONS)
+
+
+def test_every_limit_of_expressions_is_documented() -> None:
+    text = page("expressions")
+    for name in LIMITS.__dataclass_fields__:
+        value = f"{getattr(LIMITS, name):g}".replace("e+", "e")
+        assert re.search(rf"^\| `{name}`[^|]*\| {re.escape(value)}\b", text, re.MULTILINE), name
+
+
+def test_the_symbol_table_names_what_there_is() -> None:
+    table = page("theory").split("## Symbols")[1].split("## ")[0]
+    for module in re.findall(r"`(equimesh\.\w+)`", page("theory")):
+        assert (ROOT / "solver" / Path(*module.split("."))).with_suffix(".py").exists(), module
+    source = "\n".join(path.read_text() for path in (ROOT / "solver" / "equimesh").glob("*.py"))
+    for name in re.findall(r"`([A-Z]\w+)(?:\.\w+)?`", table):
+        assert re.search(rf"^class {name}\b", source, re.MULTILINE), name
+
+
+def test_the_tree_of_exceptions_is_that_of_the_client() -> None:
+    from equimesh_client import errors
+
+    tree = next(code for kind, code in blocks(page("client")) if kind == "text")
+    drawn = [line.strip() for line in (errors.__doc__ or "").splitlines() if line.startswith("    ")]
+    assert [line.strip() for line in tree.splitlines()] == drawn
