@@ -38,10 +38,10 @@ def solve_mesh(job: Job) -> None:
 def warm_up() -> None:
     """Do everything once that is slow, or takes memory for good, the first time."""
     np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
-    problem = equimesh.Problem(
-        monitor=equimesh.ArcLength(u=equimesh.Expression("sin(pi*x)*y")), grid=equimesh.Grid(n_xi=9, n_eta=9)
-    )
-    equimesh.solve(problem, equimesh.Schwarz(), check=False).data()
+    monitor = equimesh.ArcLength(u=equimesh.Expression("sin(pi*x)*y"))
+    for points, schwarz in ((9, equimesh.Schwarz()), (33, None)):  # the second compiles the kernels
+        problem = equimesh.Problem(monitor=monitor, grid=equimesh.Grid(n_xi=points, n_eta=points))
+        equimesh.solve(problem, schwarz, check=False).data()
 
 
 @lru_cache(maxsize=8)

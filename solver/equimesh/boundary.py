@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csc_array, diags_array
 
+from equimesh import newton
 from equimesh.equations import Rows, Window
 from equimesh.monitor import ArcLength
 
@@ -16,6 +18,10 @@ Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 Triplets: TypeAlias = list[tuple[IntArray, IntArray, Array]]
 S = TypeVar("S", bound=np.generic)
+
+# Newton steps that placing the nodes of one side may take, and the rounding error of its residual, per point.
+MOST_STEPS = 30
+ROUNDING = 64 * np.finfo(np.float64).eps
 
 
 class Boundary(StrEnum):
@@ -54,6 +60,36 @@ class Side:
             ((fixed, fixed, np.ones(fixed.size)), *triplets),
         )
 
+    def place(self, monitor: ArcLength, t: Array) -> Array | None:
+        """The nodes of the whole side, from positions ``t`` along it, shape ``(k,)``, by guarded Newton.
+
+        Only for conditions that see nothing but the side itself, that is, not for ``ORTHOGONAL``. ``None`` where
+        Newton's method fails.
+        """
+
+        def full(inner: Array) -> Array:
+            return np.concatenate([t[:1], inner, t[-1:]])
+
+        def residual(inner: Array) -> Array:
+            flux, _, _ = _SideLine.of(self, monitor, full(inner)).fluxes(monitor)
+            return np.diff(flux)
+
+        def jacobian(inner: Array) -> csc_array:
+            _, by_first, by_second = _SideLine.of(self, monitor, full(inner)).fluxes(monitor)
+            bands: Any = [-by_first[1:-1], by_first[1:] - by_second[:-1], by_second[1:-1]]
+            return csc_array(diags_array(bands, offsets=[-1, 0, 1]))
+
+        flux, _, _ = _SideLine.of(self, monitor, t).fluxes(monitor)
+        tolerance = ROUNDING * t.size * float(flux.mean())
+        for step in newton.iterate(
+            residual, jacobian, t[1:-1], admissible=lambda z: bool((np.diff(full(z)) > 0).all()), tolerance=tolerance
+        ):
+            if step.residual <= tolerance:
+                return full(step.z)
+            if step.stalled or step.step >= MOST_STEPS:
+                break
+        return None
+
     def line(self, values: npt.NDArray[S], depth: int = 0) -> npt.NDArray[S]:
         """Nodal values on the side's own line, or ``depth`` lines into the domain."""
         index = -1 - depth if self.end else depth
@@ -78,7 +114,7 @@ class Side:
 
     def _equidistributed(self, window: Window, unknown: IntArray) -> tuple[Array, Triplets]:
         spacing = (window.d_xi, window.d_eta)[1 - self.axis]
-        line = _SideLine.of(self, window)
+        line = _SideLine.of(self, window.monitor, self.line((window.x, window.y)[1 - self.axis]))
         flux, by_first, by_second = line.fluxes(window.monitor)
         rows, scale = unknown[1:-1], 1.0 / spacing**2
         triplets = [
@@ -103,14 +139,13 @@ class _SideLine:
     u_tn: Array
 
     @classmethod
-    def of(cls, side: Side, window: Window) -> _SideLine:
-        t = side.line((window.x, window.y)[1 - side.axis])
+    def of(cls, side: Side, monitor: ArcLength, t: Array) -> _SideLine:
         fixed = np.full(t.size, float(side.end))
         x, y = (fixed, t) if side.axis == 0 else (t, fixed)
         if side.kind is Boundary.EQUIDISTRIBUTED_1D:
-            u, *gradient = window.monitor.u.evaluate(x, y, order=1)
+            u, *gradient = monitor.u.evaluate(x, y, order=1)
             return cls(t, u, gradient[1 - side.axis], np.zeros(t.size), np.zeros(t.size))
-        u, u_x, u_y, _, u_xy, _ = window.monitor.u.evaluate(x, y, order=2)
+        u, u_x, u_y, _, u_xy, _ = monitor.u.evaluate(x, y, order=2)
         u_t, u_n = (u_y, u_x) if side.axis == 0 else (u_x, u_y)
         return cls(t, u, u_t, u_n, u_xy)
 

@@ -1,4 +1,8 @@
-"""The single-domain mesh: guarded Newton in nested iteration, from the uniform mesh on a coarse grid up."""
+"""The single-domain mesh, in nested iteration from the uniform mesh on a coarse grid up.
+
+The coarsest level is solved by guarded Newton, finer ones by the chord iteration from the coarser solution; where that
+does not converge, by guarded Newton, too.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from equimesh import chord as chord_iteration
 from equimesh import newton
 from equimesh.equations import MeshEquations
 from equimesh.grid import SMALLEST, Grid
@@ -24,7 +29,7 @@ ROUNDING = 64 * np.finfo(np.float64).eps
 
 @dataclass(frozen=True, kw_only=True)
 class NewtonRecord:
-    """One Newton step of a single-domain solve.
+    """One Newton step of a single-domain solve, or one sweep of the chord iteration.
 
     ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest), ``a`` the strength of the monitor that
     the step solves for, below the asked one while continuation is at work. ``residual`` is relative to the mean flux.
@@ -76,12 +81,13 @@ def newton_steps(
             return
 
 
-def iterate(problem: Problem, start: Mesh | None = None) -> Iterator[NewtonRecord]:
+def iterate(problem: Problem, start: Mesh | None = None, *, chord: bool = True) -> Iterator[NewtonRecord]:
     """Newton steps up the nested grids to the single-domain solution.
 
     ``start`` is a mesh of the problem's own grid: Newton then begins there, without nested iteration. Where Newton
     fails on a level, continuation in ``a`` from the uniform mesh (exact for ``a = 0``) is tried. The last record has
-    ``converged`` or ``failed`` set and the finest mesh that was reached.
+    ``converged`` or ``failed`` set and the finest mesh that was reached. ``chord=False`` uses Newton on every level: a
+    reference, hundreds of times slower on fine grids.
     """
     grids = [problem.grid] if start is not None else nested_grids(problem.grid)
     mesh = start if start is not None else Mesh.uniform(grids[0])
@@ -97,7 +103,7 @@ def iterate(problem: Problem, start: Mesh | None = None) -> Iterator[NewtonRecor
             mesh=guess,
         )
         record = label
-        for record in _solve_level(replace(problem, grid=grid), guess, label):
+        for record in _solve_level(replace(problem, grid=grid), guess, label, chord=chord and level > 0):
             yield record
         if record.failed:
             return
@@ -137,15 +143,26 @@ def _interpolate(mesh: Mesh, grid: Grid, degree: int) -> Mesh:
     return Mesh.of_unit_square(x, y)
 
 
-def _solve_level(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
-    """Newton from the guess; on failure, continuation in ``a``."""
+def _solve_level(problem: Problem, guess: Mesh, label: NewtonRecord, *, chord: bool) -> Iterator[NewtonRecord]:
+    """Chord sweeps from the guess if asked; else, or on failure, Newton from it; on failure, continuation in ``a``."""
     record = label
+    if chord:
+        for record in _chord(problem, guess, label):
+            yield record
+        if record.converged:
+            return
     for record in _newton(problem, guess, label):
         if record.failed:
             break
         yield record
     if record.failed:
         yield from _continuation(problem, replace(record, mesh=guess))
+
+
+def _chord(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
+    for sweep in chord_iteration.iterate(problem, guess):
+        if not sweep.failed:
+            yield replace(label, step=sweep.sweep, residual=sweep.deviation, mesh=sweep.mesh, converged=sweep.converged)
 
 
 def _newton(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
