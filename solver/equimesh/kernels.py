@@ -21,12 +21,10 @@ R = TypeVar("R")
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """The function as machine code, kept on disk where there is a folder to keep it in."""
-    options = {"nogil": True, "error_model": "numpy"}
     try:
-        kept: Callable[P, R] = njit(cache=True, **options)(function)
+        return njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # numba finds no folder that it may write to
-        kept = njit(**options)(function)
-    return kept
+        return njit(nogil=True, error_model="numpy")(function)
 
 
 @compiled
