@@ -13,12 +13,13 @@ import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import NoReturn, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import ExpressionError, InputError
+from equimesh.poles import find_pole
 from equimesh.program import Program
 from equimesh.syntax import Operation, parse
 from equimesh.tokens import refuse, shorten
@@ -42,6 +43,7 @@ _REMEDIES = {
     "acos": "keep its argument between -1 and 1; the slope is infinite at the ends",
     "acosh": "keep its argument above 1",
     "atanh": "keep its argument between -1 and 1",
+    "tan": "keep its argument away from pi/2, 3*pi/2 and so on",
     "atan2": "move the point where both arguments vanish out of the unit square",
 }
 
@@ -97,28 +99,35 @@ class Expression:
         return tuple(result.reshape(xs.shape) for result in results)
 
     def check_finite(self, n: int = 33) -> None:
-        """Evaluate u and its gradient on ``n`` x ``n`` points of the closed unit square.
+        """Evaluate u and its gradient on ``n`` x ``n`` points of the closed unit square, and look for poles between.
 
-        Raises :class:`~equimesh.errors.ExpressionError` at the first point where one of them is not finite,
-        or too large to square; its position is that of the innermost part of the text that is to blame.
+        Raises :class:`~equimesh.errors.ExpressionError` at the first point where one of them is not finite, or too
+        large to square, or towards which the gradient grows without bound; its position is that of the innermost
+        part of the text that is to blame.
         """
         x, y = np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij")
         u, *slopes = self.evaluate(x, y, order=1)
         bad_value = ~(np.abs(u) <= LIMITS.magnitude)
         bad = bad_value | ~(np.abs(slopes[0]) <= LIMITS.magnitude) | ~(np.abs(slopes[1]) <= LIMITS.magnitude)
         if not bad.any():
+            pole = find_pole(self, n)
+            if pole is not None:
+                self._refuse(pole.x, pole.y, "the gradient of u grows without bound", math.sqrt(pole.slope))
             return
         i, j = np.unravel_index(int(np.argmax(bad)), bad.shape)
-        point = (float(x[i, j]), float(y[i, j]))
-        operation = self._program.culprit(*point, LIMITS.magnitude)
         what = "value" if bad_value[i, j] else "gradient"
         finite = np.isfinite([u[i, j], slopes[0][i, j], slopes[1][i, j]]).all()
         wrong = f"is larger than {LIMITS.magnitude:g}" if finite else "is not finite"
+        self._refuse(float(x[i, j]), float(y[i, j]), f"the {what} of u {wrong}", LIMITS.magnitude)
+
+    def _refuse(self, x: float, y: float, wrong: str, limit: float) -> NoReturn:
+        """Say what is ``wrong`` at a point, and blame the innermost part whose value or gradient exceeds ``limit``."""
+        operation = self._program.culprit(x, y, min(limit, LIMITS.magnitude))
         part = shorten(self.text[operation.start : operation.end])
         refuse(
             self.text,
             operation.start,
-            f"the {what} of u {wrong} at (x, y) = ({point[0]:.6g}, {point[1]:.6g}), because of {part}: "
+            f"{wrong} at (x, y) = ({x:.6g}, {y:.6g}), because of {part}: "
             f"{_remedy(operation)}, or take another formula there with where(condition, a, b)",
         )
 

@@ -6,6 +6,7 @@ import ast
 import copy
 import math
 import pickle
+import re
 import time
 from pathlib import Path
 
@@ -499,6 +500,12 @@ def test_check_finite_refuses_what_cannot_be_squared() -> None:
         "abs(x - 0.5) + max(x, y)",
         "hypot(x - 0.5, y - 0.5)",
         "1/(1 + exp(1000*(x - 0.5)))",
+        "tanh(1e12*x) + tanh(1e6*(y - 1/3))",
+        "1e90*x + y",
+        "1/(1e-14 + (x - 0.33)**2)",
+        "abs(x - 1/3)**1.5",
+        "where(x < 1/3, 1, 1/(x - 0.3))",
+        "1/(x - 1.0000001)",
     ],
 )
 def test_check_finite_accepts(text: str) -> None:
@@ -506,7 +513,33 @@ def test_check_finite_accepts(text: str) -> None:
 
 
 def test_check_finite_sees_a_single_bad_point_of_its_grid() -> None:
-    u = Expression("1/((x - 0.25)**2 + (y - 0.75)**2)")
-    with pytest.raises(ExpressionError, match=r"\(0\.25, 0\.75\)"):
-        u.check_finite(n=5)
-    u.check_finite(n=4)
+    with pytest.raises(ExpressionError, match=r"not finite at \(x, y\) = \(0\.25, 0\.75\)"):
+        Expression("1/((x - 0.25)**2 + (y - 0.75)**2)").check_finite(n=5)
+
+
+POLES = [
+    ("1/(x - 1/3)", (1 / 3, None), "1/(x - 1/3)", "denominator"),
+    ("y + tan(pi*x)", (0.5, None), "tan(pi*x)", "3*pi/2"),
+    ("1e-9/((x - 0.3)**2 + (y - 0.7)**2)", (0.3, 0.7), "1e-9/(", "denominator"),
+    ("tanh(30*(y - x)) + log(abs(y - 0.41))", (None, 0.41), "log(", "positive"),
+    ("sqrt(abs(x - 0.71))", (0.71, None), "sqrt(", "finite slope"),
+    ("sqrt((x - 1/3)**2 - 1e-6)", (None, None), "sqrt(", "positive"),  # not defined between two points of the grid
+    ("atan2(y - 0.41, x - 0.3)", (0.3, 0.41), "atan2(", "out of the unit square"),
+    ("where(x < 0.3, 1, 1/(x - 0.31))", (0.31, None), "1/(x - 0.31)", "denominator"),
+]
+
+
+@pytest.mark.parametrize(("text", "place", "part", "remedy"), POLES, ids=[pole[0] for pole in POLES])
+def test_check_finite_finds_poles_between_the_points_of_its_grid(
+    text: str, place: tuple[float | None, float | None], part: str, remedy: str
+) -> None:
+    with pytest.raises(ExpressionError, match="gradient of u grows without bound at") as caught:
+        Expression(text).check_finite()
+    error = caught.value
+    found = re.search(r"\(x, y\) = \(([^,]+), ([^)]+)\)", error.message)
+    assert found is not None
+    for expected, shown in zip(place, found.groups(), strict=True):
+        assert expected is None or float(shown) == pytest.approx(expected, abs=1e-5)
+    assert error.position is not None
+    assert text[error.position.offset :].startswith(part)
+    assert remedy in error.message

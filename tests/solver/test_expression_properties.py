@@ -201,6 +201,10 @@ def test_value_and_gradient(tree: Tree, x: float, y: float) -> None:
 @given(tree=trees, x=coordinate, y=coordinate)
 def test_hessian(tree: Tree, x: float, y: float) -> None:
     """The Hessian against differences of the gradient, where two step sizes agree on these."""
+    try:
+        value_of(tree, complex(x), complex(y))
+    except TooClose:
+        assume(False)
     u, h = Expression(text_of(tree), parameters={"k": 0.75}), 1e-4
     points = np.array([(x + s * h, y) for s in (-2, -1, 1, 2)] + [(x, y + s * h) for s in (-2, -1, 1, 2)]).T
     _, u_x, u_y = u.evaluate(points[0], points[1], order=1)
