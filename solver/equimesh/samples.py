@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from equimesh.arrays import counted, real_array
 from equimesh.errors import SamplesError
+from equimesh.vocabulary import LIMITS
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -54,8 +55,10 @@ class GridSamples:
             )
         for name, axis in axes.items():
             _check_reach(axis, name)
+        _check_size(table)
         spline = _bicubic(axes["x"], axes["y"], table)
         splines = (spline, spline.partial_derivative(1, 0), spline.partial_derivative(0, 1))
+        _check_slopes(splines[1], splines[2], axes)
         for name, value in {**axes, "values": table, "_splines": splines}.items():
             object.__setattr__(self, name, value)
 
@@ -100,6 +103,7 @@ class ScatteredSamples:
                 f"there are {len(where)} points and {len(u)} values: each point needs one value",
                 field="values",
             )
+        _check_size(u)
         if len(u) < CUBIC:
             raise SamplesError(f"{counted(len(u))}: scattered samples need at least {CUBIC}", field="points")
         for name, value in {"points": where, "values": u, "grid": _resample(*_distinct(where, u))}.items():
@@ -151,6 +155,30 @@ def _check_reach(axis: Array, name: str) -> None:
             f" ({name} - {name}[0]) / ({name}[-1] - {name}[0])",
             field=name,
         )
+
+
+def _check_size(values: Array) -> None:
+    """Refuse values whose squares would overflow."""
+    large = np.abs(values) > LIMITS.magnitude
+    if large.any():
+        index = np.unravel_index(int(np.argmax(large)), values.shape)
+        place = "".join(f"[{i}]" for i in index)
+        raise SamplesError(
+            f"values{place} = {values[index]:.6g}: at most {LIMITS.magnitude:g} in size is allowed; rescale u",
+            field="values",
+        )
+
+
+def _check_slopes(along_x: Any, along_y: Any, axes: dict[str, Array]) -> None:
+    """Refuse samples so close that the slope between them is too large; coefficients of a spline bound it."""
+    for name, slope in (("x", along_x), ("y", along_y)):
+        if not np.abs(slope.get_coeffs()).max() <= LIMITS.magnitude:
+            i = int(np.diff(axes[name]).argmin())
+            raise SamplesError(
+                f"u changes too fast along {name} (its slope is over {LIMITS.magnitude:g}): {name}[{i}] and"
+                f" {name}[{i + 1}] are {axes[name][i + 1] - axes[name][i]:.3g} apart; leave one out, or rescale u",
+                field=name,
+            )
 
 
 def _bicubic(x: Array, y: Array, values: Array) -> RectBivariateSpline:

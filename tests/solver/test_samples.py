@@ -305,6 +305,21 @@ class TestRefusals:
         table[::2] *= -1
         self.check(self.grid(values=table), "values", "rescale")
 
+    def test_values_and_slopes_that_cannot_be_squared(self) -> None:
+        table = np.zeros((5, 2))
+        table[2, 1] = -2e100
+        axis = np.linspace(0, 1, 5)
+        error = refusal(GridSamples, x=axis, y=[0, 1], values=table)
+        assert error.field == "values"
+        assert "values[2][1] = -2e+100" in error.message
+        error = refusal(ScatteredSamples, points=CORNERS, values=[0, 1, 2, 1e300])
+        assert "values[3] = 1e+300" in error.message
+        axis[3] = np.nextafter(axis[2], 1)
+        GridSamples(x=axis, y=[0, 1], values=table / 1e90)
+        error = refusal(GridSamples, x=axis, y=[0, 1], values=table / 1e10)
+        assert error.field == "x"
+        assert "x[2] and x[3] are 1.11e-16 apart" in error.message
+
     def test_samples_that_do_not_cover_the_square(self) -> None:
         self.check(self.grid(x=np.linspace(0.1, 0.9, 5)), "x", "from 0.1 to 0.9", "cover", "x - x[0]")
         self.check(self.grid(y=np.linspace(0, 0.99, 5)), "y", "from 0 to 0.99")
