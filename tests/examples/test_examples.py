@@ -1,0 +1,172 @@
+"""The examples: they run without a warning, write what they say, and find what they claim."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pytest
+
+imread = pytest.importorskip("matplotlib.image").imread
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = sorted((ROOT / "examples").glob("[0-9]*.py"))
+IMAGES = sorted((ROOT / "docs" / "images").glob("*.png"))
+NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]\d+)?")
+Run: TypeAlias = Callable[[str], str]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Runs the example of a number with warnings as errors, its files going to ``tmp_path``; gives what it prints."""
+
+    def run_script(number: str) -> str:
+        (script,) = (path for path in SCRIPTS if path.name.startswith(number))
+        command = [sys.executable, "-W", "error", str(script), "--output", str(tmp_path)]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+        assert (done.returncode, done.stderr.strip()) == (0, "")
+        return done.stdout
+
+    return run_script
+
+
+def check_picture(path: Path) -> None:
+    image = imread(path)
+    assert 500 < min(image.shape[:2]) <= max(image.shape[:2]) < 2000
+    assert 0.01 < (image[..., :3].min(axis=-1) < 0.9).mean() < 0.9, "neither blank nor full"
+
+
+def coarse(path: Path) -> np.ndarray:
+    """The picture in squares of 30 pixels, in which a shift of a line by a pixel does not show."""
+    image = imread(path)[..., :3]
+    down, across = (size // 30 for size in image.shape[:2])
+    return image[: 30 * down, : 30 * across].reshape(down, 30, across, 30, 3).mean(axis=(1, 3))
+
+
+def rows(said: str, start: str) -> list[list[float]]:
+    """The numbers of all lines that begin with ``start``."""
+    return [[float(n) for n in NUMBER.findall(line)] for line in said.splitlines() if line.strip().startswith(start)]
+
+
+def test_the_first_mesh_interpolates_better_than_the_uniform_one(run: Run, tmp_path: Path) -> None:
+    said = run("01")
+    assert "satisfies the equidistribution equations" in said
+    assert 0 < rows(said, "smallest corner Jacobian")[0][0] < 1
+    for error, uniform in rows(said, "interpolation error"):
+        assert error < 0.5 * uniform
+    check_picture(tmp_path / "first.png")
+    assert b"Q_eq" in (tmp_path / "first.vtu").read_bytes()
+
+
+def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("skfem")
+    pytest.importorskip("equimesh_service")
+    said = run("02")
+    (adapted,), (uniform, finer) = rows(said, "adapted"), rows(said, "uniform")
+    assert uniform[0] / adapted[0] > 5  # L2
+    assert uniform[1] / adapted[1] > 2.2  # H1
+    assert adapted[0] < finer[0]
+    assert adapted[1] < finer[1]
+    readme = (ROOT / "examples" / "README.md").read_text()
+    for found, name in ((adapted, "adapted"), (uniform, "uniform |"), (finer, "uniform, finer")):
+        assert rows(readme, f"| {name}")[0][-2:] == pytest.approx(found, rel=0.01)
+    check_picture(tmp_path / "poisson.png")
+
+
+def test_a_mesh_from_samples_moves_nodes_into_the_interface(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("equimesh_service")
+    said = run("03")
+    inside, uniform = map(int, re.findall(r"(\d+) on the", said))
+    assert inside > 1.5 * uniform
+    check_picture(tmp_path / "drops.png")
+    assert (tmp_path / "drops.vtu").stat().st_size > 10_000
+
+
+def test_a_mesh_from_a_callable_sees_its_function(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("equimesh_service")
+    said = run("04")
+    assert rows(said, "at the nodes, the service's spline")[0][0] < 1e-4
+    l2, uniform = rows(said, "interpolation error L2")[0]
+    assert l2 < 0.5 * uniform
+    check_picture(tmp_path / "clover.png")
+    assert (tmp_path / "clover.h5").exists()
+
+
+def test_an_own_loop_converges_from_the_mesh_before(run: Run, tmp_path: Path) -> None:
+    said = run("05")
+    moments = said.split("t = ")[1:]
+    assert len(moments) == 3
+    for moment in moments:
+        assert 3 <= moment.count("iteration") <= 12
+        assert rows(moment, "iteration")[-1][0] < 1e-6
+    for name in ("loop.png", "loop_mesh.png"):
+        check_picture(tmp_path / name)
+
+
+def test_the_papers_mesh_is_that_of_the_single_domain(run: Run, tmp_path: Path) -> None:
+    said = run("06")
+    assert rows(said, "largest distance")[0][0] < 1e-9
+    for number in (1, 2, 3):
+        check_picture(tmp_path / f"figure{number}.png")
+
+
+def test_classical_components_agree_and_overlap_helps(run: Run, tmp_path: Path) -> None:
+    said = run("07")
+    components = rows(said, "figure4.png")[0]
+    assert len(components) == 4
+    assert max(components) - min(components) < 0.02
+    table = re.findall(r"^ +(\d) +(0\.\d+) +(0\.\d+)$", said, flags=re.MULTILINE)
+    assert [overlap for overlap, *_ in table] == ["2", "4", "6", "8"]
+    found, predicted = np.array([row[1:] for row in table], dtype=float).T
+    assert (np.diff(found) < 0).all()
+    assert found == pytest.approx(predicted, abs=0.01)
+    for number in (4, 5):
+        check_picture(tmp_path / f"figure{number}.png")
+
+
+def test_two_is_the_best_whole_p_and_the_nonlinear_condition_leads_up_to_it(run: Run, tmp_path: Path) -> None:
+    said = run("08")
+    lines = re.findall(r"^ *([\d.]+) +(\S+e-\d+) +(\S+e-\d+)$", said, flags=re.MULTILINE)
+    linear, nonlinear = ({float(row[0]): float(row[k]) for row in lines} for k in (1, 2))
+    assert sorted(linear) == [1, 2, 2.2, 3, 4, 5]
+    for errors in (linear, nonlinear):
+        assert sorted(errors, key=lambda p: errors[p])[:2] == [2.2, 2.0]
+    assert [p for p in linear if nonlinear[p] < linear[p]] == [1, 2, 2.2]
+    assert "best whole p is 2 (linear), 2 (nonlinear)" in said
+    for number in (6, 7, 8):
+        check_picture(tmp_path / f"figure{number}.png")
+
+
+def test_table_1_and_the_order_of_the_three_methods(run: Run, tmp_path: Path) -> None:
+    said = run("09")
+    assert "the paper's table, digit for digit" in said
+    assert rows((tmp_path / "table1.txt").read_text(), "Linear")[0][1:3] == [2.0076, 1.1979]
+    classical, linear, nonlinear = rows(said, "figure9.png")[0]
+    assert nonlinear < linear < 1e-6 * classical
+    parallel, turns = rows(said, "classical error falls")[0]
+    assert turns == pytest.approx(parallel**2, abs=0.01)
+    check_picture(tmp_path / "figure9.png")
+
+
+def test_the_pictures_of_the_docs_are_those_of_the_script(run: Run, tmp_path: Path) -> None:
+    run("10")
+    assert [path.name for path in sorted(tmp_path.glob("*.png"))] == [path.name for path in IMAGES]
+    for path in IMAGES:
+        check_picture(path)
+        assert path.stat().st_size < 150_000
+        drawn, kept = (coarse(file) for file in (tmp_path / path.name, path))
+        assert drawn.shape == kept.shape
+        assert abs(drawn - kept).max() < 0.1, "make it again with the script"
+
+
+def test_every_example_is_short_and_in_the_index() -> None:
+    readme = (ROOT / "examples" / "README.md").read_text()
+    assert [path.name[:2] for path in SCRIPTS] == [f"{number:02}" for number in range(1, len(SCRIPTS) + 1)]
+    for path in SCRIPTS:
+        assert len(path.read_text().splitlines()) < 80
+        assert f"[{path.name}]({path.name})" in readme
