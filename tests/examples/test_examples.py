@@ -161,7 +161,7 @@ def test_the_pictures_of_the_docs_are_those_of_the_script(run: Run, tmp_path: Pa
         assert path.stat().st_size < 150_000
         drawn, kept = (coarse(file) for file in (tmp_path / path.name, path))
         assert drawn.shape == kept.shape
-        assert abs(drawn - kept).max() < 0.1, "make it again with the script"
+        assert abs(drawn - kept).max() < 0.12, "make it again with the script"
 
 
 def test_every_example_is_short_and_in_the_index() -> None:
