@@ -16,6 +16,7 @@ RUN useradd --system --uid 10001 --no-create-home --home-dir /data equimesh \
 ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
     PYTHONUNBUFFERED=1 \
     MPLCONFIGDIR=/tmp/matplotlib \
+    NUMBA_CACHE_DIR=/tmp/numba \
     EQUIMESH_HOST=0.0.0.0 \
     EQUIMESH_PORT=8000 \
     EQUIMESH_DATA_DIR=/data

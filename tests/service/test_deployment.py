@@ -171,6 +171,7 @@ def environment(folder: Path, port: int) -> dict[str, str]:
         "EQUIMESH_DATA_DIR": str(folder / "data"),
         "EQUIMESH_PORT": str(port),
         "MPLCONFIGDIR": str(folder / "matplotlib"),
+        "NUMBA_CACHE_DIR": str(folder / "numba"),
     }
     return {**merged, **here}
 
