@@ -107,12 +107,16 @@ class Complaint:
 
 @dataclass(eq=False)
 class Problem(Exception):
-    """A problem to be answered, or to be kept as the ``error`` of a failed mesh."""
+    """A problem to be answered, or to be kept as the ``error`` of a failed mesh.
+
+    ``remedy`` is what to do about this very case; without one, that of the kind is given.
+    """
 
     name: str
     detail: str
     errors: Sequence[Complaint] = ()
     headers: Mapping[str, str] = field(default_factory=dict)
+    remedy: str = ""
 
     def __str__(self) -> str:
         return f"{self.name}: {self.detail}"
@@ -129,7 +133,7 @@ class Problem(Exception):
             "type": kind.type,
             "title": kind.title,
             "detail": self.detail,
-            "remedy": kind.remedy,
+            "remedy": self.remedy or kind.remedy,
         }
         if self.errors:
             body["errors"] = [complaint.body() for complaint in self.errors]

@@ -193,8 +193,7 @@ def _check_done(row: MeshRow, *, partial: bool) -> None:
         raise Problem("not-finished", f"It is {row.status}.", headers={"Retry-After": "1"})
     error = row.error or {}
     name = str(error.get("type", "")).rpartition("/")[2]
-    hint = " Its last valid mesh downloads with ?partial=true." if row.partial else ""
-    raise Problem(name, f"{error.get('detail', '')}{hint}")
+    raise Problem(name, str(error.get("detail", "")), remedy=str(error.get("remedy", "")))
 
 
 async def _kept(service: Service, mesh_id: str, name: str) -> Artifact:

@@ -133,7 +133,8 @@ class _Output:
 
 
 def _problem(solution: equimesh.Solution) -> Problem:
-    return Problem(str(solution.status).replace("_", "-"), solution.message)
+    partial = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
+    return Problem(str(solution.status).replace("_", "-"), solution.account, remedy=solution.remedy + partial)
 
 
 def _summary(solution: equimesh.Solution) -> dict[str, Any]:

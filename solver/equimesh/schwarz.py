@@ -32,6 +32,11 @@ MOST_LOCAL_STEPS = 25
 ROUNDING = 1e-13
 
 
+def smallest_tolerance(grid: Grid) -> float:
+    """The error that rounding leaves on a grid; a smaller tolerance asks for no more than this."""
+    return ROUNDING * max(grid.shape)
+
+
 class Ordering(StrEnum):
     """Which data a subdomain reads: ``PARALLEL``, all of the previous iteration; ``ALTERNATING``, the newest there is,
     the subdomains taking turns."""
@@ -114,14 +119,16 @@ class Iteration:
     failed: bool = False
 
     def meets(self, tolerance: float | None) -> bool:
-        """Whether the error is known to be at most ``tolerance``.
+        """Whether the error is known to be at most ``tolerance``, or what rounding leaves where that is more.
 
         The estimate says so, the subdomains agree as two meshes with such errors must, all were solved, none folded.
         """
+        if tolerance is None:
+            return False
+        reachable = max(tolerance, smallest_tolerance(self.mesh.grid))
         return (
-            tolerance is not None
-            and self.estimate <= tolerance
-            and self.mismatch <= 2 * tolerance
+            self.estimate <= reachable
+            and self.mismatch <= 2 * reachable
             and not any(record.stalled for record in self.subdomains)
             and self.min_jacobian > 0
         )
@@ -141,7 +148,7 @@ def iterate(problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | 
     states = [part.restrict(start) for part in parts]
     records = tuple(SubdomainRecord(subdomain=k, newton_steps=0, residual=math.nan) for k in range(len(parts)))
     mesh, changes, stalls, rescues = start, [math.nan], [0] * len(parts), 0
-    classical, rounding = settings.transmission.ghosts == 0, ROUNDING * max(problem.grid.shape)
+    classical, rounding = settings.transmission.ghosts == 0, smallest_tolerance(problem.grid)
     while True:
         records = tuple(_with_error(r, parts, states, reference) for r in records)
         mismatch = max(max(part.distance(state, mesh)) for part, state in zip(parts, states, strict=True))

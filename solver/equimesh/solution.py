@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from equimesh import single_domain
+from equimesh import remedies, single_domain
 from equimesh.decomposition import Decomposition
 from equimesh.errors import SolveError
 from equimesh.mesh import Mesh
@@ -19,7 +19,7 @@ from equimesh.mesh_data import MeshData
 from equimesh.problem import Problem
 from equimesh.quality import Quality, measure
 from equimesh.rates import predicted_rate
-from equimesh.schwarz import Iteration, Schwarz, iterate
+from equimesh.schwarz import Iteration, Schwarz, iterate, smallest_tolerance
 from equimesh.single_domain import NewtonRecord
 from equimesh.status import Status
 
@@ -42,7 +42,8 @@ class Solution:
     """A mesh, how it came about, and whether it is what was asked for.
 
     ``newton_steps`` and ``residual`` (relative to the mean flux) are those of the single-domain solve, or summed and
-    largest over the subdomains. ``iterations`` is empty for a single-domain solve.
+    largest over the subdomains. ``iterations`` is empty for a single-domain solve. ``note`` says more of what happened,
+    ``remedy`` what to try; it is empty when there is nothing to mend.
     """
 
     problem: Problem
@@ -53,11 +54,17 @@ class Solution:
     residual: float
     iterations: tuple[Iteration, ...] = ()
     note: str = ""
+    remedy: str = ""
+
+    @property
+    def account(self) -> str:
+        """What happened."""
+        return " ".join(text for text in (self.status.sentence, self.note) if text)
 
     @property
     def message(self) -> str:
         """What happened, and what to try."""
-        return " ".join(text for text in (self.status.sentence, self.note, self.status.remedy) if text)
+        return " ".join(text for text in (self.account, self.remedy) if text)
 
     @cached_property
     def quality(self) -> Quality:
@@ -72,7 +79,8 @@ class Solution:
     @property
     def rate(self) -> float | None:
         """Observed factor by which the error (else the change) falls in one Schwarz iteration."""
-        return observed_rate([i.change if i.error is None else i.error for i in self.iterations])
+        floor = smallest_tolerance(self.problem.grid)
+        return observed_rate([i.change if i.error is None else i.error for i in self.iterations], floor)
 
     @property
     def predicted_rate(self) -> float | None:
@@ -118,9 +126,9 @@ def solve(
     return solution
 
 
-def observed_rate(errors: Sequence[float]) -> float | None:
-    """Mean factor between successive errors, over the last ones that are above rounding."""
-    usable = [e for e in errors if math.isfinite(e) and e > 1e-13]
+def observed_rate(errors: Sequence[float], floor: float) -> float | None:
+    """Mean factor between successive errors, over the last ones that are above the ``floor`` of rounding."""
+    usable = [e for e in errors if math.isfinite(e) and e > floor]
     tail = usable[-RATE_WINDOW - 1 :]
     return (tail[-1] / tail[0]) ** (1.0 / (len(tail) - 1)) if len(tail) > 1 else None
 
@@ -157,7 +165,7 @@ def _ignore(event: Event) -> None:
 
 
 def _single_domain(problem: Problem, initial: Initial, observe: Observer) -> Solution:
-    record = _last_newton_record(problem, initial, observe)
+    record, nested = _last_newton_record(problem, initial, observe), initial is Initial.NESTED
     return Solution(
         problem=problem,
         schwarz=None,
@@ -166,13 +174,24 @@ def _single_domain(problem: Problem, initial: Initial, observe: Observer) -> Sol
         newton_steps=record.step,
         residual=record.residual,
         note="" if record.converged else _where_newton_failed(record),
+        remedy="" if record.converged else remedies.after_newton(problem, nested=nested, reached=record.a),
     )
 
 
 def _last_newton_record(problem: Problem, initial: Initial, observe: Observer) -> NewtonRecord:
     start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
+    return _last(single_domain.iterate(problem, start), observe)
+
+
+def _reference(problem: Problem, observe: Observer) -> NewtonRecord:
+    """The single-domain solution to rounding: errors of the Schwarz iteration are measured down to that."""
+    record = _last_newton_record(problem, Initial.NESTED, observe)
+    return _last(single_domain.iterate(problem, record.mesh), observe) if record.converged else record
+
+
+def _last(records: Iterable[NewtonRecord], observe: Observer) -> NewtonRecord:
     record = None
-    for record in single_domain.iterate(problem, start):
+    for record in records:
         observe(record)
     if record is None:
         raise AssertionError("a single-domain solve yields at least its start")
@@ -186,7 +205,7 @@ def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, observe: Obse
         start = _nested_start(problem, observe)
     reference = None
     if schwarz.compare_single_domain:
-        reference = _last_newton_record(problem, Initial.NESTED, observe)
+        reference = _reference(problem, observe)
     known = reference.mesh if reference is not None and reference.converged else None
     records: list[Iteration] = []
     for record in iterate(problem, schwarz, start, known):
@@ -197,7 +216,7 @@ def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, observe: Obse
     note = ""
     if reference is not None and known is None:
         note = "There is no single-domain solution to compare with: " + _where_newton_failed(reference)
-    return _finished(problem, schwarz, records, note)
+    return _finished(problem, schwarz, records, note, nested=initial is Initial.NESTED)
 
 
 def _nested_start(problem: Problem, observe: Observer) -> Mesh:
@@ -209,7 +228,7 @@ def _nested_start(problem: Problem, observe: Observer) -> Mesh:
     return single_domain.prolong(record.mesh, problem.grid)
 
 
-def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], note: str) -> Solution:
+def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], note: str, *, nested: bool) -> Solution:
     last = records[-1]
     rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
     if rescued:
@@ -225,13 +244,16 @@ def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], 
         status = Status.COMPLETED
     elif last.meets(schwarz.tolerance):
         status = Status.CONVERGED
+        smallest = smallest_tolerance(problem.grid)
+        if schwarz.tolerance < smallest:
+            note = f"Rounding allows no tolerance below {smallest:.0e} on this grid; that was met. {note}".strip()
     else:
         status = Status.NOT_CONVERGED
         note = (
-            f"After {last.iteration} iterations the estimated error is {last.estimate:.1e}, and the subdomains differ "
+            f"In iteration {last.iteration} the estimated error is {_shown(last.estimate)}, and the subdomains differ "
             f"by {last.mismatch:.1e}. {note}"
         ).strip()
-    return Solution(
+    solution = Solution(
         problem=problem,
         schwarz=schwarz,
         mesh=last.mesh,
@@ -241,6 +263,23 @@ def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], 
         iterations=tuple(records),
         note=note,
     )
+    return replace(solution, remedy=_remedy(solution, nested=nested, rescued=bool(rescued)))
+
+
+def _remedy(solution: Solution, *, nested: bool, rescued: bool) -> str:
+    """What to try after a Schwarz iteration."""
+    problem, schwarz, last = solution.problem, solution.schwarz, solution.iterations[-1]
+    if schwarz is not None and solution.status is Status.NOT_CONVERGED:
+        return remedies.after_schwarz(problem, schwarz, last, solution.rate, rescued=rescued)
+    if solution.status is Status.NEWTON_FAILED:
+        return remedies.after_newton(problem, nested=nested)
+    return remedies.after_folding(problem, schwarz, nested=nested) if solution.status is Status.FOLDED else ""
+
+
+def _shown(estimate: float) -> str:
+    if math.isfinite(estimate):
+        return f"{estimate:.1e}"
+    return "not known yet" if math.isnan(estimate) else "not known, as the changes do not fall"
 
 
 def _checked(status: Status, mesh: Mesh) -> Status:

@@ -1,4 +1,4 @@
-"""How a solve ended: one status, with a sentence and a remedy."""
+"""How a solve ended: one status, with a sentence."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How a solve ended. ``sentence`` says what happened, ``remedy`` what to try."""
+    """How a solve ended. ``sentence`` says what happened."""
 
     CONVERGED = "converged"
     COMPLETED = "completed"
@@ -22,27 +22,13 @@ class Status(StrEnum):
     @property
     def sentence(self) -> str:
         """What happened."""
-        return _SENTENCES[self][0]
-
-    @property
-    def remedy(self) -> str:
-        """What to try; empty when there is nothing to mend."""
-        return _SENTENCES[self][1]
+        return _SENTENCES[self]
 
 
 _SENTENCES = {
-    Status.CONVERGED: ("The mesh satisfies the equidistribution equations to the asked tolerance.", ""),
-    Status.COMPLETED: ("The asked number of Schwarz iterations was run, without a tolerance to meet.", ""),
-    Status.NOT_CONVERGED: (
-        "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
-        "Allow more iterations, widen the overlap, or use a Robin transmission condition with p = auto.",
-    ),
-    Status.NEWTON_FAILED: (
-        "Newton's method found no valid mesh that satisfies the equations.",
-        "Lower a, raise b, add grid points, start nested, or use the trace boundary condition.",
-    ),
-    Status.FOLDED: (
-        "The mesh has an inverted cell.",
-        "Lower a, raise b, run more iterations, or start nested.",
-    ),
+    Status.CONVERGED: "The mesh satisfies the equidistribution equations to the asked tolerance.",
+    Status.COMPLETED: "The asked number of Schwarz iterations was run, without a tolerance to meet.",
+    Status.NOT_CONVERGED: "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
+    Status.NEWTON_FAILED: "Newton's method found no valid mesh that satisfies the equations.",
+    Status.FOLDED: "The mesh has an inverted cell.",
 }

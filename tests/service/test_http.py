@@ -270,7 +270,8 @@ def test_a_tolerance_that_is_not_reached_fails_and_leaves_the_partial_mesh(http:
     assert mesh["quality"]["q_eq"]["max"] > 1.0
     refused = http.get(mesh["links"]["file"])
     assert (refused.status_code, refused.json()["type"]) == (409, "/problems/not-converged")
-    assert "partial=true" in refused.json()["detail"]
+    assert "partial=true" in refused.json()["remedy"]
+    assert "use a Robin transmission condition" in refused.json()["remedy"]
     assert http.get(mesh["links"]["file"], params={"partial": True}).status_code == 200
     assert len(http.get(mesh["links"]["convergence"]).json()["iterations"]) == 3
     completed = post(http, small(schwarz={**schwarz, "tolerance": None}), **WAIT).json()

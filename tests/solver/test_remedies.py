@@ -1,0 +1,83 @@
+"""Remedies: what a failed solve offers fits the case, and is nothing that it had tried already."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh import remedies
+from equimesh.schwarz import smallest_tolerance
+
+PAPER = problem("paper", 24, 20)
+CLASSICAL = em.Schwarz(transmission=em.Classical(), max_iterations=6)
+
+
+def remedy(settings: em.Schwarz | None, case: em.Problem = PAPER, initial: em.Initial = em.Initial.NESTED) -> str:
+    solution = em.solve(case, settings, initial=initial, check=False)
+    assert not solution.status.succeeded
+    assert solution.message.endswith(solution.remedy)
+    return solution.remedy
+
+
+def test_a_slow_iteration_is_told_how_many_more_it_needs() -> None:
+    said = remedy(CLASSICAL)
+    more = int(said.partition("about ")[2].partition(" ")[0])
+    longer = em.solve(PAPER, replace(CLASSICAL, max_iterations=6 + 2 * more))
+    assert 0.5 * more < longer.iterations[-1].iteration - 6 < 2 * more
+    assert "widen the overlap, to 8 points" in said
+    assert "Robin transmission condition" in said
+
+
+def test_only_what_fits_and_was_not_tried_is_offered() -> None:
+    assert "overlap" not in remedy(replace(CLASSICAL, overlap=13, max_iterations=3))
+    automatic = remedy(em.Schwarz(max_iterations=2))
+    assert "p = auto" not in automatic
+    assert "Robin" not in automatic
+    assert "use p = auto" in remedy(em.Schwarz(transmission=em.LinearRobin(p=9.0), max_iterations=3))
+    rescued = em.Schwarz(transmission=em.NonlinearRobin(), max_iterations=5)
+    assert "use the classical transmission condition" in remedy(rescued, problem("sine", 17))
+
+
+def test_an_iteration_that_does_not_shrink_is_not_sent_on() -> None:
+    last = em.solve(PAPER, CLASSICAL, check=False).iterations[-1]
+    said = remedies.after_schwarz(PAPER, CLASSICAL, last, 1.2, rescued=False)
+    assert "more iterations" not in said
+    assert "single domain" in said
+
+
+def test_newton_is_offered_the_strength_that_was_reached() -> None:
+    case = problem("wave", 9, boundary=em.Boundary.EQUIDISTRIBUTED_1D, a=1.0, b=0.0)
+    solution = em.solve(case, check=False)
+    assert solution.status is em.Status.NEWTON_FAILED
+    assert solution.remedy.startswith("Lower a to 0.24, raise b")
+    assert "trace boundary" in solution.remedy
+    assert "nested" not in solution.remedy
+    assert "start nested" in remedy(None, case, em.Initial.UNIFORM)
+    assert "trace" not in remedies.after_newton(PAPER, nested=True, reached=0.1)
+
+
+def test_a_jump_is_not_told_to_lower_a() -> None:
+    monitor = em.ArcLength(u=em.Expression("where(x < y, 1, 2)"))
+    said = remedy(None, em.Problem(monitor=monitor, grid=em.Grid(n_xi=8, n_eta=8)))
+    assert "jump" in said
+    assert "ower a" not in said
+
+
+def test_a_folded_mesh_is_offered_iterations_only_where_their_number_was_fixed() -> None:
+    fixed = replace(CLASSICAL, tolerance=None)
+    assert "more iterations" in remedies.after_folding(PAPER, fixed, nested=True)
+    assert remedies.after_folding(PAPER, CLASSICAL, nested=False) == "Lower a, raise b, or start nested."
+
+
+@pytest.mark.parametrize("condition", [em.Classical(), em.LinearRobin()], ids=lambda c: c.name)
+def test_a_tolerance_below_rounding_is_met_as_far_as_it_can_be_and_said(condition: em.TransmissionCondition) -> None:
+    settings = em.Schwarz(overlap=8, transmission=condition, tolerance=1e-300, compare_single_domain=True)
+    solution = em.solve(PAPER, settings)
+    error = solution.iterations[-1].error
+    assert error is not None
+    assert error < 2 * smallest_tolerance(PAPER.grid)
+    assert "Rounding allows no tolerance below 2e-12" in solution.message
+    assert "Rounding" not in em.solve(PAPER, replace(settings, tolerance=1e-6)).message
