@@ -90,3 +90,27 @@ def interior_interface_rows(equations: MeshEquations, state: em.Mesh) -> list[in
     interfaces = [c for c in equations.conditions if type(c).__name__.startswith("Interface")]
     assert interfaces
     return [int(r) for c in interfaces for r in c.rows(window).rows]
+
+
+def test_the_nonlinear_functional_is_the_metric_length_to_second_order() -> None:
+    """S1 on an interface line against its exact value, at the two ends of the line as well."""
+    errors = []
+    for n in (17, 33):
+        case = problem("sine", n)
+        xi, eta = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij")
+        x, y = xi + 0.1 * np.sin(3 * xi + eta), eta + 0.1 * np.sin(2 * eta + xi)
+        x_xi, y_xi = 1 + 0.3 * np.cos(3 * xi + eta), 0.1 * np.cos(2 * eta + xi)
+        m11, m12, m22 = case.monitor.metric(x, y)
+        exact = np.sqrt(m11 * x_xi**2 + 2 * m12 * x_xi * y_xi + m22 * y_xi**2)
+        equations, line = case.equations(), n // 2
+        window = equations.window(equations.vector(em.Mesh(x, y)))
+        values = em.NonlinearRobin().normal(window, line, 2.2).values - 2.2 * x[line]
+        errors.append(np.abs(values - exact[line])[[0, n // 2, -1]])
+    orders = np.log2(errors[0] / errors[1])
+    assert np.all(orders > 1.7), orders
+
+
+@pytest.mark.parametrize("condition", [em.LinearRobin, em.NonlinearRobin])
+def test_automatic_p_is_the_reciprocal_distance(condition: type[em.LinearRobin]) -> None:
+    assert condition().strength(0.25) == 4.0
+    assert condition(p=2.3).strength(0.25) == 2.3
