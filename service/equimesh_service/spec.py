@@ -172,7 +172,8 @@ class SchwarzSpec(_Strict):
     ordering: Literal["parallel", "alternating"] = "alternating"
     tolerance: FiniteFloat | None = Field(
         1e-10,
-        description="Largest change of a coordinate at which the iteration ends; null runs max_iterations.",
+        description="The iteration ends when its estimated error in the coordinates is at most this; null runs "
+        "exactly max_iterations.",
     )
     max_iterations: int = 100
     compare_single_domain: bool = Field(
@@ -244,6 +245,10 @@ def _sentence(model: type[BaseModel], entry: Any, place: Iterable[object]) -> st
             return f"there is no such key here{_known_keys(model, list(place)[:-1])}"
         case "finite_number":
             return "this must be a finite number, not NaN or infinity"
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return "this must be a JSON object"
+        case "too_short" | "too_long" if entry["ctx"]["field_type"] == "List":
+            return f"this must be a list of {entry['ctx'].get('min_length', entry['ctx'].get('max_length'))} items"
         case "literal_error":
             return f"this must be {entry['ctx']['expected']}"
         case _:

@@ -83,6 +83,9 @@ TABLE: dict[str, tuple[Any, str, str, int | None]] = {
     ),
     "two sources": (small(monitor={"u": {"expression": "x", "grid": GRID}}), "/monitor/u/grid", "no such key", None),
     "no source": (small(monitor={"u": {}}), "/monitor/u", "expression", None),
+    "no object": (small(grid=[8, 8]), "/grid", "must be a JSON object", None),
+    "pole between points": (u("1/(x - 1/3)"), EXPRESSION, "grows without bound", 1),
+    "sample too large": (on_grid(values=[[0, 0], [1, 1e200], [0, 2]]), "/monitor/u/grid/values", "rescale", None),
     "no monitor": ({}, "/monitor", "required", None),
     "null monitor": ({"monitor": None}, "/monitor", "", None),
     "other monitor": (
