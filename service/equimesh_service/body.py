@@ -57,7 +57,7 @@ async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) ->
     try:
         form = await parser.parse()
     except (MultiPartException, KeyError, LookupError, UnicodeError) as error:
-        raise Problem("malformed-body", f"The multipart body cannot be read: {error}.") from None
+        raise Problem("malformed-body", f"The multipart body cannot be read: {str(error).rstrip('.')}.") from None
     parts: dict[str, Part] = {}
     for name, value in form.multi_items():
         if name not in allowed:

@@ -44,6 +44,7 @@ KINDS: Mapping[str, Kind] = {
         Kind("canceled", 409, "The mesh was canceled", "Post its spec again to compute it."),
         Kind("body-too-large", 413, "The body is too large", "Send fewer samples, or samples as npz."),
         Kind("unsupported-media-type", 415, "The body's type is not supported", "Send the type the detail names."),
+        Kind("range-not-satisfiable", 416, "The file ends before this range", "Ask for bytes below the file's size."),
         Kind("invalid-input", 422, "The input cannot be used", "Correct each entry of 'errors'."),
         Kind(
             "idempotency-key-reused",

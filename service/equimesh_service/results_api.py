@@ -17,6 +17,7 @@ from equimesh.io import FORMATS
 from equimesh_service.exports import ARRAYS, PICTURES, plot_name
 from equimesh_service.negotiation import chosen
 from equimesh_service.problems import Problem
+from equimesh_service.ranges import settle_range
 from equimesh_service.routing import ServiceDependency, problems
 from equimesh_service.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
 from equimesh_service.service import Service
@@ -33,7 +34,7 @@ _FILES: dict[int | str, dict[str, Any]] = {
     },
     206: {"description": "The part that Range asks for."},
     304: {"description": "If-None-Match names the same bytes."},
-    **problems(404, 406, 409, 422, 503),
+    **problems(404, 406, 409, 416, 422, 503),
 }
 _FORMAT = Query(description=f"One of {', '.join(FORMATS)}; it wins over Accept. Default vtu.")
 _CELLS = Query(description="Cells of the file; by default as the spec says.")
@@ -226,6 +227,8 @@ def _send(
         stat = os.stat(path)
     except FileNotFoundError:
         raise Problem("not-found", "The mesh was deleted.") from None
+    if status == 200:
+        settle_range(request, stat.st_size)
     return FileResponse(path, status, shared, media_type, filename=filename, stat_result=stat)
 
 

@@ -18,6 +18,7 @@ _MEANINGS = {
     409: "The mesh is not in a state for this.",
     413: "The body is too large.",
     415: "The body's type is not supported.",
+    416: "The file ends before the range.",
     422: "The input cannot be used: `errors` says where and what.",
     429: "Too many meshes are waiting.",
     503: "The service cannot do this now.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -11,6 +12,7 @@ from starlette.responses import FileResponse, Response
 
 from equimesh_service.body import read_upload
 from equimesh_service.problems import Problem
+from equimesh_service.ranges import settle_range
 from equimesh_service.resources import SamplesResource, samples_resource
 from equimesh_service.routing import ServiceDependency, problems
 
@@ -66,10 +68,11 @@ async def create(
     summary="Look at samples",
     operation_id="getSamples",
     response_model=SamplesResource,
-    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 422)},
+    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 416, 422)},
 )
 async def get(
     id: str,
+    request: Request,
     service: ServiceDependency,
     format: Annotated[Literal["json", "npz"], Query(description="npz gives the samples themselves.")] = "json",
 ) -> Response:
@@ -80,7 +83,12 @@ async def get(
     if format == "npz":
         path = service.files.path(row.sha256)
         headers = {"ETag": f'"{row.sha256}"'}
-        return FileResponse(path, 200, headers, "application/x-npz", filename=f"{row.id}.npz")
+        try:
+            stat = os.stat(path)
+        except FileNotFoundError:
+            raise Problem("not-found", "The samples were deleted.") from None
+        settle_range(request, stat.st_size)
+        return FileResponse(path, 200, headers, "application/x-npz", filename=f"{row.id}.npz", stat_result=stat)
     return JSONResponse(samples_resource(row).model_dump(mode="json"))
 
 
