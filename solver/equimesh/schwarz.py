@@ -253,5 +253,8 @@ def _estimate(changes: Sequence[float], rounding: float) -> float:
     change = changes[-1]
     if len(changes) < 3 or change <= rounding:
         return change if change <= rounding else math.nan
-    rate = change / changes[-2] if len(changes) == 3 else math.sqrt(change / changes[-3])
-    return change * max(1.0, rate / (1.0 - rate)) if rate < 1.0 else math.inf
+    before, over = (changes[-2], 1.0) if len(changes) == 3 else (changes[-3], 0.5)
+    if change >= before:
+        return math.inf
+    rate = (change / before) ** over
+    return change * max(1.0, rate / (1.0 - rate))

@@ -85,6 +85,8 @@ def test_estimate_by_hand() -> None:
     assert _estimate([math.nan, 0.1, 0.2], 1e-15) == math.inf
     assert _estimate([math.nan, 0.4, 0.0, 0.1], 1e-15) == pytest.approx(0.1)
     assert _estimate([math.nan, 1e-3, 1e-16, 2e-16], 1e-15) == 2e-16
+    assert _estimate([math.nan, 0.0, 1e-3], 1e-15) == math.inf  # after an iteration in which all stalled
+    assert _estimate([math.nan, 0.0, 1e-3, 1e-4], 1e-15) == math.inf
 
 
 def test_iterate_belongs_to_its_caller() -> None:
