@@ -89,6 +89,19 @@ def test_estimate_by_hand() -> None:
     assert _estimate([math.nan, 0.0, 1e-3, 1e-4], 1e-15) == math.inf
 
 
+def test_what_meets_a_tolerance() -> None:
+    """Each of the demands by itself: a small estimate, agreement, no subdomain left unsolved, no fold."""
+    last = em.solve(PAPER, em.Schwarz(tolerance=1e-6)).iterations[-1]
+    assert last.meets(1e-6)
+    assert not last.meets(None)
+    assert not replace(last, estimate=2e-6).meets(1e-6)
+    assert not replace(last, estimate=math.nan).meets(1e-6)
+    assert not replace(last, mismatch=3e-6).meets(1e-6)
+    assert not replace(last, min_jacobian=0.0).meets(1e-6)
+    first, *others = last.subdomains
+    assert not replace(last, subdomains=(replace(first, stalled=True), *others)).meets(1e-6)
+
+
 def test_iterate_belongs_to_its_caller() -> None:
     start = em.Mesh.uniform(PAPER.grid)
     first = list(itertools.islice(em.iterate(PAPER, em.Schwarz(), start), 3))
