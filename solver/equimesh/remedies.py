@@ -11,8 +11,8 @@ from equimesh.problem import Problem
 from equimesh.schwarz import Iteration, Schwarz, smallest_tolerance
 from equimesh.transmission import Classical
 
-# More iterations than this are no remedy to offer.
-MOST_OFFERED = 1000
+# More iterations than this are no remedy to offer, and from fewer than these no number can be foretold.
+MOST_OFFERED, FEWEST_SEEN = 1000, 5
 
 
 def after_newton(problem: Problem, *, nested: bool, reached: float | None = None) -> str:
@@ -37,7 +37,7 @@ def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: flo
     """For a Schwarz iteration that did not reach its tolerance; ``rate`` is the observed one."""
     ideas = []
     left = max(last.estimate, last.mismatch / 2) / max(schwarz.tolerance or 0.0, smallest_tolerance(problem.grid))
-    if rate is None:
+    if rate is None or last.iteration < FEWEST_SEEN:
         ideas.append("allow more iterations")
     elif 0.0 < rate < 1.0 and 1.0 < left < math.inf:
         more = math.ceil(math.log(left) / -math.log(rate)) + 1
