@@ -134,7 +134,8 @@ class _Output:
 
 def _problem(solution: equimesh.Solution) -> Problem:
     partial = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
-    return Problem(str(solution.status).replace("_", "-"), solution.account, remedy=solution.remedy + partial)
+    said = solution.note or solution.status.sentence  # the problem's title says what the status does
+    return Problem(str(solution.status).replace("_", "-"), said, remedy=solution.remedy + partial)
 
 
 def _summary(solution: equimesh.Solution) -> dict[str, Any]:

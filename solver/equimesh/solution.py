@@ -57,14 +57,9 @@ class Solution:
     remedy: str = ""
 
     @property
-    def account(self) -> str:
-        """What happened."""
-        return " ".join(text for text in (self.status.sentence, self.note) if text)
-
-    @property
     def message(self) -> str:
         """What happened, and what to try."""
-        return " ".join(text for text in (self.account, self.remedy) if text)
+        return " ".join(text for text in (self.status.sentence, self.note, self.remedy) if text)
 
     @cached_property
     def quality(self) -> Quality:

@@ -154,6 +154,22 @@ def test_a_newton_failure_says_where_and_folds_nothing() -> None:
     assert not caught.value.solution.mesh.is_folded
 
 
+@pytest.mark.parametrize(("condition", "iterations"), [(em.Classical(), 3), (em.LinearRobin(), 6)], ids=str)
+def test_subdomains_that_stall_for_good_end_the_iteration(condition: em.TransmissionCondition, iterations: int) -> None:
+    """Three stalls in a row end a classical iteration; a Robin iteration begins again once with classical data."""
+    hopeless = problem("wave", 9, boundary=em.Boundary.EQUIDISTRIBUTED_1D, a=1.0, b=0.0)
+    with pytest.raises(em.SolveError, match="stalled for good in subdomain 0, 1") as caught:
+        em.solve(hopeless, em.Schwarz(overlap=2, transmission=condition, max_iterations=40))
+    partial = caught.value.solution
+    assert partial.status is em.Status.NEWTON_FAILED
+    assert [record.failed for record in partial.iterations] == [False] * iterations + [True]
+    assert all(r.stalled for r in partial.iterations[-1].subdomains)
+    assert math.isinf(partial.residual)
+    assert not partial.mesh.is_folded
+    statuses = {r["status"] for r in partial.convergence()["iterations"][-1]["subdomains"]}
+    assert statuses == {"stalled"}
+
+
 def test_robin_that_finds_no_solution_is_rescued_and_reported() -> None:
     """Linear Robin with p = auto has no solution on blocks of the paper's function in the first iteration."""
     case = problem("paper", 17)
