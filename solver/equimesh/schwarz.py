@@ -256,5 +256,5 @@ def _estimate(changes: Sequence[float], rounding: float) -> float:
     before, over = (changes[-2], 1.0) if len(changes) == 3 else (changes[-3], 0.5)
     if change >= before:
         return math.inf
-    rate = (change / before) ** over
+    rate: float = (change / before) ** over
     return change * max(1.0, rate / (1.0 - rate))
