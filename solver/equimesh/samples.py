@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CloughTocher2DInterpolator, RectBivariateSpline
-from scipy.spatial import ConvexHull, QhullError
+from scipy.interpolate import CloughTocher2DInterpolator, RBFInterpolator, RectBivariateSpline
+from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from equimesh.arrays import counted, real_array
 from equimesh.errors import SamplesError
@@ -20,6 +20,9 @@ Array: TypeAlias = npt.NDArray[np.float64]
 COVERAGE_TOLERANCE = 1e-9
 CUBIC = 4  # points that a cubic needs
 SMALLEST_RESAMPLING, LARGEST_RESAMPLING = 16, 1025
+# Scattered samples are extended to the sides from this many on; between these multiples of their own distances.
+FEWEST_EXTENDED = 32
+NEAREST_EXTENDED, FURTHEST_EXTENDED = 0.25, 4.0
 PARTIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 COUNT = {0: 1, 1: 3, 2: 6}  # how many of them up to each order
 
@@ -84,7 +87,8 @@ class ScatteredSamples:
     square), and become the :class:`GridSamples` ``grid``. For spacing h the error is about O(h^2) in the
     values and O(h) in the gradient: where u is known on a grid, give it as one.
 
-    The convex hull of the points must hold the unit square: its four corners are to be among them, or inside.
+    The points must cover the unit square, corners included. Where 32 or more come near a side but do not lie on it, as
+    cell centres do, u is continued to the side by a local thin-plate spline.
     Implements :class:`~equimesh.field.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names the
     first bad index.
     """
@@ -226,7 +230,9 @@ def _resample(points: Array, values: Array) -> GridSamples:
     """Clough-Tocher interpolant of the samples on a uniform grid of the unit square."""
     if len(points) < CUBIC:
         raise SamplesError(f"{counted(len(points))} without repetitions: {CUBIC} are needed", field="points")
+    inside = int(np.count_nonzero(np.all((points >= 0) & (points <= 1), axis=1)))
     try:
+        points, values = _extended(points, values)
         _check_hull(points)
         shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
         interpolant = CloughTocher2DInterpolator(points, (values - shift) / scale)
@@ -236,7 +242,6 @@ def _resample(points: Array, values: Array) -> GridSamples:
             " the unit square",
             field="points",
         ) from error
-    inside = int(np.count_nonzero(np.all((points >= 0) & (points <= 1), axis=1)))
     n = min(max(round(2 * math.sqrt(inside)), SMALLEST_RESAMPLING), LARGEST_RESAMPLING)
     axis = np.linspace(0, 1, n)
     x, y = np.meshgrid(axis, axis, indexing="ij")
@@ -250,6 +255,38 @@ def _resample(points: Array, values: Array) -> GridSamples:
             f"the samples give no value at ({axis[i]:.6g}, {axis[j]:.6g}): add a sample there", field="points"
         )
     return GridSamples(x=axis, y=axis, values=shift + scale * resampled)
+
+
+def _extended(points: Array, values: Array) -> tuple[Array, Array]:
+    """The samples, and more of them on the sides of the unit square where they come near but do not lie there.
+
+    Cell centres stop half a cell before the sides, and points strewn at random leave thin triangles along them. The
+    values added are those of a thin-plate spline through the nearest samples; where a side is further from the samples
+    than a few of their own distances, nothing is added.
+    """
+    if len(points) < FEWEST_EXTENDED:
+        return points, values
+    tree = KDTree(points)
+    own = np.asarray(tree.query(points, k=5)[0])[:, -1]
+    along = np.linspace(0, 1, min(round(math.sqrt(len(points))) + 1, LARGEST_RESAMPLING))
+    zero, one = np.zeros_like(along), np.ones_like(along)
+    rim = np.unique(
+        np.concatenate([np.column_stack(pair) for pair in ((along, zero), (along, one), (zero, along), (one, along))]),
+        axis=0,
+    )
+    away, nearest = tree.query(rim)
+    if np.any(away > FURTHEST_EXTENDED * own[nearest]):
+        return points, values
+    added = rim[away > NEAREST_EXTENDED * own[nearest]]
+    if not len(added):
+        return points, values
+    shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
+    try:
+        spline = RBFInterpolator(points, (values - shift) / scale, neighbors=FEWEST_EXTENDED)
+        extension = shift + scale * spline(added)
+    except np.linalg.LinAlgError:  # the samples next to some point lie on one line
+        return points, values
+    return np.concatenate([points, added]), np.concatenate([values, extension])
 
 
 def _check_hull(points: Array) -> None:

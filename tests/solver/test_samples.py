@@ -73,6 +73,23 @@ class TestAccuracy:
 
         assert np.log2(error(33) / error(65)) == pytest.approx(4, abs=0.15)
 
+    def test_samples_that_stop_before_the_sides_are_continued_to_them(self) -> None:
+        """Cell centres, and points at random with only the corners on the sides: errors fall with the spacing."""
+
+        def centres(m: int) -> np.ndarray:
+            axis = (np.arange(m) + 0.5) / m
+            return np.column_stack([q.ravel() for q in np.meshgrid(axis, axis)])
+
+        def strewn(m: int) -> np.ndarray:
+            return np.vstack([CORNERS, np.random.default_rng(5).random((m * m, 2))])
+
+        for points_of in (centres, strewn):
+            coarse, fine = (
+                errors(ScatteredSamples(points=p, values=paper(*p.T)[0]))[0] for p in map(points_of, (24, 96))
+            )
+            assert fine < 0.15 * coarse
+            assert fine < 0.02
+
     def test_scattered_samples_measured(self) -> None:
         found = np.array(
             [errors(ScatteredSamples(points=p, values=paper(*p.T)[0])) for p in map(scattered_points, (500, 8000))]
