@@ -51,7 +51,7 @@ FORMATS: Final = {
             name="vtk",
             suffix=".vtk",
             media_type="application/vnd.vtk",
-            description="legacy VTK 4.2, binary: FreeFEM (vtkload, triangles), ParaView, VisIt, MFEM",
+            description="legacy VTK 4.2, binary: FreeFEM (vtkload, triangles), ParaView, VisIt",
         ),
         MeshFormat(
             name="xdmf",
