@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -144,6 +145,20 @@ def test_a_fixed_number_of_iterations_is_a_success() -> None:
     settings = em.Schwarz(transmission=em.Classical(), tolerance=None, max_iterations=3)
     solution = em.solve(PAPER, settings)
     assert (solution.status, len(solution.iterations)) == (em.Status.COMPLETED, 4)
+
+
+def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the asked number of iterations was run; the merged mesh of good subdomains is made to fold here."""
+    settings = em.Schwarz(tolerance=None, max_iterations=1)
+
+    def folding(*arguments: object) -> Iterator[em.Iteration]:
+        for record in em.iterate(*arguments):  # type: ignore[arg-type]
+            yield replace(record, mesh=em.Mesh(record.mesh.x[::-1], record.mesh.y))
+
+    monkeypatch.setattr("equimesh.solution.iterate", folding)
+    with pytest.raises(em.SolveError, match=r"inverted cell\. Run more iterations, lower a") as caught:
+        em.solve(PAPER, settings)
+    assert caught.value.solution.status is em.Status.FOLDED
 
 
 def test_a_newton_failure_says_where_and_folds_nothing() -> None:
