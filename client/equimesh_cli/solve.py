@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from equimesh import Event, Solution
 
 SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".npz")
+# Read by the linear algebra when it is loaded. Its systems here are many and small: more threads make it slower.
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 EXAMPLES = """\
 examples:
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
@@ -45,6 +48,8 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Solve, write, report."""
     check_options(options, SUFFIXES)
+    for name in THREAD_COUNTS:
+        os.environ.setdefault(name, "1")
     try:
         import scipy  # noqa: F401  # what the extra brings
 
