@@ -239,8 +239,8 @@ def _matches(header: str | None, etag: str) -> bool:
 
 def _table(convergence: Mapping[str, Any]) -> str:
     """One row for each iteration and subdomain."""
-    outer = ("iteration", "max_q_eq", "change", "error", "min_jacobian")
-    inner = ("subdomain", "newton_steps", "status", "error_x", "error_y")
+    outer = ("iteration", "max_q_eq", "change", "estimate", "mismatch", "error", "min_jacobian")
+    inner = ("subdomain", "newton_steps", "status", "residual", "error_x", "error_y")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(outer + inner)
