@@ -27,8 +27,8 @@ def predicted_rate(decomposition: Decomposition, settings: Schwarz) -> float | N
     For classical Schwarz with two subdomains this is ``alpha (1 - beta) / (beta (1 - alpha))`` for one alternating, or
     two parallel, iterations. ``None`` for Robin conditions, whose rate depends on the metric, and for one subdomain.
 
-    The rest of the equations can be slower: on 40 x 40 points with an overlap of 8 the paper's u shows 0.48 throughout, as
-    predicted, tanh(20 (x + y/2 - 0.75)) first 0.49 and, from an error of 1e-6 or so on, up to 0.66.
+    The rest of the equations can be slower: on 40 x 40 points with an overlap of 8 the paper's u shows 0.48 throughout,
+    as predicted, tanh(20 (x + y/2 - 0.75)) first 0.49 and, from an error of 1e-6 or so on, up to 0.66.
     """
     if not isinstance(settings.transmission, Classical) or decomposition.subdomains == (1, 1):
         return None
