@@ -93,7 +93,7 @@ def stored(record: Mapping[str, Any]) -> StoredSamples:
 
 
 def meshio_mesh(arrays: MeshArrays) -> Any:
-    """A ``meshio.Mesh`` of the cells and named boundary lines.
+    """A ``meshio.Mesh`` of the cells and named boundary lines, with the data that the files have.
 
     Raises :class:`BadArgument` when meshio is not installed.
     """
@@ -105,12 +105,17 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
     sides = list(arrays.boundary.items())
     empty = np.zeros(0, dtype=np.int64)
     kind, parts = ("triangle", 2) if arrays.cells.shape[1] == 3 else ("quad", 1)
-    q_eq = np.repeat(arrays.q_eq.ravel(), parts)
+    along_xi, along_eta = (np.linspace(0.0, 1.0, n) for n in arrays.x.shape)
+    xi, eta = np.meshgrid(along_xi, along_eta, indexing="ij")
+    of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # and what a side has in its place
     return meshio.Mesh(
         arrays.points,
         [(kind, arrays.cells), *(("line", edges) for _, edges in sides)],
-        point_data={"u": arrays.u.ravel()},
-        cell_data={"Q_eq": [q_eq, *(np.full(len(edges), np.nan) for _, edges in sides)]},
+        point_data={"u": arrays.u.ravel(), "xi": xi.ravel(), "eta": eta.ravel()},
+        cell_data={
+            name: [np.repeat(values.ravel(), parts), *(np.full(len(edges), none) for _, edges in sides)]
+            for name, (values, none) in of_cells.items()
+        },
         cell_sets={
             name: [np.arange(len(edges)) if block == place else empty for block in range(len(sides) + 1)]
             for place, (name, edges) in enumerate(sides, start=1)

@@ -101,7 +101,7 @@ class LinearRobin:
 
     def strength(self, distance: float) -> float:
         """The given ``p``, or the reciprocal of ``distance``."""
-        return 1.0 / distance if self.p == "auto" else float(self.p)
+        return _strength(self.p, distance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,12 +130,16 @@ class NonlinearRobin:
 
     def strength(self, distance: float) -> float:
         """The given ``p``, or the reciprocal of ``distance``."""
-        return 1.0 / distance if self.p == "auto" else float(self.p)
+        return _strength(self.p, distance)
 
 
 def _check_strength(p: Strength) -> None:
     if p != "auto" and not (isinstance(p, int | float) and math.isfinite(p) and p > 0):
         raise InputError(f'p = {p!r}: the Robin parameter must be a positive number or "auto"', field="transmission.p")
+
+
+def _strength(p: Strength, distance: float) -> float:
+    return 1.0 / distance if p == "auto" else float(p)
 
 
 def _value(q: Array, numbers: IntArray, i: int) -> Functional:

@@ -127,7 +127,11 @@ def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
     assert mesh.arrays().q_eq.shape == (8, 8)
     here = mesh.to_meshio()
     assert here.cell_sets["left"][1].size == 8
-    assert np.allclose(here.cell_data["Q_eq"][0], meshio.read(tmp_path / "m.vtu").cell_data["Q_eq"][0])
+    file = meshio.read(tmp_path / "m.vtu")
+    for name in ("Q_eq", "subdomain"):
+        assert np.allclose(here.cell_data[name][0], file.cell_data[name][0]), name
+    assert set(here.point_data) == set(file.point_data) == {"u", "xi", "eta"}
+    assert all(np.allclose(here.point_data[name], file.point_data[name]) for name in file.point_data)
 
 
 def test_pictures(client: Any, tmp_path: Path) -> None:
