@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".npz")
 # Read by the linear algebra when it is loaded. Its systems here are many and small: more threads make it slower.
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# What a solve and its quality measures take; measured at 1025 x 1025 points.
+BYTES_PER_POINT = 600
 EXAMPLES = """\
 examples:
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
@@ -59,6 +61,7 @@ def run(options: argparse.Namespace) -> int:
     from equimesh_client import Convergence, Quality
 
     grid = em.Grid(n_xi=options.n_xi, n_eta=options.n_xi if options.n_eta is None else options.n_eta)
+    _check_memory(grid)
     try:
         monitor = em.ArcLength(u=_field(em, options), a=options.a, b=options.b)
         problem = em.Problem(monitor=monitor, grid=grid, boundary=em.Boundary(options.boundary))
@@ -79,6 +82,16 @@ def run(options: argparse.Namespace) -> int:
         for file in files:
             print(f"wrote {file}")
     return Exit.DONE
+
+
+def _check_memory(grid: equimesh.Grid) -> None:
+    """Refuse a mesh that this machine cannot hold, before an hour of work comes to that."""
+    needed, present = BYTES_PER_POINT * grid.points, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if needed > present:
+        raise Refused(
+            f"{grid} points need about {needed / 1e9:.0f} GB of memory, and this machine has {present / 1e9:.0f} GB: "
+            "take fewer points"
+        )
 
 
 def pointed(error: equimesh.ExpressionError, text: str) -> str:

@@ -216,6 +216,8 @@ def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], 
     assert "at least 4" in capsys.readouterr().err
     assert main(["solve", "x", "-n", "8", "--subdomains", "9x1"]) == 2
     assert capsys.readouterr().err.startswith("equimesh: ")
+    assert main(["solve", "x", "-n", "9999999"]) == 2
+    assert "GB of memory" in capsys.readouterr().err
     few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
     assert main(["solve", "x*y", *few.split()]) == 1
     assert "tolerance" in capsys.readouterr().err

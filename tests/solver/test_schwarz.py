@@ -13,6 +13,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.schwarz import MOST_RESCUES, _estimate
+from equimesh.solution import observed_rate
 
 PAPER = problem("paper", 24, 20)
 
@@ -265,3 +266,11 @@ def test_a_spline_of_samples_gives_the_mesh_of_the_function() -> None:
     assert differences[0] < 2e-5
     assert differences[2] < 3e-8
     assert differences[1] / differences[2] > 8
+
+
+def test_the_observed_rate_is_that_of_the_tail_above_rounding() -> None:
+    errors = [math.nan, 0.5, *(0.1**k for k in range(1, 9)), 2e-14, 1e-14, 1e-14]
+    assert observed_rate(errors, 1e-13) == pytest.approx(0.1)
+    assert observed_rate(errors, 1e-16) > 0.1  # what rounding leaves does not shrink
+    assert observed_rate([math.nan, 1e-3], 1e-13) is None
+    assert observed_rate([math.nan, 0.0, 0.0], 1e-13) is None
