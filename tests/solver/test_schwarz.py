@@ -271,6 +271,6 @@ def test_a_spline_of_samples_gives_the_mesh_of_the_function() -> None:
 def test_the_observed_rate_is_that_of_the_tail_above_rounding() -> None:
     errors = [math.nan, 0.5, *(0.1**k for k in range(1, 9)), 2e-14, 1e-14, 1e-14]
     assert observed_rate(errors, 1e-13) == pytest.approx(0.1)
-    assert observed_rate(errors, 1e-16) > 0.1  # what rounding leaves does not shrink
+    assert observed_rate(errors, 1e-16) != pytest.approx(0.1, rel=0.3)  # what rounding leaves says nothing of a rate
     assert observed_rate([math.nan, 1e-3], 1e-13) is None
     assert observed_rate([math.nan, 0.0, 0.0], 1e-13) is None
