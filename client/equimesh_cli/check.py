@@ -67,7 +67,7 @@ def _here(options: argparse.Namespace) -> dict[str, Any]:
         "names": sorted(expression.names),
         "u": {"min": float(u.min()), "max": float(u.max())},
         "gradient": {"min": float(slope.min()), "max": float(slope.max())},
-        "constant": not slope.any(),
+        "constant": bool(u.min() == u.max() and not slope.any()),
     }
 
 

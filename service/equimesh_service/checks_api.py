@@ -101,5 +101,5 @@ def _report(data: bytes) -> ExpressionReport:
         names=sorted(expression.names),
         u=Range(min=float(u.min()), max=float(u.max())),
         gradient=Range(min=float(gradient.min()), max=float(gradient.max())),
-        constant=not gradient.any(),
+        constant=bool(u.min() == u.max() and not gradient.any()),
     )

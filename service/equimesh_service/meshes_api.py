@@ -16,9 +16,9 @@ from equimesh_service.document import parse
 from equimesh_service.negotiation import explicit, preferred_wait
 from equimesh_service.problems import Problem, invalid
 from equimesh_service.resources import MeshList, MeshResource, mesh_resource
-from equimesh_service.results_api import mesh_file, mesh_format
+from equimesh_service.results_api import check_done, mesh_file, mesh_format
 from equimesh_service.routing import LARGEST, ServiceDependency, problems
-from equimesh_service.rows import CANCELED, SUCCEEDED, MeshRow
+from equimesh_service.rows import CANCELED, MeshRow
 from equimesh_service.service import Service
 from equimesh_service.spec import MeshSpec
 
@@ -115,8 +115,9 @@ async def create(
 ) -> Response:
     """Ask for a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
 
-    With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip; a mesh that fails in
-    this time answers 201, too, with status `failed` and the reason in `error`.
+    With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip. A mesh that fails in this
+    time answers 201, too, with status `failed` and the reason in `error`; where its file was asked for, it answers
+    with the problem, as the request for the file would.
     """
     name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), _media_types())
     key = _checked_key(idempotency_key)
@@ -129,7 +130,8 @@ async def create(
     if asked is not None:
         headers["Preference-Applied"] = f"wait={seconds}"
     row = await service.finished(mesh_id, seconds)
-    if row.status == SUCCEEDED and name is not None:
+    if row.finished and name is not None:
+        check_done(row, partial=False, headers=headers)
         return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)
     if not row.finished:
         headers["Retry-After"] = "1"

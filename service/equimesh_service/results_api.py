@@ -59,7 +59,7 @@ async def get_file(
     """The mesh in a format that a solver reads; made on the first request, then kept."""
     row = await service.mesh(id)
     name = mesh_format(format) if format is not None else _accepted(request)
-    _check_done(row, partial=partial)
+    check_done(row, partial=partial)
     return await mesh_file(request, service, row, name, cells or row.cells)
 
 
@@ -185,16 +185,18 @@ def _accepted(request: Request) -> str:
     return name
 
 
-def _check_done(row: MeshRow, *, partial: bool) -> None:
+def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None = None) -> None:
+    """Nothing for a mesh that has files to give; raises the problem why there are none, else."""
+    more = dict(headers or {})
     if row.status == SUCCEEDED or (partial and row.partial):
         return
     if row.status == CANCELED:
-        raise Problem("canceled", "It was canceled before it was finished.")
+        raise Problem("canceled", "It was canceled before it was finished.", headers=more)
     if row.status != FAILED:
-        raise Problem("not-finished", f"It is {row.status}.", headers={"Retry-After": "1"})
+        raise Problem("not-finished", f"It is {row.status}.", headers={**more, "Retry-After": "1"})
     error = row.error or {}
     name = str(error.get("type", "")).rpartition("/")[2]
-    raise Problem(name, str(error.get("detail", "")), remedy=str(error.get("remedy", "")))
+    raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
 
 
 async def _kept(service: Service, mesh_id: str, name: str) -> Artifact:
@@ -202,7 +204,7 @@ async def _kept(service: Service, mesh_id: str, name: str) -> Artifact:
     row = await service.mesh(mesh_id)
     artifact = await run_in_threadpool(service.store.artifact, mesh_id, name)
     if artifact is None:
-        _check_done(row, partial=False)
+        check_done(row, partial=False)
         raise Problem("not-found", "There is no mesh with this id.")
     return artifact
 

@@ -9,6 +9,7 @@ from equimesh.boundary import Boundary
 from equimesh.errors import DecompositionError
 from equimesh.problem import Problem
 from equimesh.schwarz import Iteration, Schwarz, smallest_tolerance
+from equimesh.single_domain import FINEST_CONTINUATION
 from equimesh.transmission import Classical
 
 # More iterations than this are no remedy to offer, and from fewer than these no number can be foretold.
@@ -20,11 +21,11 @@ def after_newton(problem: Problem, *, nested: bool, reached: float | None = None
     if reached == 0.0:
         return _sentence(
             "replace a jump of u, or a change too fast for this grid, by a steep tanh",
-            "add grid points",
+            *_points(problem, nested=nested),
             *_settings(problem, nested=nested),
         )
-    lower = f"lower a to {reached:.2g}" if reached is not None and reached < problem.monitor.a else "lower a"
-    return _sentence(lower, "raise b", "add grid points", *_settings(problem, nested=nested))
+    lower = f"lower a to {reached:.2g} or less" if reached is not None and reached < problem.monitor.a else "lower a"
+    return _sentence(lower, "raise b", *_points(problem, nested=nested), *_settings(problem, nested=nested))
 
 
 def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) -> str:
@@ -53,6 +54,11 @@ def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: flo
     elif getattr(schwarz.transmission, "p", "auto") != "auto":
         ideas.append("use p = auto")
     return _sentence(*ideas, "solve as a single domain")
+
+
+def _points(problem: Problem, *, nested: bool) -> list[str]:
+    """A nested solve fails on its way to a finer grid, whatever the points of that."""
+    return ["add grid points"] if not nested or max(problem.grid.shape) < FINEST_CONTINUATION else []
 
 
 def _settings(problem: Problem, *, nested: bool) -> list[str]:

@@ -18,6 +18,7 @@ from equimesh.vocabulary import LIMITS
 Array: TypeAlias = npt.NDArray[np.float64]
 
 COVERAGE_TOLERANCE = 1e-9
+FURTHEST_BEYOND = 0.5  # a rim of ghost cells is welcome, another domain is a mistake
 CUBIC = 4  # points that a cubic needs
 SMALLEST_RESAMPLING, LARGEST_RESAMPLING = 16, 1025
 # Scattered samples are extended to the sides from this many on; between these multiples of their own distances.
@@ -108,6 +109,9 @@ class ScatteredSamples:
                 field="values",
             )
         _check_size(u)
+        for name, along in zip("xy", where.T, strict=True):
+            if along.size:
+                _check_beyond(float(along.min()), float(along.max()), name, "points")
         if len(u) < CUBIC:
             raise SamplesError(f"{counted(len(u))}: scattered samples need at least {CUBIC}", field="points")
         for name, value in {"points": where, "values": u, "grid": _resample(*_distinct(where, u))}.items():
@@ -158,6 +162,17 @@ def _check_reach(axis: Array, name: str) -> None:
             " square: add samples up to 0 and 1, or map the coordinates there:"
             f" ({name} - {name}[0]) / ({name}[-1] - {name}[0])",
             field=name,
+        )
+    _check_beyond(float(axis[0]), float(axis[-1]), name, name)
+
+
+def _check_beyond(low: float, high: float, name: str, field: str) -> None:
+    """Refuse samples that go on far beyond [0, 1]: the mesh would see a corner of them only."""
+    if low < -FURTHEST_BEYOND or high > 1 + FURTHEST_BEYOND:
+        raise SamplesError(
+            f"the samples reach from {low:.6g} to {high:.6g} in {name}, far beyond the unit square that is meshed: map"
+            f" the coordinates there, ({name} - {low:.6g}) / {high - low:.6g}, or send only the part in [0, 1]",
+            field=field,
         )
 
 

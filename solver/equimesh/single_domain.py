@@ -22,6 +22,8 @@ from equimesh.problem import Problem
 COARSEST = 17
 MOST_STEPS = 60
 SMALLEST_ADVANCE = 1.0 / 64.0
+# Where a level falls short of the asked ``a``, finer ones go on from there, up to so many points in a direction.
+FINEST_CONTINUATION = 65
 TOLERANCE = 1e-12
 # Rounding errors of the fluxes grow like the number of points in a direction; no tolerance can be below them.
 ROUNDING = 64 * np.finfo(np.float64).eps
@@ -33,7 +35,7 @@ class NewtonRecord:
 
     ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest), ``a`` the strength of the monitor that
     the step solves for, below the asked one while continuation is at work. ``residual`` is relative to the mean flux.
-    ``converged`` is set by the last step of a level at the asked ``a``; ``failed`` ends the solve.
+    ``converged`` is set by the last step of a level at the asked ``a``, ``failed`` where it fell short.
     """
 
     level: int
@@ -85,29 +87,29 @@ def iterate(problem: Problem, start: Mesh | None = None, *, chord: bool = True) 
     """Newton steps up the nested grids to the single-domain solution.
 
     ``start`` is a mesh of the problem's own grid: Newton then begins there, without nested iteration. Where Newton
-    fails on a level, continuation in ``a`` from the uniform mesh (exact for ``a = 0``) is tried. The last record has
-    ``converged`` or ``failed`` set and the finest mesh that was reached. ``chord=False`` uses Newton on every level: a
-    reference, hundreds of times slower on fine grids.
+    fails on a level, continuation in ``a`` from the uniform mesh (exact for ``a = 0``) is tried; where that falls short
+    of the asked ``a``, it goes on from there on the next finer grids, up to 65 points in a direction. The last record
+    has ``converged`` or ``failed`` set and the finest mesh that was reached. ``chord=False`` uses Newton on all levels:
+    a reference, hundreds of times slower on fine grids.
     """
     grids = [problem.grid] if start is not None else nested_grids(problem.grid)
     mesh = start if start is not None else Mesh.uniform(grids[0])
+    reached = problem.monitor.a
     for level, grid in enumerate(grids):
         guess = mesh if mesh.x.shape == grid.shape else prolong(mesh, grid)
-        label = NewtonRecord(
-            level=level,
-            levels=len(grids),
-            grid=grid,
-            a=problem.monitor.a,
-            step=0,
-            residual=np.nan,
-            mesh=guess,
+        record = NewtonRecord(
+            level=level, levels=len(grids), grid=grid, a=problem.monitor.a, step=0, residual=np.nan, mesh=guess
         )
-        record = label
-        for record in _solve_level(replace(problem, grid=grid), guess, label, chord=chord and level > 0):
+        here = replace(problem, grid=grid)
+        if reached < problem.monitor.a:
+            records = _continuation(here, record, reached)
+        else:
+            records = _solve_level(here, guess, record, chord=chord and level > 0)
+        for record in records:
             yield record
-        if record.failed:
+        if record.failed and (level + 1 == len(grids) or max(grids[level + 1].shape) > FINEST_CONTINUATION):
             return
-        mesh = record.mesh
+        mesh, reached = record.mesh, record.a
 
 
 def nested_grids(grid: Grid) -> list[Grid]:
@@ -156,7 +158,7 @@ def _solve_level(problem: Problem, guess: Mesh, label: NewtonRecord, *, chord: b
             break
         yield record
     if record.failed:
-        yield from _continuation(problem, replace(record, mesh=guess))
+        yield from _continuation(problem, replace(label, mesh=Mesh.uniform(problem.grid)), 0.0)
 
 
 def _chord(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
@@ -188,10 +190,13 @@ def _on_the_sides(solution: LocalSolution) -> LocalSolution:
     return replace(solution, mesh=Mesh.of_unit_square(solution.mesh.x, solution.mesh.y))
 
 
-def _continuation(problem: Problem, label: NewtonRecord) -> Iterator[NewtonRecord]:
-    """From ``a = 0`` in adaptive steps to the asked ``a``; the last record has ``converged`` or ``failed``."""
-    asked, reached, advance = problem.monitor.a, 0.0, problem.monitor.a / 3
-    mesh = Mesh.uniform(problem.grid)
+def _continuation(problem: Problem, label: NewtonRecord, reached: float) -> Iterator[NewtonRecord]:
+    """From the label's mesh, near the solution for ``a = reached``, in adaptive steps to the asked ``a``.
+
+    The last record has ``converged`` or ``failed``; in the latter case its ``a`` is what was reached.
+    """
+    asked, mesh = problem.monitor.a, label.mesh
+    advance = (asked - reached) / 3
     while reached < asked:
         target = min(asked, reached + advance)
         attempt = replace(problem, monitor=replace(problem.monitor, a=target))

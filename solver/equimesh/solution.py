@@ -168,7 +168,7 @@ def _single_domain(problem: Problem, initial: Initial, observe: Observer) -> Sol
         status=_checked(Status.CONVERGED if record.converged else Status.NEWTON_FAILED, record.mesh),
         newton_steps=record.step,
         residual=record.residual,
-        note="" if record.converged else _where_newton_failed(record),
+        note="" if record.converged else _where_newton_failed(record, problem),
         remedy="" if record.converged else remedies.after_newton(problem, nested=nested, reached=record.a),
     )
 
@@ -210,7 +210,7 @@ def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, observe: Obse
             break
     note = ""
     if reference is not None and known is None:
-        note = "There is no single-domain solution to compare with: " + _where_newton_failed(reference)
+        note = "There is no single-domain solution to compare with: " + _where_newton_failed(reference, problem)
     return _finished(problem, schwarz, records, note, nested=initial is Initial.NESTED)
 
 
@@ -286,8 +286,9 @@ def _on_grid(mesh: Mesh, problem: Problem) -> Mesh:
     return mesh if mesh.x.shape == problem.grid.shape else single_domain.prolong(mesh, problem.grid)
 
 
-def _where_newton_failed(record: NewtonRecord) -> str:
+def _where_newton_failed(record: NewtonRecord, problem: Problem) -> str:
+    way = "" if record.grid == problem.grid else f", on the way to {problem.grid} points,"
     return (
-        f"On the {record.grid} grid it stalled at a relative residual of {record.residual:.1e}; "
+        f"On the {record.grid} grid{way} it stalled at a relative residual of {record.residual:.1e}; "
         f"a = {record.a:.3g} was reached."
     )

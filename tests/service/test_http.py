@@ -286,7 +286,10 @@ def test_what_is_finished_cannot_be_canceled(http: httpx.Client, finished: dict[
 
 def test_a_tolerance_that_is_not_reached_fails_and_leaves_the_partial_mesh(http: httpx.Client) -> None:
     schwarz = {"transmission": {"kind": "classical"}, "ordering": "parallel", "overlap": 2, "max_iterations": 2}
-    answer = post(http, small(schwarz=schwarz), "?format=vtu", **WAIT)
+    no_file = post(http, small(schwarz=schwarz), "?format=vtu", **WAIT)
+    assert (no_file.status_code, no_file.json()["type"]) == (409, "/problems/not-converged")
+    assert http.get(no_file.headers["Location"]).json()["status"] == "failed"
+    answer = post(http, small(schwarz=schwarz), **WAIT)
     assert answer.status_code == 201
     mesh = answer.json()
     assert (mesh["status"], mesh["error"]["type"], mesh["partial"]) == ("failed", "/problems/not-converged", True)

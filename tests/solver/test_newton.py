@@ -102,6 +102,19 @@ def test_continuation_reaches_what_newton_from_uniform_cannot() -> None:
     assert records[-1].mesh.min_jacobian > 0.1
 
 
+def test_finer_grids_reach_what_the_coarsest_cannot() -> None:
+    """A front thinner than the coarsest cells: continuation goes on from grid to grid, and chord sweeps finish."""
+    steep = em.ArcLength(u=em.Expression("tanh(100*(x - y))"))
+    records = list(iterate(em.Problem(monitor=steep, grid=em.Grid(n_xi=129, n_eta=129))))
+    failed = [record for record in records if record.failed]
+    assert [record.grid.n_xi for record in failed] == [17, 33]
+    assert 0 < failed[0].a < failed[1].a < 0.7
+    assert records[-1].converged
+    assert records[-1].a == 0.7
+    assert records[-1].grid.n_xi == 129
+    assert records[-1].mesh.min_jacobian > 0.1
+
+
 def test_prolongation_is_exact_for_cubics_and_never_folds() -> None:
     grid, fine = em.Grid(n_xi=9, n_eta=7), em.Grid(n_xi=17, n_eta=13)
     uniform, finer = em.Mesh.uniform(grid), em.Mesh.uniform(fine)

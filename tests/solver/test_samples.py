@@ -73,6 +73,16 @@ class TestAccuracy:
 
         assert np.log2(error(33) / error(65)) == pytest.approx(4, abs=0.15)
 
+    def test_samples_of_another_domain_are_refused(self) -> None:
+        axis = np.linspace(0, 2 * np.pi, 9)
+        with pytest.raises(SamplesError, match=r"far beyond the unit square.*\(y - 0\) / 6.28319") as caught:
+            GridSamples(x=axis / 6, y=axis, values=np.zeros((9, 9)))
+        assert caught.value.field == "y"
+        points = 2 * scattered_points(60) - 1
+        with pytest.raises(SamplesError, match="from -1 to 1 in x") as caught:
+            ScatteredSamples(points=points, values=points[:, 0])
+        assert caught.value.field == "points"
+
     def test_samples_that_stop_before_the_sides_are_continued_to_them(self) -> None:
         """Cell centres, and points at random with only the corners on the sides: errors fall with the spacing."""
 
@@ -184,8 +194,8 @@ class TestSpline:
             assert repr(again) == repr(field)
 
     def test_integers_lists_and_masked_arrays(self) -> None:
-        axis = [0, 1, 2, 3]
-        table = [[i * j for j in axis] for i in axis]
+        axis = [-0.5, 0, 1, 1.5]
+        table = [[i * j for j in range(4)] for i in range(4)]
         lists = GridSamples(x=axis, y=axis, values=table)
         masked = GridSamples(x=axis, y=axis, values=np.ma.array(table))
         np.testing.assert_array_equal(lists.evaluate(*PROBE)[0], masked.evaluate(*PROBE)[0])
@@ -205,7 +215,7 @@ class TestScattered:
     def test_the_grid_follows_the_number_of_samples_in_the_square(self) -> None:
         points = scattered_points(2500)
         inside = len(points)
-        far = np.add(points, [3.0, 0.0])
+        far = np.add(0.4 * points, [1.05, 0.0])
         field = ScatteredSamples(points=np.concatenate([far, points]), values=np.zeros(2 * inside))
         assert field.grid.x.size == round(2 * np.sqrt(inside))
         assert ScatteredSamples(points=CORNERS, values=np.ones(4)).grid.x.size == 16
