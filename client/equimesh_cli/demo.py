@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.serve import cannot_serve
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
 
-FORMATS = ("vtu", "vtk", "xdmf")
+FORMATS = ("vtu", "vtk", "xdmf", "msh")
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 EXAMPLES = """\
 examples:
@@ -58,7 +59,6 @@ def run(options: argparse.Namespace) -> int:
     from equimesh_client import Client
 
     output: Path = options.output
-    output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="equimesh-demo-", ignore_cleanup_errors=True) as folder:
         chosen = {
             "host": "127.0.0.1",
@@ -72,15 +72,18 @@ def run(options: argparse.Namespace) -> int:
         with ExitStack() as stack:
             try:
                 url = stack.enter_context(equimesh_service.running(settings))
-            except (OSError, RuntimeError) as error:
+            except OSError as error:
+                raise Refused(cannot_serve(settings, error), Exit.UNREACHABLE) from error
+            except RuntimeError as error:
                 raise Refused(f"the service cannot be started: {error}", Exit.UNREACHABLE) from error
+            output.mkdir(parents=True, exist_ok=True)
             client = stack.enter_context(Client(url))
             print(f"It answers at {url}.", flush=True)
             written = [*paper(client, output), *ring(client, output)]
     print(f"\nFiles in {output}:")
     for path in written:
         print(f"  {path.name:<28}{path.stat().st_size:>9} bytes")
-    print("\nOpen a .vtu file in ParaView. Solvers read the .vtk, or the .xdmf with the files beside it.")
+    print("\nOpen a .vtu file in ParaView. Most solvers read the .msh; FEniCSx the .xdmf with the files beside it.")
     return Exit.DONE
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import EPILOG, Exit
 from equimesh_cli.options import add_mesh_options, check_options, schwarz_of
+
+if TYPE_CHECKING:
+    from equimesh_client import Client, Mesh
 
 SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".npz")
 DEFAULT_URL = "http://127.0.0.1:8000"
@@ -53,25 +56,16 @@ def add_url(parser: Any, *, default: str | None) -> None:
 def run(options: argparse.Namespace) -> int:
     """Ask, wait, download, report."""
     check_options(options, SUFFIXES)
-    from equimesh_client import Client
+    from equimesh_client import Client, MeshFailed
 
     quiet = options.quiet or None
     with Client(options.url) as client:
-        mesh = client.generate(
-            options.u if options.samples is None else options.samples,
-            (options.n_xi, options.n_xi if options.n_eta is None else options.n_eta),
-            a=options.a,
-            b=options.b,
-            schwarz=schwarz_of(options),
-            boundary=options.boundary,
-            initial=options.initial,
-            cells=options.cells,
-            label=options.label,
-            parameters=dict(options.parameter),
-            t=options.t,
-            deadline=options.deadline,
-            progress=False if quiet else None,
-        )
+        try:
+            mesh = _generated(client, options, progress=False if quiet else None)
+        except MeshFailed as error:
+            if options.json:
+                print(json.dumps({"mesh": error.mesh.record, "files": []}, indent=2))
+            raise
         files = []
         if options.output is not None:
             files.append(str(mesh.download(options.output)))
@@ -89,3 +83,21 @@ def run(options: argparse.Namespace) -> int:
             for file in files:
                 print(f"wrote {file}")
     return Exit.DONE
+
+
+def _generated(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
+    return client.generate(
+        options.u if options.samples is None else options.samples,
+        (options.n_xi, options.n_xi if options.n_eta is None else options.n_eta),
+        a=options.a,
+        b=options.b,
+        schwarz=schwarz_of(options),
+        boundary=options.boundary,
+        initial=options.initial,
+        cells=options.cells,
+        label=options.label,
+        parameters=dict(options.parameter),
+        t=options.t,
+        deadline=options.deadline,
+        progress=progress,
+    )

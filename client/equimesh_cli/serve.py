@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+import errno
+from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import EPILOG, Exit, Refused
+
+if TYPE_CHECKING:
+    from equimesh_service.settings import Settings
 
 EXAMPLES = """\
 Every option is also an environment variable: --data-dir is EQUIMESH_DATA_DIR. The option wins.
@@ -70,8 +74,18 @@ def run(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         pass  # the way to stop it
     except OSError as error:
-        raise Refused(f"cannot serve on {settings.host} port {settings.port}: {error.strerror or error}") from error
+        raise Refused(cannot_serve(settings, error)) from error
     return Exit.DONE
+
+
+def cannot_serve(settings: Settings, error: OSError) -> str:
+    """Why a service does not start: its folder, or its address."""
+    said = error.strerror or str(error)
+    if error.filename is not None:
+        return f"cannot use the data folder {settings.data_dir} ({error.filename}: {said}); choose one with --data-dir"
+    if error.errno == errno.EADDRINUSE:
+        return f"port {settings.port} of {settings.host} is in use: choose another with --port, 0 takes a free one"
+    return f"cannot serve on {settings.host} port {settings.port}: {said}"
 
 
 def _complaint(entry: Any) -> str:

@@ -69,11 +69,14 @@ def run(options: argparse.Namespace) -> int:
             solution = em.solve(problem, _schwarz(em, options), initial=em.Initial(options.initial), observe=observer)
     except em.ExpressionError as error:
         raise Refused(pointed(error, options.u)) from error
+    except em.SolveError as error:
+        if options.json:
+            print(json.dumps({**_said(error.solution), "convergence": error.solution.convergence()}, indent=2))
+        raise
     files = _write(options, solution)
     quality, convergence = solution.quality.summary(), solution.convergence()
     if options.json:
-        said = {"status": solution.status.value, "message": solution.message}
-        print(json.dumps({**said, "quality": quality, "convergence": convergence, "files": files}, indent=2))
+        print(json.dumps({**_said(solution), "quality": quality, "convergence": convergence, "files": files}, indent=2))
     elif not options.quiet:
         print(f"{grid} points: {solution.message}")
         print(Quality.from_json(quality))
@@ -82,6 +85,10 @@ def run(options: argparse.Namespace) -> int:
         for file in files:
             print(f"wrote {file}")
     return Exit.DONE
+
+
+def _said(solution: Solution) -> dict[str, str]:
+    return {"status": solution.status.value, "message": solution.message}
 
 
 def _check_memory(grid: equimesh.Grid) -> None:

@@ -67,6 +67,8 @@ def source_of(
     Raises :class:`BadArgument` when ``u`` is none of these, or has a value that is not finite.
     """
     if isinstance(u, str):
+        if Path(u).suffix.lower() in MEDIA_TYPES:
+            raise BadArgument(f"{u!r} looks like the name of a file: give pathlib.Path({u!r})")
         expression: dict[str, Any] = {"expression": u}
         if parameters:
             expression["parameters"] = {name: float(value) for name, value in parameters.items()}
@@ -155,6 +157,11 @@ def _pieces(u: object) -> dict[str, Array]:
         raise BadArgument(f"an array u has two dimensions, values[i, j] at (x_i, y_j); this one has {values.ndim}")
     if min(values.shape) < 2:
         raise BadArgument(f"an array u needs at least 2 values in each direction; this one is {values.shape}")
+    if values.shape[1] == 3 and len(values) > 3:
+        raise BadArgument(
+            f"an array of shape {values.shape} looks like a table of x, y and u: give (table[:, :2], table[:, 2]). "
+            "If it is values on a grid with 3 points in y, give (x, y, values)"
+        )
     axes = [np.linspace(0.0, 1.0, count) for count in values.shape]
     return _checked({"x": axes[0], "y": axes[1], "values": values})
 

@@ -221,6 +221,9 @@ def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], 
     few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
     assert main(["solve", "x*y", *few.split()]) == 1
     assert "tolerance" in capsys.readouterr().err
+    assert main(["solve", "x*y", *few.split(), "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["status"], len(said["convergence"]["iterations"])) == ("not_converged", 3)
     (tmp_path / "u.csv").write_text("x,y,u\n0,0,1\n")
     assert main(["solve", "--samples", str(tmp_path / "u.csv")]) == 2
 

@@ -138,3 +138,11 @@ def test_options_that_do_not_belong() -> None:
         source_of(lambda x, _: x, n_samples=1)
     with pytest.raises(BadArgument, match="not samples"):
         upload_of("u.csv")
+
+
+def test_what_looks_like_something_else_is_told() -> None:
+    with pytest.raises(BadArgument, match=r"table of x, y and u: give \(table\[:, :2\], table\[:, 2\]\)"):
+        source_of(np.ones((20, 3)))
+    assert source_of(np.ones((3, 3))).json is not None
+    with pytest.raises(BadArgument, match=r"name of a file: give pathlib.Path\('u.npz'\)"):
+        source_of("u.npz")
