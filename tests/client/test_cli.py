@@ -156,6 +156,9 @@ def test_a_failed_mesh_is_1(generate: Any) -> None:
     code, _, err = generate("x", "-n", "5", "--label", "fail")
     assert code == 1
     assert err == "equimesh: mesh m0 failed: The mesh folded. At cell 3. Lower a\n"
+    code, out, _ = generate("x", "-n", "5", "--label", "fail", "--json")
+    assert code == 1
+    assert json.loads(out)["mesh"]["status"] == "failed"
 
 
 def test_nobody_there_is_3(capsys: pytest.CaptureFixture[str]) -> None:
