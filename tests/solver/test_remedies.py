@@ -52,11 +52,19 @@ def test_newton_is_offered_the_strength_that_was_reached() -> None:
     case = problem("wave", 9, boundary=em.Boundary.EQUIDISTRIBUTED_1D, a=1.0, b=0.0)
     solution = em.solve(case, check=False)
     assert solution.status is em.Status.NEWTON_FAILED
-    assert solution.remedy.startswith("Lower a to 0.24, raise b")
+    assert solution.remedy.startswith("Lower a to 0.24 or less, raise b, add grid points")
     assert "trace boundary" in solution.remedy
     assert "nested" not in solution.remedy
     assert "start nested" in remedy(None, case, em.Initial.UNIFORM)
     assert "trace" not in remedies.after_newton(PAPER, nested=True, reached=0.1)
+
+
+def test_points_are_offered_only_where_they_help() -> None:
+    """A nested solve of many points fails on its way there: more of them change nothing."""
+    finer = replace(PAPER, grid=em.Grid(n_xi=129, n_eta=129))
+    assert "grid points" in remedies.after_newton(PAPER, nested=True, reached=0.1)
+    assert "grid points" not in remedies.after_newton(finer, nested=True, reached=0.1)
+    assert "grid points" in remedies.after_newton(finer, nested=False, reached=0.1)
 
 
 def test_a_jump_is_not_told_to_lower_a() -> None:
