@@ -34,8 +34,8 @@ class NewtonRecord:
     """One Newton step of a single-domain solve, or one sweep of the chord iteration.
 
     ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest), ``a`` the strength of the monitor that
-    the step solves for, below the asked one while continuation is at work. ``residual`` is relative to the mean flux.
-    ``converged`` is set by the last step of a level at the asked ``a``, ``failed`` where it fell short.
+    the step solves for, below the asked one while continuation is at work. ``residual`` is relative to the mean flux; of
+    a sweep it is the largest deviation of a squared metric length from the mean of its line. ``converged`` is set by the last step of a level at the asked ``a``, ``failed`` where it fell short.
     """
 
     level: int
@@ -84,7 +84,7 @@ def newton_steps(
 
 
 def iterate(problem: Problem, start: Mesh | None = None, *, chord: bool = True) -> Iterator[NewtonRecord]:
-    """Newton steps up the nested grids to the single-domain solution.
+    """Newton steps and chord sweeps up the nested grids to the single-domain solution.
 
     ``start`` is a mesh of the problem's own grid: Newton then begins there, without nested iteration. Where Newton
     fails on a level, continuation in ``a`` from the uniform mesh (exact for ``a = 0``) is tried; where that falls short
