@@ -42,8 +42,8 @@ class Solution:
     """A mesh, how it came about, and whether it is what was asked for.
 
     ``newton_steps`` (or chord sweeps) and ``residual`` (relative to the mean flux) are those of the finest grid of a
-    single-domain solve, or summed and largest over the subdomains. ``iterations`` is empty for a single-domain solve. ``note`` says more of what happened,
-    ``remedy`` what to try; it is empty when there is nothing to mend.
+    single-domain solve, or summed and largest over the subdomains. ``iterations`` is empty for a single-domain solve.
+    ``note`` says more of what happened, ``remedy`` what to try; it is empty when there is nothing to mend.
     """
 
     problem: Problem
