@@ -34,9 +34,9 @@ class NewtonRecord:
     """One Newton step of a single-domain solve, or one sweep of the chord iteration.
 
     ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest), ``a`` the strength of the monitor that
-    the step solves for, below the asked one while continuation is at work. ``residual`` is relative to the mean flux; of
-    a sweep it is the largest deviation of a squared metric length from the mean of its line. ``converged`` is set by the
-    last step of a level at the asked ``a``, ``failed`` where it fell short.
+    the step solves for, below the asked one while continuation is at work. ``residual`` is relative to the mean flux;
+    of a sweep it is the largest deviation of a squared metric length from the mean of its line. ``converged`` is set by
+    the last step of a level at the asked ``a``, ``failed`` where it fell short.
     """
 
     level: int
