@@ -27,7 +27,7 @@ from equimesh.field import Field
 from equimesh.grid import Grid
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
-from equimesh.monitor import ArcLength
+from equimesh.monitor import ArcLength, Monitor
 from equimesh.problem import Problem
 from equimesh.quality import Quality, measure
 from equimesh.samples import GridSamples, ScatteredSamples
@@ -56,6 +56,7 @@ __all__ = [
     "LinearRobin",
     "Mesh",
     "MeshData",
+    "Monitor",
     "NewtonRecord",
     "NonlinearRobin",
     "Ordering",

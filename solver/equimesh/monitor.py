@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +12,47 @@ import numpy.typing as npt
 from equimesh.errors import InputError
 from equimesh.field import Field
 
+if TYPE_CHECKING:
+    from equimesh.domain import Domain
+
 Array: TypeAlias = npt.NDArray[np.float64]
+
+
+class Monitor(Protocol):
+    """A symmetric positive definite tensor M(x, y) of the physical plane; a mesh equidistributes lengths in M."""
+
+    @property
+    def u(self) -> Field | None:
+        """The function whose interpolation is measured and which mesh files carry, if there is one."""
+        ...
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points of any shape; dimensionless, exact.
+
+        May be asked a little (1e-5 of its size) outside the domain. Values may be non-finite where the data are.
+        """
+        ...
+
+    def on(self, domain: Domain) -> Monitor:
+        """The monitor bound to ``domain``: checked there, with what depends on the whole domain computed.
+
+        Raises :class:`~equimesh.errors.InputError` where it cannot be used on it.
+        """
+        ...
+
+    def weakened(self, strength: float) -> Monitor:
+        """A monitor that adapts less, for ``strength`` in [0, 1]: 0 adapts to nothing, 1 is the monitor itself.
+
+        Depends continuously on ``strength``. A bound monitor gives a bound one.
+        """
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArcLength:
     """The scaled arc-length metric ``M = k grad u grad u^T + I``, ``k = a^2 / (1 + b |grad u|^2)``.
 
-    Haynes and Howse, equation (1) and the remark below equation (4).
+    Haynes and Howse, equation (1) and the remark below equation (4). A :class:`Monitor`.
 
     ``a`` in [0, 1] is the strength of the adaptation: 0 gives the uniform mesh. ``b >= 0`` bounds the metric where
     u is steep (``k |grad u|^2 < a^2 / b``): raise it when cells get too thin or the solve fails.
@@ -49,3 +82,18 @@ class ArcLength:
         _, u_x, u_y = self.u.evaluate(x, y, order=1)
         k = self.strength(u_x**2 + u_y**2)
         return 1.0 + k * u_x**2, k * u_x * u_y, 1.0 + k * u_y**2
+
+    def on(self, domain: Domain) -> ArcLength:  # noqa: ARG002 - every monitor can be bound
+        """The monitor itself: nothing in it depends on the domain."""
+        return self
+
+    def weakened(self, strength: float) -> ArcLength:
+        """The monitor with ``strength * a`` for ``a``."""
+        return replace(self, a=checked_strength(strength) * self.a)
+
+
+def checked_strength(strength: float) -> float:
+    """``strength`` if it lies in [0, 1]; otherwise raises :class:`~equimesh.errors.InputError`."""
+    if not 0.0 <= strength <= 1.0:
+        raise InputError(f"strength = {strength}: the strength of a monitor lies in [0, 1]", field="strength")
+    return float(strength)
