@@ -13,6 +13,7 @@ Decomposition*. Begin reading in ``schwarz.py``.
 
 from equimesh.boundary import Boundary
 from equimesh.decomposition import Decomposition
+from equimesh.domain import AnnulusSector, Domain, Rectangle
 from equimesh.errors import (
     DecompositionError,
     EquimeshError,
@@ -38,11 +39,13 @@ from equimesh.status import Status
 from equimesh.transmission import Classical, LinearRobin, NonlinearRobin, TransmissionCondition
 
 __all__ = [
+    "AnnulusSector",
     "ArcLength",
     "Boundary",
     "Classical",
     "Decomposition",
     "DecompositionError",
+    "Domain",
     "EquimeshError",
     "Event",
     "Expression",
@@ -63,6 +66,7 @@ __all__ = [
     "Position",
     "Problem",
     "Quality",
+    "Rectangle",
     "SamplesError",
     "ScatteredSamples",
     "Schwarz",
