@@ -206,3 +206,6 @@ def check_extent(ends: Interval, name: str, field: str, *, among: tuple[float, .
 def _between(ends: Interval, share: Array) -> Array:
     """From the first of ``ends`` (at 0) to the second (at 1), both met exactly."""
     return np.asarray(ends[0] * (1.0 - share) + ends[1] * share)
+
+
+UNIT_SQUARE = Rectangle()

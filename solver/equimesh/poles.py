@@ -1,13 +1,15 @@
-"""Poles of a field: points of the unit square that no sample hits, and near which its slope grows without bound."""
+"""Poles of a field: points of its domain that no sample hits, and near which its slope grows without bound."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.domain import UNIT_SQUARE, Domain
 from equimesh.field import Field
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -15,7 +17,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 BLOCKS = 8  # a direction: each block of sample points sends the search after its own steepest point
 HALF_WIDTH = 2  # points of the search pattern on each side of its middle
 ROUNDING = np.finfo(np.float64).eps
-LEVELS = 40  # halvings of the pattern: from the spacing of the samples to about 1e-14
+LEVELS = 40  # halvings of the pattern: from the spacing of the samples to about 1e-14, the spare digits included
+SPARE = 5  # of them, in binary digits: what a domain away from the origin may lose first
 TRIAL = 12  # the first halvings, in which a pole may lie too near to a sample to show
 GROWTH = 2.0**0.25  # of the slope in a halving; r^alpha grows by 2^(1 - alpha), what is resolved by 1
 
@@ -32,44 +35,56 @@ class Pole:
     slope: float
 
 
-def find_pole(field: Field, n: int) -> Pole | None:
-    """A pole of the field in the unit square; None where the search from ``n`` x ``n`` samples finds none.
+def find_pole(field: Field, n: int, domain: Domain = UNIT_SQUARE) -> Pole | None:
+    """A pole of the field in the closed ``domain``; None where the search from ``n`` x ``n`` samples finds none.
 
     The search climbs from the steepest samples to steeper points near by, on finer and finer patterns. A front is
     climbed until it is resolved, a pole never is. It may miss a pole whose neighbourhood is as flat as the rest.
     A sample where u would change by more than its range within the rounding of a coordinate sits on a pole itself.
     """
-    x, y, height = _steepest(field, n)
+    s, t, height = _steepest(field, n, domain)
     offsets = np.linspace(-1.0, 1.0, 2 * HALF_WIDTH + 1)
-    history = [_slope(field, x, y)]
+    size = max(abs(end) for ends in domain.box for end in ends)
+    history = [_slope(field, *domain.map(s, t))]
     steepest = int(history[0].argmax())
-    if history[0][steepest] * ROUNDING > height > 0:
-        return Pole(x=float(x[steepest]), y=float(y[steepest]), slope=float(history[0][steepest]))
+    if history[0][steepest] * ROUNDING * size > height > 0:
+        return _pole(domain, s[steepest], t[steepest], history[0][steepest])
     radius = 1.0 / (n - 1)
-    for level in range(1, LEVELS + 1):
-        dx, dy = np.meshgrid(radius * offsets, radius * offsets, indexing="ij")
-        xs = np.clip(x[:, None] + dx.ravel(), 0.0, 1.0)
-        ys = np.clip(y[:, None] + dy.ravel(), 0.0, 1.0)
-        slopes = _slope(field, xs, ys)
-        best = (np.arange(x.size), slopes.argmax(axis=1))
-        x, y = xs[best], ys[best]
+    for level in range(1, _levels(domain, size) + 1):
+        ds, dt = np.meshgrid(radius * offsets, radius * offsets, indexing="ij")
+        near_s = np.clip(s[:, None] + ds.ravel(), 0.0, 1.0)
+        near_t = np.clip(t[:, None] + dt.ravel(), 0.0, 1.0)
+        slopes = _slope(field, *domain.map(near_s, near_t))
+        best = (np.arange(s.size), slopes.argmax(axis=1))
+        s, t = near_s[best], near_t[best]
         history.append(slopes[best])
         if np.isinf(history[-1]).any():
             break
         if level >= TRIAL:
             grows = history[-1] > history[-1 - TRIAL] * GROWTH**TRIAL
-            x, y, history = x[grows], y[grows], [values[grows] for values in history]
-            if not x.size:
+            s, t, history = s[grows], t[grows], [values[grows] for values in history]
+            if not s.size:
                 return None
         radius /= 2
     worst = int(history[-1].argmax())
-    return Pole(x=float(x[worst]), y=float(y[worst]), slope=float(history[-1][worst]))
+    return _pole(domain, s[worst], t[worst], history[-1][worst])
 
 
-def _steepest(field: Field, n: int) -> tuple[Array, Array, float]:
-    """The steepest sample of every block of samples, and the range of u over all of them."""
+def _pole(domain: Domain, s: Array, t: Array, slope: float) -> Pole:
+    x, y = domain.map(s, t)
+    return Pole(x=float(x), y=float(y), slope=float(slope))
+
+
+def _levels(domain: Domain, size: float) -> int:
+    """The halvings after which neighbours in the pattern are still told apart in coordinates of this ``size``."""
+    extent = min(high - low for low, high in domain.box)
+    return max(TRIAL, LEVELS - max(0, math.ceil(math.log2(size / extent)) - SPARE))
+
+
+def _steepest(field: Field, n: int, domain: Domain) -> tuple[Array, Array, float]:
+    """Where in the reference square the steepest sample of every block lies; the range of u over all samples."""
     axis = np.linspace(0.0, 1.0, n)
-    x, y = np.meshgrid(axis, axis, indexing="ij")
+    x, y = domain.map(*np.meshgrid(axis, axis, indexing="ij"))
     slopes, (u,) = _slope(field, x, y), field.evaluate(x, y)
     chosen = []
     for columns in np.array_split(np.arange(n), min(BLOCKS, n)):

@@ -13,7 +13,7 @@ from equimesh.functions import OPERATIONS
 from equimesh.jet import Jet, constant, coordinates
 from equimesh.syntax import Operation
 from equimesh.tokens import refuse
-from equimesh.vocabulary import LIMITS
+from equimesh.vocabulary import LIMITS, PLANE
 
 Array: TypeAlias = npt.NDArray[np.float64]
 BLOCK = 8192  # points at a time: the jets of a few operations stay in the cache
@@ -38,9 +38,17 @@ class Program:
     The jets of constants are in ``constants``; ``steps`` are what is left to do, in order.
     """
 
-    def __init__(self, text: str, operations: Sequence[Operation], values: Mapping[str, float]) -> None:
-        """``values``: numbers for the names other than x and y."""
+    def __init__(
+        self,
+        text: str,
+        operations: Sequence[Operation],
+        values: Mapping[str, float],
+        variables: Sequence[str] = PLANE.variables,
+    ) -> None:
+        """``values``: numbers for the names other than the one or two ``variables``."""
+        self.text = text
         self.operations = tuple(operations)
+        self.variables = tuple(variables)
         self.slots: list[int] = []
         self.constants: dict[int, Jet] = {}
         seen: dict[tuple[object, ...], int] = {}
@@ -64,7 +72,10 @@ class Program:
         self.steps = self._schedule()
 
     def evaluate(self, x: Array, y: Array, order: int) -> tuple[Array, ...]:
-        """Value and derivatives up to ``order`` at flat arrays of points, as :meth:`Field.evaluate`."""
+        """Value and derivatives up to ``order`` at flat arrays of points, as :meth:`Field.evaluate`.
+
+        With a single variable ``y`` is not looked at, and the derivatives by it vanish.
+        """
         outputs = tuple(np.zeros(x.shape) for _ in range((1, 3, 6)[order]))
         with np.errstate(all="ignore"):
             for start in range(0, x.size, BLOCK):
@@ -101,7 +112,7 @@ class Program:
 
     def _run(self, x: Array, y: Array, order: int, *, keep: bool) -> dict[int, Jet]:
         jets = dict(self.constants)
-        symbols = dict(zip("xy", coordinates(x, y), strict=True))
+        symbols = dict(zip(self.variables, coordinates(x, y), strict=False))
         for step in self.steps:
             if step.name in symbols:
                 jets[step.slot] = symbols[step.name]

@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from equimesh.errors import ExpressionError
 from equimesh.tokens import Token, refuse, tokenize
-from equimesh.vocabulary import ARGUMENTS, FUNCTIONS, LIMITS
+from equimesh.vocabulary import ARGUMENTS, FUNCTIONS, LIMITS, PLANE, Language
 
 _OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+",
@@ -48,16 +48,16 @@ class Operation:
     symbol: str = ""
 
 
-def parse(text: str, names: Collection[str]) -> list[Operation]:
+def parse(text: str, names: Collection[str], language: Language = PLANE) -> list[Operation]:
     """The operations of ``text`` in the order of evaluation, the result last.
 
     ``names`` are those that may occur, beside the functions of :data:`~equimesh.vocabulary.FUNCTIONS`.
     Raises :class:`~equimesh.errors.ExpressionError`, which carries the position, for everything else.
     """
-    tokens = tokenize(text, names)
+    tokens = tokenize(text, names, language)
     try:
         tree = ast.parse(" ".join(token.text for token in tokens), mode="eval")
-        walk = _Walk(text, tokens, names)
+        walk = _Walk(text, tokens, names, language)
         walk.quantity(tree.body, 0)
     except ExpressionError:
         raise
@@ -81,8 +81,8 @@ def _place(tokens: list[Token], column: int) -> int:
 class _Walk:
     """Visits the tree, children first; each visit appends to ``operations`` and returns the last number."""
 
-    def __init__(self, text: str, tokens: list[Token], names: Collection[str]) -> None:
-        self.text, self.names = text, names
+    def __init__(self, text: str, tokens: list[Token], names: Collection[str], language: Language) -> None:
+        self.text, self.names, self.language = text, names, language
         self.operations: list[Operation] = []
         self.starts: dict[int, int] = {}  # by bytes in the tokens written out, as ast counts
         self.ends: dict[int, int] = {}
@@ -112,7 +112,8 @@ class _Walk:
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
                 return self.refuse(node, "a comparison stands only in the first argument of where(condition, a, b)")
             case _:
-                return self.refuse(node, "this is not part of the language: write a formula in x and y")
+                variables = " and ".join(self.language.variables)
+                return self.refuse(node, f"this is not part of the language: write a formula in {variables}")
 
     def binary(self, node: ast.BinOp, depth: int) -> int:
         """A chain a + b - c ... without recursion along it: a long sum is not a deep one."""
@@ -156,7 +157,8 @@ class _Walk:
             case ast.UnaryOp(op=ast.Not()):
                 return self.append(node, "not", self.condition(node.operand, depth + 1))
             case _:
-                return self.refuse(node, "a condition is wanted here, that is a comparison such as x < 0.5")
+                such = self.language.comparison
+                return self.refuse(node, f"a condition is wanted here, that is a comparison such as {such}")
 
     def append(self, node: ast.expr, name: str, *arguments: int, value: float = 0.0, symbol: str = "") -> int:
         if len(self.operations) >= LIMITS.nodes:

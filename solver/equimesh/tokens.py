@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from equimesh.errors import ExpressionError, Position
-from equimesh.vocabulary import CHARACTER_REMEDIES, FUNCTIONS, LIMITS, OTHER_NAMES
+from equimesh.vocabulary import CHARACTER_REMEDIES, FUNCTIONS, LIMITS, OTHER_NAMES, PLANE, Language
 
 _NUMBER = re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _WORD = re.compile(r"\w+")
@@ -46,14 +46,14 @@ def refuse(text: str, offset: int, message: str) -> NoReturn:
     raise ExpressionError(message, position=Position(offset, line, column), field="expression")
 
 
-def tokenize(text: str, names: Collection[str]) -> list[Token]:
+def tokenize(text: str, names: Collection[str], language: Language = PLANE) -> list[Token]:
     """The tokens of ``text``, in which ``names`` stand for variables, constants and parameters.
 
     Raises :class:`~equimesh.errors.ExpressionError` at the first place that cannot belong to an expression.
     """
     if len(text) > LIMITS.length:
         refuse(text, LIMITS.length, f"the expression is longer than {LIMITS.length} characters")
-    reader = _Reader(text, names)
+    reader = _Reader(text, names, language)
     offset = _skip_space(text, 0)
     while offset < len(text):
         token = _token_at(text, offset)
@@ -109,8 +109,8 @@ def _character_remedy(sign: str) -> str:
 class _Reader:
     """Takes the tokens one by one; knows whether an operand must follow, and which brackets are open."""
 
-    def __init__(self, text: str, names: Collection[str]) -> None:
-        self.text, self.names = text, names
+    def __init__(self, text: str, names: Collection[str], language: Language) -> None:
+        self.text, self.names, self.language = text, names, language
         self.tokens: list[Token] = []
         self.open: list[tuple[Token, bool]] = []  # and whether it holds the arguments of a function
         self.signs = 0  # signs in a row in front of an operand
@@ -132,7 +132,7 @@ class _Reader:
 
     def finish(self) -> None:
         if self.last is None:
-            refuse(self.text, 0, "the expression is empty: write for instance tanh(20*(x - y))")
+            refuse(self.text, 0, f"the expression is empty: write for instance {self.language.example}")
         if self.wants_operand:
             refuse(self.text, self.last.end, f"something is missing after '{self.last.text}'")
         if self.open:
@@ -231,6 +231,8 @@ class _Reader:
         shown, normal = f"'{shorten(name)}'", unicodedata.normalize("NFKC", name)
         if normal != name:
             return f"{shown} is written in look-alike characters: write {shorten(normal)}"
+        if name in self.language.foreign:
+            return f"{shown} has no meaning here: {self.language.foreign[name]}"
         if name in OTHER_NAMES:
             return f"{shown} is not part of the language: write {OTHER_NAMES[name]}"
         if keyword.iskeyword(name):

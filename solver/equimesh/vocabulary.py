@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 #: Every function of the language, and what it returns.
@@ -54,6 +54,36 @@ class Limits:
 
 
 LIMITS = Limits()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Language:
+    """What the names of a formula mean: its ``variables``, and all ``names`` that it has beside its parameters.
+
+    ``example`` and ``comparison`` show beginners a formula and a comparison; ``foreign`` says of names that belong to
+    another kind of formula what to write here.
+    """
+
+    variables: tuple[str, ...]
+    names: tuple[str, ...]
+    example: str
+    comparison: str
+    foreign: Mapping[str, str] = field(default_factory=dict)
+
+
+#: A function of the plane; t is a number, given apart.
+PLANE = Language(
+    variables=("x", "y"), names=("x", "y", "t", "pi", "e"), example="tanh(20*(x - y))", comparison="x < 0.5"
+)
+_ALONG = "a curve is given by formulas in t: write t, which goes from 0 to 1 along it"
+#: A coordinate of the points of a curve.
+CURVE = Language(
+    variables=("t",),
+    names=("t", "pi", "e"),
+    example="cos(pi*t/2)",
+    comparison="t < 0.5",
+    foreign=MappingProxyType({"x": _ALONG, "y": _ALONG}),
+)
 
 #: Least and greatest number of arguments where it is not one; None: any number.
 ARGUMENTS: Mapping[str, tuple[int, int | None]] = MappingProxyType(

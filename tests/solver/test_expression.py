@@ -260,7 +260,7 @@ def test_what_is_long_but_harmless_is_accepted() -> None:
 
 def test_nothing_is_ever_run() -> None:
     folder = Path(module.__file__).parent
-    for name in ("vocabulary", "tokens", "syntax", "program", "expression", "functions", "jet"):
+    for name in ("vocabulary", "tokens", "syntax", "program", "formula", "expression", "functions", "jet"):
         for node in ast.walk(ast.parse((folder / f"{name}.py").read_text())):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                 assert node.func.id not in ("eval", "exec", "compile", "__import__", "getattr") or (
