@@ -12,6 +12,7 @@ Decomposition*. Begin reading in ``schwarz.py``.
 """
 
 from equimesh.boundary import Boundary
+from equimesh.curve import Curve
 from equimesh.decomposition import Decomposition
 from equimesh.domain import AnnulusSector, Domain, Rectangle
 from equimesh.errors import (
@@ -30,6 +31,7 @@ from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.monitor import ArcLength, Monitor
 from equimesh.problem import Problem
+from equimesh.quadrilateral import Quadrilateral
 from equimesh.quality import Quality, measure
 from equimesh.samples import GridSamples, ScatteredSamples
 from equimesh.schwarz import Iteration, Ordering, Schwarz, SubdomainRecord, iterate
@@ -43,6 +45,7 @@ __all__ = [
     "ArcLength",
     "Boundary",
     "Classical",
+    "Curve",
     "Decomposition",
     "DecompositionError",
     "Domain",
@@ -65,6 +68,7 @@ __all__ = [
     "Ordering",
     "Position",
     "Problem",
+    "Quadrilateral",
     "Quality",
     "Rectangle",
     "SamplesError",
