@@ -12,6 +12,7 @@ Decomposition*. Begin reading in ``schwarz.py``.
 """
 
 from equimesh.boundary import Boundary
+from equimesh.curvature import Curvature
 from equimesh.curve import Curve
 from equimesh.decomposition import Decomposition
 from equimesh.domain import AnnulusSector, Domain, Rectangle
@@ -27,6 +28,7 @@ from equimesh.errors import (
 from equimesh.expression import Expression
 from equimesh.field import Field
 from equimesh.grid import Grid
+from equimesh.intersection import Intersection
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.monitor import ArcLength, Monitor
@@ -36,8 +38,10 @@ from equimesh.quality import Quality, measure
 from equimesh.samples import GridSamples, ScatteredSamples
 from equimesh.schwarz import Iteration, Ordering, Schwarz, SubdomainRecord, iterate
 from equimesh.single_domain import NewtonRecord
+from equimesh.smoothed import Smoothed
 from equimesh.solution import Event, Initial, Solution, solve
 from equimesh.status import Status
+from equimesh.tensor import Tensor, Weight
 from equimesh.transmission import Classical, LinearRobin, NonlinearRobin, TransmissionCondition
 
 __all__ = [
@@ -45,6 +49,7 @@ __all__ = [
     "ArcLength",
     "Boundary",
     "Classical",
+    "Curvature",
     "Curve",
     "Decomposition",
     "DecompositionError",
@@ -58,6 +63,7 @@ __all__ = [
     "GridSamples",
     "Initial",
     "InputError",
+    "Intersection",
     "Iteration",
     "LinearRobin",
     "Mesh",
@@ -74,11 +80,14 @@ __all__ = [
     "SamplesError",
     "ScatteredSamples",
     "Schwarz",
+    "Smoothed",
     "Solution",
     "SolveError",
     "Status",
     "SubdomainRecord",
+    "Tensor",
     "TransmissionCondition",
+    "Weight",
     "iterate",
     "measure",
     "solve",
