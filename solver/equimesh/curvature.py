@@ -81,8 +81,8 @@ class Curvature:
     def on(self, domain: Domain) -> Curvature:
         """The monitor with the ``alpha`` of ``domain``.
 
-        Raises :class:`~equimesh.errors.InputError` at a point of the domain where the second derivatives of u are not
-        finite.
+        Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or its second derivatives are
+        not finite.
         """
         if is_bound_to(self._domain, domain):
             return self
@@ -99,7 +99,7 @@ class Curvature:
     def _scale(self, probe: Probe) -> float:
         """alpha, between brackets of its logarithm: the integral falls from infinity to less than twice the area."""
         u, _, _, h11, h12, h22 = self.u.evaluate(probe.x, probe.y, order=2)
-        probe.require_finite([h11, h12, h22], "the second derivatives of u are", field="u")
+        probe.require_finite([u, h11, h12, h22], "u or its second derivatives are", field="u")
         size = np.sqrt(h11**2 + 2 * h12**2 + h22**2)
         typical, weights = float(probe.shares @ size), probe.shares
         if float(size.max()) * probe.diameter**2 <= LINEAR * float(np.abs(u).max()):
