@@ -15,6 +15,7 @@ from equimesh.mesh import Mesh
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
+Box: TypeAlias = tuple[Interval, Interval]
 
 UNIT: Interval = (0.0, 1.0)
 LARGEST = 1e9  # size of a coordinate
@@ -38,7 +39,7 @@ class Domain(Protocol):
         ...
 
     @property
-    def box(self) -> tuple[Interval, Interval]:
+    def box(self) -> Box:
         """The smallest box ``((x0, x1), (y0, y1))`` that holds the domain."""
         ...
 
@@ -86,7 +87,7 @@ class Rectangle:
         )
 
     @property
-    def box(self) -> tuple[Interval, Interval]:
+    def box(self) -> Box:
         """The rectangle itself."""
         return self.x, self.y
 
@@ -146,7 +147,7 @@ class AnnulusSector:
         return width * cosine, -turn * sine, width * sine, turn * cosine
 
     @property
-    def box(self) -> tuple[Interval, Interval]:
+    def box(self) -> Box:
         """The smallest box: the corners of the sector, and the outer arc where it crosses a direction of the axes."""
         first, last = self.angles
         quarters = 90.0 * np.arange(math.ceil(first / 90.0), math.floor(last / 90.0) + 1)

@@ -149,10 +149,8 @@ class Quadrilateral:
             sides = ("bottom", "right", "top", "left")
             one, other = sides[i // SEGMENTS], sides[j // SEGMENTS]
             who = f"{one} crosses itself" if one == other else f"{one} and {other} cross"
-            raise InputError(
-                f"{who} near (x, y) = ({a[i, 0] + 0.0:.6g}, {a[i, 1] + 0.0:.6g}): the sides may meet at the corners only",
-                field="domain",
-            )
+            at = f"({a[i, 0] + 0.0:.6g}, {a[i, 1] + 0.0:.6g})"
+            raise InputError(f"{who} near (x, y) = {at}: the sides may meet at the corners only", field="domain")
 
     def _enclosed(self) -> float:
         """The area inside the four curves, ``1/2`` of the integral of ``x dy - y dx`` around it."""

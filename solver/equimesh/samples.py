@@ -12,12 +12,14 @@ from scipy.interpolate import CloughTocher2DInterpolator, RBFInterpolator, RectB
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from equimesh.arrays import counted, real_array
+from equimesh.domain import UNIT, Box, Interval, check_extent, pair
 from equimesh.errors import SamplesError
 from equimesh.vocabulary import LIMITS
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
-COVERAGE_TOLERANCE = 1e-9
+UNIT_BOX: Box = (UNIT, UNIT)
+COVERAGE_TOLERANCE = 1e-9  # and what follows: in extents of the box
 FURTHEST_BEYOND = 0.5  # a rim of ghost cells is welcome, another domain is a mistake
 CUBIC = 4  # points that a cubic needs
 SMALLEST_RESAMPLING, LARGEST_RESAMPLING = 16, 1025
@@ -33,9 +35,9 @@ class GridSamples:
     """u as the bicubic spline through samples on a rectilinear grid.
 
     ``values[i, j]``, of shape ``(nx, ny)``, is u at ``(x[i], y[j])``. ``x``, of shape ``(nx,)``, and ``y``,
-    of shape ``(ny,)``, increase strictly and reach from 0 or less to 1 or more. For smooth u and spacing h
-    the values are accurate to O(h^4), the gradient to O(h^3). With only 2 or 3 points in a direction the
-    spline is linear or quadratic there.
+    of shape ``(ny,)``, increase strictly and cover ``box = ((x0, x1), (y0, y1))``, that of the domain; unless given,
+    they reach from 0 or less to 1 or more. For smooth u and spacing h the values are accurate to O(h^4), the gradient
+    to O(h^3). With only 2 or 3 points in a direction the spline is linear or quadratic there.
 
     Implements :class:`~equimesh.field.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names the
     first bad index.
@@ -44,9 +46,11 @@ class GridSamples:
     x: Array
     y: Array
     values: Array
+    box: Box
     _splines: tuple[Any, Any, Any] = field(repr=False)  # u, u_x, u_y
 
-    def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike) -> None:
+    def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike, box: Box = UNIT_BOX) -> None:
+        box = _checked_box(box)
         axes = {"x": _axis(x, "x"), "y": _axis(y, "y")}
         table = real_array(values, "values", ndim=2)
         shape = (axes["x"].size, axes["y"].size)
@@ -57,13 +61,13 @@ class GridSamples:
                 f" values[i][j] is u at (x[i], y[j]), so the shape must be {shape}{hint}",
                 field="values",
             )
-        for name, axis in axes.items():
-            _check_reach(axis, name)
+        for (name, axis), ends in zip(axes.items(), box, strict=True):
+            _check_reach(axis, name, ends)
         _check_size(table)
         spline = _bicubic(axes["x"], axes["y"], table)
         splines = (spline, spline.partial_derivative(1, 0), spline.partial_derivative(0, 1))
         _check_slopes(splines[1], splines[2], axes)
-        for name, value in {**axes, "values": table, "_splines": splines}.items():
+        for name, value in {**axes, "values": table, "box": box, "_splines": splines}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -84,21 +88,24 @@ class ScatteredSamples:
     """u from ``values`` of shape ``(n,)`` at scattered ``points`` of shape ``(n, 2)``.
 
     The samples are interpolated once by the Clough-Tocher element on their Delaunay triangulation, read off
-    on a uniform grid of about ``2 sqrt(n)`` points a side (16 to 1025; ``n`` counts the points in the unit
-    square), and become the :class:`GridSamples` ``grid``. For spacing h the error is about O(h^2) in the
-    values and O(h) in the gradient: where u is known on a grid, give it as one.
+    on a uniform grid of about ``4 n`` points (16 to 1025 a side; ``n`` counts the points in the box), and become the
+    :class:`GridSamples` ``grid``. For spacing h the error is about O(h^2) in the values and O(h) in the gradient:
+    where u is known on a grid, give it as one.
 
-    The points must cover the unit square, corners included. Where 32 or more come near a side but do not lie on it, as
-    cell centres do, u is continued to the side by a local thin-plate spline.
+    The points must cover ``box = ((x0, x1), (y0, y1))``, that of the domain, corners included: the unit square unless
+    given. Where 32 or more come near a side but do not lie on it, as cell centres do, u is continued to the side by a
+    local thin-plate spline.
     Implements :class:`~equimesh.field.Field`. Raises :class:`~equimesh.errors.SamplesError`, which names the
     first bad index.
     """
 
     points: Array
     values: Array
+    box: Box
     grid: GridSamples
 
-    def __init__(self, *, points: npt.ArrayLike, values: npt.ArrayLike) -> None:
+    def __init__(self, *, points: npt.ArrayLike, values: npt.ArrayLike, box: Box = UNIT_BOX) -> None:
+        box = _checked_box(box)
         where = real_array(points, "points", ndim=2)
         if where.shape[1] != 2:
             raise SamplesError(f"points has shape {where.shape}: it must be (n, 2), one row x, y each", field="points")
@@ -109,12 +116,13 @@ class ScatteredSamples:
                 field="values",
             )
         _check_size(u)
-        for name, along in zip("xy", where.T, strict=True):
+        for name, along, ends in zip("xy", where.T, box, strict=True):
             if along.size:
-                _check_beyond(float(along.min()), float(along.max()), name, "points")
+                _check_beyond(float(along.min()), float(along.max()), name, "points", ends)
         if len(u) < CUBIC:
             raise SamplesError(f"{counted(len(u))}: scattered samples need at least {CUBIC}", field="points")
-        for name, value in {"points": where, "values": u, "grid": _resample(*_distinct(where, u))}.items():
+        grid = _resample(*_distinct(where, u), box)
+        for name, value in {"points": where, "values": u, "box": box, "grid": grid}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -154,24 +162,41 @@ def _axis(value: object, name: str) -> Array:
     )
 
 
-def _check_reach(axis: Array, name: str) -> None:
-    """Refuse an axis that leaves a part of [0, 1] without samples."""
-    if axis[0] > COVERAGE_TOLERANCE or axis[-1] < 1 - COVERAGE_TOLERANCE:
+def _checked_box(box: object) -> Box:
+    """``box`` as two pairs of floats that increase."""
+    if not isinstance(box, (tuple, list)) or len(box) != 2:
+        raise SamplesError("box must be ((x0, x1), (y0, y1)), that of the domain", field="box")
+    first, second = (pair(ends, "box") for ends in box)
+    check_extent(first, "box: x", "box")
+    check_extent(second, "box: y", "box")
+    return first, second
+
+
+def _check_reach(axis: Array, name: str, ends: Interval) -> None:
+    """Refuse an axis that leaves a part of the box without samples."""
+    (low, high), slack = ends, COVERAGE_TOLERANCE * (ends[1] - ends[0])
+    if axis[0] > low + slack or axis[-1] < high - slack:
+        remedy = f"add samples up to {low:.6g} and {high:.6g}"
+        if ends == UNIT:
+            remedy += f", or map the coordinates there: ({name} - {name}[0]) / ({name}[-1] - {name}[0])"
+        region = "unit square" if ends == UNIT else f"domain, where {name} goes from {low:.6g} to {high:.6g}"
         raise SamplesError(
-            f"{name} reaches from {axis[0]:.6g} to {axis[-1]:.6g}, but the samples must cover the unit"
-            " square: add samples up to 0 and 1, or map the coordinates there:"
-            f" ({name} - {name}[0]) / ({name}[-1] - {name}[0])",
+            f"{name} reaches from {axis[0]:.6g} to {axis[-1]:.6g}, but the samples must cover the {region}: {remedy}",
             field=name,
         )
-    _check_beyond(float(axis[0]), float(axis[-1]), name, name)
+    _check_beyond(float(axis[0]), float(axis[-1]), name, name, ends)
 
 
-def _check_beyond(low: float, high: float, name: str, field: str) -> None:
-    """Refuse samples that go on far beyond [0, 1]: the mesh would see a corner of them only."""
-    if low < -FURTHEST_BEYOND or high > 1 + FURTHEST_BEYOND:
+def _check_beyond(low: float, high: float, name: str, field: str, ends: Interval) -> None:
+    """Refuse samples that go on far beyond the box: the mesh would see a corner of them only."""
+    rim = FURTHEST_BEYOND * (ends[1] - ends[0])
+    if low < ends[0] - rim or high > ends[1] + rim:
+        region, remedy = "domain", ""
+        if ends == UNIT:
+            region, remedy = "unit square", f"map the coordinates there, ({name} - {low:.6g}) / {high - low:.6g}, or "
         raise SamplesError(
-            f"the samples reach from {low:.6g} to {high:.6g} in {name}, far beyond the unit square that is meshed: map"
-            f" the coordinates there, ({name} - {low:.6g}) / {high - low:.6g}, or send only the part in [0, 1]",
+            f"the samples reach from {low:.6g} to {high:.6g} in {name}, far beyond the {region} that is meshed:"
+            f" {remedy}send only the part in [{ends[0]:.6g}, {ends[1]:.6g}]",
             field=field,
         )
 
@@ -241,39 +266,58 @@ def _distinct(points: Array, values: Array) -> tuple[Array, Array]:
     return points[kept], values[kept]
 
 
-def _resample(points: Array, values: Array) -> GridSamples:
-    """Clough-Tocher interpolant of the samples on a uniform grid of the unit square."""
+def _resample(points: Array, values: Array, box: Box) -> GridSamples:
+    """Clough-Tocher interpolant of the samples on a uniform grid of the box."""
     if len(points) < CUBIC:
         raise SamplesError(f"{counted(len(points))} without repetitions: {CUBIC} are needed", field="points")
-    inside = int(np.count_nonzero(np.all((points >= 0) & (points <= 1), axis=1)))
+    low, high = np.array(box).T
+    size = float((high - low).max())
+    inside = int(np.count_nonzero(np.all((points >= low) & (points <= high), axis=1)))
     try:
-        points, values = _extended(points, values)
-        _check_hull(points)
+        points, values = _extended(points, values, box)
+        _check_hull(points, box)
         shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
-        interpolant = CloughTocher2DInterpolator(points, (values - shift) / scale)
+        interpolant = CloughTocher2DInterpolator((points - low) / size, (values - shift) / scale)
     except QhullError as error:
         raise SamplesError(
             "the points lie on one line, or so near to it that they span no triangle: give samples all over"
-            " the unit square",
+            f" the {_region(box)}",
             field="points",
         ) from error
-    n = min(max(round(2 * math.sqrt(inside)), SMALLEST_RESAMPLING), LARGEST_RESAMPLING)
-    axis = np.linspace(0, 1, n)
-    x, y = np.meshgrid(axis, axis, indexing="ij")
+    axes = [
+        np.linspace(*ends, min(max(round(2 * n), SMALLEST_RESAMPLING), LARGEST_RESAMPLING))
+        for ends, n in zip(box, _shared(inside, box), strict=True)
+    ]
+    x, y = np.meshgrid(*((axis - start) / size for axis, start in zip(axes, low, strict=True)), indexing="ij")
     resampled = interpolant(x, y)
     missed = np.isnan(resampled)  # rounding can put points of the hull's rim outside
-    inwards = 1 - 10 * COVERAGE_TOLERANCE
-    resampled[missed] = interpolant(0.5 + inwards * (x[missed] - 0.5), 0.5 + inwards * (y[missed] - 0.5))
+    inwards, (middle_x, middle_y) = 1 - 10 * COVERAGE_TOLERANCE, 0.5 * (high - low) / size
+    resampled[missed] = interpolant(
+        middle_x + inwards * (x[missed] - middle_x), middle_y + inwards * (y[missed] - middle_y)
+    )
     if not np.all(np.isfinite(resampled)):
         i, j = np.argwhere(~np.isfinite(resampled))[0]
         raise SamplesError(
-            f"the samples give no value at ({axis[i]:.6g}, {axis[j]:.6g}): add a sample there", field="points"
+            f"the samples give no value at ({axes[0][i]:.6g}, {axes[1][j]:.6g}): add a sample there", field="points"
         )
-    return GridSamples(x=axis, y=axis, values=shift + scale * resampled)
+    return GridSamples(x=axes[0], y=axes[1], values=shift + scale * resampled, box=box)
 
 
-def _extended(points: Array, values: Array) -> tuple[Array, Array]:
-    """The samples, and more of them on the sides of the unit square where they come near but do not lie there.
+def _shared(n: int, box: Box) -> tuple[float, float]:
+    """How many of ``n`` points lie along x and along y, when they are as dense in both directions."""
+    (x0, x1), (y0, y1) = box
+    aspect = math.sqrt((x1 - x0) / (y1 - y0))
+    return math.sqrt(n) * aspect, math.sqrt(n) / aspect
+
+
+def _region(box: Box) -> str:
+    """The box in words."""
+    (x0, x1), (y0, y1) = box
+    return "unit square" if box == UNIT_BOX else f"box [{x0:.6g}, {x1:.6g}] x [{y0:.6g}, {y1:.6g}] of the domain"
+
+
+def _extended(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
+    """The samples, and more of them on the sides of the box where they come near but do not lie there.
 
     Cell centres stop half a cell before the sides, and points strewn at random leave thin triangles along them. The
     values added are those of a thin-plate spline through the nearest samples; where a side is further from the samples
@@ -283,12 +327,7 @@ def _extended(points: Array, values: Array) -> tuple[Array, Array]:
         return points, values
     tree = KDTree(points)
     own = np.asarray(tree.query(points, k=5)[0])[:, -1]
-    along = np.linspace(0, 1, min(round(math.sqrt(len(points))) + 1, LARGEST_RESAMPLING))
-    zero, one = np.zeros_like(along), np.ones_like(along)
-    rim = np.unique(
-        np.concatenate([np.column_stack(pair) for pair in ((along, zero), (along, one), (zero, along), (one, along))]),
-        axis=0,
-    )
+    rim = _rim(len(points), box)
     away, nearest = tree.query(rim)
     if np.any(away > FURTHEST_EXTENDED * own[nearest]):
         return points, values
@@ -296,26 +335,44 @@ def _extended(points: Array, values: Array) -> tuple[Array, Array]:
     if not len(added):
         return points, values
     shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
+    low, high = np.array(box).T
+    size = float((high - low).max())
     try:
-        spline = RBFInterpolator(points, (values - shift) / scale, neighbors=FEWEST_EXTENDED)
-        extension = shift + scale * spline(added)
+        spline = RBFInterpolator((points - low) / size, (values - shift) / scale, neighbors=FEWEST_EXTENDED)
+        extension = shift + scale * spline((added - low) / size)
     except np.linalg.LinAlgError:  # the samples next to some point lie on one line
         return points, values
     return np.concatenate([points, added]), np.concatenate([values, extension])
 
 
-def _check_hull(points: Array) -> None:
-    """Refuse points whose convex hull leaves out a corner of the unit square."""
-    hull = ConvexHull(points)
+def _rim(n: int, box: Box) -> Array:
+    """Points on the four sides of the box, as dense as ``n`` samples spread evenly over it."""
+    x, y = (
+        np.linspace(*ends, min(max(round(count), 1) + 1, LARGEST_RESAMPLING))
+        for ends, count in zip(box, _shared(n, box), strict=True)
+    )
+    sides = [np.column_stack([x, np.full_like(x, end)]) for end in box[1]]
+    sides += [np.column_stack([np.full_like(y, end), y]) for end in box[0]]
+    return np.unique(np.concatenate(sides), axis=0)
+
+
+def _check_hull(points: Array, box: Box) -> None:
+    """Refuse points whose convex hull leaves out a corner of the box."""
+    low, high = np.array(box).T
+    hull = ConvexHull((points - low) / (high - low))
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     distance = (hull.equations[:, :2] @ corners.T + hull.equations[:, 2:]).max(axis=0)
-    outside = [f"({x:.0f}, {y:.0f})" for (x, y), d in zip(corners, distance, strict=True) if d > COVERAGE_TOLERANCE]
+    outside = [
+        f"({x:.6g}, {y:.6g})"
+        for (x, y), d in zip(low + corners * (high - low), distance, strict=True)
+        if d > COVERAGE_TOLERANCE
+    ]
     if outside:
-        low, high = points.min(axis=0), points.max(axis=0)
+        least, most = points.min(axis=0), points.max(axis=0)
+        remedy = "add samples at these corners" + (", or map the coordinates there" if box == UNIT_BOX else "")
         raise SamplesError(
-            f"the samples reach from {low[0]:.6g} to {high[0]:.6g} in x and from {low[1]:.6g} to"
-            f" {high[1]:.6g} in y, and {' '.join(outside)} {'lies' if len(outside) == 1 else 'lie'} outside"
-            " their convex hull: the samples must cover the unit square; add samples at these corners, or"
-            " map the coordinates there",
+            f"the samples reach from {least[0]:.6g} to {most[0]:.6g} in x and from {least[1]:.6g} to"
+            f" {most[1]:.6g} in y, and {' '.join(outside)} {'lies' if len(outside) == 1 else 'lie'} outside"
+            f" their convex hull: the samples must cover the {_region(box)}; {remedy}",
             field="points",
         )
