@@ -69,8 +69,8 @@ class Mesh:
     def corner_jacobians(self) -> Array:
         """Jacobian of the cell map at the corners, shape ``(4, n_xi - 1, n_eta - 1)``, counter-clockwise.
 
-        Dimensionless: scaled by the spacing of the grid, so that the uniform mesh has 1 everywhere. A bilinear
-        cell is valid (its map one to one) exactly when all four are positive.
+        Scaled by the spacing of the grid: the uniform mesh of the unit square has 1 everywhere, a mesh of a domain of
+        area A about A in the mean. A bilinear cell is valid (its map one to one) exactly when all four are positive.
         """
         x, y = self.x, self.y
         ex, ey = np.diff(x, axis=0), np.diff(y, axis=0)  # edges along xi, at each eta
@@ -87,7 +87,7 @@ class Mesh:
 
     @property
     def min_jacobian(self) -> float:
-        """The smallest corner Jacobian; 1 for the uniform mesh, not positive for a folded one."""
+        """The smallest corner Jacobian; 1 for the uniform mesh of the unit square, not positive for a folded mesh."""
         return float(self.corner_jacobians().min())
 
     @property

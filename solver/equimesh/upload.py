@@ -8,15 +8,16 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import PurePath
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.domain import Box
 from equimesh.errors import SamplesError
-from equimesh.samples import GridSamples, ScatteredSamples
+from equimesh.samples import UNIT_BOX, GridSamples, ScatteredSamples
 from equimesh.vtk_points import read_legacy_vtk, read_vtu
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -36,12 +37,14 @@ NPY_HEADER: Final = {
 NEEDED = "give x, y and values (a grid), or points and values (scattered samples)"
 
 
-def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> Samples:
+def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box: Box = UNIT_BOX) -> Samples:
     """u from the contents ``data`` of a file; the suffix of ``filename`` says what it is.
+
+    The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
 
     ========= ==========================================================================================
     npz       arrays ``x``, ``y``, ``values`` (grid) or ``points``, ``values`` (scattered)
-    npy       ``values`` alone, 2-D: u on the uniform grid of the unit square, first index along x
+    npy       ``values`` alone, 2-D: u on the uniform grid of the box, first index along x
     csv       rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
     json      ``{"grid": {...}}`` or ``{"scattered": {...}}`` with the keys of the npz, or these keys alone
     vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
@@ -50,6 +53,15 @@ def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> S
     The points of a csv, vtu or vtk file that fill a rectilinear grid become :class:`GridSamples`, others
     :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
     unpacked. Raises :class:`~equimesh.errors.SamplesError`, which says what to change.
+    """
+    return samples_of(read_arrays(data, filename, max_bytes=max_bytes), box=box)
+
+
+def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
+    """The arrays of a file, for :func:`samples_of`, as far as they can be told without knowing the domain.
+
+    Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), or ``values`` (2-D) alone. Raises what
+    :func:`read_samples` raises where the file cannot be read; the arrays themselves are not checked.
     """
     suffix = PurePath(filename).suffix.lower().removeprefix(".")
     if suffix not in READERS:
@@ -61,7 +73,18 @@ def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> S
     return READERS[suffix](data, max_bytes)
 
 
-def _read_npz(data: bytes, max_bytes: int) -> Samples:
+def samples_of(arrays: Mapping[str, Any], *, box: Box = UNIT_BOX) -> Samples:
+    """u out of arrays with the keys of :func:`read_arrays`."""
+    if "points" in arrays:
+        return ScatteredSamples(points=arrays["points"], values=arrays["values"], box=box)
+    values = arrays["values"]
+    if "x" in arrays:
+        return GridSamples(x=arrays["x"], y=arrays["y"], values=values, box=box)
+    x, y = (np.linspace(*ends, n) for ends, n in zip(box, values.shape, strict=True))
+    return GridSamples(x=x, y=y, values=values, box=box)
+
+
+def _read_npz(data: bytes, max_bytes: int) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
@@ -71,19 +94,18 @@ def _read_npz(data: bytes, max_bytes: int) -> Samples:
             arrays = {key: _parse_npy(archive.read(members[key]), key) for key in keys}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise SamplesError(f"the npz file cannot be unpacked: {error}; write it with numpy.savez") from error
-    return _build(arrays)
+    return arrays
 
 
-def _read_npy(data: bytes, _: int) -> Samples:
+def _read_npy(data: bytes, _: int) -> dict[str, Any]:
     values = _parse_npy(data, "values")
     if values.ndim != 2:
         raise SamplesError(
             f"the npy file has an array of shape {values.shape}: it must be 2-D, u on the uniform grid of the"
-            " unit square, first index along x; for other grids send an npz with x, y and values",
+            " domain, first index along x; for other grids send an npz with x, y and values",
             field="values",
         )
-    x, y = (np.linspace(0.0, 1.0, n) for n in values.shape)
-    return GridSamples(x=x, y=y, values=values)
+    return {"values": values}
 
 
 def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
@@ -104,7 +126,7 @@ def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
     return np.frombuffer(data, dtype, offset=start).reshape(shape, order="F" if order[1] == "True" else "C")
 
 
-def _read_json(data: bytes, _: int) -> Samples:
+def _read_json(data: bytes, _: int) -> dict[str, Any]:
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -114,10 +136,10 @@ def _read_json(data: bytes, _: int) -> Samples:
             found = found[kind]
     if not isinstance(found, dict):
         raise SamplesError(f"the json file must hold an object: {NEEDED}")
-    return _build({key: found[key] for key in _choose(list(found))})
+    return {key: found[key] for key in _choose(list(found))}
 
 
-def _read_csv(data: bytes, _: int) -> Samples:
+def _read_csv(data: bytes, _: int) -> dict[str, Any]:
     try:
         lines = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     except UnicodeDecodeError as error:
@@ -180,15 +202,15 @@ def _columns(cells: list[str], number: int) -> list[int] | None:
     return None
 
 
-def _read_vtu(data: bytes, max_bytes: int) -> Samples:
+def _read_vtu(data: bytes, max_bytes: int) -> dict[str, Any]:
     return _from_cloud(*read_vtu(data, max_bytes=max_bytes))
 
 
-def _read_vtk(data: bytes, _: int) -> Samples:
+def _read_vtk(data: bytes, _: int) -> dict[str, Any]:
     return _from_cloud(*read_legacy_vtk(data))
 
 
-def _from_cloud(points: Array, fields: dict[str, Array]) -> Samples:
+def _from_cloud(points: Array, fields: dict[str, Array]) -> dict[str, Any]:
     if "u" not in fields and len(fields) != 1:
         found = ", ".join(sorted(fields)) or "none"
         raise SamplesError(f"the file must have scalar point data named u (it has: {found})", field="values")
@@ -196,15 +218,16 @@ def _from_cloud(points: Array, fields: dict[str, Array]) -> Samples:
     return _from_points(points[:, :2], values)
 
 
-def _from_points(points: Array, values: Array) -> Samples:
+def _from_points(points: Array, values: Array) -> dict[str, Any]:
     """A grid when the points fill one, each place once; else scattered samples."""
     (x, i), (y, j) = (np.unique(column, return_inverse=True) for column in points.T)
+    scattered = {"points": points, "values": values}
     if min(x.size, y.size) < 2 or x.size * y.size != len(values) or not np.all(np.isfinite(points)):
-        return ScatteredSamples(points=points, values=values)
+        return scattered
     table = np.full((x.size, y.size), np.nan)
     taken = np.zeros(table.shape, dtype=bool)
     table[i, j], taken[i, j] = values, True
-    return GridSamples(x=x, y=y, values=table) if taken.all() else ScatteredSamples(points=points, values=values)
+    return {"x": x, "y": y, "values": table} if taken.all() else scattered
 
 
 def _choose(found: list[str]) -> tuple[str, ...]:
@@ -215,13 +238,7 @@ def _choose(found: list[str]) -> tuple[str, ...]:
     raise SamplesError(f"the file holds {', '.join(map(repr, sorted(found)[:10])) or 'nothing'}: {NEEDED}")
 
 
-def _build(arrays: dict[str, Any]) -> Samples:
-    if "points" in arrays:
-        return ScatteredSamples(points=arrays["points"], values=arrays["values"])
-    return GridSamples(x=arrays["x"], y=arrays["y"], values=arrays["values"])
-
-
-READERS: Final[dict[str, Callable[[bytes, int], Samples]]] = {
+READERS: Final[dict[str, Callable[[bytes, int], dict[str, Any]]]] = {
     "npz": _read_npz,
     "npy": _read_npy,
     "csv": _read_csv,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import pickle
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 import equimesh as em
 from equimesh.domain import mapped
+from equimesh.upload import read_arrays, read_samples
 
 RNG = np.random.default_rng(11)
 S, T = RNG.random((2, 40, 30))
@@ -437,6 +439,18 @@ class TestSamples:
         assert "(14, -1) lies outside their convex hull" in error.message
         assert "cover the box [10, 14] x [-2, -1] of the domain; add samples" in error.message
 
+    def test_files_are_read_for_a_box(self) -> None:
+        values = self.u(np.linspace(10, 14, 41)[:, None], np.linspace(-2, -1, 21))
+        stream = io.BytesIO()
+        np.save(stream, values)
+        field = read_samples(stream.getvalue(), "u.npy", box=self.BOX)
+        assert isinstance(field, em.GridSamples)
+        assert (field.x[0], field.x[-1], field.y[0], field.y[-1]) == (10, 14, -2, -1)
+        csv = b"".join(b"%d,%d,1\n" % (x, y) for x in (10, 12, 14) for y in (-2, -1))
+        assert isinstance(read_samples(csv, "u.csv", box=self.BOX), em.GridSamples)
+        assert "unit square" in refusal(read_samples, csv, "u.csv").message
+        assert set(read_arrays(csv, "u.csv")) == {"x", "y", "values"}  # the domain is not known yet
+
     def test_the_unit_square_is_the_default(self) -> None:
         k = np.linspace(0, 1, 5)
         assert em.GridSamples(x=k, y=k, values=np.ones((5, 5))).box == ((0, 1), (0, 1))
@@ -456,7 +470,8 @@ class TestCheckFinite:
     @pytest.mark.parametrize("shift", [0.0, 100.0, 1e5])
     def test_it_finds_poles_between_its_points_away_from_the_origin(self, shift: float) -> None:
         domain, parameters = em.Rectangle(x=(shift, shift + 1)), {"m": shift, "d": 1e-17 * max(1.0, shift)}
-        for pole in ("1/(x - m - 1/3)", "1/(x - m - 0.25 + d)"):  # between samples, and a rounding error from one
+        poles = ("1/(x - m - 1/3)", "sqrt(abs(x - m - 1/3))", "1/(x - m - 0.25 + d)")  # d: a rounding error
+        for pole in poles:
             with pytest.raises(em.ExpressionError, match="grows without bound"):
                 em.Expression(pole, parameters=parameters).check_finite(domain=domain)
         em.Expression("tanh(1000*(x - m - 1/3))", parameters=parameters).check_finite(domain=domain)
