@@ -18,16 +18,18 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.bilinear import BilinearCells, CellPoints
+from equimesh.cell_shapes import alignments, angles_and_edges, regularities, size_ratios
+from equimesh.field import Field
+from equimesh.interpolation import ErrorRule, InterpolationError, errors_of
 from equimesh.mesh import Mesh
-from equimesh.monitor import ArcLength
+from equimesh.monitor import Monitor
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
-GAUSS_POINTS = 8
-"""Gauss points per direction and cell, on meshes of at most ``MANY_CELLS`` cells."""
-GAUSS_POINTS_MANY = 4
-"""Gauss points per direction and cell on larger meshes, whose cells see less of the monitor's variation."""
-MANY_CELLS = 4096
+GAUSS_POINTS = ((4096, 8), (100_000, 4))
+"""Gauss points per direction and cell, on meshes of at most so many cells."""
+GAUSS_POINTS_BEYOND = 2
+"""On larger meshes, whose cells see hardly any of the monitor's variation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,19 +59,6 @@ class Measure:
         return math.sqrt(float(np.mean(self.cells**2)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class InterpolationError:
-    """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
-
-    ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain.
-    """
-
-    l2: float
-    l2_uniform: float
-    h1: float
-    h1_uniform: float
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quality:
     """All measures of one mesh, as :func:`measure` returns them."""
@@ -90,10 +79,11 @@ class Quality:
     size_ratio: Measure
     """Larger area over smaller for a cell and an edge neighbour, the largest over its neighbours, >= 1."""
     min_jacobian: float
-    """The mesh's smallest corner Jacobian, scaled so that the uniform mesh of the unit square has 1."""
+    """The mesh's smallest corner Jacobian over the mesh's area, scaled so that a mesh of equal parallelograms has 1."""
     min_jacobian_over_mean: float
-    """The same over the mean corner Jacobian, hence independent of the size of the domain."""
-    interpolation_error: InterpolationError
+    """The smallest corner Jacobian over the mean one: the same number, since the mean is the mean area of a cell."""
+    interpolation_error: InterpolationError | None
+    """How well u is interpolated; ``None`` for a monitor without u."""
 
     def summary(self, *, arrays: bool = False) -> dict[str, Any]:
         """The measures as nested plain Python data, ready for JSON.
@@ -110,9 +100,8 @@ class Quality:
         for name in ("min_jacobian", "min_jacobian_over_mean"):
             result[name] = _plain(getattr(self, name))
         error = self.interpolation_error
-        result["interpolation_error"] = {
-            name: _plain(getattr(error, name)) for name in ("l2", "l2_uniform", "h1", "h1_uniform")
-        }
+        names = ("l2", "l2_uniform", "gain_l2", "h1", "h1_uniform", "gain_h1")
+        result["interpolation_error"] = error and {name: _plain(getattr(error, name)) for name in names}
         return result
 
 
@@ -120,33 +109,38 @@ PER_CELL = ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "skewness", "aspect_rat
 """The measures of :class:`Quality` that have one value per cell."""
 
 
-def measure(mesh: Mesh, monitor: ArcLength, *, gauss: int | None = None) -> Quality:
-    """All quality measures of ``mesh`` for ``monitor``.
+def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss: int | None = None) -> Quality:
+    """All quality measures of ``mesh`` for ``monitor``, which must be bound to a domain if it depends on one.
 
-    ``gauss`` is the number of Gauss points per direction and cell; by default ``GAUSS_POINTS``, or
-    ``GAUSS_POINTS_MANY`` on more than ``MANY_CELLS`` cells. Not finite where u or its gradient is not.
+    ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
+    the unit square. ``gauss`` is the number of Gauss points per direction and cell; by default ``GAUSS_POINTS`` or, on
+    many cells, ``GAUSS_POINTS_BEYOND``, where the interpolation errors take the rule
+    :meth:`~equimesh.interpolation.ErrorRule.lean`. Not finite where u or its gradient is not.
     """
     with np.errstate(all="ignore"):
         cells = BilinearCells(mesh)
         metric = _mean_metric(cells, monitor, gauss)
-        sine, skewness, aspect_ratio = _angles_and_edges(cells)
-        l2, h1 = _interpolation_error(cells, monitor, gauss)
-        l2_uniform, h1_uniform = _interpolation_error(BilinearCells(Mesh.uniform(mesh.grid)), monitor, gauss)
+        sine, skewness, aspect_ratio = (np.empty(cells.count) for _ in range(3))
+        angles_and_edges(*cells.nodes, cells.valid, sine, skewness, aspect_ratio)
+        ratios = np.empty(cells.count)
+        size_ratios(*cells.shape, cells.valid, cells.area, ratios)
+        q_eq, q_ali, q_geo = _equidistribution(cells, metric), _alignment(cells, metric), _regularity(cells)
+        del metric
         return Quality(
-            q_eq=Measure(_equidistribution(cells, metric)),
-            q_ali=Measure(_alignment(cells, metric)),
-            q_geo=Measure(shape_regularity(mesh)),
-            scaled_jacobian=Measure(sine),
-            skewness=Measure(skewness),
-            aspect_ratio=Measure(aspect_ratio),
-            size_ratio=Measure(_size_ratio(cells)),
-            min_jacobian=mesh.min_jacobian,
-            min_jacobian_over_mean=float(cells.dets.min() / cells.dets.mean()),
-            interpolation_error=InterpolationError(l2=l2, l2_uniform=l2_uniform, h1=h1, h1_uniform=h1_uniform),
+            q_eq=Measure(q_eq),
+            q_ali=Measure(q_ali),
+            q_geo=Measure(q_geo),
+            scaled_jacobian=Measure(sine.reshape(cells.shape)),
+            skewness=Measure(skewness.reshape(cells.shape)),
+            aspect_ratio=Measure(aspect_ratio.reshape(cells.shape)),
+            size_ratio=Measure(ratios.reshape(cells.shape)),
+            min_jacobian=float(np.float64(cells.lowest) * cells.count / abs(cells.total_area)),
+            min_jacobian_over_mean=float(np.float64(cells.lowest) / (cells.total_area / cells.count)),
+            interpolation_error=_interpolation_error(cells, monitor.u, uniform, gauss),
         )
 
 
-def equidistribution(mesh: Mesh, monitor: ArcLength, *, gauss: int | None = None) -> Array:
+def equidistribution(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
     """``Q_eq`` of every cell: its share of the metric's total area, in units of the mean share.
 
     ``Q_eq(K) = N |K| sqrt(det M_K) / sum over K of |K| sqrt(det M_K)``, N the number of cells, M_K the mean
@@ -159,7 +153,7 @@ def equidistribution(mesh: Mesh, monitor: ArcLength, *, gauss: int | None = None
         return _equidistribution(cells, _mean_metric(cells, monitor, gauss))
 
 
-def alignment(mesh: Mesh, monitor: ArcLength, *, gauss: int | None = None) -> Array:
+def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
     """``Q_ali`` of every cell: how far its shape is from a square in the metric M_K.
 
     ``Q_ali = tr(F'^T M_K F') / (2 sqrt(det M_K) det F')`` (Huang and Russell, chapter 4), F' the Jacobian
@@ -177,21 +171,19 @@ def shape_regularity(mesh: Mesh) -> Array:
     At least 1, and 1 for a square; ``(r + 1/r) / 2`` for a rectangle of sides in the ratio r.
     """
     with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
-        one = np.ones(cells.count)
-        return _alignment(cells, (one, np.zeros(cells.count), one))
+        return _regularity(BilinearCells(mesh))
 
 
 _Metric: TypeAlias = tuple[Array, Array, Array]  # m11, m12, m22 of every cell
 
 
-def _rule(cells: BilinearCells, gauss: int | None) -> CellPoints:
-    return CellPoints.gauss(gauss or (GAUSS_POINTS if cells.count <= MANY_CELLS else GAUSS_POINTS_MANY))
+def _gauss_points(cells: BilinearCells, gauss: int | None) -> int:
+    return gauss or next((points for most, points in GAUSS_POINTS if cells.count <= most), GAUSS_POINTS_BEYOND)
 
 
-def _mean_metric(cells: BilinearCells, monitor: ArcLength, gauss: int | None) -> _Metric:
+def _mean_metric(cells: BilinearCells, monitor: Monitor, gauss: int | None) -> _Metric:
     """The mean of the exact metric over every cell by Gauss quadrature; nan on folded cells."""
-    rule = _rule(cells, gauss)
+    rule = CellPoints.gauss(_gauss_points(cells, gauss))
     mean = np.full((3, cells.count), np.nan)
     for block in cells.blocks(rule):
         at = cells.at(rule, block)
@@ -203,65 +195,36 @@ def _mean_metric(cells: BilinearCells, monitor: ArcLength, gauss: int | None) ->
 
 def _equidistribution(cells: BilinearCells, metric: _Metric) -> Array:
     m11, m12, m22 = metric
-    size = cells.area * np.sqrt(m11 * m22 - m12**2)
-    relative = size * cells.count / size[cells.valid].sum()
-    return np.where(cells.valid, relative, np.inf).reshape(cells.shape)
+    size = m11 * m22
+    size -= m12 * m12
+    np.sqrt(size, out=size)
+    size *= cells.area
+    size *= cells.count / size.sum(where=cells.valid)
+    size[~cells.valid] = np.inf
+    return size.reshape(cells.shape)
 
 
 def _alignment(cells: BilinearCells, metric: _Metric) -> Array:
-    points, worst = CellPoints.samples(), np.full(cells.count, np.inf)
-    for block in cells.blocks(points):
-        at = cells.at(points, block)
-        m11, m12, m22 = (entry[block] for entry in metric)
-        cross = at.x_s * at.y_s + at.x_t * at.y_t
-        trace = m11 * (at.x_s**2 + at.x_t**2) + 2 * m12 * cross + m22 * (at.y_s**2 + at.y_t**2)
-        worst[block] = (trace / (2 * np.sqrt(m11 * m22 - m12**2) * at.det)).max(axis=0)
-    return worst.reshape(cells.shape)
+    result = np.empty(cells.count)
+    alignments(*cells.nodes, cells.valid, *metric, result)
+    return result.reshape(cells.shape)
 
 
-def _angles_and_edges(cells: BilinearCells) -> tuple[Array, Array, Array]:
-    """Scaled Jacobian, equiangle skewness and aspect ratio of every cell."""
-    out_x, out_y = (np.roll(corner, -1, axis=0) - corner for corner in (cells.x, cells.y))  # edge after a corner
-    back_x, back_y = -np.roll(out_x, 1, axis=0), -np.roll(out_y, 1, axis=0)  # from it along the edge before
-    cross, dot = out_x * back_y - out_y * back_x, out_x * back_x + out_y * back_y
-    length = np.hypot(out_x, out_y)
-    product = length * np.roll(length, 1, axis=0)
-    sine = np.where(product > 0, cross / product, 0.0).min(axis=0)
-    angle = np.arctan2(cross, dot) / (np.pi / 2)
-    skewness = np.where(cells.valid, np.abs(angle - 1.0).max(axis=0), 1.0)
-    shortest = length.min(axis=0)
-    aspect_ratio = np.where(shortest > 0, length.max(axis=0) / shortest, np.inf)
-    return sine.reshape(cells.shape), skewness.reshape(cells.shape), aspect_ratio.reshape(cells.shape)
+def _regularity(cells: BilinearCells) -> Array:
+    result = np.empty(cells.count)
+    regularities(*cells.nodes, cells.valid, result)
+    return result.reshape(cells.shape)
 
 
-def _size_ratio(cells: BilinearCells) -> Array:
-    area = np.where(cells.valid, cells.area, 0.0).reshape(cells.shape)
-    ratio = np.where(area > 0, 1.0, np.inf)
-    for sizes, largest in ((area, ratio), (area.T, ratio.T)):  # neighbours along xi, then along eta
-        small, large = np.minimum(sizes[1:], sizes[:-1]), np.maximum(sizes[1:], sizes[:-1])
-        step = np.where(small > 0, large / small, np.inf)
-        np.maximum(largest[1:], step, out=largest[1:])
-        np.maximum(largest[:-1], step, out=largest[:-1])
-    return ratio
-
-
-def _interpolation_error(cells: BilinearCells, monitor: ArcLength, gauss: int | None) -> tuple[float, float]:
-    """L2 norm and H1 seminorm of u minus its Q1 interpolant."""
-    if not cells.valid.all():
-        return math.inf, math.inf
-    rule = _rule(cells, gauss)
-    nodal = cells.corners(monitor.u.evaluate(cells.mesh.x, cells.mesh.y)[0])
-    l2 = h1 = 0.0
-    for block in cells.blocks(rule):
-        at, corner = cells.at(rule, block), nodal[:, block]
-        u, u_x, u_y = monitor.u.evaluate(at.x, at.y, order=1)
-        u_s, u_t = rule.shape_s @ corner, rule.shape_t @ corner
-        error_x = (u_s * at.y_t - u_t * at.y_s) / at.det - u_x
-        error_y = (u_t * at.x_s - u_s * at.x_t) / at.det - u_y
-        weights = rule.weights[:, None] * at.det
-        l2 += float((weights * (rule.shape @ corner - u) ** 2).sum())
-        h1 += float((weights * (error_x**2 + error_y**2)).sum())
-    return math.sqrt(l2), math.sqrt(h1)
+def _interpolation_error(
+    cells: BilinearCells, u: Field | None, uniform: Mesh | None, gauss: int | None
+) -> InterpolationError | None:
+    if u is None:
+        return None
+    reference = BilinearCells(Mesh.uniform(cells.mesh.grid) if uniform is None else uniform)
+    points = _gauss_points(cells, gauss)
+    is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
+    return errors_of(cells, reference, u, ErrorRule.lean() if is_lean else ErrorRule.gauss(points))
 
 
 def _plain(value: float) -> float | None:
