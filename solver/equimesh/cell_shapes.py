@@ -16,22 +16,22 @@ from equimesh.compiled import compiled
 Array: TypeAlias = npt.NDArray[np.float64]
 Truths: TypeAlias = npt.NDArray[np.bool_]
 
-LOW, HIGH = 0.5 - np.sqrt(1.0 / 12.0), 0.5 + np.sqrt(1.0 / 12.0)  # the two Gauss points
-
 
 @compiled
 def largest_ratio(x: Array, y: Array, i: int, j: int, m11: float, m12: float, m22: float) -> float:
-    """``tr(F'^T M F') / det F'``, the largest over the corners of cell (i, j) and its 2 x 2 Gauss points."""
+    """``tr(F'^T M F') / det F'``, the largest over cell (i, j).
+
+    It is found at a corner: along s and along t the trace is quadratic and convex, the determinant linear and
+    positive, and such a quotient is largest at an end.
+    """
     ex0, ey0 = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]
     ex1, ey1 = x[i + 1, j + 1] - x[i, j + 1], y[i + 1, j + 1] - y[i, j + 1]
     fx0, fy0 = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
     fx1, fy1 = x[i + 1, j + 1] - x[i + 1, j], y[i + 1, j + 1] - y[i + 1, j]
     largest = 0.0
-    for place in range(8):
-        low, high = (0.0, 1.0) if place < 4 else (LOW, HIGH)
-        s, t = high if place & 1 else low, high if place & 2 else low
-        ex, ey = ex0 + t * (ex1 - ex0), ey0 + t * (ey1 - ey0)
-        fx, fy = fx0 + s * (fx1 - fx0), fy0 + s * (fy1 - fy0)
+    for corner in range(4):
+        ex, ey = (ex0, ey0) if corner < 2 else (ex1, ey1)
+        fx, fy = (fx0, fy0) if corner & 1 else (fx1, fy1)
         trace = m11 * (ex * ex + fx * fx) + 2.0 * m12 * (ex * ey + fx * fy) + m22 * (ey * ey + fy * fy)
         largest = max(largest, trace / (ex * fy - ey * fx))
     return largest

@@ -158,7 +158,7 @@ def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Arra
 
     ``Q_ali = tr(F'^T M_K F') / (2 sqrt(det M_K) det F')`` (Huang and Russell, chapter 4), F' the Jacobian
     matrix of the bilinear map of the unit square onto the cell. F' varies over the cell: the value is the
-    largest of those at the four corners and the 2 x 2 Gauss points. At least 1.
+    largest, which is found at a corner. At least 1.
     """
     with np.errstate(all="ignore"):
         cells = BilinearCells(mesh)
