@@ -12,7 +12,9 @@
 
 from equimesh_client.async_client import AsyncClient
 from equimesh_client.async_mesh import AsyncMesh
+from equimesh_client.certificate import Certificate, Relaxation
 from equimesh_client.client import Client
+from equimesh_client.domains import AnnulusSector, Quadrilateral, Rectangle
 from equimesh_client.errors import (
     BadArgument,
     Conflict,
@@ -31,6 +33,7 @@ from equimesh_client.errors import (
     TooLarge,
 )
 from equimesh_client.mesh import Mesh
+from equimesh_client.monitors import ArcLength, Curvature, Intersection, Tensor, Weight
 from equimesh_client.pictures import Plot
 from equimesh_client.records import Convergence, Measure, MeshArrays, Progress, Quality
 from equimesh_client.retry import RetryPolicy
@@ -39,18 +42,23 @@ from equimesh_client.spec import Classical, LinearRobin, NonlinearRobin, Schwarz
 from equimesh_client.stream import Event
 
 __all__ = [
+    "AnnulusSector",
+    "ArcLength",
     "AsyncClient",
     "AsyncMesh",
     "BadArgument",
+    "Certificate",
     "Classical",
     "Client",
     "Conflict",
     "Convergence",
+    "Curvature",
     "DeadlineExceeded",
     "DownloadDamaged",
     "EquimeshClientError",
     "Event",
     "InputProblem",
+    "Intersection",
     "InvalidInput",
     "LinearRobin",
     "Measure",
@@ -63,13 +71,18 @@ __all__ = [
     "Plot",
     "ProblemError",
     "Progress",
+    "Quadrilateral",
     "Quality",
     "RateLimited",
+    "Rectangle",
+    "Relaxation",
     "RetryPolicy",
     "Schwarz",
     "ServerError",
     "ServiceUnreachable",
     "StoredSamples",
+    "Tensor",
     "TooLarge",
     "Upload",
+    "Weight",
 ]

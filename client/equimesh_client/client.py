@@ -7,13 +7,15 @@ from types import TracebackType
 from typing import Any
 
 from equimesh_client import flows, protocol
+from equimesh_client.domains import Domain, domain_json
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.flows import Deadline, Settings
 from equimesh_client.mesh import Mesh
-from equimesh_client.orders import DEADLINE, order, order_of_spec, settled, stored
+from equimesh_client.monitors import Monitor
+from equimesh_client.orders import DEADLINE, Wish, order_of_spec, settled, stored
 from equimesh_client.retry import RetryPolicy, policy_of
 from equimesh_client.session import Session
-from equimesh_client.sources import StoredSamples, upload_of
+from equimesh_client.sources import StoredSamples
 from equimesh_client.spec import Schwarz
 from equimesh_client.transport import base_url
 from equimesh_client.watching import Watch
@@ -49,14 +51,18 @@ class Client:
 
     def generate(
         self,
-        u: object,
-        n: int | tuple[int, int],
+        u: object = None,
+        n: int | tuple[int, int] = 64,
         *,
+        monitor: Monitor | Mapping[str, Any] | None = None,
+        domain: Domain | Mapping[str, Any] | None = None,
         a: float = 0.7,
         b: float = 0.05,
         schwarz: Schwarz | Mapping[str, Any] | None = None,
         boundary: str = "trace",
         initial: str = "nested",
+        mode: str = "discretization",
+        allow_relaxed: bool = True,
         cells: str = "quad",
         label: str | None = None,
         parameters: Mapping[str, float] | None = None,
@@ -67,24 +73,33 @@ class Client:
     ) -> Mesh:
         """The finished mesh of ``n`` points a side (or ``(n_xi, n_eta)``) that is adapted to ``u``.
 
-        ``u`` is an expression in x and y; a 2-D array of values on the uniform grid of the unit square,
+        ``u`` is an expression in x and y; a 2-D array of values on the uniform grid of the domain's box,
         first index along x; ``(x, y, values)``; scattered ``(points, values)``; a callable ``u(x, y)`` on
         arrays, sampled here on ``n_samples`` points a side; a ``pathlib.Path`` of a file of samples; or
-        stored samples. ``schwarz=None`` solves on a single domain. ``progress``: a bar, True, False, or
-        None: on a terminal.
+        stored samples. ``monitor`` says what is equidistributed: :class:`ArcLength` of u unless given, with
+        ``a`` and ``b``; :class:`Weight` and :class:`Tensor` need no u. ``domain``: the unit square unless given.
+        ``parameters`` and ``t`` go with all expressions. ``schwarz=None`` solves on a single domain.
+
+        ``mode="tight"`` solves the equations to rounding, not just to the error of the grid. Where they cannot be
+        solved as asked the mesh is for a weaker monitor, ``mesh.relaxed``; ``allow_relaxed=False`` fails instead.
+        ``progress``: a bar, True, False, or None: on a terminal.
 
         When the deadline (seconds) passes or the wait is interrupted, the mesh is canceled. Raises
         :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
         """
         limit = Deadline.after(deadline)
-        made = order(
-            u,
-            n,
+        wish = Wish(
+            u=u,
+            n=n,
+            monitor=monitor,
+            domain=domain,
             a=a,
             b=b,
             schwarz=schwarz,
             boundary=boundary,
             initial=initial,
+            mode=mode,
+            allow_relaxed=allow_relaxed,
             cells=cells,
             label=label,
             parameters=parameters,
@@ -93,6 +108,7 @@ class Client:
         )
         mesh = None
         settings = self._session.settings
+        made = self._session.run(flows.prepared(wish, settings, limit))
         try:
             with Watch(progress) as watch:
                 hold = max(1, min(1 if watch.shown else flows.LONG_POLL, int(limit.left)))
@@ -106,14 +122,19 @@ class Client:
         return mesh
 
     def check(
-        self, expression: str, *, parameters: Mapping[str, float] | None = None, t: float | None = None
+        self,
+        expression: str,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        t: float | None = None,
+        domain: Domain | Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
-        """What the service finds in an expression; raises :class:`InvalidInput` with the position of a
-        fault.
+        """What the service finds in an expression on ``domain``, the unit square unless given; raises
+        :class:`InvalidInput` with the position of a fault.
         """
-        return self._session.run(
-            flows.fetch(protocol.check_expression(expression, parameters, t), self._session.settings)
-        )
+        where = None if domain is None else domain_json(domain)
+        call = protocol.check_expression(expression, parameters, t, where)
+        return self._session.run(flows.fetch(call, self._session.settings))
 
     def capabilities(self) -> dict[str, Any]:
         """Formats, limits, functions and transmission conditions of the service."""
@@ -147,7 +168,7 @@ class Meshes:
         wait: int = 0,
     ) -> Mesh:
         """The mesh that is asked for by a whole spec of the HTTP interface; does not wait for it to be
-        finished, but for ``wait`` seconds. ``samples`` are uploaded for ``"u": {"samples": "upload"}``.
+        finished, but for ``wait`` seconds. ``samples`` are uploaded for ``{"samples": "upload"}`` in its monitor.
         """
         made = order_of_spec(spec, samples, idempotency_key)
         settings = self._session.settings
@@ -181,12 +202,13 @@ class SamplesStore:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def upload(self, u: object, *, n_samples: int = 129) -> StoredSamples:
+    def upload(
+        self, u: object, *, n_samples: int = 129, domain: Domain | Mapping[str, Any] | None = None
+    ) -> StoredSamples:
         """Samples stored once, for any number of meshes: arrays, a callable, or a ``pathlib.Path`` of a
-        file.
+        file. A callable, or an array of values alone, is taken on the box of ``domain``, the unit square unless given.
         """
-        call = protocol.upload_samples(upload_of(u, n_samples=n_samples))
-        return stored(self._session.run(flows.fetch(call, self._session.settings)))
+        return stored(self._session.run(flows.upload(u, n_samples, domain, self._session.settings)))
 
     def get(self, samples_id: str) -> StoredSamples:
         """The stored samples of that id."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
 from equimesh_client import protocol
+from equimesh_client.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
 from equimesh_client.errors import (
     BadArgument,
     Conflict,
@@ -24,10 +25,11 @@ from equimesh_client.errors import (
     ServiceUnreachable,
 )
 from equimesh_client.files import PendingFile
-from equimesh_client.orders import Order
+from equimesh_client.orders import Order, Wish
 from equimesh_client.protocol import Call, Reply
 from equimesh_client.records import FINISHED
 from equimesh_client.retry import RETRIED, RetryPolicy, pause_before_retry, retry_after_of
+from equimesh_client.sources import needs_box, upload_of
 from equimesh_client.stream import StreamPosition
 
 T = TypeVar("T")
@@ -158,9 +160,32 @@ def fetch(call: Call, settings: Settings) -> Flow[dict[str, Any]]:
     return protocol.json_of((yield from request(call, settings)))
 
 
+def prepared(wish: Wish, settings: Settings, deadline: Deadline) -> Flow[Order]:
+    """The request for the mesh of `generate`. One file of samples goes with it; several are stored at the service
+    first, which keeps each of them once however often it is sent.
+    """
+    box = wish.box()
+    if box is None and wish.domain is not None:
+        box = yield from box_of(wish.domain, settings, deadline)
+    made = wish.order(box or UNIT_BOX)
+    if len(made.uploads) < 2:
+        return made
+    names = []
+    for upload in made.uploads:
+        reply = yield from request(protocol.upload_samples(upload), settings, deadline)
+        names.append(str(protocol.json_of(reply)["id"]))
+    return made.stored(names)
+
+
+def box_of(domain: Domain | Mapping[str, Any], settings: Settings, deadline: Deadline) -> Flow[Box]:
+    """The box of a domain whose curves only the service evaluates."""
+    call = protocol.check_expression("0", None, None, domain_json(domain))
+    return protocol.box_of((yield from request(call, settings, deadline)))
+
+
 def create(made: Order, settings: Settings, *, wait: int, deadline: Deadline) -> Flow[dict[str, Any]]:
     """The resource of a new mesh."""
-    upload = made.source.upload if made.source else None
+    upload = made.uploads[0] if made.uploads else None
     call = protocol.create_mesh(made.spec, upload, wait=wait, key=made.key)
     return protocol.mesh_of((yield from request(call, settings, deadline)))
 
@@ -256,6 +281,20 @@ def verified(call: Call, settings: Settings, deadline: Deadline) -> Flow[bytes]:
         if announced in (None, hashlib.sha256(reply.body).hexdigest()):
             return reply.body
     raise DownloadDamaged(f"{call.path}: the bytes received do not have the checksum that the service announced")
+
+
+def upload(
+    u: object, n_samples: int, domain: Domain | Mapping[str, Any] | None, settings: Settings
+) -> Flow[dict[str, Any]]:
+    """The record of samples that are stored, sampled on the box of ``domain`` where they are a callable or an array."""
+    box: Box | None = UNIT_BOX
+    if domain is not None and needs_box(u):
+        known = read_domain(domain) if isinstance(domain, Mapping) else domain
+        box = known.box
+        if box is None:
+            box = yield from box_of(domain, settings, settings.deadline())
+    call = protocol.upload_samples(upload_of(u, n_samples=n_samples, box=box or UNIT_BOX))
+    return (yield from fetch(call, settings))
 
 
 def pages(

@@ -11,6 +11,7 @@ from http import HTTPStatus
 from typing import Any
 from urllib.parse import quote, unquote
 
+from equimesh_client.domains import Box
 from equimesh_client.errors import BadArgument, InputProblem, ProblemError, ServiceUnreachable, error_class
 from equimesh_client.retry import retry_after_of
 from equimesh_client.sources import Upload
@@ -129,13 +130,20 @@ def stored_samples(samples_id: str, *, method: str = "GET") -> Call:
     )
 
 
-def check_expression(expression: str, parameters: Mapping[str, float] | None, t: float | None) -> Call:
-    """Have an expression parsed and evaluated."""
+def check_expression(
+    expression: str,
+    parameters: Mapping[str, float] | None,
+    t: float | None,
+    domain: Mapping[str, Any] | None = None,
+) -> Call:
+    """Have an expression parsed and evaluated on ``domain``, the unit square unless given."""
     sent: dict[str, Any] = {"expression": expression}
     if parameters:
         sent["parameters"] = dict(parameters)
     if t is not None:
         sent["t"] = t
+    if domain is not None:
+        sent["domain"] = dict(domain)
     headers = {"Accept": "application/json", "Content-Type": "application/json"}
     return Call(method="POST", path="/v1/expressions/check", headers=headers, body=encoded(sent), sent=sent)
 
@@ -205,6 +213,17 @@ def mesh_of(reply: Reply) -> dict[str, Any]:
             raise ServiceUnreachable("the answer holds no mesh; check that the URL is that of an equimesh service")
         record["id"] = unquote(found.group(1))
     return record
+
+
+def box_of(reply: Reply) -> Box:
+    """The box of the domain in the answer to a check of an expression."""
+    try:
+        (x0, x1), (y0, y1) = json_of(reply)["domain"]["box"]
+        return (float(x0), float(x1)), (float(y0), float(y1))
+    except (KeyError, TypeError, ValueError):
+        raise ServiceUnreachable(
+            "the answer names no box of a domain; the service may be too old for domains"
+        ) from None
 
 
 def checked(reply: Reply, call: Call) -> Reply:

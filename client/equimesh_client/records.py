@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from equimesh_client.certificate import Certificate
 from equimesh_client.errors import DownloadDamaged
 from equimesh_client.tables import aligned, number
 
@@ -79,6 +80,24 @@ class MeshState:
     def error(self) -> dict[str, Any] | None:
         """The problem document of a failed mesh."""
         return self.record.get("error")
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """How well it solves what was asked, once it is finished: ``print(mesh.certificate)``."""
+        found = self.record.get("certificate")
+        return Certificate.from_json(found) if isinstance(found, dict) else None
+
+    @property
+    def relaxed(self) -> bool:
+        """Whether it is a valid mesh for a weaker or smoother monitor than asked; the certificate says which."""
+        certificate = self.certificate
+        return certificate is not None and certificate.status == "relaxed"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What its user should know, in sentences; empty when there is nothing."""
+        certificate = self.certificate
+        return () if certificate is None else certificate.warnings
 
     @property
     def timings(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from equimesh_client.domains import UNIT_BOX, Box
 from equimesh_client.errors import BadArgument
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -54,15 +55,21 @@ class Source:
 
 
 def source_of(
-    u: object, *, parameters: Mapping[str, float] | None = None, t: float | None = None, n_samples: int = 129
+    u: object,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    t: float | None = None,
+    n_samples: int = 129,
+    box: Box = UNIT_BOX,
 ) -> Source:
     """``u`` ready to send.
 
     ``u`` is an expression in x and y (a string); a 2-D array or list of values on the uniform grid of the
-    unit square, first index along x; ``(x, y, values)`` or a mapping with these keys: a rectilinear grid
-    when ``values`` is 2-D, scattered points when all three are 1-D; ``(points, values)`` or such a mapping:
-    scattered; a callable ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path
-    of a file; or :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
+    ``box`` of the domain, the unit square unless given, first index along x; ``(x, y, values)`` or a mapping
+    with these keys: a rectilinear grid when ``values`` is 2-D, scattered points when all three are 1-D;
+    ``(points, values)`` or such a mapping: scattered; a callable ``u(x, y)``, called once with arrays of
+    shape ``(n_samples, n_samples)``; a path of a file; or :class:`StoredSamples`. ``parameters`` and ``t``
+    belong to an expression only.
 
     Raises :class:`BadArgument` when ``u`` is none of these, or has a value that is not finite.
     """
@@ -82,8 +89,13 @@ def source_of(
     if isinstance(u, Path):
         return Source(json={"samples": "upload"}, upload=read_upload(u))
     if callable(u):
-        return _samples(sampled(u, n_samples))
-    return _samples(_pieces(u))
+        return _samples(sampled(u, n_samples, box))
+    return _samples(_pieces(u, box))
+
+
+def needs_box(u: object) -> bool:
+    """Whether it depends on the domain where the samples of ``u`` lie: a callable, or an array of values alone."""
+    return callable(u) or isinstance(u, np.ndarray | list)
 
 
 def read_upload(path: str | Path) -> Upload:
@@ -100,7 +112,7 @@ def read_upload(path: str | Path) -> Upload:
     return Upload(filename=path.name, data=data, media_type=MEDIA_TYPES[path.suffix.lower()])
 
 
-def upload_of(u: object, *, n_samples: int = 129) -> Upload:
+def upload_of(u: object, *, n_samples: int = 129, box: Box = UNIT_BOX) -> Upload:
     """Samples of any kind that :func:`source_of` takes as a file to upload."""
     if isinstance(u, Upload):
         return u
@@ -108,18 +120,18 @@ def upload_of(u: object, *, n_samples: int = 129) -> Upload:
         return read_upload(u)
     if isinstance(u, str):
         raise BadArgument("an expression is not samples; give a pathlib.Path to upload a file")
-    return _npz(sampled(u, n_samples) if callable(u) else _pieces(u))
+    return _npz(sampled(u, n_samples, box) if callable(u) else _pieces(u, box))
 
 
-def sampled(u: Callable[[Array, Array], object], n_samples: int) -> dict[str, Array]:
-    """Values of a callable on the uniform ``n_samples`` x ``n_samples`` grid of the unit square.
+def sampled(u: Callable[[Array, Array], object], n_samples: int, box: Box = UNIT_BOX) -> dict[str, Array]:
+    """Values of a callable on the uniform ``n_samples`` x ``n_samples`` grid of the box.
 
     Raises :class:`BadArgument` when the callable does not work on arrays.
     """
     if n_samples < 2:
         raise BadArgument(f"n_samples = {n_samples}: at least 2 points a side are needed to sample u")
-    axis = np.linspace(0.0, 1.0, n_samples)
-    x, y = np.meshgrid(axis, axis, indexing="ij")
+    axes = [np.linspace(*ends, n_samples) for ends in box]
+    x, y = np.meshgrid(*axes, indexing="ij")
     try:
         values = _array("u(x, y)", u(x, y))
         values = np.ascontiguousarray(np.broadcast_to(values, x.shape))
@@ -130,10 +142,10 @@ def sampled(u: Callable[[Array, Array], object], n_samples: int) -> dict[str, Ar
             f"u(x, y) must take arrays and return an array of their shape; it ended with: {error}. "
             "Use numpy's functions inside it, or wrap it in numpy.vectorize"
         ) from error
-    return _checked({"x": axis, "y": axis, "values": values})
+    return _checked({"x": axes[0], "y": axes[1], "values": values})
 
 
-def _pieces(u: object) -> dict[str, Array]:
+def _pieces(u: object, box: Box) -> dict[str, Array]:
     """The named arrays of samples given as an array, a tuple or a mapping."""
     if isinstance(u, Mapping):
         keys = set(u)
@@ -162,7 +174,7 @@ def _pieces(u: object) -> dict[str, Array]:
             f"an array of shape {values.shape} looks like a table of x, y and u: give (table[:, :2], table[:, 2]). "
             "If it is values on a grid with 3 points in y, give (x, y, values)"
         )
-    axes = [np.linspace(0.0, 1.0, count) for count in values.shape]
+    axes = [np.linspace(*ends, count) for ends, count in zip(box, values.shape, strict=True)]
     return _checked({"x": axes[0], "y": axes[1], "values": values})
 
 

@@ -12,6 +12,7 @@ BOUNDARIES = ("trace", "equidistributed_1d", "orthogonal")
 ORDERINGS = ("alternating", "parallel")
 INITIALS = ("nested", "uniform")
 CELLS = ("quad", "triangle")
+MODES = ("discretization", "tight")
 TRANSMISSIONS = ("classical", "linear_robin", "nonlinear_robin")
 
 Json: TypeAlias = dict[str, Any]
@@ -116,27 +117,37 @@ def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:
 
 
 def mesh_spec(
-    u: Mapping[str, Any],
+    monitor: Mapping[str, Any],
     n: int | tuple[int, int],
     *,
-    a: float = 0.7,
-    b: float = 0.05,
+    domain: Mapping[str, Any] | None = None,
     schwarz: Schwarz | Mapping[str, Any] | None = None,
     boundary: str = "trace",
     initial: str = "nested",
+    mode: str = "discretization",
+    allow_relaxed: bool = True,
     cells: str = "quad",
     label: str | None = None,
 ) -> Json:
-    """The JSON body of a request for a mesh. ``schwarz=None`` asks for a single domain."""
+    """The JSON body of a request for a mesh. ``schwarz=None`` asks for a single domain.
+
+    What services of the first release do not know is left out where it is the default.
+    """
     n_xi, n_eta = points_per_side(n)
     spec: Json = {
-        "monitor": {"kind": "arc_length", "u": dict(u), "a": a, "b": b},
+        "monitor": dict(monitor),
         "grid": {"n_xi": n_xi, "n_eta": n_eta},
         "boundary": str(boundary),
         "initial": str(initial),
         "schwarz": schwarz.json() if isinstance(schwarz, Schwarz) else (None if schwarz is None else dict(schwarz)),
         "cells": str(cells),
     }
+    if domain is not None:
+        spec["domain"] = dict(domain)
+    if mode != "discretization":
+        spec["mode"] = str(mode)
+    if not allow_relaxed:
+        spec["allow_relaxed"] = False
     if label is not None:
         spec["label"] = label
     return spec

@@ -18,6 +18,17 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+CERTIFICATE: dict[str, Any] = {
+    "status": "relaxed",
+    "mode": "discretization",
+    "equation_residual": 2.5e-5,
+    "discretization_error": 1e-3,
+    "algebraic_error": 1e-4,
+    "min_jacobian": 0.25,
+    "relaxed": [{"what": "a", "asked": 0.7, "reached": 0.35}],
+    "warnings": ["The mesh adapts less than asked."],
+    "interpolation_gain": {"l2": 5.4, "h1": 2.4},
+}
 SIDES = ("left", "right", "bottom", "top")
 
 
@@ -255,7 +266,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _create(self, request: Request) -> tuple[int, dict[str, str], bytes]:
         spec, key = json.loads(parts_of(request)["spec"][1]), request.headers["idempotency-key"]
-        text = spec["monitor"]["u"].get("expression", "")
+        text = (spec["monitor"].get("u") or {}).get("expression", "")
         if "foo" in text:
             place = {"offset": text.index("foo"), "line": 1, "column": text.index("foo") + 1}
             errors = [{"pointer": "/monitor/u/expression", "message": "unknown name 'foo'", "position": place}]
@@ -283,6 +294,8 @@ class _Handler(BaseHTTPRequestHandler):
             mesh["error"] = {"title": "The mesh folded", "detail": "At cell 3.", "remedy": "Lower a."}
         elif label != "hang" and (label != "slow" or looks >= 3):
             mesh["status"] = "succeeded"
+        if label == "relaxed":
+            mesh["certificate"] = CERTIFICATE
 
     def _list(self, request: Request) -> tuple[int, dict[str, str], bytes]:
         every = [_public(mesh) for mesh in reversed(self.service.meshes.values())]
@@ -297,7 +310,8 @@ class _Handler(BaseHTTPRequestHandler):
             place = {"offset": text.index("foo"), "line": 1, "column": text.index("foo") + 1}
             errors = [{"pointer": "/expression", "message": "unknown name 'foo'", "position": place}]
             return _problem(422, "The input cannot be used", errors=errors)
-        return _json(200, {"names": ["x", "y"]})
+        box = [[0, 1], [0, 1]] if "domain" not in sent else [[2, 4], [-1, 3]]
+        return _json(200, {"names": ["x", "y"], "domain": {"box": box, "area": 1.0}})
 
 
 def _public(mesh: dict[str, Any]) -> dict[str, Any]:

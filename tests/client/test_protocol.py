@@ -53,14 +53,24 @@ def reply(status: int, body: Any, **headers: str) -> Reply:
 
 
 def test_a_spec_with_all_defaults() -> None:
-    assert mesh_spec({"expression": "x"}, 64) == {
-        "monitor": {"kind": "arc_length", "u": {"expression": "x"}, "a": 0.7, "b": 0.05},
+    assert mesh_spec({"kind": "weight"}, 64) == {
+        "monitor": {"kind": "weight"},
         "grid": {"n_xi": 64, "n_eta": 64},
         "boundary": "trace",
         "initial": "nested",
         "schwarz": None,
         "cells": "quad",
     }
+
+
+def test_a_spec_with_other_options() -> None:
+    spec = mesh_spec({}, 8, domain={"kind": "rectangle"}, mode="tight", allow_relaxed=False, label="mine")
+    assert [spec[name] for name in ("domain", "mode", "allow_relaxed", "label")] == [
+        {"kind": "rectangle"},
+        "tight",
+        False,
+        "mine",
+    ]
 
 
 def test_schwarz_as_json() -> None:

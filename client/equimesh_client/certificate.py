@@ -1,0 +1,91 @@
+"""What is known of how well a mesh solves what was asked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from equimesh_client.tables import number
+
+NAMES = {"a": "a of the arc length", "strength": "strength of the monitor", "smoothing": "smoothing of the monitor"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxation:
+    """One thing that was asked and not reached: ``what`` is ``"a"``, ``"strength"`` or ``"smoothing"``."""
+
+    what: str
+    asked: float
+    reached: float
+
+    def __str__(self) -> str:
+        return f"{NAMES.get(self.what, self.what)}: {number(self.asked)} asked, {number(self.reached)} reached"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """How well a mesh solves what was asked; nan for what is not known.
+
+    ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is relative to the
+    mean flux; ``discretization_error`` and ``algebraic_error`` estimate errors of the nodes in units of the reference
+    square, ``min_jacobian`` is 1 for the uniform mesh. ``relaxed`` lists what was weakened, ``warnings`` are sentences;
+    ``interpolation_gain`` holds under ``"l2"`` and ``"h1"`` how many times smaller the error is than on the uniform
+    mesh, None without a u. ``record`` is the JSON it comes from.
+    """
+
+    status: str
+    mode: str
+    equation_residual: float
+    discretization_error: float
+    algebraic_error: float
+    min_jacobian: float
+    relaxed: tuple[Relaxation, ...]
+    warnings: tuple[str, ...]
+    interpolation_gain: Mapping[str, float] | None
+    record: Mapping[str, Any] = field(repr=False)
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> Certificate:
+        """The certificate in the JSON of the service, or of ``equimesh``'s ``Certificate.summary()``."""
+        gain = record.get("interpolation_gain")
+        return cls(
+            status=str(record.get("status") or ""),
+            mode=str(record.get("mode") or ""),
+            equation_residual=_real(record.get("equation_residual")),
+            discretization_error=_real(record.get("discretization_error")),
+            algebraic_error=_real(record.get("algebraic_error")),
+            min_jacobian=_real(record.get("min_jacobian")),
+            relaxed=tuple(
+                Relaxation(what=str(part["what"]), asked=_real(part.get("asked")), reached=_real(part.get("reached")))
+                for part in record.get("relaxed") or ()
+            ),
+            warnings=tuple(map(str, record.get("warnings") or ())),
+            interpolation_gain=None if gain is None else {name: _real(value) for name, value in gain.items()},
+            record=record,
+        )
+
+    def table(self) -> str:
+        """The certificate in a few lines."""
+        lines = [f"certificate: {self.status.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
+        lines += [f"  relaxed               {part}" for part in self.relaxed]
+        lines.append(f"  equation residual     {number(self.equation_residual)}  (relative to the mean flux)")
+        if not math.isnan(self.discretization_error):
+            lines.append(
+                f"  estimated error       {number(self.discretization_error)} of the grid,"
+                f" {number(self.algebraic_error)} of the solution on it"
+            )
+        lines.append(f"  smallest Jacobian     {number(self.min_jacobian)}  (1 for the uniform mesh)")
+        if self.interpolation_gain is not None:
+            gains = ", ".join(f"{number(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
+            lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+        return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
+
+    def __str__(self) -> str:
+        return self.table()
+
+
+def _real(value: Any) -> float:
+    """A float; nan for what is absent or is none."""
+    return float(value) if isinstance(value, int | float) else math.nan

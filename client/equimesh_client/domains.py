@@ -1,0 +1,176 @@
+"""Physical domains, as dataclasses that the HTTP interface takes as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from equimesh_client.errors import BadArgument
+
+Json: TypeAlias = dict[str, Any]
+Pair: TypeAlias = tuple[float, float]
+Box: TypeAlias = tuple[Pair, Pair]
+UNIT_BOX: Box = ((0.0, 1.0), (0.0, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rectangle:
+    """The rectangle between ``x = (x0, x1)`` and ``y = (y0, y1)``; the unit square unless given."""
+
+    x: Pair = (0.0, 1.0)
+    y: Pair = (0.0, 1.0)
+
+    def json(self) -> Json:
+        """The domain as the HTTP interface writes it."""
+        return {"kind": "rectangle", "x": _pair("x", self.x), "y": _pair("y", self.y)}
+
+    @property
+    def box(self) -> Box | None:
+        """The smallest box around the domain: itself."""
+        (x0, x1), (y0, y1) = _pair("x", self.x), _pair("y", self.y)
+        return (x0, x1), (y0, y1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnnulusSector:
+    """The points whose distance from ``center`` lies between ``radii``, in directions between ``angles`` (degrees).
+
+    The left side is the inner arc, the right one the outer; bottom is the first angle, top the last.
+    """
+
+    center: Pair = (0.0, 0.0)
+    radii: Pair = (1.0, 2.0)
+    angles: Pair = (0.0, 90.0)
+
+    def json(self) -> Json:
+        """The domain as the HTTP interface writes it."""
+        given = {name: _pair(name, getattr(self, name)) for name in ("center", "radii", "angles")}
+        return {"kind": "annulus_sector", **given}
+
+    @property
+    def box(self) -> Box | None:
+        """The smallest box around the domain: corners, and the outer arc where it crosses a direction of the axes."""
+        (first, last), radii, center = _pair("angles", self.angles), _pair("radii", self.radii), self.center
+        quarters = range(math.ceil(first / 90.0), math.floor(last / 90.0) + 1)
+        ends = [(r, _direction(angle)) for r in radii for angle in (first, last)]
+        ends += [(radii[1], _direction(90.0 * quarter)) for quarter in quarters]
+        box = [(c + min(r * d[k] for r, d in ends), c + max(r * d[k] for r, d in ends)) for k, c in enumerate(center)]
+        return box[0], box[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quadrilateral:
+    """The domain between four curves. ``bottom`` and ``top`` run from left to right, ``left`` and ``right`` upwards.
+
+    A curve is a pair of formulas in t, which runs from 0 to 1, such as ``("cos(pi*t/2)", "sin(pi*t/2)")``, with the
+    values of further names as a third item if it has any, ``("r*t", "0", {"r": 2.0})``; or points of shape ``(n, 2)``
+    for a cubic spline through them: two points are a straight line.
+    """
+
+    bottom: object
+    right: object
+    top: object
+    left: object
+
+    def json(self) -> Json:
+        """The domain as the HTTP interface writes it. Raises :class:`BadArgument` for what is no curve."""
+        sides = {name: _curve(name, getattr(self, name)) for name in ("bottom", "right", "top", "left")}
+        return {"kind": "quadrilateral", **sides}
+
+    @property
+    def box(self) -> Box | None:
+        """None: the service evaluates the curves, and knows the box."""
+        return None
+
+
+Domain: TypeAlias = Rectangle | AnnulusSector | Quadrilateral
+KINDS: Mapping[str, type[Domain]] = {
+    "rectangle": Rectangle,
+    "annulus_sector": AnnulusSector,
+    "quadrilateral": Quadrilateral,
+}
+
+
+def domain_json(domain: Domain | Mapping[str, Any]) -> Json:
+    """The domain as the HTTP interface writes it; a mapping is taken to be that already."""
+    if isinstance(domain, Mapping):
+        return dict(domain)
+    if isinstance(domain, Rectangle | AnnulusSector | Quadrilateral):
+        return domain.json()
+    raise BadArgument(f"a domain is a Rectangle, AnnulusSector or Quadrilateral, or its JSON; not {domain!r:.80}")
+
+
+def read_domain(document: object) -> Domain:
+    """The domain that JSON of the HTTP interface describes. Raises :class:`BadArgument` where it is none."""
+    if not isinstance(document, Mapping):
+        raise BadArgument("a domain is a JSON object with a kind")
+    given = dict(document)
+    kind = given.pop("kind", "rectangle")
+    made = KINDS.get(kind) if isinstance(kind, str) else None
+    if made is None:
+        raise BadArgument(f"unknown kind of domain {kind!r}; there are {', '.join(KINDS)}")
+    known = tuple(made.__dataclass_fields__)
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise BadArgument(f"a domain of kind {kind} has no {', '.join(map(str, unknown))}; it has {', '.join(known)}")
+    if made is not Quadrilateral:
+        return made(**{name: _as_tuple(name, value) for name, value in given.items()})
+    missing = [name for name in known if name not in given]
+    if missing:
+        raise BadArgument(f"a quadrilateral needs its four curves; missing: {', '.join(missing)}")
+    return Quadrilateral(**{name: _read_curve(name, value) for name, value in given.items()})
+
+
+def _as_tuple(name: str, value: object) -> Pair:
+    first, second = _pair(name, value)
+    return first, second
+
+
+def _pair(name: str, value: object) -> list[float]:
+    entries = value.tolist() if isinstance(value, np.ndarray) else value
+    try:
+        first, second = entries  # type: ignore[misc]
+        return [float(first), float(second)]
+    except (TypeError, ValueError):
+        raise BadArgument(f"{name} of a domain is a pair of numbers, such as (0, 1); not {value!r:.80}") from None
+
+
+def _curve(name: str, value: object) -> Json:
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, tuple | list) and len(value) in (2, 3) and all(isinstance(text, str) for text in value[:2]):
+        curve: Json = {"x": value[0], "y": value[1]}
+        if len(value) == 3 and value[2]:
+            curve["parameters"] = {key: float(number) for key, number in dict(value[2]).items()}
+        return curve
+    try:
+        points = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
+        raise BadArgument(
+            f"{name} is a pair of formulas in t, such as ('t', '0'), or finite points of shape (n, 2);"
+            f" not {value!r:.80}"
+        )
+    return {"points": points.tolist()}
+
+
+def _read_curve(name: str, value: object) -> object:
+    if isinstance(value, Mapping):
+        if set(value) == {"points"}:
+            return value["points"]
+        if {"x", "y"} <= set(value) <= {"x", "y", "parameters"}:
+            return (value["x"], value["y"], value.get("parameters") or {})
+    raise BadArgument(f'{name} must be {{"x": "...", "y": "...", "parameters": {{}}}} or {{"points": [[x, y], ...]}}')
+
+
+def _direction(degrees: float) -> Sequence[float]:
+    """Cosine and sine, exact at multiples of a right angle."""
+    quarter, rest = divmod(degrees, 90.0)
+    if rest == 0.0:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarter) % 4]
+    return math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
