@@ -12,6 +12,7 @@ Decomposition*. Begin reading in ``schwarz.py``.
 """
 
 from equimesh.boundary import Boundary
+from equimesh.certificate import Certificate, Relaxed
 from equimesh.curvature import Curvature
 from equimesh.curve import Curve
 from equimesh.decomposition import Decomposition
@@ -37,7 +38,7 @@ from equimesh.quadrilateral import Quadrilateral
 from equimesh.quality import Quality, measure
 from equimesh.samples import GridSamples, ScatteredSamples
 from equimesh.schwarz import Iteration, Ordering, Schwarz, SubdomainRecord, iterate
-from equimesh.single_domain import NewtonRecord
+from equimesh.single_domain import Mode, Step
 from equimesh.smoothed import Smoothed
 from equimesh.solution import Event, Initial, Solution, solve
 from equimesh.status import Status
@@ -48,6 +49,7 @@ __all__ = [
     "AnnulusSector",
     "ArcLength",
     "Boundary",
+    "Certificate",
     "Classical",
     "Curvature",
     "Curve",
@@ -68,8 +70,8 @@ __all__ = [
     "LinearRobin",
     "Mesh",
     "MeshData",
+    "Mode",
     "Monitor",
-    "NewtonRecord",
     "NonlinearRobin",
     "Ordering",
     "Position",
@@ -77,6 +79,7 @@ __all__ = [
     "Quadrilateral",
     "Quality",
     "Rectangle",
+    "Relaxed",
     "SamplesError",
     "ScatteredSamples",
     "Schwarz",
@@ -84,6 +87,7 @@ __all__ = [
     "Solution",
     "SolveError",
     "Status",
+    "Step",
     "SubdomainRecord",
     "Tensor",
     "TransmissionCondition",

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csc_array, diags_array
 
-from equimesh import newton
 from equimesh.equations import Rows, Window
-from equimesh.monitor import ArcLength
+from equimesh.metric import STEP, ReferenceMetric, Tensor, Vector, quadratic
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 Triplets: TypeAlias = list[tuple[IntArray, IntArray, Array]]
 S = TypeVar("S", bound=np.generic)
-
-# Newton steps that placing the nodes of one side may take, and the rounding error of its residual, per point.
-MOST_STEPS = 30
-ROUNDING = 64 * np.finfo(np.float64).eps
 
 
 class Boundary(StrEnum):
@@ -60,35 +55,10 @@ class Side:
             ((fixed, fixed, np.ones(fixed.size)), *triplets),
         )
 
-    def place(self, monitor: ArcLength, t: Array) -> Array | None:
-        """The nodes of the whole side, from positions ``t`` along it, shape ``(k,)``, by guarded Newton.
-
-        Only for conditions that see nothing but the side itself, that is, not for ``ORTHOGONAL``. ``None`` where
-        Newton's method fails.
-        """
-
-        def full(inner: Array) -> Array:
-            return np.concatenate([t[:1], inner, t[-1:]])
-
-        def residual(inner: Array) -> Array:
-            flux, _, _ = _SideLine.of(self, monitor, full(inner)).fluxes(monitor)
-            return np.diff(flux)
-
-        def jacobian(inner: Array) -> csc_array:
-            _, by_first, by_second = _SideLine.of(self, monitor, full(inner)).fluxes(monitor)
-            bands: Any = [-by_first[1:-1], by_first[1:] - by_second[:-1], by_second[1:-1]]
-            return csc_array(diags_array(bands, offsets=[-1, 0, 1]))
-
-        flux, _, _ = _SideLine.of(self, monitor, t).fluxes(monitor)
-        tolerance = ROUNDING * t.size * float(flux.mean())
-        for step in newton.iterate(
-            residual, jacobian, t[1:-1], admissible=lambda z: bool((np.diff(full(z)) > 0).all()), tolerance=tolerance
-        ):
-            if step.residual <= tolerance:
-                return full(step.z)
-            if step.stalled or step.step >= MOST_STEPS:
-                break
-        return None
+    def points(self, t: Array) -> Vector:
+        """The reference points at positions ``t`` along the side."""
+        fixed = np.full(t.shape, float(self.end))
+        return (fixed, t) if self.axis == 0 else (t, fixed)
 
     def line(self, values: npt.NDArray[S], depth: int = 0) -> npt.NDArray[S]:
         """Nodal values on the side's own line, or ``depth`` lines into the domain."""
@@ -114,8 +84,8 @@ class Side:
 
     def _equidistributed(self, window: Window, unknown: IntArray) -> tuple[Array, Triplets]:
         spacing = (window.d_xi, window.d_eta)[1 - self.axis]
-        line = _SideLine.of(self, window.monitor, self.line((window.x, window.y)[1 - self.axis]))
-        flux, by_first, by_second = line.fluxes(window.monitor)
+        line = SideLine.of(self, window.metric, self.line((window.x, window.y)[1 - self.axis]))
+        flux, by_first, by_second = line.fluxes()
         rows, scale = unknown[1:-1], 1.0 / spacing**2
         triplets = [
             (rows, unknown[:-2], -scale * by_first[:-1]),
@@ -126,12 +96,14 @@ class Side:
 
 
 @dataclass(frozen=True)
-class _SideLine:
-    """u along one side, at its nodes: position ``t``, value, tangential derivative.
+class SideLine:
+    """u along one side of the reference square, at its nodes: position ``t``, value, tangential derivative.
 
-    ``u_n`` and ``u_tn`` are zero where the boundary condition does not see the normal derivative.
+    ``u_n`` and its tangential derivative ``u_tn`` are zero where the boundary condition does not see them.
     """
 
+    side: Side
+    metric: ReferenceMetric
     t: Array
     u: Array
     u_t: Array
@@ -139,28 +111,52 @@ class _SideLine:
     u_tn: Array
 
     @classmethod
-    def of(cls, side: Side, monitor: ArcLength, t: Array) -> _SideLine:
-        fixed = np.full(t.size, float(side.end))
-        x, y = (fixed, t) if side.axis == 0 else (t, fixed)
-        if side.kind is Boundary.EQUIDISTRIBUTED_1D:
-            u, *gradient = monitor.u.evaluate(x, y, order=1)
-            return cls(t, u, gradient[1 - side.axis], np.zeros(t.size), np.zeros(t.size))
-        u, u_x, u_y, _, u_xy, _ = monitor.u.evaluate(x, y, order=2)
-        u_t, u_n = (u_y, u_x) if side.axis == 0 else (u_x, u_y)
-        return cls(t, u, u_t, u_n, u_xy)
+    def of(cls, side: Side, metric: ReferenceMetric, t: Array) -> SideLine:
+        """The side with nodes at ``t``."""
+        u, *gradient = metric.u_with_gradient(*side.points(t))
+        u_t, u_n = gradient[1 - side.axis], gradient[side.axis]
+        if side.kind is Boundary.EQUIDISTRIBUTED_1D or metric.arc_length is None:
+            zero = np.zeros(t.size)
+            return cls(side, metric, t, u, u_t, zero, zero)
+        ahead, behind = np.minimum(t + STEP, 1.0), np.maximum(t - STEP, 0.0)
+        normal = [metric.u_with_gradient(*side.points(at))[1 + side.axis] for at in (ahead, behind)]
+        return cls(side, metric, t, u, u_t, u_n, (normal[0] - normal[1]) / (ahead - behind))
 
-    def fluxes(self, monitor: ArcLength) -> tuple[Array, Array, Array]:
-        """``(1 + k g^2) d^2`` on every edge of the side, and its derivatives by the edge's two nodes."""
+    def fluxes(self) -> tuple[Array, Array, Array]:
+        """The squared metric length of every edge of the side, and its derivatives by the edge's two nodes."""
         d, du, u_n = np.diff(self.t), np.diff(self.u), (self.u_n[1:] + self.u_n[:-1]) / 2
         g = du / d
-        square = g**2 + u_n**2
-        k, slope = monitor.strength(square), monitor.strength_slope(square)
+        length, k, slope, raised, by_middle = self._at_middles((g, u_n))
         derivatives = []
         for sign, node in ((-1.0, slice(0, -1)), (1.0, slice(1, None))):
             by_du = sign * self.u_t[node]
-            by_square = 2 * g * (by_du - sign * g) / d + u_n * self.u_tn[node]
-            derivatives.append(2 * sign * d + slope * by_square * du**2 + 2 * k * du * by_du)
-        return d**2 + k * du**2, derivatives[0], derivatives[1]
+            by_square = 2 * raised[0] * (by_du - sign * g) / d + raised[1] * self.u_tn[node]
+            by_node = 2 * sign * d * length + slope * by_square * du**2 + 2 * k * du * by_du
+            derivatives.append(by_node + 0.5 * by_middle(d, du))
+        return length * d**2 + k * du**2, derivatives[0], derivatives[1]
+
+    def _at_middles(self, g: Vector) -> tuple[Array, Array, Array, Vector, Callable[[Array, Array], Array]]:
+        """The tangential entry of B at the middles of the edges, ``k`` there with its slope and ``B^-1 g``.
+
+        Tangential components first. The last result maps ``d`` and ``du`` to the flux's derivative by the middle.
+        """
+        middle = self.side.points((self.t[1:] + self.t[:-1]) / 2)
+        base = self._turned(self.metric.base(*middle))
+        if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:  # sees the side alone: no metric but along it
+            base = (base[0], np.zeros(g[0].shape), np.ones(g[0].shape))
+        k, slope, raised = self.metric.strength(g, base)
+        changes = self.metric.base_slopes(*middle)
+        if changes is None:
+            return base[0], k, slope, raised, lambda d, _: np.zeros(d.size)
+        change = self._turned(changes[1 - self.side.axis])
+        if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:
+            change = (change[0], np.zeros(g[0].shape), np.zeros(g[0].shape))
+        by_square = quadratic(change, raised)
+        return base[0], k, slope, raised, lambda d, du: change[0] * d**2 - slope * by_square * du**2
+
+    def _turned(self, tensor: Tensor) -> Tensor:
+        """The tensor with its tangential entry first."""
+        return tensor[::-1] if self.side.axis == 0 else tensor
 
 
 def sides(kind: Boundary) -> dict[tuple[int, int], Side]:

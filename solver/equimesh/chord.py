@@ -6,78 +6,244 @@ eta-edge through ``Q = C dx + D dy``, ``(C, D) = M r_eta``: equal lengths along 
 of the line's defects, and a Q likewise; the nodes follow from a 2 x 2 system each, whose determinant ``det(M) J`` is
 positive on a valid mesh. The error falls by a factor that does not depend on the number of points.
 
-The sides are one-dimensional problems of their own, and are solved first. The iteration is local: it wants a start near
-the solution, from a coarser grid, and says so when it has none.
+The nodes on the sides move by the same rule, at the same time. The iteration is local: it wants a start near the
+solution, from a coarser grid, or damping.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from equimesh import kernels
-from equimesh.boundary import Boundary, sides
+from equimesh import kernels, workers
+from equimesh.boundary import Boundary
 from equimesh.mesh import Mesh
-from equimesh.problem import Problem
+from equimesh.metric import ReferenceMetric, Tensor
 
-TOLERANCE = 1e-10
-MOST_SWEEPS = 60
-# A sweep that does not lower the deviation by this factor, so many times in a row, ends the iteration.
-SLOWEST, MOST_SLOW = 0.95, 4
+Array: TypeAlias = npt.NDArray[np.float64]
+
+# Nodes that are worked on at a time, so that what is computed of them stays in the cache; fewer nodes than MANY are not
+# worth a second thread. On FEW nodes u and its gradient are evaluated everywhere at once, not on the sides apart.
+STRIP, MANY, FEW = 32_768, 16_384, 1_024
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sweep:
-    """The state after ``sweep`` sweeps.
+@dataclass(frozen=True)
+class Correction:
+    """What one sweep found: the largest relative deviation of a squared metric length from the mean of its line before
+    the sweep, and the largest move of a coordinate. Infinite where something is not a number."""
 
-    ``deviation`` is the largest relative difference of a squared metric length from the mean of its line. The last
-    record has ``converged`` set, or ``failed``: the next sweep would fold the mesh, or the deviation no longer falls.
-    """
-
-    sweep: int
-    mesh: Mesh
     deviation: float
-    converged: bool = False
-    failed: bool = False
+    move: float
 
 
-def iterate(problem: Problem, start: Mesh) -> Iterator[Sweep]:
-    """Sweeps from ``start``, which must be near the solution, until the deviation is at most 1e-10.
+class Sweep:
+    """Sweeps of line corrections on one grid, with the memory that they need.
 
-    Yields nothing where the sides are no problems of their own (the ``orthogonal`` condition), or have no solution.
+    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. Rows are shared out among ``threads``; results
+    do not depend on their number.
     """
-    mesh = _with_sides(problem, start)
-    if mesh is None or mesh.is_folded:
+
+    def __init__(
+        self, metric: ReferenceMetric, boundary: Boundary, shape: tuple[int, int], memory: Array, threads: int = 1
+    ) -> None:
+        """``memory`` is a flat array of at least ``needed(shape)`` numbers."""
+        self.metric, self.boundary, self.shape = metric, boundary, shape
+        arrays = memory[: needed(shape)].reshape(5, *shape)
+        self.new_x, self.new_y, self._along_p, self._squares = arrays[0], arrays[1], arrays[2:4], arrays[4]
+        n_xi, n_eta = shape
+        rows = max(4, -(-STRIP // n_eta))
+        self._strips = [(first, min(first + rows, n_xi - 1)) for first in range(1, n_xi - 1, rows)]
+        self._threads = min(threads, len(self._strips)) if n_xi * n_eta >= MANY else 1
+        self._cells = np.empty((self._threads, 3, min(rows, n_xi - 2) + 1, n_eta - 1))
+        self._rows = np.array([last - first for first, last in self._strips])
+        self._sums, self._starts = np.empty((len(self._strips), n_eta)), np.empty((len(self._strips), n_eta))
+        self._pushes, self._mean, self._shift = np.zeros((2, n_eta)), np.ones(n_eta), np.zeros(n_eta)
+        self._found = np.zeros((len(self._strips), 3))
+        self._sides = _Sides(metric, boundary, shape)
+
+    def correct(self, x: Array, y: Array) -> Correction:
+        """One full correction of the nodes ``x``, ``y``, left in ``new_x`` and ``new_y``; they themselves stay."""
+        with np.errstate(all="ignore"):
+            nodal = self.metric.u_with_gradient(x, y) if x.size <= FEW else None
+            sides, side_move, along_eta, along_xi = self._sides.moves(x, y, nodal)
+            u = None if nodal is None else nodal[0]
+            workers.share(self._threads, lambda k: self._correct_along_eta(k, x, y, u, along_eta, along_xi))
+            ends = kernels.line_sums(
+                self._squares[0], self._sums, self._rows, self._pushes, self._mean, self._shift, self._starts
+            )
+            workers.share(self._threads, lambda k: self._correct_along_xi(k, x, y))
+            along_sides, lag = self._sides.place(x, y, along_eta, along_xi, self.new_x, self.new_y)
+        eta, xi, move = self._found.max(axis=0).tolist()
+        return Correction(_finite(max(sides, ends, eta, xi, lag)), _finite(max(side_move, move, along_sides)))
+
+    def take(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
+        moved = self.new_x, self.new_y
+        self.new_x, self.new_y = x, y
+        return moved
+
+    def _correct_along_eta(
+        self, worker: int, x: Array, y: Array, u: Array | None, along_eta: Array, along_xi: Array
+    ) -> None:
+        for k in range(worker, len(self._strips), self._threads):
+            first, last = self._strips[k]
+            cells = self._cells[worker, :, : last - first + 1]
+            cell_metrics(self.metric, x[first - 1 : last + 1], y[first - 1 : last + 1], cells, u)
+            if first == 1:
+                kernels.end_edges(x, y, cells, 0, along_eta[0], self._pushes[0], self._squares[0])
+            if last == self.shape[0] - 1:
+                kernels.end_edges(x, y, cells, -1, along_eta[1], self._pushes[1], self._squares[0])
+            self._found[k, 0] = _finite(
+                kernels.eta_corrections(
+                    x,
+                    y,
+                    cells,
+                    first,
+                    last,
+                    along_xi,
+                    self.new_x,
+                    self.new_y,
+                    self._along_p,
+                    self._squares,
+                    self._sums[k],
+                )
+            )
+
+    def _correct_along_xi(self, worker: int, x: Array, y: Array) -> None:
+        for k in range(worker, len(self._strips), self._threads):
+            first, last = self._strips[k]
+            kernels.xi_corrections(
+                x,
+                y,
+                first,
+                last,
+                self._mean,
+                self._shift,
+                self._starts[k],
+                self._squares,
+                self._along_p,
+                self.new_x,
+                self.new_y,
+                self._found[k, 1:],
+            )
+
+
+def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
+    """The largest relative difference of a squared metric length of a mesh from the mean of its grid line."""
+    sweep = Sweep(metric, boundary, mesh.grid.shape, np.empty(needed(mesh.grid.shape)))
+    return sweep.correct(mesh.x, mesh.y).deviation
+
+
+def needed(shape: tuple[int, int]) -> int:
+    """Numbers of memory that a :class:`Sweep` works in."""
+    return 5 * shape[0] * shape[1]
+
+
+def cell_metrics(metric: ReferenceMetric, s: Array, t: Array, cells: Array, u: Array | None = None) -> None:
+    """The metric of the cells between rows of nodes, in ``cells`` of shape ``(3, rows - 1, n_eta - 1)``.
+
+    ``u`` at the nodes may be given where it is known.
+    """
+    arc_length = metric.arc_length
+    if arc_length is not None and metric.on_unit_square:
+        u = metric.u(s, t) if u is None else u
+        kernels.arc_length_cells(s, t, u, arc_length.a**2, arc_length.b, cells)
         return
-    x, y, monitor = mesh.x, mesh.y, problem.monitor
-    new_x, new_y = x.copy(), y.copy()
-    along_xi, along_eta, inverse = np.empty_like(x[1:]), np.empty((x.shape[0], x.shape[1] - 1)), np.empty((4, *x.shape))
-    best, slow = np.inf, 0
-    for sweep in range(MOST_SWEEPS):
-        (u,) = monitor.u.evaluate(x, y)
-        kernels.squared_lengths(x, y, u, monitor.a**2, monitor.b, along_xi, along_eta)
-        kernels.inverse_matrices(x, y, u, monitor.a**2, monitor.b, inverse)
-        deviation = kernels.move_nodes(x, y, along_xi, along_eta, inverse, new_x, new_y)
-        slow = 0 if deviation < SLOWEST * best else slow + 1
-        best = min(best, deviation)
-        converged = deviation <= TOLERANCE
-        failed = not converged and (slow > MOST_SLOW or not kernels.smallest_jacobian(new_x, new_y) > 0)
-        yield Sweep(sweep=sweep, mesh=Mesh(x.copy(), y.copy()), deviation=deviation, converged=converged, failed=failed)
-        if converged or failed:
-            return
-        x, new_x, y, new_y = new_x, x, new_y, y
+    cells[0], cells[1], cells[2] = metric.base(_centres(s), _centres(t))
+    if arc_length is not None:
+        u = metric.u(s, t) if u is None else u
+        kernels.arc_length_cells_on(s, t, u, arc_length.a**2, arc_length.b, cells)
 
 
-def _with_sides(problem: Problem, start: Mesh) -> Mesh | None:
-    if problem.boundary is Boundary.ORTHOGONAL:
-        return None
-    coordinates = (start.x.copy(), start.y.copy())
-    for side in sides(problem.boundary).values():
-        line = side.line(coordinates[1 - side.axis])
-        placed = side.place(problem.monitor, line.copy())
-        if placed is None:
-            return None
-        line[:] = placed
-    return Mesh(*coordinates)
+def _centres(q: Array) -> Array:
+    return np.asarray(0.25 * (q[1:, 1:] + q[1:, :-1] + q[:-1, 1:] + q[:-1, :-1]))
+
+
+def _finite(number: float) -> float:
+    return number if math.isfinite(number) else math.inf
+
+
+class _Sides:
+    """The nodes on the four sides: how far they have to move along them."""
+
+    def __init__(self, metric: ReferenceMetric, boundary: Boundary, shape: tuple[int, int]) -> None:
+        self.metric, self.boundary, self.shape = metric, boundary, shape
+        arc_length = metric.arc_length
+        self._a2, self._b = (arc_length.a**2, arc_length.b) if arc_length is not None else (0.0, 0.0)
+        n_xi, n_eta = shape
+        self._ends_xi, self._ends_eta = np.repeat([0.0, 1.0], n_eta), np.repeat([0.0, 1.0], n_xi)
+        self._base = self._unit_base() if metric.on_unit_square and arc_length is not None else None
+
+    def moves(self, x: Array, y: Array, nodal: Tensor | None) -> tuple[float, float, Array, Array]:
+        """The largest deviation and move, the moves along eta of left and right nodes, those along xi of others.
+
+        Of shapes ``(2, n_eta)`` and ``(2, n_xi)``. ``nodal`` is u with its gradient at all nodes, where it is known.
+        """
+        n_xi, n_eta = self.shape
+        along_eta, along_xi = np.zeros((2, n_eta)), np.zeros((2, n_xi))
+        if self.boundary is Boundary.ORTHOGONAL:
+            return 0.0, 0.0, along_eta, along_xi
+        t_eta, t_xi = y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy()
+        if nodal is None:
+            u_eta, u_xi = self._evaluated(t_eta, t_xi)
+        else:
+            u_eta = nodal[0][:: n_xi - 1].copy(), nodal[1][:: n_xi - 1].copy()
+            u_xi = nodal[0].T[:: n_eta - 1].copy(), nodal[2].T[:: n_eta - 1].copy()
+        base = self._base or self._bases(t_eta, t_xi)
+        deviation = largest = 0.0
+        for nodes, (u, u_n), tensor, moves in ((t_eta, u_eta, base[0], along_eta), (t_xi, u_xi, base[1], along_xi)):
+            seen = np.zeros_like(u_n) if self.boundary is Boundary.EQUIDISTRIBUTED_1D else u_n
+            found, move = kernels.side_moves(nodes, u, seen, tensor, self._a2, self._b, moves)
+            deviation, largest = max(deviation, _finite(found)), max(largest, move)
+        return deviation, largest, along_eta, along_xi
+
+    def _evaluated(self, t_eta: Array, t_xi: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """u and its normal derivative on the left and right sides, and on the bottom and top."""
+        s = np.concatenate([self._ends_xi, t_xi.ravel()])
+        t = np.concatenate([t_eta.ravel(), self._ends_eta])
+        u, u_s, u_t = self.metric.u_with_gradient(s, t)
+        cut = t_eta.size
+        left_right = (u[:cut].reshape(t_eta.shape), u_s[:cut].reshape(t_eta.shape))
+        return left_right, (u[cut:].reshape(t_xi.shape), u_t[cut:].reshape(t_xi.shape))
+
+    def place(
+        self, x: Array, y: Array, along_eta: Array, along_xi: Array, new_x: Array, new_y: Array
+    ) -> tuple[float, float]:
+        """Give the nodes of the sides their new positions in ``new_x`` and ``new_y``.
+
+        Returns the largest move and deviation of nodes that follow the interior, zero where they do not.
+        """
+        new_x[0], new_x[-1], new_y[:, 0], new_y[:, -1] = 0.0, 1.0, 0.0, 1.0
+        for end in (0, -1):
+            new_y[end], new_x[:, end] = y[end] + along_eta[end], x[:, end] + along_xi[end]
+        if self.boundary is not Boundary.ORTHOGONAL:
+            return 0.0, 0.0
+        change, lag = 0.0, 0.0
+        for old, q in ((y, new_y), (x.T, new_x.T)):
+            for end, one, two in ((0, 1, 2), (-1, -2, -3)):
+                q[end, 1:-1] = (4 * q[one, 1:-1] - q[two, 1:-1]) / 3
+                change = max(change, float(np.abs(q[end] - old[end]).max()))
+                wanted = (4 * old[one, 1:-1] - old[two, 1:-1]) / 3
+                lag = max(lag, float(np.abs(wanted - old[end, 1:-1]).max()) * (q.shape[1] - 1))
+        return change, lag
+
+    def _unit_base(self) -> tuple[Array, Array]:
+        one = np.array([1.0, 0.0, 1.0])[:, None, None]
+        return one * np.ones((2, self.shape[1] - 1)), one * np.ones((2, self.shape[0] - 1))
+
+    def _bases(self, t_eta: Array, t_xi: Array) -> tuple[Array, Array]:
+        """The pointwise part of the metric at the middles of the edges, its tangential entry first."""
+        found = []
+        for nodes, axis in ((t_eta, 0), (t_xi, 1)):
+            middles = 0.5 * (nodes[:, 1:] + nodes[:, :-1])
+            fixed = np.repeat([[0.0], [1.0]], middles.shape[1], axis=1)
+            b11, b12, b22 = self.metric.base(*((fixed, middles) if axis == 0 else (middles, fixed)))
+            tensor = np.stack([b22, b12, b11] if axis == 0 else [b11, b12, b22])
+            if self.boundary is Boundary.EQUIDISTRIBUTED_1D:  # sees the side alone: no metric but along it
+                tensor[1], tensor[2] = 0.0, 1.0
+            found.append(tensor)
+        return found[0], found[1]

@@ -7,7 +7,7 @@ is given the conditions that close the window's four sides (the physical boundar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, TypeAlias
 
@@ -16,8 +16,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_array, csc_array
 
 from equimesh.mesh import Mesh
-from equimesh.metric import HalfFlux, SeenGradient, Vector
-from equimesh.monitor import ArcLength
+from equimesh.metric import HalfFlux, LocalMetric, ReferenceMetric, SeenGradient, Vector
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
@@ -33,7 +32,7 @@ EDGES = ((0, 1, 0), (3, 2, 0), (0, 3, 1), (1, 2, 1))
 class Window:
     """Node coordinates and u with its gradient on a window of the grid, arrays of shape ``(m_xi, m_eta)``.
 
-    ``numbers`` are those of the unknowns x and y of every node.
+    Coordinates are those of the reference square. ``numbers`` are those of the unknowns x and y of every node.
     """
 
     x: Array
@@ -44,7 +43,7 @@ class Window:
     numbers: tuple[IntArray, IntArray]
     d_xi: float
     d_eta: float
-    monitor: ArcLength
+    metric: ReferenceMetric
 
     def turned(self) -> Window:
         """The same window with the roles of (x, xi) and (y, eta) exchanged; the equations do not change."""
@@ -57,7 +56,7 @@ class Window:
             numbers=(self.numbers[1].T, self.numbers[0].T),
             d_xi=self.d_eta,
             d_eta=self.d_xi,
-            monitor=self.monitor,
+            metric=replace(self.metric, turned=not self.metric.turned),
         )
 
 
@@ -89,19 +88,25 @@ class MeshEquations:
     metric lengths ``S1^2`` of the two xi-edges that meet at a node are equal, and so are ``S2^2`` of the two
     eta-edges (Haynes and Howse, equation (4), squared and differenced; edge metrics are means of the two adjacent
     cells). Second order in the spacing, 9-point stencil.
+
+    ``cross_line`` > 0 adds that many times ``x_etaeta`` to the first and ``y_xixi`` to the second equation. The
+    equations alone couple neighbouring lines through the metric only; with the term they are elliptic, and have valid
+    solutions where they had none.
     """
 
     def __init__(
         self,
-        monitor: ArcLength,
+        metric: ReferenceMetric,
         shape: tuple[int, int],
         spacing: tuple[float, float],
         conditions: Sequence[Condition],
+        cross_line: float = 0.0,
     ) -> None:
-        self.monitor = monitor
+        self.metric = metric
         self.shape = shape
         self.d_xi, self.d_eta = spacing
         self.conditions = tuple(conditions)
+        self.cross_line = cross_line
         self.size = shape[0] * shape[1]
         number = np.arange(self.size).reshape(shape)
         self.numbers = (number, number + self.size)
@@ -109,8 +114,8 @@ class MeshEquations:
     def window(self, z: Array) -> Window:
         """The state of the window at ``z``; u is not finite where the nodes leave its domain of definition."""
         x, y = z[: self.size].reshape(self.shape), z[self.size :].reshape(self.shape)
-        u, u_x, u_y = self.monitor.u.evaluate(x, y, order=1)
-        return Window(x, y, u, u_x, u_y, self.numbers, self.d_xi, self.d_eta, self.monitor)
+        u, u_x, u_y = self.metric.u_with_gradient(x, y)
+        return Window(x, y, u, u_x, u_y, self.numbers, self.d_xi, self.d_eta, self.metric)
 
     @staticmethod
     def vector(mesh: Mesh) -> Array:
@@ -125,8 +130,8 @@ class MeshEquations:
         """``F(z)``, an equation per unknown; dimensionless."""
         window = self.window(z)
         value = np.zeros(2 * self.size)
-        interior = self._interior_rows(window)
-        np.add.at(value, interior.rows, interior.values)
+        for interior in self._interior(window):
+            np.add.at(value, interior.rows, interior.values)
         for condition in self.conditions:
             closing = condition.rows(window)
             value[closing.rows] = closing.values
@@ -135,7 +140,7 @@ class MeshEquations:
     def jacobian(self, z: Array) -> csc_array:
         """The sparse derivative of :meth:`residual`, exact for the discrete equations."""
         window = self.window(z)
-        parts = list(self._interior_rows(window).triplets)
+        parts = [part for interior in self._interior(window) for part in interior.triplets]
         for condition in self.conditions:
             parts.extend(condition.rows(window).triplets)
         rows, columns, data = (np.concatenate([np.ravel(part[k]) for part in parts]) for k in range(3))
@@ -144,6 +149,23 @@ class MeshEquations:
     def mean_flux(self, z: Array) -> float:
         """The mean squared metric length of the coordinate directions: the natural unit of the residual."""
         return float(np.mean([2 * flux.value for flux in Cells(self.window(z)).fluxes]))
+
+    def _interior(self, window: Window) -> list[Rows]:
+        flux = self._interior_rows(window)
+        return [flux, self._cross_line_rows(window)] if self.cross_line else [flux]
+
+    def _cross_line_rows(self, window: Window) -> Rows:
+        """The second difference of x along eta, and of y along xi, times the weight of the cross-line term."""
+        rows, values, triplets = [], [], []
+        fields = ((window.x, self.numbers[0], self.d_eta), (window.y.T, self.numbers[1].T, self.d_xi))
+        for q, number, spacing in fields:
+            row, scale = number[1:-1, 1:-1].ravel(), self.cross_line / spacing**2
+            rows.append(row)
+            values.append(scale * (q[1:-1, 2:] - 2 * q[1:-1, 1:-1] + q[1:-1, :-2]).ravel())
+            for shift, weight in ((0, 1.0), (1, -2.0), (2, 1.0)):
+                column = number[1:-1, shift : number.shape[1] - 2 + shift].ravel()
+                triplets.append((row, column, np.full(row.size, weight * scale)))
+        return Rows(np.concatenate(rows), np.concatenate(values), tuple(triplets))
 
     def _interior_rows(self, window: Window) -> Rows:
         cells = Cells(window)
@@ -208,18 +230,23 @@ class Cells:
         return self.seen.gradient
 
     @cached_property
+    def centre(self) -> Vector:
+        """The mean of the four corners of each cell."""
+        x, y = (sum(self.corner(q, c) for c in range(4)) / 4 for q in (self.window.x, self.window.y))
+        return np.asarray(x), np.asarray(y)
+
+    @cached_property
     def fluxes(self) -> tuple[HalfFlux, ...]:
         """The cell's half of the squared metric length along each of :data:`EDGES`."""
         w = self.window
-        spacing = (w.d_xi, w.d_eta)
+        spacing, local = (w.d_xi, w.d_eta), LocalMetric(w.metric, self.centre, self.gradient)
         return tuple(
-            HalfFlux.along(
+            HalfFlux(
                 (
                     (self.corner(w.x, second) - self.corner(w.x, first)) / spacing[component],
                     (self.corner(w.y, second) - self.corner(w.y, first)) / spacing[component],
                 ),
-                self.gradient,
-                w.monitor,
+                local,
             )
             for first, second, component in EDGES
         )
@@ -236,5 +263,5 @@ class Cells:
         for (first, second, component), flux in zip(EDGES, self.fluxes, strict=True):
             spacing = (w.d_xi, w.d_eta)[component]
             weight = {first: -1.0 / spacing, second: 1.0 / spacing}
-            result.append([flux.by_node(weight.get(c, 0.0), spread[c], excess[c]) for c in range(4)])
+            result.append([flux.by_node(weight.get(c, 0.0), 0.25, spread[c], excess[c]) for c in range(4)])
         return result

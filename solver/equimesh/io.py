@@ -161,7 +161,9 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
             )
             file.write_text(text, encoding="ascii", newline="\n")
         case _:
-            arrays: dict[str, Any] = {"x": data.mesh.x, "y": data.mesh.y, "u": data.u, **data.mesh.sides}
+            arrays: dict[str, Any] = {"x": data.mesh.x, "y": data.mesh.y, **data.mesh.sides}
+            if data.u is not None:
+                arrays["u"] = data.u
             arrays["cells"] = _cells(data, kind)
             for array, values in (("q_eq", data.q_eq), ("subdomain", data.subdomain)):
                 arrays[array] = np.repeat(values.ravel(), _parts(kind))
@@ -197,7 +199,8 @@ def _parts(kind: Cells) -> int:
 
 def _point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:
     xi, eta = data.computational
-    return {"u": data.u.ravel(), "xi": xi.ravel(), "eta": eta.ravel()}
+    u = {} if data.u is None else {"u": data.u.ravel()}
+    return {**u, "xi": xi.ravel(), "eta": eta.ravel()}
 
 
 def _cell_data(data: MeshData, kind: Cells) -> dict[str, npt.NDArray[Any]]:

@@ -1,144 +1,287 @@
-"""Compiled loops of the chord iteration: squared metric lengths, corrections and the fold check of a whole mesh.
+"""Compiled loops over a mesh: cell metrics, one sweep of line corrections, the fold check, and interpolation.
 
 All arrays are C-contiguous, of shape ``(n_xi, n_eta)`` unless said otherwise. Coordinate differences are not divided
 by the spacing: a flux here is the squared metric length of an edge. The kernels hold no interpreter lock, are compiled
-once per machine, and call no user code.
+once per machine, and call no user code. Those that work on some rows of a mesh only touch no others, so that rows can
+be shared out among threads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import ParamSpec, TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from equimesh.compiled import compiled, vectorised
 
 Array: TypeAlias = npt.NDArray[np.float64]
-P = ParamSpec("P")
-R = TypeVar("R")
+IntArray: TypeAlias = npt.NDArray[np.int64]
 
 
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """The function as machine code, kept on disk where there is a folder to keep it in."""
-    try:
-        return njit(cache=True, nogil=True, error_model="numpy")(function)
-    except RuntimeError:  # numba finds no folder that it may write to
-        return njit(nogil=True, error_model="numpy")(function)
-
-
-@compiled
-def squared_lengths(x: Array, y: Array, u: Array, a2: float, b: float, along_xi: Array, along_eta: Array) -> None:
-    """Squared metric lengths of all edges that meet an interior node.
-
-    ``along_xi[i, j]`` is that of the edge from node (i, j) to (i + 1, j), ``along_eta[i, j]`` from (i, j) to
-    (i, j + 1); edges on the sides hold half of it.
-    """
-    n_xi, n_eta = x.shape
-    for j in range(n_eta - 1):
-        along_eta[0, j] = 0.0
-    for i in range(n_xi - 1):
-        along_xi[i, 0] = 0.0
+@vectorised
+def arc_length_cells(x: Array, y: Array, u: Array, a2: float, b: float, m: Array) -> None:
+    """The arc-length metric of the cells between the rows of nodes, in ``m`` of shape ``(3, rows - 1, n_eta - 1)``."""
+    rows, n_eta = x.shape
+    for i in range(rows - 1):
+        x0, x1, y0, y1, u0, u1 = x[i], x[i + 1], y[i], y[i + 1], u[i], u[i + 1]
+        m11, m12, m22 = m[0, i], m[1, i], m[2, i]
         for j in range(n_eta - 1):
-            ex0, ey0 = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]
-            ex1, ey1 = x[i + 1, j + 1] - x[i, j + 1], y[i + 1, j + 1] - y[i, j + 1]
-            fx0, fy0 = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
-            fx1, fy1 = x[i + 1, j + 1] - x[i + 1, j], y[i + 1, j + 1] - y[i + 1, j]
-            ex, ey, fx, fy = 0.5 * (ex0 + ex1), 0.5 * (ey0 + ey1), 0.5 * (fx0 + fx1), 0.5 * (fy0 + fy1)
-            diagonal, other = u[i + 1, j + 1] - u[i, j], u[i + 1, j] - u[i, j + 1]
-            eu, fu = 0.5 * (diagonal + other), 0.5 * (diagonal - other)
-            inverse = 1.0 / (ex * fy - fx * ey)
-            gx, gy = (eu * fy - fu * ey) * inverse, (fu * ex - eu * fx) * inverse
+            # The sum and the difference of the two mean edges are the diagonals of the cell.
+            dx, dy, du = x1[j + 1] - x0[j], y1[j + 1] - y0[j], u1[j + 1] - u0[j]
+            ox, oy, ou = x1[j] - x0[j + 1], y1[j] - y0[j + 1], u1[j] - u0[j + 1]
+            inverse = 1.0 / (ox * dy - dx * oy)
+            gx, gy = (ou * dy - du * oy) * inverse, (ox * du - dx * ou) * inverse
             k = a2 / (1.0 + b * (gx * gx + gy * gy))
-            g0, g1 = gx * ex0 + gy * ey0, gx * ex1 + gy * ey1
-            h0, h1 = gx * fx0 + gy * fy0, gx * fx1 + gy * fy1
-            along_xi[i, j] += 0.5 * (ex0 * ex0 + ey0 * ey0 + k * g0 * g0)
-            along_xi[i, j + 1] = 0.5 * (ex1 * ex1 + ey1 * ey1 + k * g1 * g1)
-            along_eta[i, j] += 0.5 * (fx0 * fx0 + fy0 * fy0 + k * h0 * h0)
-            along_eta[i + 1, j] = 0.5 * (fx1 * fx1 + fy1 * fy1 + k * h1 * h1)
+            m11[j] = 1.0 + k * gx * gx
+            m12[j] = k * gx * gy
+            m22[j] = 1.0 + k * gy * gy
 
 
-@compiled
-def inverse_matrices(x: Array, y: Array, u: Array, a2: float, b: float, inverse: Array) -> None:
-    """Inverse of the matrix ``[[A, B], [C, D]]`` at every interior node, in ``inverse`` of shape ``(4, n_xi, n_eta)``.
-
-    ``(A, B) = M r_xi`` and ``(C, D) = M r_eta`` with centred differences; its determinant is ``det(M) J``.
-    """
-    n_xi, n_eta = x.shape
-    for i in range(1, n_xi - 1):
-        for j in range(1, n_eta - 1):
-            ex, ey = 0.5 * (x[i + 1, j] - x[i - 1, j]), 0.5 * (y[i + 1, j] - y[i - 1, j])
-            fx, fy = 0.5 * (x[i, j + 1] - x[i, j - 1]), 0.5 * (y[i, j + 1] - y[i, j - 1])
-            eu, fu = 0.5 * (u[i + 1, j] - u[i - 1, j]), 0.5 * (u[i, j + 1] - u[i, j - 1])
-            jacobian = ex * fy - fx * ey
-            gx, gy = (eu * fy - fu * ey) / jacobian, (fu * ex - eu * fx) / jacobian
-            square = gx * gx + gy * gy
+@vectorised
+def arc_length_cells_on(x: Array, y: Array, u: Array, a2: float, b: float, m: Array) -> None:
+    """As :func:`arc_length_cells` on a domain: ``m`` holds the metric of its map, and then the sum of both."""
+    rows, n_eta = x.shape
+    for i in range(rows - 1):
+        x0, x1, y0, y1, u0, u1 = x[i], x[i + 1], y[i], y[i + 1], u[i], u[i + 1]
+        m11, m12, m22 = m[0, i], m[1, i], m[2, i]
+        for j in range(n_eta - 1):
+            dx, dy, du = x1[j + 1] - x0[j], y1[j + 1] - y0[j], u1[j + 1] - u0[j]
+            ox, oy, ou = x1[j] - x0[j + 1], y1[j] - y0[j + 1], u1[j] - u0[j + 1]
+            inverse = 1.0 / (ox * dy - dx * oy)
+            gx, gy = (ou * dy - du * oy) * inverse, (ox * du - dx * ou) * inverse
+            b11, b12, b22 = m11[j], m12[j], m22[j]
+            square = (b22 * gx * gx - 2.0 * b12 * gx * gy + b11 * gy * gy) / (b11 * b22 - b12 * b12)
             k = a2 / (1.0 + b * square)
-            ge, gf = k * (gx * ex + gy * ey), k * (gx * fx + gy * fy)
-            scale = 1.0 / (jacobian * (1.0 + k * square))
-            inverse[0, i, j] = (fy + gf * gy) * scale
-            inverse[1, i, j] = -(ey + ge * gy) * scale
-            inverse[2, i, j] = -(fx + gf * gx) * scale
-            inverse[3, i, j] = (ex + ge * gx) * scale
+            m11[j] = b11 + k * gx * gx
+            m12[j] = b12 + k * gx * gy
+            m22[j] = b22 + k * gy * gy
 
 
 @compiled
-def move_nodes(
-    x: Array, y: Array, along_xi: Array, along_eta: Array, inverse: Array, new_x: Array, new_y: Array
-) -> float:
-    """Interior nodes moved by one sweep, into ``new_x`` and ``new_y``.
+def side_moves(t: Array, u: Array, u_n: Array, base: Array, a2: float, b: float, moves: Array) -> tuple[float, float]:
+    """Corrections ``moves`` of the nodes at ``t`` along two opposite sides; all of shape ``(2, n)``.
 
-    Returns the largest relative deviation of a squared metric length from the mean of its line, before the sweep; NaN
-    where something is not a number.
+    ``base`` of shape ``(3, 2, n - 1)`` is the pointwise part of the metric at the middles of the edges, its tangential
+    entry first. Returns the largest relative deviation of a squared metric length from the mean of its side, and the
+    largest move.
     """
-    n_xi, n_eta = x.shape
-    mean = np.zeros(n_eta)
-    for i in range(n_xi - 1):
-        for j in range(n_eta):
-            mean[j] += along_xi[i, j]
-    mean /= n_xi - 1
-    running = np.zeros(n_eta)
-    deviation, check = 0.0, 0.0  # min and max pass over what is not a number, a sum does not
+    n = t.shape[1]
+    flux, deviation, largest = np.empty(n - 1), 0.0, 0.0
+    for side in range(2):
+        total = 0.0
+        for e in range(n - 1):
+            d, du, normal = t[side, e + 1] - t[side, e], u[side, e + 1] - u[side, e], u_n[side, e + 1] + u_n[side, e]
+            b11, b12, b22 = base[0, side, e], base[1, side, e], base[2, side, e]
+            g, h = du / d, 0.5 * normal
+            square = (b22 * g * g - 2.0 * b12 * g * h + b11 * h * h) / (b11 * b22 - b12 * b12)
+            flux[e] = b11 * d * d + a2 / (1.0 + b * square) * du * du
+            total += flux[e]
+        mean = total / (n - 1)
+        running = 0.0
+        moves[side, 0] = moves[side, n - 1] = 0.0
+        for e in range(n - 1):
+            if e > 0:
+                # The flux over the edge length is the metric times the tangent, here at the node between two edges.
+                before, after = t[side, e] - t[side, e - 1], t[side, e + 1] - t[side, e]
+                moves[side, e] = -running / (flux[e - 1] / before + flux[e] / after)
+                largest = max(largest, abs(moves[side, e]))
+            difference = flux[e] - mean
+            running += difference
+            deviation = max(deviation, abs(difference) / mean)
+            if difference - difference != 0.0:
+                deviation = np.inf
+    return deviation, largest
+
+
+@vectorised
+def end_edges(x: Array, y: Array, m: Array, row: int, moved: Array, push: Array, squares: Array) -> None:
+    """The row of xi-edges at one end of the mesh: its first (``row`` 0) or last (``row`` -1) cells.
+
+    ``squares`` receives the squared metric lengths of the first edges only. ``push`` becomes ``-2 P`` on the side
+    whose nodes are to move by ``moved`` along it.
+    """
+    n_eta = x.shape[1]
+    node = 0 if row == 0 else x.shape[0] - 2
+    m11, m12, m22 = m[0, row], m[1, row], m[2, row]
     for j in range(1, n_eta - 1):
-        running[j] = along_xi[0, j] - mean[j]
-        deviation = max(deviation, abs(running[j]) / mean[j])
-    for i in range(1, n_xi - 1):
+        gx, gy = x[node + 1, j] - x[node, j], y[node + 1, j] - y[node, j]
+        p11, p12, p22 = 0.5 * (m11[j - 1] + m11[j]), 0.5 * (m12[j - 1] + m12[j]), 0.5 * (m22[j - 1] + m22[j])
+        push[j] = -2.0 * (p12 * gx + p22 * gy) * moved[j]
+        if row == 0:
+            squares[j] = p11 * gx * gx + 2.0 * p12 * gx * gy + p22 * gy * gy
+
+
+@vectorised
+def eta_corrections(
+    x: Array,
+    y: Array,
+    m: Array,
+    first: int,
+    last: int,
+    moved: Array,
+    new_x: Array,
+    new_y: Array,
+    along_p: Array,
+    squares: Array,
+    sums: Array,
+) -> float:
+    """Node rows ``first`` to ``last - 1`` with the corrections of their eta-lines, and what the xi-lines need of them.
+
+    ``m`` holds the cell rows from ``first - 1`` on, ``moved`` of shape ``(2, n_xi)`` the moves of the bottom and top
+    nodes along xi. ``new_x`` and ``new_y`` receive the nodes moved by the part of the correction that Q makes,
+    ``along_p`` of shape ``(2, n_xi, n_eta)`` what they move by per ``-2 P``, ``squares[i]`` the squared metric
+    lengths of the xi-edges from row i, ``sums`` their sum. Returns the largest relative deviation along the eta-lines.
+    """
+    n_eta = x.shape[1]
+    flux, running = np.empty(n_eta), np.empty(n_eta)
+    deviation = 0.0
+    for j in range(n_eta):
+        sums[j] = 0.0
+    for i in range(first, last):
+        c = i - first
+        x0, x1, x2, y0, y1, y2 = x[i - 1], x[i], x[i + 1], y[i - 1], y[i], y[i + 1]
+        a11, a12, a22, b11, b12, b22 = m[0, c], m[1, c], m[2, c], m[0, c + 1], m[1, c + 1], m[2, c + 1]
         total = 0.0
         for j in range(n_eta - 1):
-            total += along_eta[i, j]
-        level = total / (n_eta - 1)
-        q = along_eta[i, 0] - level
-        deviation = max(deviation, abs(q) / level)
+            fx, fy = x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+            flux[j] = 0.5 * (
+                (a11[j] + b11[j]) * fx * fx + 2.0 * (a12[j] + b12[j]) * fx * fy + (a22[j] + b22[j]) * fy * fy
+            )
+            total += flux[j]
+        level, largest = total / (n_eta - 1), 0.0
+        for j in range(n_eta - 1):
+            largest = max(largest, abs(flux[j] - level))
+        deviation = max(deviation, largest / level)
+        # -2 Q on the bottom and on the top, and the running sum between them.
+        e, z = n_eta - 2, n_eta - 1
+        start = -((a11[0] + b11[0]) * (x1[1] - x1[0]) + (a12[0] + b12[0]) * (y1[1] - y1[0])) * moved[0, i]
+        end = -((a11[e] + b11[e]) * (x1[z] - x1[e]) + (a12[e] + b12[e]) * (y1[z] - y1[e])) * moved[1, i]
+        level -= (end - start) / (n_eta - 1)
+        sum_so_far = start
         for j in range(1, n_eta - 1):
-            p = -0.5 * running[j]
-            half = -0.5 * q
-            dx = inverse[0, i, j] * p + inverse[1, i, j] * half
-            dy = inverse[2, i, j] * p + inverse[3, i, j] * half
-            new_x[i, j] = x[i, j] + dx
-            new_y[i, j] = y[i, j] + dy
-            check += dx + dy
-            difference = along_xi[i, j] - mean[j]
-            running[j] += difference
-            deviation = max(deviation, abs(difference) / mean[j])
-            change = along_eta[i, j] - level
-            q += change
-            deviation = max(deviation, abs(change) / level)
-    return deviation if np.isfinite(check) else np.nan
+            sum_so_far += flux[j - 1] - level
+            running[j] = sum_so_far
+        row_x, row_y, p_x, p_y, square = new_x[i], new_y[i], along_p[0, i], along_p[1, i], squares[i]
+        for j in range(1, n_eta - 1):
+            p11 = 0.25 * (a11[j - 1] + a11[j] + b11[j - 1] + b11[j])
+            p12 = 0.25 * (a12[j - 1] + a12[j] + b12[j - 1] + b12[j])
+            p22 = 0.25 * (a22[j - 1] + a22[j] + b22[j - 1] + b22[j])
+            ex, ey = 0.5 * (x2[j] - x0[j]), 0.5 * (y2[j] - y0[j])
+            fx, fy = 0.5 * (x1[j + 1] - x1[j - 1]), 0.5 * (y1[j + 1] - y1[j - 1])
+            a, b, c_, d = p11 * ex + p12 * ey, p12 * ex + p22 * ey, p11 * fx + p12 * fy, p12 * fx + p22 * fy
+            inverse = -0.5 / (a * d - b * c_)
+            row_x[j] = x1[j] - b * inverse * running[j]
+            row_y[j] = y1[j] + a * inverse * running[j]
+            p_x[j] = d * inverse
+            p_y[j] = -c_ * inverse
+            gx, gy = x2[j] - x1[j], y2[j] - y1[j]
+            square[j] = 0.5 * (
+                (b11[j - 1] + b11[j]) * gx * gx
+                + 2.0 * (b12[j - 1] + b12[j]) * gx * gy
+                + (b22[j - 1] + b22[j]) * gy * gy
+            )
+            sums[j] += square[j]
+    return deviation
 
 
 @compiled
-def smallest_jacobian(x: Array, y: Array) -> float:
-    """The smallest corner Jacobian of a mesh, not scaled by the spacing; NaN where a coordinate is not a number."""
-    n_xi, n_eta = x.shape
-    smallest, check = np.inf, 0.0  # min and max pass over what is not a number, a sum does not
-    for i in range(n_xi - 1):
-        for j in range(n_eta - 1):
-            ex0, ey0 = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]
-            ex1, ey1 = x[i + 1, j + 1] - x[i, j + 1], y[i + 1, j + 1] - y[i, j + 1]
-            fx0, fy0 = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
-            fx1, fy1 = x[i + 1, j + 1] - x[i + 1, j], y[i + 1, j + 1] - y[i + 1, j]
-            one, two = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
-            three, four = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
-            smallest = min(smallest, one, two, three, four)
-            check += one + two + three + four
-    return smallest if np.isfinite(check) else np.nan
+def line_sums(
+    first: Array, sums: Array, rows: IntArray, pushes: Array, mean: Array, shift: Array, starts: Array
+) -> float:
+    """What the xi-lines need to be corrected strip by strip, from the sums of each strip of rows.
+
+    ``first`` holds the squared metric lengths of the first edges, ``sums`` of shape ``(strips, n_eta)`` those summed
+    over strips of ``rows`` rows, ``pushes`` of shape ``(2, n_eta)`` ``-2 P`` on the left and right side. ``mean`` and
+    ``shift`` are as :func:`xi_corrections` takes them, ``starts`` its ``running`` for every strip. Returns the largest
+    relative deviation of a first edge.
+    """
+    strips, n_eta = sums.shape
+    edges = 1
+    for k in range(strips):
+        edges += rows[k]
+    deviation = 0.0
+    for j in range(1, n_eta - 1):
+        total = first[j]
+        for k in range(strips):
+            total += sums[k, j]
+        mean[j], shift[j] = total / edges, (pushes[1, j] - pushes[0, j]) / edges
+        running = pushes[0, j] + first[j] - mean[j] + shift[j]
+        for k in range(strips):
+            starts[k, j] = running
+            running += sums[k, j] + rows[k] * (shift[j] - mean[j])
+        deviation = max(deviation, abs(first[j] - mean[j]) / mean[j])
+        if total - total != 0.0:
+            deviation = np.inf
+    return deviation
+
+
+@vectorised
+def xi_corrections(
+    x: Array,
+    y: Array,
+    first: int,
+    last: int,
+    mean: Array,
+    shift: Array,
+    running: Array,
+    squares: Array,
+    along_p: Array,
+    new_x: Array,
+    new_y: Array,
+    largest: Array,
+) -> None:
+    """Add the corrections of the xi-lines to node rows ``first`` to ``last - 1`` of ``new_x`` and ``new_y``.
+
+    ``running`` is ``-2 P`` at row ``first``, and is carried on; ``mean`` that of the squared metric lengths of each
+    line, ``shift`` what ``-2 P`` grows by from row to row for the moves of the sides. ``largest`` receives the largest
+    relative deviation from the mean, and the largest move of a coordinate.
+    """
+    n_eta = x.shape[1]
+    deviation, move = 0.0, 0.0
+    for i in range(first, last):
+        old_x, old_y, row_x, row_y = x[i], y[i], new_x[i], new_y[i]
+        p_x, p_y, square = along_p[0, i], along_p[1, i], squares[i]
+        for j in range(1, n_eta - 1):
+            row_x[j] += p_x[j] * running[j]
+            row_y[j] += p_y[j] * running[j]
+            move = max(move, abs(row_x[j] - old_x[j]), abs(row_y[j] - old_y[j]))
+            difference = square[j] - mean[j]
+            running[j] += difference + shift[j]
+            deviation = max(deviation, abs(difference) / mean[j])
+    largest[0], largest[1] = deviation, move
+
+
+@compiled
+def interpolate(
+    coarse: Array,
+    xi_at: IntArray,
+    xi_weights: Array,
+    eta_at: IntArray,
+    eta_weights: Array,
+    fine: Array,
+    write: bool,
+) -> float:
+    """Nodal values on a finer grid, in ``fine``, by a product of one-dimensional rules.
+
+    Row i of the fine grid takes ``xi_weights[i]`` of the coarse rows from ``xi_at[i]`` on, likewise in eta. Returns the
+    largest difference to the values that stood in ``fine`` before; with ``write`` false these stay.
+    """
+    rows, columns = fine.shape
+    width = xi_weights.shape[1]
+    line, largest = np.empty(coarse.shape[1]), 0.0
+    for i in range(rows):
+        for j in range(coarse.shape[1]):
+            line[j] = 0.0
+        for k in range(width):
+            weight, source = xi_weights[i, k], coarse[xi_at[i] + k]
+            for j in range(coarse.shape[1]):
+                line[j] += weight * source[j]
+        for j in range(columns):
+            value, at = 0.0, eta_at[j]
+            for k in range(width):
+                value += eta_weights[j, k] * line[at + k]
+            largest = max(largest, abs(value - fine[i, j]))
+            if write:
+                fine[i, j] = value
+    return largest

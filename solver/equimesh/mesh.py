@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
+from equimesh.folding import smallest_jacobian
 from equimesh.grid import Grid
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -88,7 +89,8 @@ class Mesh:
     @property
     def min_jacobian(self) -> float:
         """The smallest corner Jacobian; 1 for the uniform mesh of the unit square, not positive for a folded mesh."""
-        return float(self.corner_jacobians().min())
+        n_xi, n_eta = self.x.shape
+        return float(smallest_jacobian(self.x, self.y) * ((n_xi - 1) * (n_eta - 1)))
 
     @property
     def is_folded(self) -> bool:

@@ -21,14 +21,14 @@ TIE = 1e-9  # radians below which both diagonals are equally good
 class MeshData:
     """A mesh with values at its nodes and cells.
 
-    ``u`` at the nodes, shape ``(n_xi, n_eta)``; per cell, shape ``(n_xi - 1, n_eta - 1)``, the measure
-    ``q_eq`` and the number of the ``subdomain`` that computed the cell.
+    ``u`` at the nodes, shape ``(n_xi, n_eta)``, ``None`` where the monitor has no u; per cell, shape
+    ``(n_xi - 1, n_eta - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell.
 
     Raises :class:`~equimesh.errors.InputError` for other shapes.
     """
 
     mesh: Mesh
-    u: Array
+    u: Array | None
     q_eq: Array
     subdomain: IntArray
 
@@ -39,7 +39,8 @@ class MeshData:
             ("q_eq", (n_xi - 1, n_eta - 1)),
             ("subdomain", (n_xi - 1, n_eta - 1)),
         ):
-            found = getattr(self, name).shape
+            values = getattr(self, name)
+            found = shape if values is None and name == "u" else values.shape
             if found != shape:
                 raise InputError(f"{name} has shape {found}, this mesh needs {shape}", field=name)
 

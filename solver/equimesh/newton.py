@@ -12,9 +12,12 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 Array: TypeAlias = npt.NDArray[np.float64]
+Solver: TypeAlias = Callable[[Array], Array]
 
 SMALLEST_DAMPING = 2.0**-12
 SUFFICIENT_DECREASE = 1e-4
+# A factorisation that made an undamped step lower the residual by this factor serves the next step, too, if reused.
+GOOD_ENOUGH = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +35,12 @@ class NewtonStep:
     stalled: bool = False
 
 
+def superlu(matrix: csc_array) -> Solver:
+    """SuperLU with its default ordering; raises ``RuntimeError`` for a matrix that is exactly singular."""
+    factors = splu(matrix)
+    return lambda right: np.asarray(factors.solve(right))
+
+
 def iterate(
     residual: Callable[[Array], Array],
     jacobian: Callable[[Array], csc_array],
@@ -39,20 +48,32 @@ def iterate(
     *,
     admissible: Callable[[Array], bool],
     tolerance: float,
+    factorise: Callable[[csc_array], Solver] = superlu,
+    reuse: bool = False,
 ) -> Iterator[NewtonStep]:
     """Newton steps for ``residual(z) = 0`` from ``start``, until the tolerance is met or the search stalls.
 
     A step is halved until it **both** lowers the Euclidean norm of the residual and is ``admissible``: without the
     second demand Newton's method converges to folded meshes. The caller owns the loop, and with it the limit on the
-    number of steps. The last record has ``residual <= tolerance`` or ``stalled``.
+    number of steps. With ``reuse`` a factorisation is kept for as long as full steps with it lower the residual well.
+    The last record has ``residual <= tolerance`` or ``stalled``.
     """
     z, value, damping, step = start, residual(start), 1.0, 0
+    solve: Solver | None = None
     while True:
         norm, largest = float(np.linalg.norm(value)), float(np.max(np.abs(value)))
         if largest <= tolerance:
             yield NewtonStep(step=step, z=z, residual=largest, damping=damping)
             return
-        accepted = _search(residual, admissible, z, norm, _correction(jacobian(z), value))
+        accepted = None
+        if solve is not None:  # not worth a search: a step that is not good asks for a new factorisation
+            accepted = _search(residual, admissible, z, norm, solve(-value), smallest=1.0)
+            solve = solve if accepted is not None and _good(accepted, norm) else None
+        if accepted is None:
+            solve = _factorised(factorise, jacobian(z))
+            if solve is not None:
+                accepted = _search(residual, admissible, z, norm, solve(-value))
+            solve = solve if reuse and accepted is not None and _good(accepted, norm) else None
         yield NewtonStep(step=step, z=z, residual=largest, damping=damping, stalled=accepted is None)
         if accepted is None:
             return
@@ -60,11 +81,15 @@ def iterate(
         step += 1
 
 
-def _correction(matrix: csc_array, value: Array) -> Array | None:
+def _factorised(factorise: Callable[[csc_array], Solver], matrix: csc_array) -> Solver | None:
     try:
-        return np.asarray(splu(matrix).solve(-value))
+        return factorise(matrix) if np.isfinite(matrix.data).all() else None
     except RuntimeError:  # SuperLU: the matrix is exactly singular
         return None
+
+
+def _good(accepted: tuple[Array, Array, float], norm: float) -> bool:
+    return accepted[2] == 1.0 and float(np.linalg.norm(accepted[1])) <= GOOD_ENOUGH * norm
 
 
 def _search(
@@ -72,10 +97,11 @@ def _search(
     admissible: Callable[[Array], bool],
     z: Array,
     norm: float,
-    correction: Array | None,
+    correction: Array,
+    smallest: float = SMALLEST_DAMPING,
 ) -> tuple[Array, Array, float] | None:
     damping = 1.0
-    while correction is not None and damping >= SMALLEST_DAMPING:
+    while damping >= smallest:
         candidate = z + damping * correction
         if admissible(candidate):
             value = residual(candidate)

@@ -158,9 +158,9 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
 
 
 def draw_surface(data: MeshData, path: str | Path) -> None:
-    """Draw u over the mesh as a surface in three dimensions, with the mesh lines on it."""
+    """Draw u over the mesh as a surface in three dimensions, with the mesh lines on it; flat where there is no u."""
     lines = MeshLines.of(data.mesh, most=MOST_SURFACE_LINES)
-    u = data.u[np.ix_(lines.columns, lines.rows)]
+    u = np.zeros_like(lines.x) if data.u is None else data.u[np.ix_(lines.columns, lines.rows)]
     with figure_file(path, 7.0, 5.8) as figure:
         axes: Any = figure.add_subplot(projection="3d")
         width = min(0.5, 20 / max(u.shape))

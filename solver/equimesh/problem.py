@@ -3,26 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from equimesh.boundary import Boundary, sides
+from equimesh.domain import UNIT_SQUARE, Domain
 from equimesh.equations import MeshEquations
 from equimesh.grid import Grid
-from equimesh.monitor import ArcLength
+from equimesh.metric import ReferenceMetric
+from equimesh.monitor import Monitor
 
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """A mesh of the unit square: locally equidistributed in the metric of ``monitor``, on the points of ``grid``."""
+    """A mesh of ``domain``: locally equidistributed in the metric of ``monitor``, on the points of ``grid``.
 
-    monitor: ArcLength
+    The monitor is bound to the domain; raises :class:`~equimesh.errors.InputError` where it cannot be used there.
+    """
+
+    monitor: Monitor
     grid: Grid
     boundary: Boundary = Boundary.TRACE
+    domain: Domain = UNIT_SQUARE
 
-    def equations(self) -> MeshEquations:
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "monitor", self.monitor.on(self.domain))
+
+    @cached_property
+    def metric(self) -> ReferenceMetric:
+        """The metric on the reference square, where everything is solved."""
+        return ReferenceMetric(self.monitor, self.domain)
+
+    def equations(self, cross_line: float = 0.0) -> MeshEquations:
         """The discrete equations of the whole grid: the single-domain problem."""
         return MeshEquations(
-            self.monitor,
+            self.metric,
             self.grid.shape,
             (self.grid.d_xi, self.grid.d_eta),
             list(sides(self.boundary).values()),
+            cross_line,
         )

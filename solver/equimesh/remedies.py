@@ -1,37 +1,63 @@
-"""What to try after a solve that failed: only what that solve had not tried yet."""
+"""What to know of a mesh before using it, and what to try after a solve that did not reach what was asked."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from equimesh.boundary import Boundary
+from equimesh.certificate import Relaxed
 from equimesh.errors import DecompositionError
+from equimesh.interpolation import InterpolationError
+from equimesh.monitor import ArcLength
 from equimesh.problem import Problem
 from equimesh.schwarz import Iteration, Schwarz, smallest_tolerance
-from equimesh.single_domain import FINEST_CONTINUATION
+from equimesh.status import Status
 from equimesh.transmission import Classical
 
 # More iterations than this are no remedy to offer, and from fewer than these no number can be foretold.
 MOST_OFFERED, FEWEST_SEEN = 1000, 5
+# A mesh whose L2 interpolation error is larger than the uniform mesh's by a hundredth deserves a warning.
+WORSE = 0.99
 
 
-def after_newton(problem: Problem, *, nested: bool, reached: float | None = None) -> str:
-    """For a Newton iteration that found no mesh; ``reached`` is the ``a`` to which continuation came."""
+def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationError | None) -> Iterator[str]:
+    """What to know of a mesh before using it."""
+    if status is Status.RELAXED:
+        what = ", ".join(f"{r.what} is {r.reached:.3g} instead of {r.asked:.3g}" for r in relaxed)
+        yield f"The mesh does not satisfy the asked equations: {what}."
+    if errors is not None and errors.gain_l2 < WORSE:
+        yield (
+            f"The mesh interpolates u worse than the uniform one: its L2 error is {1 / errors.gain_l2:.2g} times as"
+            " large. Take the curvature monitor to interpolate u well."
+        )
+
+
+def after_newton(problem: Problem, *, nested: bool, reached: float = 1.0) -> str:
+    """For equations that no valid mesh satisfies; ``reached`` is the strength to which continuation came."""
     if reached == 0.0:
         return _sentence(
             "replace a jump of u, or a change too fast for this grid, by a steep tanh",
-            *_points(problem, nested=nested),
+            *_weaker(problem, reached),
             *_settings(problem, nested=nested),
         )
-    lower = f"lower a to {reached:.2g} or less" if reached is not None and reached < problem.monitor.a else "lower a"
-    return _sentence(lower, "raise b", *_points(problem, nested=nested), *_settings(problem, nested=nested))
+    return _sentence(*_weaker(problem, reached), "add grid points", *_settings(problem, nested=nested))
+
+
+def _weaker(problem: Problem, reached: float) -> list[str]:
+    """How to ask for less adaptation."""
+    monitor = problem.monitor
+    if isinstance(monitor, ArcLength):
+        lower = f"lower a to {reached * monitor.a:.2g} or less" if 0.0 < reached < 1.0 else "lower a"
+        return [lower, "raise b", "smooth the monitor"]
+    return ["smooth the monitor"]
 
 
 def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) -> str:
     """For a solve that ended with an inverted cell."""
     more = ["run more iterations"] if schwarz is not None and schwarz.tolerance is None else []
-    return _sentence(*more, "lower a", "raise b", *_settings(problem, nested=nested))
+    return _sentence(*more, *_weaker(problem, 1.0), *_settings(problem, nested=nested))
 
 
 def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, *, rescued: bool) -> str:
@@ -54,11 +80,6 @@ def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: flo
     elif getattr(schwarz.transmission, "p", "auto") != "auto":
         ideas.append("use p = auto")
     return _sentence(*ideas, "solve as a single domain")
-
-
-def _points(problem: Problem, *, nested: bool) -> list[str]:
-    """A nested solve fails on its way to a finer grid, whatever the points of that."""
-    return ["add grid points"] if not nested or max(problem.grid.shape) < FINEST_CONTINUATION else []
 
 
 def _settings(problem: Problem, *, nested: bool) -> list[str]:

@@ -9,11 +9,12 @@ from enum import StrEnum
 
 from equimesh import quality
 from equimesh.decomposition import Decomposition
+from equimesh.domain import mapped
 from equimesh.errors import InputError
 from equimesh.grid import Grid
+from equimesh.local_solution import LocalSolution, newton_steps
 from equimesh.mesh import Mesh
 from equimesh.problem import Problem
-from equimesh.single_domain import LocalSolution, newton_steps
 from equimesh.subdomain import CornerLink, Link, SubdomainProblem
 from equimesh.transmission import InterfaceData, LinearRobin, TransmissionCondition
 
@@ -98,7 +99,8 @@ class SubdomainRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Iteration:
-    """The state after one Schwarz iteration; iteration 0 is the start.
+    """The state after one Schwarz iteration; iteration 0 is the start. ``mesh`` is that of the physical domain,
+    ``reference`` the same on the reference square; all lengths are in units of the latter.
 
     ``change`` is the max norm by which the merged mesh moved (NaN at 0), ``estimate`` the error that the observed rate
     predicts from it (NaN until two changes are known), ``error`` the one against the single-domain solution where that
@@ -109,6 +111,7 @@ class Iteration:
 
     iteration: int
     mesh: Mesh
+    reference: Mesh
     max_q_eq: float
     min_jacobian: float
     change: float
@@ -152,12 +155,13 @@ def iterate(problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | 
     while True:
         records = tuple(_with_error(r, parts, states, reference) for r in records)
         mismatch = max(max(part.distance(state, mesh)) for part, state in zip(parts, states, strict=True))
-        stuck = max(stalls) >= MOST_STALLS
+        stuck, physical = max(stalls) >= MOST_STALLS, mapped(mesh, problem.domain)
         yield Iteration(
             iteration=len(changes) - 1,
-            mesh=mesh,
-            max_q_eq=float(quality.equidistribution(mesh, problem.monitor).max()),
-            min_jacobian=mesh.min_jacobian,
+            mesh=physical,
+            reference=mesh,
+            max_q_eq=float(quality.equidistribution(physical, problem.monitor).max()),
+            min_jacobian=physical.min_jacobian / problem.domain.area,
             change=changes[-1],
             estimate=_estimate(changes, rounding),
             mismatch=mismatch,
@@ -222,7 +226,7 @@ def _solve(
     for rescue in (False, True)[classical and has_substitute : 1 + has_substitute]:
         equations = part.equations(exchange, classical=rescue)
         for start in starts:
-            *_, solution = newton_steps(equations, start, most_steps=MOST_LOCAL_STEPS)
+            *_, solution = newton_steps(equations, start, most_steps=MOST_LOCAL_STEPS, fast=True)
             if solution.converged:
                 return solution, rescue
     return LocalSolution(state, 0, math.inf, converged=False), False

@@ -1,215 +1,255 @@
 """The single-domain mesh, in nested iteration from the uniform mesh on a coarse grid up.
 
-The coarsest level is solved by guarded Newton, finer ones by the chord iteration from the coarser solution; where that
-does not converge, by guarded Newton, too.
+Every level is solved by the chord iteration, the coarsest from the uniform mesh, finer ones from the coarser solution.
+Where that does not converge, Newton's method and continuation take over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TypeAlias
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+import numpy.typing as npt
 
-from equimesh import chord as chord_iteration
-from equimesh import newton
-from equimesh.equations import MeshEquations
-from equimesh.grid import SMALLEST, Grid
+from equimesh import chord, continuation
+from equimesh.continuation import NONE, Relaxation
+from equimesh.folding import smallest_jacobian
+from equimesh.grid import Grid
+from equimesh.local_solution import ROUNDING, newton_steps
 from equimesh.mesh import Mesh
+from equimesh.nested import distance, nested_grids, prolong, refinement
 from equimesh.problem import Problem
 
-COARSEST = 17
-MOST_STEPS = 60
-SMALLEST_ADVANCE = 1.0 / 64.0
-# Where a level falls short of the asked ``a``, finer ones go on from there, up to so many points in a direction.
-FINEST_CONTINUATION = 65
-TOLERANCE = 1e-12
-# Rounding errors of the fluxes grow like the number of points in a direction; no tolerance can be below them.
-ROUNDING = 64 * np.finfo(np.float64).eps
+Array: TypeAlias = npt.NDArray[np.float64]
+
+# Relative deviation from equal metric lengths in tight mode, and the algebraic error that is left otherwise, as a
+# share of the discretisation error.
+TIGHT, SHARE = 1e-10, 0.2
+# Algebraic error left on a coarsest level that only serves as a start, in units of its spacing.
+COARSE_SHARE = 0.01
+MOST_SWEEPS, MOST_COLD_SWEEPS = 100, 40
+# A sweep that does not lower the moves by this factor, so many times, is too slow: half sweeps are tried, then others.
+SLOWEST, MOST_SLOW = 0.9, 3
+# From the uniform mesh, a sweep may shrink the smallest Jacobian by this factor, and is halved so many times for it.
+SHRINKING, MOST_HALVINGS = 0.2, 6
+# Relaxed equations are solved by sparse factorisations, on grids of up to so many points.
+MOST_FACTORISED = 257 * 257
+
+
+class Mode(StrEnum):
+    """When a solve is done.
+
+    ``DISCRETIZATION``: when what iterating on would change is a fifth of the error that the grid makes anyway.
+    ``TIGHT``: when squared metric lengths differ from the mean of their line by 1e-10 of it; for studies, and for
+    references to compare with.
+    """
+
+    DISCRETIZATION = "discretization"
+    TIGHT = "tight"
 
 
 @dataclass(frozen=True, kw_only=True)
-class NewtonRecord:
-    """One Newton step of a single-domain solve, or one sweep of the chord iteration.
+class Step:
+    """One sweep or Newton step of a single-domain solve.
 
-    ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest), ``a`` the strength of the monitor that
-    the step solves for, below the asked one while continuation is at work. ``residual`` is relative to the mean flux;
-    of a sweep it is the largest deviation of a squared metric length from the mean of its line. ``converged`` is set by
-    the last step of a level at the asked ``a``, ``failed`` where it fell short.
+    ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest). ``relaxation`` is what the equations
+    that the step solves differ by from the asked ones. ``residual`` is relative: of a sweep, the largest deviation of a
+    squared metric length from the mean of its line; of a Newton step, the largest defect over the mean flux.
+    ``mesh``, of the reference square, is overwritten by the next sweep: copy it to keep it.
+
+    ``converged`` is set by the last step of every level, and says that the mesh solves the equations of ``relaxation``
+    there; ``failed`` where no mesh was found that solves any. ``algebraic_error`` and ``discretization_error`` are
+    estimates in units of the reference square, NaN where not known. ``solved`` is the grid on which the equations were
+    solved, coarser than ``grid`` where relaxed ones would have been too costly on that.
     """
 
     level: int
     levels: int
     grid: Grid
-    a: float
     step: int
     residual: float
     mesh: Mesh
+    relaxation: Relaxation = NONE
     converged: bool = False
     failed: bool = False
+    algebraic_error: float = math.nan
+    discretization_error: float = math.nan
+    solved: Grid | None = None
+
+    @property
+    def strength(self) -> float:
+        """The strength of the monitor, 1 for the asked one."""
+        return self.relaxation.strength
 
 
-@dataclass(frozen=True)
-class LocalSolution:
-    """How a guarded Newton solve ended: residual relative to the mean flux, and whether it met the tolerance."""
-
-    mesh: Mesh
-    steps: int
-    residual: float
-    converged: bool
+Steps: TypeAlias = Generator[Step, None, Step | None]
 
 
-def newton_steps(
-    equations: MeshEquations, start: Mesh, tolerance: float = TOLERANCE, most_steps: int = MOST_STEPS
-) -> Iterator[LocalSolution]:
-    """Guarded Newton steps for one set of mesh equations, never through a folded mesh.
+def iterate(
+    problem: Problem, start: Mesh | None = None, *, mode: Mode = Mode.TIGHT, sweeps: bool = True, threads: int = 1
+) -> Iterator[Step]:
+    """Sweeps and Newton steps up the nested grids to the single-domain solution.
 
-    ``tolerance`` is relative to the mean flux, and is raised to the rounding floor of the grid where it lies below.
-    """
-    z = equations.vector(start)
-    unit = equations.mean_flux(z)
-    floor = ROUNDING * max(equations.shape)
-    steps = newton.iterate(
-        equations.residual,
-        equations.jacobian,
-        z,
-        admissible=lambda candidate: not equations.mesh(candidate).is_folded,
-        tolerance=max(tolerance, floor) * unit,
-    )
-    for record in steps:
-        met = record.residual <= max(tolerance, floor) * unit
-        yield LocalSolution(equations.mesh(record.z), record.step, record.residual / unit, met)
-        if record.step >= most_steps:
-            return
-
-
-def iterate(problem: Problem, start: Mesh | None = None, *, chord: bool = True) -> Iterator[NewtonRecord]:
-    """Newton steps and chord sweeps up the nested grids to the single-domain solution.
-
-    ``start`` is a mesh of the problem's own grid: Newton then begins there, without nested iteration. Where Newton
-    fails on a level, continuation in ``a`` from the uniform mesh (exact for ``a = 0``) is tried; where that falls short
-    of the asked ``a``, it goes on from there on the next finer grids, up to 65 points in a direction. The last record
-    has ``converged`` or ``failed`` set and the finest mesh that was reached. ``chord=False`` uses Newton on all levels:
-    a reference, hundreds of times slower on fine grids.
+    ``start`` is a mesh of the problem's own grid: Newton's method then begins there, without nested iteration.
+    ``sweeps=False`` uses Newton's method on all levels: a reference, hundreds of times slower on fine grids. The last
+    step has ``converged`` or ``failed`` set; its mesh is valid in any case.
     """
     grids = [problem.grid] if start is not None else nested_grids(problem.grid)
-    mesh = start if start is not None else Mesh.uniform(grids[0])
-    reached = problem.monitor.a
+    memory = np.empty(chord.needed(problem.grid.shape)) if sweeps and start is None else np.empty(0)
+    solved: list[Step] = []
     for level, grid in enumerate(grids):
-        guess = mesh if mesh.x.shape == grid.shape else prolong(mesh, grid)
-        record = NewtonRecord(
-            level=level, levels=len(grids), grid=grid, a=problem.monitor.a, step=0, residual=np.nan, mesh=guess
-        )
         here = replace(problem, grid=grid)
-        if reached < problem.monitor.a:
-            records = _continuation(here, record, reached)
-        else:
-            records = _solve_level(here, guess, record, chord=chord and level > 0)
-        for record in records:
-            yield record
-        if record.failed and (level + 1 == len(grids) or max(grids[level + 1].shape) > FINEST_CONTINUATION):
+        guess = start or (_guess(solved, grid) if solved else Mesh.uniform(grid))
+        label = Step(level=level, levels=len(grids), grid=grid, step=0, residual=math.nan, mesh=guess)
+        before = solved[-1] if solved else None
+        last: Step | None = None
+        if sweeps and start is None and (before is None or before.relaxation.is_none):
+            tight = level + 1 == len(grids) and (mode is Mode.TIGHT or level == 0)
+            last = yield from _Level(here, label, before, tight, memory, threads).steps()
+        if last is None:
+            plain = not sweeps or start is not None
+            if start is None and solved:
+                label = replace(label, mesh=_guess(solved, grid))  # sweeps have worked in the memory of the first
+            elif start is None:
+                label = replace(label, mesh=Mesh.uniform(grid))
+            last = yield from _factorised(here, label, before, plain=plain)
+        yield last
+        if last.failed:
             return
-        mesh, reached = record.mesh, record.a
+        solved = [*solved[-1:], last]
 
 
-def nested_grids(grid: Grid) -> list[Grid]:
-    """Grids from coarse to fine, each with about half the cells a side of the next, down to 17 points or fewer."""
-    grids = [grid]
-    while max(grids[0].shape) > COARSEST:
-        grids.insert(0, halved(grids[0]))
-    return grids
+def _guess(solved: list[Step], grid: Grid) -> Mesh:
+    """The last solution on a finer grid, extrapolated from the last two where they solve the same equations."""
+    last = solved[-1]
+    same = len(solved) > 1 and solved[0].relaxation == last.relaxation
+    return prolong(last.mesh, grid, solved[0].mesh if same else None)
 
 
-def halved(grid: Grid) -> Grid:
-    """The grid with about half the cells a side, as far as a direction has points to spare."""
-    n_xi, n_eta = (n // 2 + 1 if n >= 2 * SMALLEST else n for n in grid.shape)
-    return Grid(n_xi=n_xi, n_eta=n_eta)
+@dataclass
+class _Level:
+    """The chord iteration on one level: full sweeps near the solution, guarded ones from the uniform mesh."""
+
+    problem: Problem
+    label: Step
+    coarse: Step | None
+    tight: bool
+    memory: Array
+    threads: int
+
+    def steps(self) -> Steps:
+        """Sweeps; returns the last step, or ``None`` where the iteration does not converge to a valid mesh."""
+        metric, shape = self.problem.metric, self.problem.grid.shape
+        sweep = chord.Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
+        own = x, y = self.label.mesh.x, self.label.mesh.y
+        damping, slow, moves = 1.0, 0, [math.inf]
+        tolerance = max(TIGHT, ROUNDING * max(shape))
+        for count in range(1, (MOST_COLD_SWEEPS if self.coarse is None else MOST_SWEEPS) + 1):
+            found = sweep.correct(x, y)
+            taken = damping if self.coarse is not None else self._guarded(sweep, x, y)
+            if not (math.isfinite(found.deviation) and taken > 0.0):
+                return None
+            _damp(sweep, x, y, taken)
+            x, y = sweep.take(x, y)
+            moves.append(found.move)
+            left = _left(moves) if taken == 1.0 else math.inf
+            step = replace(self.label, step=count, residual=found.deviation, mesh=Mesh(x, y), algebraic_error=left)
+            done = found.deviation <= tolerance if self.tight else self._is_near(step)
+            if done:
+                return self._finished(step, own) if smallest_jacobian(x, y) > 0.0 else None
+            yield step
+            slow = slow + 1 if not moves[-1] < SLOWEST * min(moves[:-1]) else 0
+            if slow > MOST_SLOW and self.coarse is not None:
+                if damping < 1.0:
+                    return None
+                damping, slow, moves = 0.5, 0, [math.inf]
+        return None
+
+    def _is_near(self, step: Step) -> bool:
+        """Whether the algebraic error is small beside that of the discretisation, or serves for a first level."""
+        if self.coarse is None:
+            return step.algebraic_error <= COARSE_SHARE * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
+        return math.isfinite(step.algebraic_error) and step.algebraic_error <= SHARE * self._discretization(step.mesh)
+
+    def _discretization(self, mesh: Mesh) -> float:
+        """The error that an error of second order leaves on this grid, from the difference to the coarser one."""
+        if self.coarse is None:
+            return math.nan
+        return distance(mesh, self.coarse.mesh) / (refinement(mesh.grid, self.coarse.grid) - 1.0)
+
+    def _finished(self, step: Step, own: tuple[Array, Array]) -> Step:
+        """The step with its mesh outside the working memory."""
+        mesh = step.mesh
+        if mesh.x is not own[0]:
+            own[0][:], own[1][:] = mesh.x, mesh.y
+            mesh = Mesh(*own)
+        return replace(step, mesh=mesh, converged=True, discretization_error=self._discretization(mesh))
+
+    @staticmethod
+    def _guarded(sweep: chord.Sweep, x: Array, y: Array) -> float:
+        """The largest share of the correction that keeps the mesh valid; zero if it is too small."""
+        smallest = SHRINKING * smallest_jacobian(x, y)
+        for halvings in range(MOST_HALVINGS + 1):
+            share = 0.5**halvings
+            candidate = (x + share * (sweep.new_x - x), y + share * (sweep.new_y - y))
+            if smallest_jacobian(*candidate) > smallest:
+                return share
+        return 0.0
 
 
-def prolong(mesh: Mesh, grid: Grid) -> Mesh:
-    """The mesh interpolated to another grid: by cubic splines, linearly if those fold.
-
-    A valid mesh interpolated linearly may still fold; the uniform mesh is returned then.
-    """
-    for degree in (3, 1):
-        candidate = _interpolate(mesh, grid, degree)
-        if not candidate.is_folded:
-            return candidate
-    return Mesh.uniform(grid)
+def _damp(sweep: chord.Sweep, x: Array, y: Array, share: float) -> None:
+    if share < 1.0:
+        sweep.new_x[:] = x + share * (sweep.new_x - x)
+        sweep.new_y[:] = y + share * (sweep.new_y - y)
 
 
-def _interpolate(mesh: Mesh, grid: Grid, degree: int) -> Mesh:
-    xi, eta = (np.linspace(0, 1, n) for n in mesh.x.shape)
-    new_xi, new_eta = (np.linspace(0, 1, n) for n in grid.shape)
-    x, y = (RectBivariateSpline(xi, eta, q, kx=degree, ky=degree, s=0)(new_xi, new_eta) for q in (mesh.x, mesh.y))
-    return Mesh.of_unit_square(x, y)
+def _left(moves: list[float]) -> float:
+    """The distance still to go after moves that go on shrinking as the last two did."""
+    ratio = moves[-1] / moves[-2]
+    if moves[-1] == 0.0:
+        return 0.0
+    return moves[-1] * ratio / (1.0 - ratio) if 0.0 < ratio < 1.0 else math.inf
 
 
-def _solve_level(problem: Problem, guess: Mesh, label: NewtonRecord, *, chord: bool) -> Iterator[NewtonRecord]:
-    """Chord sweeps from the guess if asked; else, or on failure, Newton from it; on failure, continuation in ``a``."""
-    record = label
-    if chord:
-        for record in _chord(problem, guess, label):
-            yield record
-        if record.converged:
-            return
-    for record in _newton(problem, guess, label):
-        if record.failed:
-            break
-        yield record
-    if record.failed:
-        yield from _continuation(problem, replace(label, mesh=Mesh.uniform(problem.grid)), 0.0)
+def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bool) -> Generator[Step, None, Step]:
+    """Newton's method and continuation from the label's mesh."""
+    relaxation = NONE if before is None else before.relaxation
+    if plain and relaxation.is_none:
+        last = None
+        for last in newton_steps(problem.equations(), label.mesh):
+            mesh = Mesh.of_unit_square(last.mesh.x, last.mesh.y)
+            step = replace(label, step=last.steps, residual=last.residual, mesh=mesh)
+            if last.converged:
+                return _with_errors(replace(step, converged=True), before)
+            yield step
+    if before is not None and problem.grid.points > MOST_FACTORISED:
+        return replace(
+            label, relaxation=relaxation, residual=math.nan, converged=True, solved=before.solved or before.grid
+        )
+    found = yield from _labelled(continuation.attempts(problem, label.mesh, relaxation), label)
+    step = replace(label, step=found.steps, residual=found.residual, mesh=found.mesh, relaxation=found.relaxation)
+    return _with_errors(replace(step, converged=found.converged, failed=not found.converged), before)
 
 
-def _chord(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
-    for sweep in chord_iteration.iterate(problem, guess):
-        if not sweep.failed:
-            yield replace(label, step=sweep.sweep, residual=sweep.deviation, mesh=sweep.mesh, converged=sweep.converged)
+def _labelled(
+    attempts: Generator[continuation.Attempt, None, continuation.Attempt], label: Step
+) -> Generator[Step, None, continuation.Attempt]:
+    while True:
+        try:
+            found = next(attempts)
+        except StopIteration as end:
+            result: continuation.Attempt = end.value
+            return result
+        yield replace(label, step=found.steps, residual=found.residual, mesh=found.mesh, relaxation=found.relaxation)
 
 
-def _newton(problem: Problem, guess: Mesh, label: NewtonRecord) -> Iterator[NewtonRecord]:
-    last = None
-    for last in map(_on_the_sides, newton_steps(problem.equations(), guess)):
-        if last.converged:
-            break
-        yield replace(label, a=problem.monitor.a, step=last.steps, residual=last.residual, mesh=last.mesh)
-    if last is None:
-        raise AssertionError("a Newton iteration yields its start")
-    yield replace(
-        label,
-        a=problem.monitor.a,
-        step=last.steps,
-        residual=last.residual,
-        mesh=last.mesh,
-        converged=last.converged,
-        failed=not last.converged,
-    )
-
-
-def _on_the_sides(solution: LocalSolution) -> LocalSolution:
-    return replace(solution, mesh=Mesh.of_unit_square(solution.mesh.x, solution.mesh.y))
-
-
-def _continuation(problem: Problem, label: NewtonRecord, reached: float) -> Iterator[NewtonRecord]:
-    """From the label's mesh, near the solution for ``a = reached``, in adaptive steps to the asked ``a``.
-
-    The last record has ``converged`` or ``failed``; in the latter case its ``a`` is what was reached.
-    """
-    asked, mesh = problem.monitor.a, label.mesh
-    advance = (asked - reached) / 3
-    while reached < asked:
-        target = min(asked, reached + advance)
-        attempt = replace(problem, monitor=replace(problem.monitor, a=target))
-        record = label
-        for record in _newton(attempt, mesh, label):
-            if not (record.failed or record.converged):
-                yield record
-        if record.converged:
-            reached, mesh, advance = target, record.mesh, 1.5 * advance
-            yield replace(record, converged=reached == asked)
-        elif advance < SMALLEST_ADVANCE * asked:
-            yield replace(record, mesh=mesh, a=reached, failed=True)
-            return
-        else:
-            advance /= 2
+def _with_errors(step: Step, before: Step | None) -> Step:
+    """The step with error estimates, for a mesh that Newton's method has solved to rounding."""
+    if before is None or before.relaxation != step.relaxation:
+        return replace(step, algebraic_error=0.0)
+    error = distance(step.mesh, before.mesh) / (refinement(step.grid, before.grid) - 1.0)
+    return replace(step, algebraic_error=0.0, discretization_error=error)

@@ -11,23 +11,30 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from equimesh import remedies, single_domain
+from equimesh import chord, remedies, single_domain, workers
+from equimesh.certificate import Certificate, Relaxed
 from equimesh.decomposition import Decomposition
-from equimesh.errors import SolveError
+from equimesh.domain import mapped
+from equimesh.errors import InputError, SolveError
+from equimesh.interpolation import InterpolationError, interpolation_errors
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
+from equimesh.monitor import ArcLength
+from equimesh.nested import halved, nested_grids, prolong
 from equimesh.problem import Problem
 from equimesh.quality import Quality, measure
 from equimesh.rates import predicted_rate
 from equimesh.schwarz import Iteration, Schwarz, iterate, smallest_tolerance
-from equimesh.single_domain import NewtonRecord
+from equimesh.single_domain import Mode, Step
 from equimesh.status import Status
 
-Event: TypeAlias = NewtonRecord | Iteration
+Event: TypeAlias = Step | Iteration
 Observer: TypeAlias = Callable[[Event], None]
 
 # Iterations over which the observed rate is taken.
 RATE_WINDOW = 6
+# A reference for the errors of a Schwarz iteration is solved to rounding, by a factorisation, up to so many points.
+MOST_POLISHED = 129 * 129
 
 
 class Initial(StrEnum):
@@ -39,22 +46,29 @@ class Initial(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """A mesh, how it came about, and whether it is what was asked for.
+    """A mesh of the physical domain, how it came about, and whether it is what was asked for.
 
-    ``newton_steps`` (or chord sweeps) and ``residual`` (relative to the mean flux) are those of the finest grid of a
-    single-domain solve, or summed and largest over the subdomains. ``iterations`` is empty for a single-domain solve.
-    ``note`` says more of what happened, ``remedy`` what to try; it is empty when there is nothing to mend.
+    ``reference`` is the same mesh on the reference square. ``newton_steps`` (or chord sweeps) and ``residual`` (of a
+    sweep, the largest relative deviation of a squared metric length from the mean of its line; of Newton's method,
+    relative to the mean flux) are those of the finest grid of a single-domain solve, or summed and largest over the
+    subdomains. ``iterations`` is empty for a single-domain solve. ``note`` says more of what happened, ``remedy`` what
+    to try; it is empty when there is nothing to mend.
     """
 
     problem: Problem
     schwarz: Schwarz | None
     mesh: Mesh
+    reference: Mesh
     status: Status
     newton_steps: int
     residual: float
+    mode: Mode | None = None
     iterations: tuple[Iteration, ...] = ()
     note: str = ""
     remedy: str = ""
+    relaxed: tuple[Relaxed, ...] = ()
+    algebraic_error: float | None = None
+    discretization_error: float | None = None
 
     @property
     def message(self) -> str:
@@ -64,7 +78,32 @@ class Solution:
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        return measure(self.mesh, self.problem.monitor)
+        return measure(self.mesh, self.problem.monitor, uniform=self._uniform)
+
+    @cached_property
+    def interpolation(self) -> InterpolationError | None:
+        """How well the mesh interpolates u, beside the uniform mesh; ``None`` where there is no u."""
+        u = self.problem.monitor.u
+        return None if u is None else interpolation_errors(self.mesh, u, self._uniform)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """What is known of the mesh, measured on itself; see :class:`~equimesh.certificate.Certificate`."""
+        return Certificate(
+            status=self.status,
+            mode=self.mode,
+            equation_residual=chord.deviation(self.problem.metric, self.problem.boundary, self.reference),
+            min_jacobian=self.mesh.min_jacobian / self.problem.domain.area,
+            discretization_error=self.discretization_error,
+            algebraic_error=self.algebraic_error,
+            relaxed=self.relaxed,
+            warnings=tuple(remedies.warnings(self.status, self.relaxed, self.interpolation)),
+            interpolation=self.interpolation,
+        )
+
+    @property
+    def _uniform(self) -> Mesh:
+        return mapped(Mesh.uniform(self.problem.grid), self.problem.domain)
 
     @property
     def decomposition(self) -> Decomposition | None:
@@ -96,7 +135,8 @@ class Solution:
         """What a mesh file holds: nodes, u, Q_eq and the owner of every cell."""
         shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
         owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
-        (u,) = self.problem.monitor.u.evaluate(self.mesh.x, self.mesh.y)
+        field = self.problem.monitor.u
+        u = None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
         return MeshData(mesh=self.mesh, u=u, q_eq=self.quality.q_eq.cells, subdomain=owner)
 
 
@@ -105,20 +145,49 @@ def solve(
     schwarz: Schwarz | None = None,
     *,
     initial: Initial = Initial.NESTED,
+    mode: Mode = Mode.DISCRETIZATION,
+    allow_relaxed: bool = True,
+    threads: int | None = None,
     observe: Observer | None = None,
     check: bool = True,
 ) -> Solution:
     """The locally equidistributed mesh of ``problem``, by Schwarz iteration if ``schwarz`` is given.
 
-    ``observe`` is called with every Newton step of a single-domain solve (also that of a nested start) and with every
-    Schwarz iteration. Raises :class:`~equimesh.errors.SolveError`, which carries the partial solution, when the mesh is
-    not what was asked for; with ``check=False`` the status says so instead. A folded mesh is never a success.
+    ``mode`` says when a single-domain solve is done; a Schwarz iteration has a tolerance of its own. Where no valid
+    mesh satisfies the equations, ``allow_relaxed`` accepts one of equations near them: its status is ``RELAXED``, and
+    its certificate says what was relaxed. ``threads`` share the work on large grids, by default one for every core; the
+    mesh does not depend on their number. ``observe`` is called with every step of a single-domain solve (also that of a
+    nested start) and with every Schwarz iteration.
+
+    Raises :class:`~equimesh.errors.SolveError`, which carries the partial solution, when the mesh is not what was asked
+    for; with ``check=False`` the status says so instead. A folded mesh is never a success.
     """
-    tell = observe if observe is not None else _ignore
-    solution = _single_domain(problem, initial, tell) if schwarz is None else _schwarz(problem, schwarz, initial, tell)
+    how = _How(mode, allow_relaxed, workers.checked(threads), observe if observe is not None else _ignore)
+    _check_uniform(problem)
+    solution = _single_domain(problem, initial, how) if schwarz is None else _schwarz(problem, schwarz, initial, how)
     if check and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
+
+
+@dataclass(frozen=True)
+class _How:
+    """How a solve goes about it, whatever the problem."""
+
+    mode: Mode
+    allow_relaxed: bool
+    threads: int
+    observe: Observer
+
+
+def _check_uniform(problem: Problem) -> None:
+    """Refuse a grid too coarse for its domain: the uniform mesh is where everything starts."""
+    if mapped(Mesh.uniform(problem.grid), problem.domain).is_folded:
+        raise InputError(
+            f"the uniform mesh of {problem.grid} points has an inverted cell on this domain: its sides curve too much"
+            " for so few points; add grid points",
+            field="grid",
+        )
 
 
 def observed_rate(errors: Sequence[float], floor: float) -> float | None:
@@ -159,68 +228,103 @@ def _ignore(event: Event) -> None:
     del event
 
 
-def _single_domain(problem: Problem, initial: Initial, observe: Observer) -> Solution:
-    record, nested = _last_newton_record(problem, initial, observe), initial is Initial.NESTED
+def _single_domain(problem: Problem, initial: Initial, how: _How) -> Solution:
+    step, nested = _last_step(problem, initial, how), initial is Initial.NESTED
+    reference = _on_grid(step.mesh, problem)
+    status = _status(step, how)
+    exact = status is Status.CONVERGED
     return Solution(
         problem=problem,
         schwarz=None,
-        mesh=_on_grid(record.mesh, problem),
-        status=_checked(Status.CONVERGED if record.converged else Status.NEWTON_FAILED, record.mesh),
-        newton_steps=record.step,
-        residual=record.residual,
-        note="" if record.converged else _where_newton_failed(record, problem),
-        remedy="" if record.converged else remedies.after_newton(problem, nested=nested, reached=record.a),
+        mesh=mapped(reference, problem.domain),
+        reference=reference,
+        status=_checked(status, reference, problem),
+        mode=how.mode,
+        newton_steps=step.step,
+        residual=step.residual,
+        note="" if exact else _what_was_found(step, problem),
+        remedy="" if exact else remedies.after_newton(problem, nested=nested, reached=step.strength),
+        relaxed=_relaxed(step, problem),
+        algebraic_error=_known(step.algebraic_error),
+        discretization_error=_known(step.discretization_error),
     )
 
 
-def _last_newton_record(problem: Problem, initial: Initial, observe: Observer) -> NewtonRecord:
+def _status(step: Step, how: _How) -> Status:
+    if step.converged and step.relaxation.is_none:
+        return Status.CONVERGED
+    relaxed = how.allow_relaxed and step.converged and step.strength > 0.0
+    return Status.RELAXED if relaxed else Status.NEWTON_FAILED
+
+
+def _known(error: float) -> float | None:
+    return error if math.isfinite(error) else None
+
+
+def _relaxed(step: Step, problem: Problem) -> tuple[Relaxed, ...]:
+    """What the equations that the mesh satisfies differ by from the asked ones."""
+    found, monitor = [], problem.monitor
+    if step.strength < 1.0:
+        what, asked = ("a", monitor.a) if isinstance(monitor, ArcLength) else ("strength", 1.0)
+        found.append(Relaxed(what=what, asked=asked, reached=step.strength * asked))
+    if step.relaxation.cross_line > 0.0:
+        found.append(Relaxed(what="cross_line", asked=0.0, reached=step.relaxation.cross_line))
+    if step.solved is not None and step.solved != problem.grid:
+        found.append(Relaxed(what="points", asked=max(problem.grid.shape), reached=max(step.solved.shape)))
+    return tuple(found)
+
+
+def _last_step(problem: Problem, initial: Initial, how: _How) -> Step:
     start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
-    return _last(single_domain.iterate(problem, start), observe)
+    return _last(single_domain.iterate(problem, start, mode=how.mode, threads=how.threads), how.observe)
 
 
-def _reference(problem: Problem, observe: Observer) -> NewtonRecord:
-    """The single-domain solution to rounding: errors of the Schwarz iteration are measured down to that."""
-    record = _last_newton_record(problem, Initial.NESTED, observe)
-    return _last(single_domain.iterate(problem, record.mesh), observe) if record.converged else record
+def _reference(problem: Problem, how: _How) -> Step:
+    """The single-domain solution to rounding, as far as that is affordable: errors are measured against it."""
+    step = _last_step(problem, Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    exact = step.converged and step.relaxation.is_none
+    if exact and problem.grid.points <= MOST_POLISHED:
+        return _last(single_domain.iterate(problem, step.mesh), how.observe)
+    return step
 
 
-def _last(records: Iterable[NewtonRecord], observe: Observer) -> NewtonRecord:
-    record = None
-    for record in records:
-        observe(record)
-    if record is None:
+def _last(steps: Iterable[Step], observe: Observer) -> Step:
+    step = None
+    for step in steps:
+        observe(step)
+    if step is None:
         raise AssertionError("a single-domain solve yields at least its start")
-    return record
+    return step
 
 
-def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, observe: Observer) -> Solution:
+def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, how: _How) -> Solution:
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
     start = Mesh.uniform(problem.grid)
     if initial is Initial.NESTED:
-        start = _nested_start(problem, observe)
+        start = _nested_start(problem, how)
     reference = None
     if schwarz.compare_single_domain:
-        reference = _reference(problem, observe)
-    known = reference.mesh if reference is not None and reference.converged else None
+        reference = _reference(problem, how)
+    known = reference.mesh if reference is not None and reference.relaxation.is_none else None
     records: list[Iteration] = []
     for record in iterate(problem, schwarz, start, known):
         records.append(record)
-        observe(record)
+        how.observe(record)
         if record.meets(schwarz.tolerance) or record.iteration >= schwarz.max_iterations:
             break
     note = ""
     if reference is not None and known is None:
-        note = "There is no single-domain solution to compare with: " + _where_newton_failed(reference, problem)
+        note = "There is no single-domain solution to compare with: " + _what_was_found(reference, problem)
     return _finished(problem, schwarz, records, note, nested=initial is Initial.NESTED)
 
 
-def _nested_start(problem: Problem, observe: Observer) -> Mesh:
+def _nested_start(problem: Problem, how: _How) -> Mesh:
     """The solution on a grid half as fine, interpolated."""
-    coarser = single_domain.nested_grids(problem.grid)[-2:][0]
+    coarser = nested_grids(problem.grid)[-2:][0]
     if coarser == problem.grid:
-        coarser = single_domain.halved(problem.grid)
-    record = _last_newton_record(replace(problem, grid=coarser), Initial.NESTED, observe)
-    return single_domain.prolong(record.mesh, problem.grid)
+        coarser = halved(problem.grid)
+    tight = replace(how, mode=Mode.TIGHT)
+    return prolong(_last_step(replace(problem, grid=coarser), Initial.NESTED, tight).mesh, problem.grid)
 
 
 def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], note: str, *, nested: bool) -> Solution:
@@ -252,7 +356,8 @@ def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], 
         problem=problem,
         schwarz=schwarz,
         mesh=last.mesh,
-        status=_checked(status, last.mesh),
+        reference=last.reference,
+        status=_checked(status, last.reference, problem),
         newton_steps=sum(r.newton_steps for record in records for r in record.subdomains),
         residual=max(r.residual for r in last.subdomains),
         iterations=tuple(records),
@@ -277,18 +382,26 @@ def _shown(estimate: float) -> str:
     return "not known yet" if math.isnan(estimate) else "not known, as the changes do not fall"
 
 
-def _checked(status: Status, mesh: Mesh) -> Status:
-    return Status.FOLDED if status.succeeded and mesh.is_folded else status
+def _checked(status: Status, reference: Mesh, problem: Problem) -> Status:
+    folded = reference.is_folded or mapped(reference, problem.domain).is_folded
+    return Status.FOLDED if status.succeeded and folded else status
 
 
 def _on_grid(mesh: Mesh, problem: Problem) -> Mesh:
     """The mesh on the problem's own grid, also where the solve ended on a coarser one."""
-    return mesh if mesh.x.shape == problem.grid.shape else single_domain.prolong(mesh, problem.grid)
+    return mesh if mesh.x.shape == problem.grid.shape else prolong(mesh, problem.grid)
 
 
-def _where_newton_failed(record: NewtonRecord, problem: Problem) -> str:
-    way = "" if record.grid == problem.grid else f", on the way to {problem.grid} points,"
-    return (
-        f"On the {record.grid} grid{way} it stalled at a relative residual of {record.residual:.1e}; "
-        f"a = {record.a:.3g} was reached."
-    )
+def _what_was_found(step: Step, problem: Problem) -> str:
+    """What the mesh of a solve that did not reach the asked equations satisfies."""
+    asked = problem.monitor.a if isinstance(problem.monitor, ArcLength) else 1.0
+    name = "a" if isinstance(problem.monitor, ArcLength) else "a strength of the monitor"
+    reached = f"{name} = {step.strength * asked:.3g} of {asked:.3g} was reached"
+    where = "" if step.grid == problem.grid else f" on the {step.grid} grid"
+    if step.failed:
+        return f"No mesh was found{where} that satisfies any of the equations tried; {reached}."
+    if step.relaxation.cross_line > 0.0:
+        reached += f", with a cross-line term of weight {step.relaxation.cross_line:g}"
+    if step.solved is not None and step.solved != problem.grid:
+        reached += f"; the mesh is interpolated from {step.solved} points"
+    return f"{reached[0].upper()}{reached[1:]}{where}."

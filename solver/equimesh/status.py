@@ -9,6 +9,7 @@ class Status(StrEnum):
     """How a solve ended. ``sentence`` says what happened."""
 
     CONVERGED = "converged"
+    RELAXED = "relaxed"
     COMPLETED = "completed"
     NOT_CONVERGED = "not_converged"
     NEWTON_FAILED = "newton_failed"
@@ -16,8 +17,8 @@ class Status(StrEnum):
 
     @property
     def succeeded(self) -> bool:
-        """Whether the mesh is what was asked for."""
-        return self in (Status.CONVERGED, Status.COMPLETED)
+        """Whether the mesh is what was asked for, or as near to it as was allowed."""
+        return self in (Status.CONVERGED, Status.RELAXED, Status.COMPLETED)
 
     @property
     def sentence(self) -> str:
@@ -27,8 +28,9 @@ class Status(StrEnum):
 
 _SENTENCES = {
     Status.CONVERGED: "The mesh satisfies the equidistribution equations to the asked tolerance.",
+    Status.RELAXED: "The mesh is valid, and satisfies equations near the asked ones, for which none was found.",
     Status.COMPLETED: "The asked number of Schwarz iterations was run, without a tolerance to meet.",
     Status.NOT_CONVERGED: "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
-    Status.NEWTON_FAILED: "Newton's method found no valid mesh that satisfies the equations.",
+    Status.NEWTON_FAILED: "No valid mesh was found that satisfies the equations.",
     Status.FOLDED: "The mesh has an inverted cell.",
 }

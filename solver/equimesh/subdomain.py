@@ -119,11 +119,11 @@ class SubdomainProblem:
         ``classical`` takes the positions on the outermost lines of the window instead of the own condition: a problem
         with milder data, for when that one has no solution near by.
         """
-        return MeshEquations(self.problem.monitor, self.shape, self._spacing, self._conditions(neighbours, classical))
+        return MeshEquations(self.problem.metric, self.shape, self._spacing, self._conditions(neighbours, classical))
 
     def functional(self, state: Mesh, link: Link) -> InterfaceData:
         """What this subdomain sends over a neighbour's ``link``: the functionals of its own window."""
-        equations = MeshEquations(self.problem.monitor, self.shape, self._spacing, ())
+        equations = MeshEquations(self.problem.metric, self.shape, self._spacing, ())
         window = equations.window(equations.vector(state))
         turned = window if link.axis == 0 else window.turned()
         line, nodes = link.line - self.first[link.axis], self._nodes(link.axis)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from equimesh.equations import Rows, Window
 from equimesh.errors import InputError
-from equimesh.metric import HalfFlux, SeenGradient
+from equimesh.metric import HalfFlux, LocalMetric, SeenGradient
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
@@ -176,15 +176,16 @@ def _metric_length(window: Window, i: int) -> Functional:
         u_eta=along_eta(w.u),
     )
     g = seen.gradient
-    flux = HalfFlux.along((seen.x_xi, seen.y_xi), g, w.monitor)
+    flux = HalfFlux((seen.x_xi, seen.y_xi), LocalMetric(w.metric, (w.x[i], w.y[i]), g))
     length = np.sqrt(2 * flux.value)
     every = np.arange(w.x.shape[1])
     stencil = [(i + 1, every, across, 0.0), (i - 1, every, -across, 0.0)]
     stencil += [(i, nodes[s], 0.0, weights[s]) for s in range(3)]
     derivatives = []
     for column, row, in_xi, in_eta in stencil:
+        own = np.where(row == every, 1.0, 0.0) if column == i else 0.0
         excess = (w.u_x[column, row] - g[0], w.u_y[column, row] - g[1])
-        by_position = flux.by_node(in_xi, seen.of(in_xi, in_eta), excess)
+        by_position = flux.by_node(in_xi, own, seen.of(in_xi, in_eta), excess)
         derivatives += [(w.numbers[axis][column, row], by_position[axis] / length) for axis in range(2)]
     return Functional(length, tuple(derivatives))
 

@@ -1,0 +1,55 @@
+"""Sparse factorisation of the equations of a grid, in an order that keeps the factors sparse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+# Blocks of this many nodes are not cut any further; pivots may be this much smaller than the largest of their column.
+SMALL, PIVOT = 16, 0.01
+
+
+def factorise(matrix: csc_array, shape: tuple[int, int]) -> Callable[[Array], Array]:
+    """A function that solves systems with ``matrix``, whose unknowns are x, then y, of the nodes of a grid.
+
+    The nodes are eliminated by nested dissection: half the work of an order that does not know of the grid. Raises
+    ``RuntimeError`` for a matrix that is exactly singular.
+    """
+    order = elimination_order(shape)
+    turned = csc_array(matrix[order][:, order])
+    factors = splu(turned, permc_spec="NATURAL", diag_pivot_thresh=PIVOT, options={"SymmetricMode": True})
+
+    def solve(right: Array) -> Array:
+        solution = np.empty_like(right)
+        solution[order] = factors.solve(right[order])
+        return solution
+
+    return solve
+
+
+@lru_cache(maxsize=16)
+def elimination_order(shape: tuple[int, int]) -> IntArray:
+    """The unknowns of a grid in nested dissection order, the two of a node side by side."""
+    nodes = np.concatenate(_dissected(np.arange(shape[0] * shape[1]).reshape(shape)))
+    order = np.column_stack([nodes, nodes + shape[0] * shape[1]]).ravel()
+    order.setflags(write=False)
+    return order
+
+
+def _dissected(block: IntArray) -> list[IntArray]:
+    """The two halves of a block of nodes, then the line that parts them."""
+    if block.size <= SMALL:
+        return [block.ravel()]
+    if block.shape[0] < block.shape[1]:
+        block = block.T
+    middle = block.shape[0] // 2
+    return [*_dissected(block[:middle]), *_dissected(block[middle + 1 :]), block[middle]]

@@ -1,0 +1,60 @@
+"""Guarded Newton solves of one set of mesh equations: a subdomain's, or those of a whole grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh import dissection, newton
+from equimesh.equations import MeshEquations
+from equimesh.mesh import Mesh
+
+MOST_STEPS = 60
+TOLERANCE = 1e-12
+# Rounding errors of the fluxes grow like the number of points in a direction; no tolerance can be below them.
+ROUNDING = 64 * np.finfo(np.float64).eps
+
+
+@dataclass(frozen=True)
+class LocalSolution:
+    """How a guarded Newton solve ended: residual relative to the mean flux, and whether it met the tolerance."""
+
+    mesh: Mesh
+    steps: int
+    residual: float
+    converged: bool
+
+
+def newton_steps(
+    equations: MeshEquations,
+    start: Mesh,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
+    *,
+    fast: bool = False,
+) -> Iterator[LocalSolution]:
+    """Guarded Newton steps for one set of mesh equations, never through a folded mesh.
+
+    ``tolerance`` is relative to the mean flux, and is raised to the rounding floor of the grid where it lies below.
+    ``fast`` eliminates the nodes by nested dissection and keeps a factorisation while it serves; without, every step
+    is a plain Newton step with SuperLU's default ordering.
+    """
+    z = equations.vector(start)
+    unit = equations.mean_flux(z)
+    floor = ROUNDING * max(equations.shape)
+    steps = newton.iterate(
+        equations.residual,
+        equations.jacobian,
+        z,
+        admissible=lambda candidate: not equations.mesh(candidate).is_folded,
+        tolerance=max(tolerance, floor) * unit,
+        factorise=(lambda matrix: dissection.factorise(matrix, equations.shape)) if fast else newton.superlu,
+        reuse=fast,
+    )
+    for record in steps:
+        met = record.residual <= max(tolerance, floor) * unit
+        yield LocalSolution(equations.mesh(record.z), record.step, record.residual / unit, met)
+        if record.step >= most_steps:
+            return

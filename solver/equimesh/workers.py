@@ -1,0 +1,43 @@
+"""Threads that share out the rows of a mesh."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+
+from equimesh.errors import InputError
+
+MOST = 64
+
+
+def available() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def checked(threads: int | None) -> int:
+    """The number of threads asked for, all cores for ``None``; raises :class:`~equimesh.errors.InputError`."""
+    if threads is None:
+        return min(available(), MOST)
+    if not 1 <= threads <= MOST:
+        raise InputError(f"threads = {threads}: between 1 and {MOST}, or None for one on every core", field="threads")
+    return threads
+
+
+def share(threads: int, work: Callable[[int], None]) -> None:
+    """Call ``work(k)`` for every k below ``threads``, each in a thread of its own, and wait for all."""
+    others = [_pool(threads - 1).submit(work, k) for k in range(1, threads)] if threads > 1 else []
+    work(0)
+    for other in others:
+        other.result()
+
+
+@lru_cache(maxsize=4)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=threads, thread_name_prefix="equimesh")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of its parent's threads
