@@ -9,12 +9,19 @@ from typing import Any
 
 from equimesh_client.tables import number
 
-NAMES = {"a": "a of the arc length", "strength": "strength of the monitor", "smoothing": "smoothing of the monitor"}
+NAMES = {
+    "a": "a of the arc length",
+    "strength": "strength of the monitor",
+    "cross_line": "weight of the cross-line term",
+    "points": "points a side of the grid it was solved on",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxation:
-    """One thing that was asked and not reached: ``what`` is ``"a"``, ``"strength"`` or ``"smoothing"``."""
+    """One thing that was asked and not reached: ``what`` it is, ``"a"``, ``"strength"``, ``"cross_line"`` or
+    ``"points"``, the value ``asked`` for and the value ``reached``.
+    """
 
     what: str
     asked: float
@@ -28,9 +35,10 @@ class Relaxation:
 class Certificate:
     """How well a mesh solves what was asked; nan for what is not known.
 
-    ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is relative to the
-    mean flux; ``discretization_error`` and ``algebraic_error`` estimate errors of the nodes in units of the reference
-    square, ``min_jacobian`` is 1 for the uniform mesh. ``relaxed`` lists what was weakened, ``warnings`` are sentences;
+    ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is the largest
+    relative difference of a squared metric length from the mean of its grid line; ``discretization_error`` and
+    ``algebraic_error`` estimate errors of the nodes in units of the reference square, ``min_jacobian`` is 1 for the
+    uniform mesh. ``relaxed`` lists what was weakened, ``warnings`` are sentences;
     ``interpolation_gain`` holds under ``"l2"`` and ``"h1"`` how many times smaller the error is than on the uniform
     mesh, None without a u. ``record`` is the JSON it comes from.
     """
@@ -70,7 +78,9 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        lines.append(f"  equation residual     {number(self.equation_residual)}  (relative to the mean flux)")
+        lines.append(
+            f"  equation residual     {number(self.equation_residual)}  (of squared metric lengths, relative)"
+        )
         if not math.isnan(self.discretization_error):
             lines.append(
                 f"  estimated error       {number(self.discretization_error)} of the grid,"

@@ -4,35 +4,32 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from hashlib import sha256
+from pathlib import Path
 from time import time
 from typing import Any, TypeVar
 
-import equimesh
 from equimesh_service import intake
-from equimesh_service.assembly import build_field, build_problem, build_schwarz, pointing
+from equimesh_service.assembly import build_grid, build_schwarz, check_problem, pointing
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import FileStore
+from equimesh_service.monitors import AnyMonitor, ArcLengthSpec, sources_of, with_samples
 from equimesh_service.problems import Problem, invalid
 from equimesh_service.rows import SamplesRow
 from equimesh_service.settings import Settings
-from equimesh_service.spec import (
-    DomainSpec,
-    GridSource,
-    MeshSpec,
-    ScatteredSource,
-    Source,
-    StoredSource,
-    read_spec,
-)
+from equimesh_service.sources import UPLOAD, ExpressionSource, GridSource, ScatteredSource, StoredSource
+from equimesh_service.spec import MeshSpec, read_spec
 from equimesh_service.store import Store
 
-UPLOAD = "upload"
 # Longest that one request may keep a worker busy with its samples.
 _WORK_SECONDS = 60.0
+# How many monitors are remembered as good for their domain.
+_REMEMBERED = 1000
 Result = TypeVar("Result")
 
 
@@ -46,10 +43,10 @@ class Upload:
 
 @dataclass(frozen=True)
 class Admitted:
-    """A spec that will be solved: canonical, with the id of the stored samples that it uses."""
+    """A spec that will be solved: canonical, with the ids of the stored samples that it uses."""
 
     spec: Mapping[str, Any]
-    samples_id: str | None
+    samples: tuple[str, ...]
 
     def fingerprint(self, format: str | None) -> str:
         """The same for requests that ask for the same."""
@@ -65,55 +62,81 @@ class Admission:
     store: Store
     files: FileStore
     desk: Engine
+    known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
     def admit(self, document: Any, upload: Upload | None) -> Admitted:
         """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
         spec = read_spec(document)
         self._check_limits(spec)
-        source = spec.monitor.u
-        with_upload = isinstance(source, StoredSource) and source.samples == UPLOAD
-        if with_upload and upload is None:
+        sources = dict(sources_of(spec.monitor))
+        stored = {pointer: source.samples for pointer, source in sources.items() if isinstance(source, StoredSource)}
+        wanting = [f"{pointer}/samples" for pointer, name in stored.items() if name == UPLOAD]
+        if wanting and upload is None:
             message = 'send the request as multipart, with parts "spec" and "samples", or give the id of stored samples'
-            raise invalid("/monitor/u/samples", message)
-        if upload is not None and not with_upload:
-            raise invalid("/monitor/u", 'there is a part "samples": refer to it with {"samples": "upload"}')
-        # The numbers first: an upload is not kept for a spec that is refused.
-        build_problem(spec, self._field(source))
+            raise invalid(wanting[0], message)
+        if upload is not None and not wanting:
+            raise invalid(next(iter(sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
         build_schwarz(spec)
+        rows = {name: self.stored(name, f"{at}/samples") for at, name in stored.items() if name != UPLOAD}
+        paths = {name: self.files.path(row.sha256) for name, row in rows.items()}
         canonical = spec.canonical()
-        if not isinstance(source, StoredSource):
-            return Admitted(canonical, None)
-        row = self.stored(source.samples) if upload is None else self.keep(upload, "/monitor/u/samples")[0]
-        canonical["monitor"]["u"]["samples"] = row.id
-        return Admitted(canonical, row.id)
+        if upload is None:
+            self._check(spec, canonical, paths)
+        else:
+            # The numbers first: an upload is not kept for a spec that is refused.
+            with self._converted(upload, wanting[0]) as (path, summary):
+                self._check(spec, None, {**paths, UPLOAD: path})
+                row, _ = self._keep(path, summary)
+            rows[row.id] = row
+            with_samples(canonical["monitor"], UPLOAD, row.id)
+            self._remember(_mark(canonical))
+        return Admitted(canonical, tuple(rows))
 
-    def stored(self, samples_id: str) -> SamplesRow:
+    def stored(self, samples_id: str, pointer: str) -> SamplesRow:
         """Samples that were uploaded before."""
         row = self.store.samples(samples_id)
         if row is None:
-            raise invalid("/monitor/u/samples", "there are no samples with this id; POST /v1/samples gives one")
+            raise invalid(pointer, "there are no samples with this id; POST /v1/samples gives one")
         return row
 
-    def keep(self, upload: Upload, pointer: str) -> tuple[SamplesRow, bool]:
+    def keep(self, upload: Upload) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and keep them; the second value tells whether they are new."""
+        with self._converted(upload, "") as (path, summary):
+            return self._keep(path, summary)
+
+    @contextmanager
+    def _converted(self, upload: Upload, pointer: str) -> Iterator[tuple[Path, dict[str, Any]]]:
+        """Uploaded samples as a canonical npz file that is not published, and what they are."""
         most = 4 * self.settings.max_body
         with self.files.unfinished(".upload") as source, self.files.unfinished(".npz") as path:
             source.write_bytes(upload.data)
             summary = self._work(pointer, intake.convert, source, upload.filename, path, most)
             self._check_samples(math.prod(summary["shape"]), pointer)
-            file = self.files.seal(path)
-            row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
-            new = self.store.add_samples(row, lambda: self.files.publish(path, file))
-        return (row, True) if new else (self.stored(row.id), False)
+            yield path, summary
 
-    def _field(self, source: Source) -> equimesh.Field:
-        """u as the spec has it; for samples that take long to interpolate, something in its place."""
-        if isinstance(source, ScatteredSource):
-            given = source.scattered
-            self._work("/monitor/u/scattered", intake.check_scattered, given.points, given.values)
-        elif not isinstance(source, StoredSource):
-            return build_field(source)
-        return equimesh.Expression("0")
+    def _keep(self, path: Path, summary: dict[str, Any]) -> tuple[SamplesRow, bool]:
+        file = self.files.seal(path)
+        row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
+        new = self.store.add_samples(row, lambda: self.files.publish(path, file))
+        return (row, True) if new else (self.stored(row.id, ""), False)
+
+    def _check(self, spec: MeshSpec, canonical: Mapping[str, Any] | None, paths: Mapping[str, Path]) -> None:
+        """See that the monitor can be used on the domain; what takes long is a worker's work, and is done once."""
+        if _is_quick(spec.monitor):
+            check_problem(spec, paths)
+            return
+        mark = None if canonical is None else _mark(canonical)
+        if mark in self.known:
+            build_grid(spec)
+            return
+        self._work("", check_problem, spec, paths)
+        if mark is not None:
+            self._remember(mark)
+
+    def _remember(self, mark: str) -> None:
+        self.known[mark] = None
+        while len(self.known) > _REMEMBERED:
+            self.known.popitem(last=False)
 
     def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
         """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
@@ -121,15 +144,13 @@ class Admission:
             with pointing(pointer):
                 return self.desk.submit(function, *arguments, time_limit=_WORK_SECONDS).result()
         except (TimeLimitError, MemoryLimitError) as error:
-            message = f"the samples are too many to interpolate ({error}): send fewer, or send them on a grid"
-            raise invalid(pointer, message) from None
+            message = f"this takes too long to check ({error}): send fewer samples, or send them on a grid"
+            raise invalid(pointer or "/monitor", message) from None
         except (EngineError, CancelledError) as error:
-            raise Problem("unavailable", f"The samples were not read: {error}.") from None
+            raise Problem("unavailable", f"The request was not checked: {error}.") from None
 
     def _check_limits(self, spec: MeshSpec) -> None:
         most = self.settings
-        if [spec.domain.x, spec.domain.y] != [DomainSpec().x, DomainSpec().y]:
-            raise invalid("/domain", "this version meshes the unit square only: x and y must be [0, 1]")
         # One direction at a time as well: an absurd number is told as such, whatever the other one is.
         for name, points in (("n_xi", spec.grid.n_xi), ("n_eta", spec.grid.n_eta)):
             if points > most.max_points // 4:
@@ -139,11 +160,11 @@ class Admission:
         if spec.grid.n_xi > 0 and points > most.max_points:
             message = f"{points} points; a mesh of this service has at most {most.max_points}: lower n_xi or n_eta"
             raise invalid("/grid", message)
-        source = spec.monitor.u
-        if isinstance(source, GridSource):
-            self._check_samples(sum(map(len, source.grid.values)), "/monitor/u/grid/values")
-        elif isinstance(source, ScatteredSource):
-            self._check_samples(len(source.scattered.points), "/monitor/u/scattered/points")
+        for pointer, source in sources_of(spec.monitor):
+            if isinstance(source, GridSource):
+                self._check_samples(sum(map(len, source.grid.values)), f"{pointer}/grid/values")
+            elif isinstance(source, ScatteredSource):
+                self._check_samples(len(source.scattered.points), f"{pointer}/scattered/points")
         if spec.schwarz is not None:
             along_xi, along_eta = spec.schwarz.subdomains
             if max(along_xi, along_eta) > most.max_subdomains or along_xi * along_eta > most.max_subdomains:
@@ -160,3 +181,15 @@ class Admission:
         if number > self.settings.max_samples:
             message = f"{number} samples; this service takes at most {self.settings.max_samples}: send fewer"
             raise invalid(pointer, message)
+
+
+def _is_quick(monitor: AnyMonitor) -> bool:
+    """Whether a check takes no longer than looking at a formula in many points."""
+    plain = isinstance(monitor, ArcLengthSpec) and monitor.smoothing == 0.0
+    return plain and all(isinstance(source, ExpressionSource | GridSource) for _, source in sources_of(monitor))
+
+
+def _mark(canonical: Mapping[str, Any]) -> str:
+    """The same for specs of the same monitor on the same domain: the id of samples tells their content."""
+    text = json.dumps([canonical["monitor"], canonical["domain"]], sort_keys=True, allow_nan=False)
+    return sha256(text.encode()).hexdigest()

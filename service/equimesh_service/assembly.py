@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeAlias
 
 import equimesh
 from equimesh.errors import InputError
+from equimesh_service import domains as dm
+from equimesh_service import monitors as mn
+from equimesh_service import sources as sr
 from equimesh_service import spec as sp
 from equimesh_service.document import escaped
+from equimesh_service.intake import load_field
 from equimesh_service.problems import complaint_of, refused
 
-_SECTIONS = {
-    "a": "/monitor/a",
-    "b": "/monitor/b",
-    "subdomains": "/schwarz/subdomains",
-    "overlap": "/schwarz/overlap",
-}
+PathOf: TypeAlias = Callable[[str], Path]
+"""Where the file of stored samples is, by their id."""
+
+_SECTIONS = {"subdomains": "/schwarz/subdomains", "overlap": "/schwarz/overlap"}
+_NAMES = {"radius": "smoothing"}
 _TRANSMISSIONS = {
     "classical": equimesh.Classical,
     "linear_robin": equimesh.LinearRobin,
@@ -24,12 +29,27 @@ _TRANSMISSIONS = {
 }
 
 
-def build_problem(spec: sp.MeshSpec, field: equimesh.Field) -> equimesh.Problem:
-    """The solver's problem; raises a 422 problem with pointers."""
+def build_problem(spec: sp.MeshSpec, path_of: PathOf) -> equimesh.Problem:
+    """The solver's problem, its monitor bound to the domain; raises a 422 problem with pointers."""
+    grid = build_grid(spec)
+    domain = build_domain(spec.domain)
+    monitor = build_monitor(spec.monitor, domain, path_of)
+    with pointing("/monitor"):
+        monitor = monitor.on(domain)
     with pointing(""):
-        monitor = equimesh.ArcLength(u=field, a=spec.monitor.a, b=spec.monitor.b)
-        grid = equimesh.Grid(n_xi=spec.grid.n_xi, n_eta=spec.grid.n_eta)
-        return equimesh.Problem(monitor=monitor, grid=grid, boundary=equimesh.Boundary(spec.boundary))
+        boundary = equimesh.Boundary(spec.boundary)
+        return equimesh.Problem(monitor=monitor, grid=grid, boundary=boundary, domain=domain)
+
+
+def check_problem(spec: sp.MeshSpec, paths: Mapping[str, Path]) -> None:
+    """Raise what :func:`build_problem` raises; ``paths`` are those of the samples by their ids."""
+    build_problem(spec, paths.__getitem__)
+
+
+def build_grid(spec: sp.MeshSpec) -> equimesh.Grid:
+    """The grid; raises a 422 problem with pointers."""
+    with pointing(""):
+        return equimesh.Grid(n_xi=spec.grid.n_xi, n_eta=spec.grid.n_eta)
 
 
 def build_schwarz(spec: sp.MeshSpec) -> equimesh.Schwarz | None:
@@ -55,24 +75,75 @@ def build_schwarz(spec: sp.MeshSpec) -> equimesh.Schwarz | None:
     return settings
 
 
-def build_field(source: sp.ExpressionSource | sp.GridSource | sp.ScatteredSource) -> equimesh.Field:
-    """u as the solver takes it, from what stands in the spec itself; raises a 422 problem with pointers."""
+def build_domain(given: dm.AnyDomain) -> equimesh.Domain:
+    """The domain; raises a 422 problem with pointers."""
+    with pointing(""):
+        match given:
+            case dm.RectangleSpec():
+                return equimesh.Rectangle(x=_pair(given.x), y=_pair(given.y))
+            case dm.AnnulusSectorSpec():
+                center, radii, angles = map(_pair, (given.center, given.radii, given.angles))
+                return equimesh.AnnulusSector(center=center, radii=radii, angles=angles)
+            case dm.QuadrilateralSpec():
+                sides = {name: _curve(getattr(given, name), name) for name in ("bottom", "right", "top", "left")}
+                return equimesh.Quadrilateral(**sides)
+
+
+def build_monitor(
+    given: mn.AnyMonitor, domain: equimesh.Domain, path_of: PathOf, pointer: str = "/monitor"
+) -> equimesh.Monitor:
+    """The monitor, not bound to the domain yet; raises a 422 problem with pointers."""
+
+    def read(name: str) -> equimesh.Field:
+        return build_field(getattr(given, name), domain, path_of, f"{pointer}/{name}")
+
+    def optional(name: str) -> equimesh.Field | None:
+        return None if getattr(given, name) is None else read(name)
+
+    monitor: equimesh.Monitor
+    with pointing(pointer):
+        match given:
+            case mn.ArcLengthSpec():
+                monitor = equimesh.ArcLength(u=read("u"), a=given.a, b=given.b)
+            case mn.CurvatureSpec():
+                monitor = equimesh.Curvature(u=read("u"), norm=given.norm, isotropic=given.isotropic)
+            case mn.WeightSpec():
+                monitor = equimesh.Weight(rho=read("rho"), u=optional("u"))
+            case mn.TensorSpec():
+                monitor = equimesh.Tensor(m11=read("m11"), m12=read("m12"), m22=read("m22"), u=optional("u"))
+            case mn.IntersectionSpec():
+                members = [
+                    build_monitor(member, domain, path_of, f"{pointer}/monitors/{number}")
+                    for number, member in enumerate(given.monitors)
+                ]
+                monitor = equimesh.Intersection(monitors=tuple(members))
+        if given.smoothing != 0.0:
+            monitor = equimesh.Smoothed(monitor=monitor, radius=given.smoothing)
+    return monitor
+
+
+def build_field(source: sr.AnySource, domain: equimesh.Domain, path_of: PathOf, pointer: str) -> equimesh.Field:
+    """A function as the solver takes it, good on the whole domain; raises a 422 problem with pointers."""
     match source:
-        case sp.ExpressionSource():
-            with pointing("/monitor/u", default="expression"):
-                return build_expression(source)
-        case sp.GridSource(grid=given):
-            with pointing("/monitor/u/grid"):
-                return equimesh.GridSamples(x=given.x, y=given.y, values=given.values)
-        case sp.ScatteredSource(scattered=given):
-            with pointing("/monitor/u/scattered"):
-                return equimesh.ScatteredSamples(points=given.points, values=given.values)
+        case sr.ExpressionSource():
+            with pointing(pointer, default="expression"):
+                return build_expression(source, domain)
+        case sr.GridSource(grid=given):
+            with pointing(f"{pointer}/grid"):
+                return equimesh.GridSamples(x=given.x, y=given.y, values=given.values, box=domain.box)
+        case sr.ScatteredSource(scattered=given):
+            with pointing(f"{pointer}/scattered"):
+                return equimesh.ScatteredSamples(points=given.points, values=given.values, box=domain.box)
+        case sr.StoredSource(samples=name):
+            path = path_of(name)
+            with pointing(f"{pointer}/samples"):
+                return load_field(path, domain.box)
 
 
-def build_expression(source: sp.ExpressionSource | sp.ExpressionCheck) -> equimesh.Expression:
-    """The expression, known to be finite on the unit square; raises what the solver raises."""
+def build_expression(source: sr.ExpressionSource | sp.ExpressionCheck, domain: equimesh.Domain) -> equimesh.Expression:
+    """The expression, known to be finite on the domain; raises what the solver raises."""
     expression = equimesh.Expression(source.expression, parameters=source.parameters, t=source.t)
-    expression.check_finite()
+    expression.check_finite(domain=domain)
     return expression
 
 
@@ -88,7 +159,17 @@ def pointing(section: str, *, default: str = "") -> Iterator[None]:
 def _pointer(section: str, field: str) -> str:
     if not section and field in _SECTIONS:
         return _SECTIONS[field]
-    parts = [part for part in field.split(".") if part]
+    parts = [_NAMES.get(part, part) for part in field.split(".") if part]
     if not section and parts[:1] == ["transmission"]:
         parts.insert(0, "schwarz")
     return section + "".join(map(escaped, parts))
+
+
+def _pair(given: list[float]) -> tuple[float, float]:
+    return given[0], given[1]
+
+
+def _curve(given: dm.AnyCurve, side: str) -> equimesh.Curve:
+    if isinstance(given, dm.PointCurve):
+        return equimesh.Curve.through(given.points, side=side)
+    return equimesh.Curve.of_expressions(given.x, given.y, given.parameters, side=side)

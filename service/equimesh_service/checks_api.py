@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
@@ -13,13 +14,14 @@ from equimesh import Boundary, Initial, Ordering
 from equimesh.expression import FUNCTIONS, LIMITS
 from equimesh.io import CELLS, FORMATS
 from equimesh_service import body as bodies
-from equimesh_service.assembly import build_expression, pointing
+from equimesh_service import domains, monitors
+from equimesh_service.assembly import build_domain, build_expression, pointing
 from equimesh_service.document import parse
 from equimesh_service.exports import PICTURES, PLOTS
 from equimesh_service.problems import Problem
-from equimesh_service.resources import ExpressionReport, Range
+from equimesh_service.resources import DomainReport, ExpressionReport, Range
 from equimesh_service.routing import ServiceDependency, problems
-from equimesh_service.spec import read_expression_check
+from equimesh_service.spec import MODE_USES, read_expression_check
 
 router = APIRouter(prefix="/v1", tags=["checks"])
 
@@ -43,7 +45,10 @@ _BODY = {
     openapi_extra={"requestBody": _BODY},
 )
 async def check(request: Request, service: ServiceDependency) -> ExpressionReport:
-    """Parse the expression and evaluate it on the unit square; a 422 says what is wrong, and at which column."""
+    """Parse the expression and evaluate it on the domain, the unit square unless given.
+
+    A 422 says what is wrong, and at which column.
+    """
     if bodies.media_type(request) != bodies.JSON:
         raise Problem("unsupported-media-type", f"Send {bodies.JSON}.")
     data = await bodies.read_body(request, service.settings.max_body)
@@ -64,8 +69,9 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "formats": ["npz", "npy", "csv", "json", "vtu", "vtk"],
             "max_samples": settings.max_samples,
         },
-        "monitors": ["arc_length"],
-        "domains": ["rectangle"],
+        "monitors": _named(monitors.USES),
+        "domains": _named(domains.USES),
+        "modes": _named(MODE_USES),
         "boundaries": [str(kind) for kind in Boundary],
         "initials": [str(kind) for kind in Initial],
         "transmissions": ["classical", "linear_robin", "nonlinear_robin"],
@@ -89,17 +95,22 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
     }
 
 
+def _named(uses: Mapping[str, str]) -> list[dict[str, str]]:
+    return [{"name": name, "use": use} for name, use in uses.items()]
+
+
 def _report(data: bytes) -> ExpressionReport:
     asked = read_expression_check(parse(data))
+    domain = build_domain(asked.domain)
     with pointing("", default="expression"):
-        expression = build_expression(asked)
-    points = np.linspace(0.0, 1.0, _POINTS)
-    x, y = np.meshgrid(points, points, indexing="ij")
-    u, u_x, u_y = expression.evaluate(x, y, order=1)
+        expression = build_expression(asked, domain)
+    line = np.linspace(0.0, 1.0, _POINTS)
+    u, u_x, u_y = expression.evaluate(*domain.map(*np.meshgrid(line, line, indexing="ij")), order=1)
     gradient = np.hypot(u_x, u_y)
     return ExpressionReport(
         names=sorted(expression.names),
         u=Range(min=float(u.min()), max=float(u.max())),
         gradient=Range(min=float(gradient.min()), max=float(gradient.max())),
         constant=bool(u.min() == u.max() and not gradient.any()),
+        domain=DomainReport(box=[list(ends) for ends in domain.box], area=domain.area),
     )

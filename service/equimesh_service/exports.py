@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import equimesh
+from equimesh.domain import mapped
 from equimesh.io import CELLS, FORMATS, load_npz, write_mesh
 from equimesh_service.assembly import build_problem, build_schwarz
 from equimesh_service.files import FileStore
@@ -14,7 +15,7 @@ from equimesh_service.problems import Problem
 from equimesh_service.rows import Artifact
 from equimesh_service.spec import read_spec
 from equimesh_service.store import Store
-from equimesh_service.worker import CONVERGENCE, MESH, field_of, open_store
+from equimesh_service.worker import CONVERGENCE, MESH, open_store, samples_of
 
 ARRAYS = "quality:arrays"
 PLOTS = ("mesh", "convergence", "quality")
@@ -67,9 +68,10 @@ def _write(task: Export, path: Path, store: Store, files: FileStore) -> None:
         case _:
             document = store.spec(task.mesh_id)
             mesh = load_npz(_path(task, MESH, store, files)).mesh
-            spec = read_spec(document)
-            monitor = build_problem(spec, field_of(spec, store, files)).monitor
-            path.write_text(json.dumps(equimesh.measure(mesh, monitor).summary(arrays=True), allow_nan=False))
+            problem = build_problem(read_spec(document), samples_of(store, files))
+            uniform = mapped(equimesh.Mesh.uniform(problem.grid), problem.domain)
+            quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
+            path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
 
 
 def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:

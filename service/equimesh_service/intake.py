@@ -6,44 +6,64 @@ algebra runs on one thread, which is tens of times faster for the many small sys
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 import equimesh
-from equimesh.upload import read_samples
+from equimesh.arrays import counted, real_array
+from equimesh.domain import Box, Interval
+from equimesh.errors import SamplesError
+from equimesh.samples import CUBIC
+from equimesh.upload import read_arrays, samples_of
 
 
 def convert(source: Path, filename: str, target: Path, max_bytes: int) -> dict[str, Any]:
     """Read an uploaded file into the canonical npz ``target``; returns what the samples are.
 
-    Raises :class:`~equimesh.errors.SamplesError`.
+    Whether they cover a domain is not known here. Raises :class:`~equimesh.errors.SamplesError`.
     """
-    found = read_samples(source.read_bytes(), filename, max_bytes=max_bytes)
-    on_grid = isinstance(found, equimesh.GridSamples)
+    arrays = _checked(read_arrays(source.read_bytes(), filename, max_bytes=max_bytes))
     with target.open("wb") as file:
-        if isinstance(found, equimesh.GridSamples):
-            np.savez(file, x=found.x, y=found.y, values=found.values)
-        else:
-            np.savez(file, points=found.points, values=found.values)
+        np.savez(file, **arrays)
+    values = arrays["values"]
     return {
-        "kind": "grid" if on_grid else "scattered",
-        "shape": list(found.values.shape),
-        "min": float(found.values.min()),
-        "max": float(found.values.max()),
+        "kind": "scattered" if "points" in arrays else "grid",
+        "shape": list(values.shape),
+        "min": float(values.min()),
+        "max": float(values.max()),
     }
 
 
-def check_scattered(points: Sequence[Sequence[float]], values: Sequence[float]) -> None:
-    """Raise :class:`~equimesh.errors.SamplesError` when no field can be made of scattered samples."""
-    equimesh.ScatteredSamples(points=points, values=values)
-
-
-def load_field(path: Path) -> equimesh.Field:
-    """u from stored samples."""
+def load_field(path: Path, box: Box) -> equimesh.Field:
+    """A function from stored samples, which must cover ``box``."""
     with np.load(path, allow_pickle=False) as arrays:
-        if "points" in arrays:
-            return equimesh.ScatteredSamples(points=arrays["points"], values=arrays["values"])
-        return equimesh.GridSamples(x=arrays["x"], y=arrays["y"], values=arrays["values"])
+        return samples_of(dict(arrays), box=box)
+
+
+def _checked(arrays: dict[str, Any]) -> dict[str, Any]:
+    """The arrays as floats; refuses what is wrong with them on any domain."""
+    if "points" not in arrays:
+        values = real_array(arrays["values"], "values", ndim=2)
+        if "x" not in arrays:
+            samples_of({"values": values})
+            return {"values": values}
+        axes = {name: real_array(arrays[name], name, ndim=1) for name in ("x", "y")}
+        samples_of({**axes, "values": values}, box=(_ends(axes["x"]), _ends(axes["y"])))
+        return {**axes, "values": values}
+    points, values = real_array(arrays["points"], "points", ndim=2), real_array(arrays["values"], "values", ndim=1)
+    if points.shape[1] != 2:
+        raise SamplesError(f"points has shape {points.shape}: it must be (n, 2), one row x, y each", field="points")
+    if len(points) != len(values):
+        message = f"there are {len(points)} points and {len(values)} values: each point needs one value"
+        raise SamplesError(message, field="values")
+    if len(points) < CUBIC:
+        raise SamplesError(f"{counted(len(points))}: scattered samples need at least {CUBIC}", field="points")
+    return {"points": points, "values": values}
+
+
+def _ends(axis: npt.NDArray[np.float64]) -> Interval:
+    """The ends of an axis; of one that is to be refused anything."""
+    return (float(axis[0]), float(axis[-1])) if axis.size > 1 and axis[0] < axis[-1] else (0.0, 1.0)

@@ -28,10 +28,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Job:
-    """One attempt at a mesh."""
+    """One attempt at a mesh, on so many threads."""
 
     place: Place
     claim: Claim
+    threads: int = 1
 
 
 @dataclass(frozen=True)

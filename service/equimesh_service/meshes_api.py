@@ -46,6 +46,29 @@ EXAMPLES: dict[str, Any] = {
             },
         },
     },
+    "curvature": {
+        "summary": "The least interpolation error on a part of a ring",
+        "value": {
+            "monitor": {"kind": "curvature", "u": {"expression": "tanh(10*(x - y))"}, "smoothing": 0.05},
+            "domain": {"kind": "annulus_sector", "radii": [1, 2], "angles": [0, 90]},
+            "grid": {"n_xi": 33, "n_eta": 33},
+        },
+    },
+    "weight": {
+        "summary": "Cells three times smaller along the bottom of a channel with a bump",
+        "value": {
+            "monitor": {"kind": "weight", "rho": {"expression": "1 + 8*exp(-(4*y)**2)"}},
+            "domain": {
+                "kind": "quadrilateral",
+                "bottom": {"x": "3*t", "y": "h*exp(-(6*t - 3)**2)", "parameters": {"h": 0.2}},
+                "right": {"x": "3", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
+                "top": {"points": [[0, 1], [3, 1]]},
+                "left": {"x": "0", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
+            },
+            "grid": {"n_xi": 49, "n_eta": 17},
+            "mode": "tight",
+        },
+    },
     "samples": {
         "summary": "u as samples on a grid",
         "value": {
@@ -70,7 +93,7 @@ _BODY = {
                     "samples": {
                         "type": "string",
                         "contentMediaType": "application/octet-stream",
-                        "description": "npz, npy, csv, json, vtu or vtk, for u = {'samples': 'upload'}.",
+                        "description": "npz, npy, csv, json, vtu or vtk, for {'samples': 'upload'} in the monitor.",
                     },
                 },
             },

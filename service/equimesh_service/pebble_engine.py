@@ -22,6 +22,7 @@ from equimesh_service.engine import EngineError, Health, MemoryLimitError, TimeL
 
 Result = TypeVar("Result")
 _log = logging.getLogger(__name__)
+_warmed_up = 0.0  # seconds, in a worker
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -113,7 +114,8 @@ class PebbleEngine:
         pool = ProcessPool(
             max_workers=self._workers, initializer=_initialize, initargs=self._start, context=self._context
         )
-        self._warm: ProcessFuture[int] = pool.schedule(os.getpid)
+        self._warm: ProcessFuture[float] = pool.schedule(_warm_up_seconds)
+        self._warm.add_done_callback(_tell_warm_up)
         return pool
 
     def _hand_over(self, inner: Future[Any], outer: Future[Any]) -> None:
@@ -152,6 +154,11 @@ def _context(preload: Sequence[str]) -> Any:
     return context
 
 
+def _tell_warm_up(done: Future[float]) -> None:
+    if not done.cancelled() and done.exception() is None and done.result() > 0.0:
+        _log.info("a worker warmed up in %.1f s; the first on a machine compiles the kernels", done.result())
+
+
 def _stop(pool: ProcessPool) -> None:
     pool.stop()  # type: ignore[no-untyped-call]
     pool.join()
@@ -164,12 +171,20 @@ def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
         raise MemoryLimitError("the memory limit was reached") from None
 
 
+def _warm_up_seconds() -> float:
+    """How long the warm-up of this worker took."""
+    return _warmed_up
+
+
 def _initialize(memory_limit: int | None, warm_up: Callable[[], None] | None, lifeline: Connection[Any, Any]) -> None:
     # Pebble stops a worker by SIGTERM and waits for Python code to notice; a factorisation never would.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_die_with_service, args=(lifeline,), daemon=True).start()
     if warm_up is not None:
+        global _warmed_up
+        began = time.perf_counter()
         warm_up()
+        _warmed_up = time.perf_counter() - began
     if memory_limit is not None:
         _limit_memory(memory_limit)
 

@@ -54,7 +54,7 @@ class Progress(BaseModel):
 class ConvergenceSummary(BaseModel):
     """How the solve went, in one line."""
 
-    status: str = Field(description="converged, completed, not_converged, newton_failed, folded.")
+    status: str = Field(description="converged, completed, relaxed, not_converged, newton_failed, folded.")
     message: str
     iterations: int = Field(description="Schwarz iterations; 0 for a single domain.")
     newton_steps: int
@@ -64,6 +64,39 @@ class ConvergenceSummary(BaseModel):
     max_q_eq: float | None
     rate: float | None
     predicted_rate: float | None
+
+
+class Relaxation(BaseModel):
+    """One thing that was asked and not reached."""
+
+    what: str = Field(description="a (of the arc length), strength (of other monitors), cross_line, points.")
+    asked: float
+    reached: float
+
+
+class InterpolationGain(BaseModel):
+    """How many times smaller the interpolation error is than on the uniform mesh."""
+
+    l2: float | None
+    h1: float | None
+
+
+class MeshCertificate(BaseModel):
+    """How well the mesh solves what was asked; null for what is not known."""
+
+    status: str = Field(description="As in convergence; relaxed: for a weaker or smoother monitor than asked.")
+    mode: str | None
+    equation_residual: float | None = Field(
+        description="Largest relative difference of a squared metric length from the mean of its grid line."
+    )
+    discretization_error: float | None = Field(
+        description="Estimated error of the nodes for want of grid points, in units of the reference square."
+    )
+    algebraic_error: float | None = Field(description="Estimated error of the solution of the discrete equations.")
+    min_jacobian: float | None = Field(description="Smallest corner Jacobian; 1 for the uniform mesh.")
+    relaxed: list[Relaxation]
+    warnings: list[str] = Field(description="What a user of the mesh should know.")
+    interpolation_gain: InterpolationGain | None = Field(description="null without a u.")
 
 
 class Timings(BaseModel):
@@ -96,6 +129,7 @@ class MeshResource(BaseModel):
     attempts: int = Field(description="How often a worker has begun it.")
     progress: Progress
     quality: dict[str, Any] | None = Field(description="As GET …/quality, without the values per cell.")
+    certificate: MeshCertificate | None = Field(description="How well it solves what was asked; null before the end.")
     convergence: ConvergenceSummary | None
     timings: Timings
     error: ProblemDetails | None = Field(description="Why it failed.")
@@ -147,14 +181,22 @@ class Range(BaseModel):
     max: float
 
 
+class DomainReport(BaseModel):
+    """What a domain is."""
+
+    box: list[list[float]] = Field(description="[[x0, x1], [y0, y1]], the smallest box around it.")
+    area: float
+
+
 class ExpressionReport(BaseModel):
-    """What an expression is."""
+    """What an expression is on a domain."""
 
     valid: Literal[True] = True
     names: list[str] = Field(description="The variables and parameters that occur.")
     u: Range
     gradient: Range = Field(description="Length of the gradient.")
     constant: bool = Field(description="Whether the mesh will be uniform.")
+    domain: DomainReport
 
 
 def mesh_resource(row: MeshRow) -> MeshResource:
@@ -175,6 +217,7 @@ def mesh_resource(row: MeshRow) -> MeshResource:
         attempts=row.attempt,
         progress=_progress(row),
         quality=result.get("quality"),
+        certificate=result.get("certificate"),
         convergence=result.get("solution"),
         timings=Timings(
             queued=None if started is None else round(max(0.0, started - row.created_at), 6),

@@ -25,7 +25,7 @@ class NewMesh:
 
     id: str
     spec: Mapping[str, Any]
-    samples_id: str | None = None
+    samples: tuple[str, ...] = ()
     format: str | None = None
 
 

@@ -56,9 +56,9 @@ async def create(
         str | None, Query(max_length=200, description="Its suffix tells the format of a raw body.")
     ] = None,
 ) -> Response:
-    """Samples of u as npz, npy, csv, json, vtu or vtk; the same samples give the same id."""
+    """Samples of a function as npz, npy, csv, json, vtu or vtk; the same samples give the same id."""
     upload = await read_upload(request, service.settings.max_body, filename)
-    row, new = await service.check(service.admission.keep, upload, "")
+    row, new = await service.check(service.admission.keep, upload)
     headers = {"Location": f"/v1/samples/{row.id}"}
     return JSONResponse(samples_resource(row).model_dump(mode="json"), 201 if new else 200, headers)
 

@@ -29,7 +29,7 @@ meshes = Table(
     Column("status", String(16), nullable=False),
     Column("label", Text),
     Column("spec", Text, nullable=False),
-    Column("samples_id", String(80)),
+    Column("samples_id", String(80)),  # of meshes from version 0.1; newer ones are in mesh_samples
     Column("n_xi", Integer, nullable=False),
     Column("n_eta", Integer, nullable=False),
     Column("cells", String(16), nullable=False),
@@ -82,6 +82,15 @@ samples = Table(
     Column("size", Integer, nullable=False),
     Column("summary", JSON, nullable=False),
     Column("created_at", Float, nullable=False),
+)
+
+# Which samples a mesh uses.
+mesh_samples = Table(
+    "mesh_samples",
+    metadata,
+    Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
+    Column("samples_id", String(80), nullable=False, index=True),
+    PrimaryKeyConstraint("mesh_id", "samples_id"),
 )
 
 # Keys of requests that must not act twice.

@@ -17,7 +17,7 @@ from equimesh_service.settings import Settings
 
 _log = logging.getLogger(__name__)
 _FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-_START_SECONDS, _GRACE_SECONDS = 60.0, 5
+_START_SECONDS, _GRACE_SECONDS = 300.0, 5  # the first start on a machine compiles the kernels
 
 
 class _Server(uvicorn.Server):
@@ -37,9 +37,8 @@ def run(settings: Settings) -> None:
     OSError when the address cannot be used.
     """
     logging.basicConfig(level=settings.log_level.upper(), format=_FORMAT)
-    check_folder(settings)
     server = _server(settings)
-    listener = _listen(settings)
+    listener = _opened(settings)
     _log.info("listening on %s", _url(settings, listener))
     server.run(sockets=[listener])
 
@@ -52,9 +51,8 @@ def running(settings: Settings) -> Iterator[str]:
     processes import it. Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses
     the data folder, and :class:`RuntimeError` when the service does not start.
     """
-    check_folder(settings)
     server = _server(settings)
-    listener = _listen(settings)
+    listener = _opened(settings)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="equimesh-server", daemon=True)
     thread.start()
     try:
@@ -77,6 +75,17 @@ def _server(settings: Settings) -> _Server:
         server_header=False,
     )
     return _Server(config)
+
+
+def _opened(settings: Settings) -> socket.socket:
+    """The address, and then the folder: a service that cannot have its address leaves nothing behind."""
+    listener = _listen(settings)
+    try:
+        check_folder(settings)
+    except OSError:
+        listener.close()
+        raise
+    return listener
 
 
 def _listen(settings: Settings) -> socket.socket:

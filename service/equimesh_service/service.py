@@ -99,7 +99,7 @@ class Service:
         new = NewMesh(
             id=f"m-{secrets.token_hex(10)}",
             spec=admitted.spec,
-            samples_id=admitted.samples_id,
+            samples=admitted.samples,
             format=format,
         )
         fingerprint = admitted.fingerprint(format)
@@ -170,12 +170,12 @@ def open_service(settings: Settings) -> Service:
         owner,
         store,
         engine,
-        lambda claim: (worker.solve_mesh, (Job(place, claim),)),
+        lambda claim: (worker.solve_mesh, (Job(place, claim, settings.worker_threads),)),
         rules,
         wakeups.announce,
     )
     dispatcher.start(alone=True)
-    _log.info("data folder %s, %d workers", folder, settings.workers)
+    _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
     return Service(
         settings=settings,
         place=place,

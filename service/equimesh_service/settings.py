@@ -9,6 +9,8 @@ from typing import Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from equimesh.workers import available
+
 MIB = 1024 * 1024
 
 
@@ -26,6 +28,9 @@ class Settings(BaseSettings):
         le=256,
         description="Worker processes that solve; by default one for each processor.",
     )
+    threads: int = Field(
+        0, ge=0, le=64, description="Threads of one worker; 0: the processors shared out among the workers."
+    )
     time_limit: float = Field(300.0, gt=0, description="Seconds that one mesh may take before it fails.")
     memory_limit: int = Field(
         4096, ge=16, description="MiB that one worker may allocate on top of what it needs to start."
@@ -41,6 +46,11 @@ class Settings(BaseSettings):
     lease: float = Field(15.0, gt=0, description="Seconds after which a silent service loses its meshes.")
     poll: float = Field(0.2, gt=0, le=5, description="Seconds between looks at the store for progress.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least level logged.")
+
+    @property
+    def worker_threads(self) -> int:
+        """Threads of one worker, at least 1."""
+        return self.threads or min(64, max(1, available() // self.workers))
 
     @property
     def database_url(self) -> str:

@@ -31,7 +31,7 @@ from equimesh_service.rows import (
     SamplesGoneError,
     SamplesRow,
 )
-from equimesh_service.schema import artifacts, events, idempotency, meshes, metadata, samples
+from equimesh_service.schema import artifacts, events, idempotency, mesh_samples, meshes, metadata, samples
 
 
 def _nothing() -> None:
@@ -135,7 +135,7 @@ class Store:
         with self._write() as connection:
             query = select(artifacts.c.sha256).where(artifacts.c.mesh_id == mesh_id)
             held = set(connection.execute(query).scalars())
-            for table in (events, artifacts, idempotency):
+            for table in (events, artifacts, idempotency, mesh_samples):
                 connection.execute(delete(table).where(table.c.mesh_id == mesh_id))
             gone = connection.execute(delete(meshes).where(meshes.c.id == mesh_id)).rowcount
             self._remove_unused(connection, held, remove_file)
@@ -307,7 +307,9 @@ class Store:
             if sha256 is None:
                 return None
             open_meshes = meshes.c.status.in_((QUEUED, RUNNING))
-            query = select(meshes.c.id).where(meshes.c.samples_id == samples_id, open_meshes).limit(1)
+            uses = select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples_id)
+            needs = or_(meshes.c.samples_id == samples_id, meshes.c.id.in_(uses))
+            query = select(meshes.c.id).where(needs, open_meshes).limit(1)
             if connection.execute(query).first() is not None:
                 return False
             connection.execute(delete(samples).where(samples.c.id == samples_id))
@@ -329,17 +331,15 @@ class Store:
         return str(row.mesh_id)
 
     def _insert_mesh(self, connection: Connection, new: NewMesh) -> None:
-        if new.samples_id is not None:
-            query = select(samples.c.id).where(samples.c.id == new.samples_id)
-            if connection.execute(query).first() is None:
-                raise SamplesGoneError(new.samples_id)
+        for name in new.samples:
+            if connection.execute(select(samples.c.id).where(samples.c.id == name)).first() is None:
+                raise SamplesGoneError(name)
         now = self._clock()
         row = {
             "id": new.id,
             "status": QUEUED,
             "label": new.spec["label"],
             "spec": to_json(new.spec),
-            "samples_id": new.samples_id,
             "n_xi": new.spec["grid"]["n_xi"],
             "n_eta": new.spec["grid"]["n_eta"],
             "cells": new.spec["cells"],
@@ -348,6 +348,8 @@ class Store:
             "last_event": 1,
         }
         connection.execute(insert(meshes).values(row))
+        for name in new.samples:
+            connection.execute(insert(mesh_samples).values(mesh_id=new.id, samples_id=name))
         first = {"mesh_id": new.id, "number": 1, "time": now, "kind": "status", "data": {"status": QUEUED}}
         connection.execute(insert(events).values(first))
 

@@ -14,14 +14,13 @@ import numpy as np
 
 import equimesh
 from equimesh.io import write_mesh
-from equimesh_service.assembly import build_field, build_problem, build_schwarz
+from equimesh_service.assembly import PathOf, build_problem, build_schwarz
 from equimesh_service.files import FileStore, StoredFile
-from equimesh_service.intake import load_field
 from equimesh_service.job import Job, Place
 from equimesh_service.problems import Problem
 from equimesh_service.reporter import AttemptLostError, Reporter
 from equimesh_service.rows import Artifact
-from equimesh_service.spec import MeshSpec, StoredSource, read_spec
+from equimesh_service.spec import read_spec
 from equimesh_service.store import Store
 
 MESH, QUALITY, CONVERGENCE = "mesh", "quality", "convergence"
@@ -36,12 +35,20 @@ def solve_mesh(job: Job) -> None:
 
 
 def warm_up() -> None:
-    """Do everything once that is slow, or takes memory for good, the first time."""
+    """Do everything once that is slow, or takes memory for good, the first time: all kernels are compiled."""
     np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
-    monitor = equimesh.ArcLength(u=equimesh.Expression("sin(pi*x)*y"))
-    for points, schwarz in ((9, equimesh.Schwarz()), (33, None)):  # the second compiles the kernels
-        problem = equimesh.Problem(monitor=monitor, grid=equimesh.Grid(n_xi=points, n_eta=points))
-        equimesh.solve(problem, schwarz, check=False).data()
+    u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
+    ring = equimesh.AnnulusSector()
+    plain, curved = equimesh.ArcLength(u=u), equimesh.Smoothed(monitor=equimesh.Curvature(u=u))
+    for monitor, points, domain, schwarz in (
+        (plain, 9, equimesh.Rectangle(), equimesh.Schwarz()),
+        (plain, 129, equimesh.Rectangle(), None),
+        (plain, 33, ring, None),
+        (curved, 33, equimesh.Rectangle(), None),
+    ):
+        grid = equimesh.Grid(n_xi=points, n_eta=points)
+        problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
+        equimesh.solve(problem, schwarz, threads=1, check=False).data()
 
 
 @lru_cache(maxsize=8)
@@ -50,15 +57,16 @@ def open_store(place: Place) -> Store:
     return place.store()
 
 
-def field_of(spec: MeshSpec, store: Store, files: FileStore) -> equimesh.Field:
-    """u as the spec gives it; stored samples are read from their file."""
-    source = spec.monitor.u
-    if not isinstance(source, StoredSource):
-        return build_field(source)
-    row = store.samples(source.samples)
-    if row is None:
-        raise Problem("conflict", "The samples of this mesh were deleted.")
-    return load_field(files.path(row.sha256))
+def samples_of(store: Store, files: FileStore) -> PathOf:
+    """Where the samples of specs are."""
+
+    def path(samples_id: str) -> Path:
+        row = store.samples(samples_id)
+        if row is None:
+            raise Problem("conflict", "The samples of this mesh were deleted.")
+        return files.path(row.sha256)
+
+    return path
 
 
 def _solve(job: Job) -> None:
@@ -68,10 +76,19 @@ def _solve(job: Job) -> None:
     if document is None or row is None:
         raise AttemptLostError
     spec = read_spec(document)
-    problem = build_problem(spec, field_of(spec, store, files))
+    problem = build_problem(spec, samples_of(store, files))
     schwarz = build_schwarz(spec)
     reporter = Reporter(schwarz, lambda told: store.progress(job.claim, told))
-    solution = equimesh.solve(problem, schwarz, initial=equimesh.Initial(spec.initial), observe=reporter, check=False)
+    solution = equimesh.solve(
+        problem,
+        schwarz,
+        initial=equimesh.Initial(spec.initial),
+        mode=equimesh.Mode(spec.mode),
+        allow_relaxed=spec.allow_relaxed,
+        threads=job.threads,
+        observe=reporter,
+        check=False,
+    )
     solved = time.perf_counter()
     reporter.writing()
     usable = not solution.mesh.is_folded
@@ -93,7 +110,12 @@ def _solve(job: Job) -> None:
         store.finish(
             job.claim,
             error=None if solution.status.succeeded else _problem(solution).body(),
-            result={"solution": _summary(solution), "quality": quality, "timings": timings},
+            result={
+                "solution": _summary(solution),
+                "quality": quality,
+                "certificate": solution.certificate.summary(),
+                "timings": timings,
+            },
             files=output.artifacts,
             partial=usable and not solution.status.succeeded,
             publish=output.publish,

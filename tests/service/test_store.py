@@ -226,7 +226,7 @@ def test_samples_that_a_waiting_mesh_needs_stay(store: Store) -> None:
     row = SamplesRow("s-1", "3" * 64, 10, {"kind": "grid"}, 1.0)
     assert store.add_samples(row)
     assert not store.add_samples(row)
-    store.add_mesh(NewMesh(id="a", spec=SPEC, samples_id="s-1"))
+    store.add_mesh(NewMesh(id="a", spec=SPEC, samples=("s-1",)))
     removed: list[str] = []
     assert store.delete_samples("s-1", removed.append) is False
     store.cancel("a")
@@ -234,7 +234,7 @@ def test_samples_that_a_waiting_mesh_needs_stay(store: Store) -> None:
     assert removed == ["3" * 64]
     assert store.delete_samples("s-1", removed.append) is None
     with pytest.raises(SamplesGoneError):
-        store.add_mesh(NewMesh(id="b", spec=SPEC, samples_id="s-1"))
+        store.add_mesh(NewMesh(id="b", spec=SPEC, samples=("s-1",)))
 
 
 def test_sqlite_writes_ahead_and_to_disk(store: Store) -> None:
