@@ -9,6 +9,7 @@ from typing import Any
 
 from equimesh_cli.exits import EPILOG, Exit, Refused
 from equimesh_cli.generate import DEFAULT_URL, add_url
+from equimesh_cli.monitors import domain
 from equimesh_cli.options import parameter
 
 EXAMPLES = """\
@@ -25,7 +26,7 @@ def add_parser(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "check",
         help="check an expression",
-        description="Parse an expression and evaluate it on the unit square. Works here when the solver is "
+        description="Parse an expression and evaluate it on a domain. Works here when the solver is "
         "installed and no --url is given, otherwise through a service.",
         epilog=EXAMPLES + EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -34,6 +35,9 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("u", metavar="EXPR", help="u(x, y)")
     parser.add_argument("--parameter", metavar="NAME=VALUE", action="append", default=[], type=parameter)
     parser.add_argument("--t", type=float, help="value of the name t")
+    parser.add_argument(
+        "--domain", type=domain, help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 or @FILE (the unit square)"
+    )
     add_url(parser, default=None)
     parser.set_defaults(run=run)
 
@@ -53,15 +57,16 @@ def _here(options: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     import equimesh as em
-    from equimesh_cli.solve import pointed
+    from equimesh_cli.problem import build_domain, pointed
 
+    where = build_domain(options.domain)
     try:
         expression = em.Expression(options.u, parameters=dict(options.parameter), t=options.t or 0.0)
-        expression.check_finite()
+        expression.check_finite(domain=where)
     except em.ExpressionError as error:
         raise Refused(pointed(error, options.u)) from error
-    x, y = np.meshgrid(np.linspace(0, 1, 33), np.linspace(0, 1, 33), indexing="ij")
-    u, u_x, u_y = expression.evaluate(x, y, order=1)
+    s, t = np.meshgrid(np.linspace(0, 1, 33), np.linspace(0, 1, 33), indexing="ij")
+    u, u_x, u_y = expression.evaluate(*where.map(s, t), order=1)
     slope = np.hypot(u_x, u_y)
     return {
         "names": sorted(expression.names),
@@ -75,7 +80,7 @@ def _there(options: argparse.Namespace) -> dict[str, Any]:
     from equimesh_client import Client
 
     with Client(options.url or DEFAULT_URL, retries=2) as client:
-        return client.check(options.u, parameters=dict(options.parameter), t=options.t)
+        return client.check(options.u, parameters=dict(options.parameter), t=options.t, domain=options.domain)
 
 
 def _words(value: Any) -> str:

@@ -8,6 +8,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import EPILOG, Exit
+from equimesh_cli.monitors import monitor_of
 from equimesh_cli.options import add_mesh_options, check_options, schwarz_of
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ examples:
   equimesh generate '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
   equimesh generate 'tanh(c*(x-y))' --parameter c=30 -n 65 --plot mesh.png
   equimesh generate --samples u.npz -n 129 --subdomains 2x2 --overlap 6 -o mesh.msh
+  equimesh generate 'tanh(20*(x-y))' -n 65 --monitor curvature --domain annulus:1,2,0,90 -o mesh.vtu
   equimesh generate x*y -n 33 --url http://meshes.example:8000 --json
 
 """
@@ -39,6 +41,9 @@ def add_parser(commands: Any) -> None:
     service = parser.add_argument_group("service")
     add_url(service, default=DEFAULT_URL)
     service.add_argument("--deadline", metavar="SECONDS", type=float, default=600.0, help="(600)")
+    service.add_argument(
+        "--partial", action="store_true", help="write the mesh of a failed solve, too, if it is not folded"
+    )
     service.add_argument("--label", help="free text, for the service's list of meshes")
     parser.set_defaults(run=run)
 
@@ -63,20 +68,16 @@ def run(options: argparse.Namespace) -> int:
         try:
             mesh = _generated(client, options, progress=False if quiet else None)
         except MeshFailed as error:
-            if options.json:
-                print(json.dumps({"mesh": error.mesh.record, "files": []}, indent=2))
+            _failed(client, options, error.mesh.record)
             raise
-        files = []
-        if options.output is not None:
-            files.append(str(mesh.download(options.output)))
-        if options.plot is not None:
-            mesh.plot(options.plot, options.plot_kind)
-            files.append(str(options.plot))
+        files = _write(mesh, options)
         if options.json:
             parts = {"quality": mesh.quality.record, "convergence": mesh.convergence.record}
             print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
         elif not options.quiet:
             print(f"mesh {mesh.id} of {client.url}")
+            if mesh.certificate is not None:
+                print(mesh.certificate)
             print(mesh.quality)
             if options.subdomains is not None:
                 print(f"\n{mesh.convergence}")
@@ -85,15 +86,40 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
+def _failed(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
+    """Write and tell what there is of a mesh that failed."""
+    files = []
+    if options.partial and record.get("partial"):
+        files = _write(client.meshes.get(str(record["id"])), options, partial=True)
+    if options.json:
+        print(json.dumps({"mesh": record, "files": files}, indent=2))
+    elif not options.quiet:
+        for file in files:
+            print(f"wrote {file}, a partial mesh")
+
+
+def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) -> list[str]:
+    """Write the asked files and return their names."""
+    files = []
+    if options.output is not None:
+        files.append(str(mesh.download(options.output, partial=partial)))
+    if options.plot is not None:
+        mesh.plot(options.plot, options.plot_kind)
+        files.append(str(options.plot))
+    return files
+
+
 def _generated(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
     return client.generate(
         options.u if options.samples is None else options.samples,
         (options.n_xi, options.n_xi if options.n_eta is None else options.n_eta),
-        a=options.a,
-        b=options.b,
+        monitor=monitor_of(options),
+        domain=options.domain,
         schwarz=schwarz_of(options),
         boundary=options.boundary,
         initial=options.initial,
+        mode=options.mode,
+        allow_relaxed=not options.no_relax,
         cells=options.cells,
         label=options.label,
         parameters=dict(options.parameter),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from equimesh_cli.exits import Refused
+from equimesh_cli.monitors import add_monitor_options, check_monitor, domain
 
 if TYPE_CHECKING:
     from equimesh_client import Schwarz
@@ -37,11 +38,17 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         help="value of a further name in U; may be repeated",
     )
     parser.add_argument("--t", type=float, help="value of the name t in U")
+    add_monitor_options(parser)
     mesh = parser.add_argument_group("mesh")
     mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, default=64, help="points a side, along xi (64)")
     mesh.add_argument("--n-eta", type=int, help="points along eta (as along xi)")
-    mesh.add_argument("-a", type=float, default=0.7, help="strength of the adaptation, 0 to 1 (0.7)")
-    mesh.add_argument("-b", type=float, default=0.05, help="damping where u is steep, not negative (0.05)")
+    mesh.add_argument(
+        "--domain",
+        metavar="DOMAIN",
+        type=domain,
+        help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 (degrees), or @FILE with any domain as JSON "
+        "(the unit square)",
+    )
     mesh.add_argument(
         "--boundary",
         choices=("trace", "equidistributed_1d", "orthogonal"),
@@ -49,6 +56,13 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         help="how points move along the sides (trace)",
     )
     mesh.add_argument("--initial", choices=("nested", "uniform"), default="nested", help="first mesh (nested)")
+    mesh.add_argument(
+        "--mode",
+        choices=("discretization", "tight"),
+        default="discretization",
+        help="solve to the error of the grid, or to rounding (discretization)",
+    )
+    mesh.add_argument("--no-relax", action="store_true", help="fail rather than adapt less than asked")
     mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
     schwarz = parser.add_argument_group("Schwarz iteration", "without --subdomains there is a single domain")
     schwarz.add_argument("--subdomains", metavar="AxB", type=_subdomains, help="along xi and eta, e.g. 2x1")
@@ -79,10 +93,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
 
 def check_options(options: argparse.Namespace, suffixes: tuple[str, ...]) -> None:
     """Raises :class:`Refused` for options that do not go together, before any work is done."""
-    if (options.u is None) == (options.samples is None):
-        raise Refused("give either an expression U or --samples FILE")
-    if options.samples is not None and (options.parameter or options.t is not None):
-        raise Refused("--parameter and --t belong to an expression, not to --samples")
+    check_monitor(options)
     given = [name for name in SCHWARZ if getattr(options, name) is not None]
     if given and options.subdomains is None:
         flags = ", ".join("--" + name.replace("_", "-") for name in given)

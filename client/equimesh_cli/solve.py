@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import EPILOG, Exit, Refused
-from equimesh_cli.options import add_mesh_options, check_options, schwarz_of
+from equimesh_cli.options import add_mesh_options, check_options
 
 if TYPE_CHECKING:
     import equimesh
@@ -27,6 +27,8 @@ examples:
       --subdomains 2x1 --overlap 2 --p 2.3 --compare --plot convergence.png --plot-kind convergence
   equimesh solve -n 33 -- '-x*y'
   equimesh solve --samples u.csv -n 129 -o mesh.msh --cells triangle
+  equimesh solve 'tanh(20*(x-y))' -n 65 --monitor curvature --norm h1 --domain annulus:1,2,0,90
+  equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
 
 needs the solver: pip install 'equimesh[solver]', and [plot] for --plot
 
@@ -44,6 +46,7 @@ def add_parser(commands: Any) -> None:
         allow_abbrev=False,
     )
     add_mesh_options(parser)
+    parser.add_argument("--threads", metavar="N", type=int, help="threads that share large grids (one for every core)")
     parser.set_defaults(run=run)
 
 
@@ -58,27 +61,38 @@ def run(options: argparse.Namespace) -> int:
         import equimesh as em
     except ImportError as error:
         raise Refused(f"the solver is not installed ({error.name}): pip install 'equimesh[solver]'") from error
-    from equimesh_client import Convergence, Quality
+    from equimesh_cli.compiling import compiling_told
+    from equimesh_cli.problem import build_problem, build_schwarz
+    from equimesh_client import Certificate, Convergence, Quality
 
     grid = em.Grid(n_xi=options.n_xi, n_eta=options.n_xi if options.n_eta is None else options.n_eta)
     _check_memory(grid)
     try:
-        monitor = em.ArcLength(u=_field(em, options), a=options.a, b=options.b)
-        problem = em.Problem(monitor=monitor, grid=grid, boundary=em.Boundary(options.boundary))
-        with Observer(shown=not options.quiet) as observer:
-            solution = em.solve(problem, _schwarz(em, options), initial=em.Initial(options.initial), observe=observer)
-    except em.ExpressionError as error:
-        raise Refused(pointed(error, options.u)) from error
+        with compiling_told(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
+            solution = em.solve(
+                build_problem(options, grid),
+                build_schwarz(options),
+                initial=em.Initial(options.initial),
+                mode=em.Mode(options.mode),
+                allow_relaxed=not options.no_relax,
+                threads=options.threads,
+                observe=observer,
+            )
+            quality = solution.quality.summary()
     except em.SolveError as error:
         if options.json:
-            print(json.dumps({**_said(error.solution), "convergence": error.solution.convergence()}, indent=2))
+            failed = error.solution
+            parts = {"certificate": failed.certificate.summary(), "convergence": failed.convergence()}
+            print(json.dumps({**_said(failed), **parts}, indent=2))
         raise
     files = _write(options, solution)
-    quality, convergence = solution.quality.summary(), solution.convergence()
+    certificate, convergence = solution.certificate.summary(), solution.convergence()
     if options.json:
-        print(json.dumps({**_said(solution), "quality": quality, "convergence": convergence, "files": files}, indent=2))
+        parts = {"certificate": certificate, "quality": quality, "convergence": convergence}
+        print(json.dumps({**_said(solution), **parts, "files": files}, indent=2))
     elif not options.quiet:
         print(f"{grid} points: {solution.message}")
+        print(Certificate.from_json(certificate))
         print(Quality.from_json(quality))
         if options.subdomains is not None:
             print(f"\n{Convergence.from_json(convergence)}")
@@ -99,45 +113,6 @@ def _check_memory(grid: equimesh.Grid) -> None:
             f"{grid} points need about {needed / 1e9:.0f} GB of memory, and this machine has {present / 1e9:.0f} GB: "
             "take fewer points"
         )
-
-
-def pointed(error: equimesh.ExpressionError, text: str) -> str:
-    """What is wrong with an expression, with a caret under the place."""
-    from equimesh_client.errors import caret
-
-    place = error.position
-    shown = caret(text, line=place.line, column=place.column) if place is not None else ""
-    return f"{error}\n{shown}" if shown else str(error)
-
-
-def _field(em: Any, options: argparse.Namespace) -> equimesh.Field:
-    if options.samples is not None:
-        from equimesh.upload import read_samples
-
-        samples: equimesh.Field = read_samples(options.samples.read_bytes(), options.samples.name)
-        return samples
-    expression: equimesh.Expression = em.Expression(options.u, parameters=dict(options.parameter), t=options.t or 0.0)
-    expression.check_finite()
-    return expression
-
-
-def _schwarz(em: Any, options: argparse.Namespace) -> equimesh.Schwarz | None:
-    """The solver's own settings: the client's, object for object."""
-    asked = schwarz_of(options)
-    if asked is None:
-        return None
-    condition = getattr(em, type(asked.transmission).__name__)
-    p = getattr(asked.transmission, "p", None)
-    schwarz: equimesh.Schwarz = em.Schwarz(
-        subdomains=asked.subdomains,
-        overlap=asked.overlap,
-        transmission=condition() if p is None else condition(p=p),
-        ordering=em.Ordering(asked.ordering),
-        tolerance=asked.tolerance,
-        max_iterations=asked.max_iterations,
-        compare_single_domain=asked.compare_single_domain,
-    )
-    return schwarz
 
 
 def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
@@ -177,7 +152,7 @@ class Observer:
         if step is None:
             said = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"  # type: ignore[union-attr]
         else:
-            said = f"Newton step {step} on {event.grid}, residual {event.residual:.1e}"  # type: ignore[union-attr]
+            said = f"step {step} on {event.grid}, residual {event.residual:.1e}"  # type: ignore[union-attr]
         self._line.set_description_str(said)
 
     def __enter__(self) -> Observer:

@@ -78,9 +78,7 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        lines.append(
-            f"  equation residual     {number(self.equation_residual)}  (of squared metric lengths, relative)"
-        )
+        lines.append(f"  equation residual     {number(self.equation_residual)}  (of squared metric lengths, relative)")
         if not math.isnan(self.discretization_error):
             lines.append(
                 f"  estimated error       {number(self.discretization_error)} of the grid,"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from equimesh_client.errors import BadArgument
 
@@ -40,7 +40,7 @@ class Curvature:
     ``smoothing`` and ``u`` as in :class:`ArcLength`.
     """
 
-    norm: str = "l2"
+    norm: Literal["l2", "h1"] = "l2"
     isotropic: bool = False
     smoothing: float = 0.0
     u: object = None

@@ -291,6 +291,7 @@ class _Handler(BaseHTTPRequestHandler):
         mesh["progress"] = {"stage": "newton", "iteration": looks, "residual": 0.1**looks, "fraction": looks / 4}
         if label == "fail":
             mesh["status"] = "failed"
+            mesh["partial"] = True
             mesh["error"] = {"title": "The mesh folded", "detail": "At cell 3.", "remedy": "Lower a."}
         elif label != "hang" and (label != "slow" or looks >= 3):
             mesh["status"] = "succeeded"

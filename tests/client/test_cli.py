@@ -20,9 +20,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from client.fake_service import parts_of
 from equimesh_cli import main
 from equimesh_cli.command import build_parser
 
+CURVED: dict[str, Any] = {
+    "kind": "quadrilateral",
+    "bottom": {"x": "t", "y": "h*sin(pi*t)", "parameters": {"h": 0.2}},
+    "right": {"points": [[1, 0], [1, 1]]},
+    "top": {"points": [[0, 1], [0.5, 1.1], [0.75, 1.1], [1, 1]]},
+    "left": {"x": "0", "y": "t"},
+}
 COMMAND = [sys.executable, "-m", "equimesh_cli"]
 
 
@@ -96,6 +104,52 @@ def test_generate_sends_what_was_asked(generate: Any, service: Any) -> None:
     }
 
 
+def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp_path: Path) -> None:
+    asked = "-n 9 --monitor tensor --m11 1+c --m12 0 --m22 2 --smoothing 0.1 --parameter c=2 --quiet"
+    assert generate(*asked.split(), "--domain", "annulus:1,3,-30,45", "--mode", "tight", "--no-relax")[0] == 0
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["monitor"] == {
+        "kind": "tensor",
+        "m11": {"expression": "1+c", "parameters": {"c": 2.0}},
+        "m12": {"expression": "0", "parameters": {"c": 2.0}},
+        "m22": {"expression": "2", "parameters": {"c": 2.0}},
+        "smoothing": 0.1,
+    }
+    assert sent["domain"] == {"kind": "annulus_sector", "center": [0, 0], "radii": [1, 3], "angles": [-30, 45]}
+    assert (sent["mode"], sent["allow_relaxed"]) == ("tight", False)
+    assert (
+        generate("x", "--monitor", "curvature", "--norm", "h1", "--isotropic", "--domain", "rectangle:0,2,0,1")[0] == 0
+    )
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["monitor"] == {"kind": "curvature", "u": {"expression": "x"}, "norm": "h1", "isotropic": True}
+    assert sent["domain"] == {"kind": "rectangle", "x": [0, 2], "y": [0, 1]}
+    (tmp_path / "rho.csv").write_text("x,y,u\n")
+    (tmp_path / "d.json").write_text(json.dumps(CURVED))
+    words = ("--monitor", "weight", "--rho", str(tmp_path / "rho.csv"), "--domain", f"@{tmp_path / 'd.json'}")
+    assert generate("x", *words)[0] == 0
+    sent = json.loads(parts_of(service.seen("POST", "meshes")[-1])["spec"][1])
+    assert sent["monitor"] == {"kind": "weight", "rho": {"samples": "upload"}, "u": {"expression": "x"}}
+    assert sent["domain"] == CURVED
+
+
+def test_generate_prints_the_certificate(generate: Any) -> None:
+    code, out, _ = generate("x", "-n", "5", "--label", "relaxed")
+    assert code == 0
+    for words in ("certificate: relaxed", "0.7000 asked, 0.3500 reached", "warning: The mesh adapts less than asked."):
+        assert words in out
+
+
+def test_the_partial_mesh_of_a_failed_one(generate: Any, service: Any, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.npz"
+    code, out, err = generate("x", "-n", "5", "--label", "fail", "--partial", "-o", str(path))
+    assert (code, out) == (1, f"wrote {path}, a partial mesh\n")
+    assert "folded" in err
+    assert service.seen("GET", "file")[0].query["partial"] == "true"
+    path.unlink()
+    assert generate("x", "-n", "5", "--label", "fail", "-o", str(path))[:2] == (1, "")
+    assert not path.exists()
+
+
 def test_generate_uploads_a_file(generate: Any, service: Any, tmp_path: Path) -> None:
     (tmp_path / "u.csv").write_text("x,y,u\n")
     assert generate("--samples", str(tmp_path / "u.csv"), "-n", "5", "--quiet") == (0, "", "")
@@ -124,6 +178,13 @@ def test_json_is_one_object(generate: Any) -> None:
         (["--samples", "u.npz", "--t", "1"], "belong to an expression"),
         (["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"], "takes no parameter p"),
         (["x", "--deadline", "-1"], "deadline = -1"),
+        (["--monitor", "weight"], "--monitor weight needs --rho"),
+        (["--monitor", "tensor", "--m11", "1"], "--monitor tensor needs --m12, --m22"),
+        (["x", "--norm", "h1"], "--norm is for --monitor curvature, and this is --monitor arc-length"),
+        (["x", "--monitor", "curvature", "-a", "0.5"], "-a is for --monitor arc-length"),
+        (["--monitor", "curvature"], "either an expression U or --samples"),
+        (["--monitor", "weight", "--rho", "r.npz", "--t", "1"], "belong to an expression"),
+        (["--monitor", "weight", "--rho", "missing.npz"], "missing.npz: No such file"),
     ],
 )
 def test_usage_is_refused_before_anything_is_sent(
@@ -137,7 +198,14 @@ def test_usage_is_refused_before_anything_is_sent(
 
 
 @pytest.mark.parametrize(
-    "arguments", [["x", "--subdomains", "2"], ["x", "--p", "much"], ["x", "--parameter", "c"], ["x", "-n", "a"], ["-x"]]
+    "arguments",
+    [
+        *(["x", "--subdomains", "2"], ["x", "--p", "much"], ["x", "--parameter", "c"], ["x", "-n", "a"], ["-x"]),
+        *(
+            ["x", "--domain", text]
+            for text in ("disk", "rectangle:0,1", "annulus:1,2,a,b", "@missing.json", "rectangle")
+        ),
+    ],
 )
 def test_usage_that_argparse_refuses(generate: Any, arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
@@ -180,6 +248,15 @@ def test_check_at_a_service(service: Any, capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err.endswith("      foo\n      ^\n")
 
 
+def test_check_on_a_domain(service: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("scipy")
+    monkeypatch.delenv("EQUIMESH_URL", raising=False)
+    assert main(["check", "log(x*x+y*y)", "--domain", "annulus:1,2,0,90"]) == 0
+    assert main(["check", "log(x)", "--domain", "rectangle:-1,1,0,1"]) == 2
+    assert main(["check", "x", "--domain", "rectangle:0,2,0,1", "--url", service.url]) == 0
+    assert json.loads(service.seen("POST", "check")[0].body)["domain"]["x"] == [0, 2]
+
+
 def test_check_here(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("scipy")
     monkeypatch.delenv("EQUIMESH_URL", raising=False)
@@ -209,6 +286,47 @@ def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tm
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(["solve", "x*y", "-n", "8", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["status"] == "converged"
+
+
+def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    (tmp_path / "d.json").write_text(json.dumps(CURVED))
+    axis = np.linspace(0, 2, 9)
+    np.savez(tmp_path / "rho.npz", x=axis, y=axis, values=1.0 + axis[:, None] * axis)
+    for words in (
+        "x*y --domain rectangle:0,2,0,1",
+        "tanh(5*x-5*y) --monitor curvature --norm h1 --isotropic --domain annulus:1,2,0,90 --mode tight",
+        f"--monitor weight --rho {tmp_path / 'rho.npz'} --domain rectangle:0,2,0,2 --threads 1",
+        f"x --monitor tensor --m11 1+x --m12 0 --m22 1 --smoothing 0.1 --domain @{tmp_path / 'd.json'}",
+    ):
+        assert main(["solve", "-n", "17", "--json", *words.split()]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert said["status"] == said["certificate"]["status"] == "converged"
+        assert (said["certificate"]["interpolation_gain"] is None) == ("weight" in words)
+        assert said["certificate"]["mode"] == ("tight" if "tight" in words else "discretization")
+    assert main(["solve", "x*y", "-n", "9"]) == 0
+    assert capsys.readouterr().out.splitlines()[1] == "certificate: converged, mode discretization"
+    (tmp_path / "d.json").write_text(json.dumps({**CURVED, "left": {"x": "0", "y": "foo*t"}}))
+    for words, told in (
+        ("x --domain annulus:2,1,0,90", "radii"),
+        ("1/x --domain rectangle:-1,1,0,1", "    1/x\n"),
+        ("--monitor weight --rho -1", "positive"),
+        (f"x --domain @{tmp_path / 'd.json'}", "domain.left.y: "),
+        (f"--samples {tmp_path / 'rho.npz'} --domain rectangle:0,4,0,1", "cover"),
+    ):
+        assert main(["solve", "-n", "9", *words.split()]) == 2, words
+        assert told in capsys.readouterr().err
+
+
+def test_solve_says_when_it_has_to_compile(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    said = []
+    for _ in range(2):
+        command = [*COMMAND, "solve", "x*y", "-n", "9"]
+        done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300, check=True)
+        said.append(done.stderr)
+    assert said == ["compiling kernels, once per machine ...\n", ""]
 
 
 def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
