@@ -1,0 +1,179 @@
+"""The page docs/robustness.md from the results of benchmarks/robustness.py, which it keeps in benchmarks/robustness.json.
+
+python benchmarks/robustness_page.py writes the page from the results kept.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from functions import FUNCTIONS
+
+Result: TypeAlias = dict[str, Any]
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA, PAGE = ROOT / "benchmarks" / "robustness.json", ROOT / "docs" / "robustness.md"
+SUCCEEDED = ("converged", "relaxed")
+MILD_B = 0.05
+WORST = 12
+
+INTRODUCTION = """\
+# Robustness
+
+{functions} functions, from mild to hostile, four settings of `a` and `b`, grids of {points} points a side: {cells} solves
+with the arc-length monitor and otherwise default settings, each on one thread. `benchmarks/robustness.py` runs them and
+writes this page; the numbers are in `benchmarks/robustness.json`.
+
+## Summary
+"""
+
+HONESTY = """
+"`a` reached" allows a [cross-line term](relaxed.md): the mesh adapts at full strength, but to equations that also ask
+neighbouring lines to be spaced alike. Its weight says how far these are from the asked ones: up to 0.03 the mesh looks
+as asked but for a few places; with 0.3 and more it is another mesh. "Without any relaxation" is the stricter count: the
+asked equations themselves, to the accuracy of the grid. What was needed, in numbers of solves:
+"""
+
+READING = """
+## All cells
+
+An entry reads `J · Q · ×gain · steps · time`: the smallest corner Jacobian (1 on the uniform mesh, not positive on a
+folded one); the largest Q_eq (1 where cells have equal shares of the metric); how many times smaller the L2 error of
+interpolation is than on the uniform mesh (below 1 it is larger: arc length follows gradients, not errors); sweeps and
+Newton steps on the finest grid, those of attempts that led nowhere included; CPU seconds of the whole solve. In bold
+what was relaxed: **c** the weight of the cross-line term, **a** the strength reached where it is less than asked, **n**
+the points a side of the grid that was solved on where it is coarser. All entries without bold satisfy the asked
+equations.
+"""
+
+
+def reached(result: Result) -> bool:
+    """Whether the mesh is valid, on its own grid, and adapted with all of the asked a."""
+    return result.get("status") in SUCCEEDED and not {"a", "points"} & result["relaxed"].keys()
+
+
+def exact(result: Result) -> bool:
+    """Whether the mesh satisfies the asked equations."""
+    return result.get("status") == "converged"
+
+
+def render(results: Sequence[Result]) -> str:
+    """The page."""
+    points = sorted({result["n"] for result in results})
+    settings = sorted({(result["a"], result["b"]) for result in results}, key=lambda one: (-one[1], one[0]))
+    functions = {result["name"] for result in results}
+    listed = ", ".join(map(str, points[:-1])) + f" and {points[-1]}" if points[1:] else str(points[0])
+    head = INTRODUCTION.format(functions=len(functions), points=listed, cells=len(results))
+    lines = [head, *_summary(results), HONESTY, *_relaxations(results, points), "", *_worst(results), READING]
+    for a, b in settings:
+        here = {(r["name"], r["n"]): r for r in results if (r["a"], r["b"]) == (a, b)}
+        lines += [f"### a = {a:g}, b = {b:g}", "", *_table(here, points), ""]
+    lines += ["## The functions", "", "| name | u | hard for |", "|---|---|---|"]
+    lines += [f"| {name} | `{one.u}` | {one.hard} |" for name, one in FUNCTIONS.items() if name in functions]
+    return "\n".join(lines) + "\n"
+
+
+def _summary(results: Sequence[Result]) -> Iterator[str]:
+    mild = [result for result in results if result["b"] >= MILD_B]
+    yield "| | goal | found |"
+    yield "|---|---|---|"
+    yield f"| folded meshes | 0 | {sum(bool(r.get('folded')) for r in results)} |"
+    yield f"| exceptions | 0 | {sum('exception' in r for r in results)} |"
+    yield f"| solves without a valid mesh | | {sum(r.get('status') not in SUCCEEDED for r in results)} |"
+    yield f"| asked `a` reached, b >= {MILD_B:g} | 95 % | {_share(reached, mild)} |"
+    yield f"| asked `a` reached, all | 85 % | {_share(reached, results)} |"
+    yield f"| asked equations satisfied without any relaxation, b >= {MILD_B:g} | | {_share(exact, mild)} |"
+    yield f"| asked equations satisfied without any relaxation, all | | {_share(exact, results)} |"
+    yield f"| u interpolated better than on the uniform mesh | | {_share(lambda r: (r.get('gain') or 0) > 1, results)} |"
+
+
+def _share(holds: Callable[[Result], bool], results: Sequence[Result]) -> str:
+    count = sum(map(holds, results))
+    return f"{100 * count / max(len(results), 1):.1f} % ({count} of {len(results)})"
+
+
+def _need(result: Result) -> str:
+    """What had to be relaxed, in a word."""
+    relaxed = result.get("relaxed", {})
+    if result.get("status") not in SUCCEEDED:
+        return "no mesh"
+    if "points" in relaxed:
+        return "coarser grid"
+    if "a" in relaxed:
+        return "less a"
+    return f"cross-line {relaxed['cross_line']:g}" if relaxed else "nothing"
+
+
+def _relaxations(results: Sequence[Result], points: Sequence[int]) -> Iterator[str]:
+    needs = {_need(result) for result in results}
+    first, last = ["nothing"], ["less a", "coarser grid", "no mesh"]
+    weights = sorted((need for need in needs - {*first, *last}), key=lambda need: float(need.split()[1]))
+    yield "| relaxed | " + " | ".join(map(str, points)) + " | all |"
+    yield "|---" * (len(points) + 2) + "|"
+    for need in [*first, *weights, *last]:
+        counts = [sum(_need(r) == need for r in results if r["n"] == n) for n in points]
+        yield f"| {need.replace('less a', 'less `a`')} | " + " | ".join(map(str, [*counts, sum(counts)])) + " |"
+
+
+def _worst(results: Sequence[Result]) -> Iterator[str]:
+    """The cells that are farthest from what was asked."""
+
+    def distance(result: Result) -> tuple[bool, float, bool, float, float]:
+        relaxed = result.get("relaxed", {})
+        lost = 1.0 - relaxed.get("a", result["a"]) / result["a"]
+        failed = result.get("status") not in SUCCEEDED
+        return failed, lost, "points" in relaxed, relaxed.get("cross_line", 0.0), result.get("q_eq") or 0.0
+
+    yield "The cells farthest from what was asked, worst first:"
+    yield ""
+    yield "| function | a, b | n | entry |"
+    yield "|---|---|---|---|"
+    for result in sorted(results, key=distance, reverse=True)[:WORST]:
+        yield f"| {result['name']} | {result['a']:g}, {result['b']:g} | {result['n']} | {entry(result)} |"
+
+
+def _table(results: dict[tuple[str, int], Result], points: Sequence[int]) -> Iterator[str]:
+    yield "| u | " + " | ".join(map(str, points)) + " |"
+    yield "|---" * (len(points) + 1) + "|"
+    for name in FUNCTIONS:
+        entries = [entry(results[name, n]) if (name, n) in results else "" for n in points]
+        if any(entries):
+            yield f"| {name} | " + " | ".join(entries) + " |"
+
+
+def entry(result: Result) -> str:
+    """One cell of the tables."""
+    if "exception" in result:
+        return f"**{result['exception'].split(':')[0]}** · {result['cpu']:.1f} s"
+    bold = [f"**{mark} {result['relaxed'][what]:g}**" for what, mark in MARKS.items() if what in result["relaxed"]]
+    bold += [f"**{result['status']}**"] if result["status"] not in SUCCEEDED else []
+    if result["folded"]:
+        return " ".join(["**folded**", *bold])
+    gain = "-" if result["gain"] is None else f"×{result['gain']:.2g}"
+    numbers = f"{result['jacobian']:.2g} · {result['q_eq']:.3g} · {gain} · {result['steps']} · {result['cpu']:.1f} s"
+    return " ".join([numbers, *bold])
+
+
+MARKS = {"a": "a", "cross_line": "c", "points": "n"}
+
+
+def read() -> list[Result]:
+    """The results kept."""
+    results: list[Result] = json.loads(DATA.read_text())
+    return results
+
+
+def write(results: Sequence[Result]) -> None:
+    """Keep the results, sorted, one a line, and write the page."""
+    names = list(FUNCTIONS)
+    key = [(-r["b"], r["a"], names.index(r["name"]), r["n"]) for r in results]
+    ordered = [results[k] for k in sorted(range(len(results)), key=key.__getitem__)]
+    DATA.write_text("[\n" + ",\n".join(map(json.dumps, ordered)) + "\n]\n")
+    PAGE.write_text(render(ordered))
+
+
+if __name__ == "__main__":
+    write(read())
