@@ -1,4 +1,4 @@
-"""The page docs/robustness.md from the results of benchmarks/robustness.py, which it keeps in benchmarks/robustness.json.
+"""The page docs/robustness.md from the results of benchmarks/robustness.py, kept in benchmarks/robustness.json.
 
 python benchmarks/robustness_page.py writes the page from the results kept.
 """
@@ -17,24 +17,24 @@ Result: TypeAlias = dict[str, Any]
 ROOT = Path(__file__).resolve().parent.parent
 DATA, PAGE = ROOT / "benchmarks" / "robustness.json", ROOT / "docs" / "robustness.md"
 SUCCEEDED = ("converged", "relaxed")
-MILD_B = 0.05
+MILD_B, LIGHT = 0.05, 0.03
 WORST = 12
 
 INTRODUCTION = """\
 # Robustness
 
-{functions} functions, from mild to hostile, four settings of `a` and `b`, grids of {points} points a side: {cells} solves
-with the arc-length monitor and otherwise default settings, each on one thread. `benchmarks/robustness.py` runs them and
-writes this page; the numbers are in `benchmarks/robustness.json`.
+{functions} functions, from mild to hostile, {settings} settings of `a` and `b`, grids of {points} points a side:
+{cells} solves with the arc-length monitor and otherwise default settings, each on one thread.
+`benchmarks/robustness.py` runs them and writes this page; the numbers are in `benchmarks/robustness.json`.
 
 ## Summary
 """
 
 HONESTY = """
-"`a` reached" allows a [cross-line term](relaxed.md): the mesh adapts at full strength, but to equations that also ask
-neighbouring lines to be spaced alike. Its weight says how far these are from the asked ones: up to 0.03 the mesh looks
-as asked but for a few places; with 0.3 and more it is another mesh. "Without any relaxation" is the stricter count: the
-asked equations themselves, to the accuracy of the grid. What was needed, in numbers of solves:
+"`a` reached" allows a [cross-line term](relaxed.md#what-a-weight-costs): the mesh adapts to all of the monitor, but by
+equations that also ask its lines to be straight. The weight says how much: 0.01 costs a few percent of what the mesh
+gains, 0.1 up to 40 %, and with 3 it is nearly uniform. "Without any relaxation" is the strict count: the asked
+equations themselves, to the accuracy of the grid. What was needed, in numbers of solves:
 """
 
 READING = """
@@ -60,13 +60,23 @@ def exact(result: Result) -> bool:
     return result.get("status") == "converged"
 
 
+def lightly(result: Result) -> bool:
+    """Whether all of a is reached with a light cross-line term, or none."""
+    return reached(result) and result["relaxed"].get("cross_line", 0.0) <= LIGHT
+
+
+def gains(result: Result) -> bool:
+    """Whether the mesh interpolates u better than the uniform one."""
+    return (result.get("gain") or 0.0) > 1.0
+
+
 def render(results: Sequence[Result]) -> str:
     """The page."""
     points = sorted({result["n"] for result in results})
     settings = sorted({(result["a"], result["b"]) for result in results}, key=lambda one: (-one[1], one[0]))
     functions = {result["name"] for result in results}
     listed = ", ".join(map(str, points[:-1])) + f" and {points[-1]}" if points[1:] else str(points[0])
-    head = INTRODUCTION.format(functions=len(functions), points=listed, cells=len(results))
+    head = INTRODUCTION.format(functions=len(functions), settings=len(settings), points=listed, cells=len(results))
     lines = [head, *_summary(results), HONESTY, *_relaxations(results, points), "", *_worst(results), READING]
     for a, b in settings:
         here = {(r["name"], r["n"]): r for r in results if (r["a"], r["b"]) == (a, b)}
@@ -83,11 +93,15 @@ def _summary(results: Sequence[Result]) -> Iterator[str]:
     yield f"| folded meshes | 0 | {sum(bool(r.get('folded')) for r in results)} |"
     yield f"| exceptions | 0 | {sum('exception' in r for r in results)} |"
     yield f"| solves without a valid mesh | | {sum(r.get('status') not in SUCCEEDED for r in results)} |"
-    yield f"| asked `a` reached, b >= {MILD_B:g} | 95 % | {_share(reached, mild)} |"
-    yield f"| asked `a` reached, all | 85 % | {_share(reached, results)} |"
-    yield f"| asked equations satisfied without any relaxation, b >= {MILD_B:g} | | {_share(exact, mild)} |"
-    yield f"| asked equations satisfied without any relaxation, all | | {_share(exact, results)} |"
-    yield f"| u interpolated better than on the uniform mesh | | {_share(lambda r: (r.get('gain') or 0) > 1, results)} |"
+    rows = (
+        ("asked `a` reached", reached, "95 %", "85 %"),
+        (f"the same, with a cross-line weight of at most {LIGHT:g}", lightly, "", ""),
+        ("asked equations satisfied, without any relaxation", exact, "", ""),
+        ("u interpolated better than on the uniform mesh", gains, "", ""),
+    )
+    for what, holds, mild_goal, goal in rows:
+        yield f"| {what}; b >= {MILD_B:g} | {mild_goal} | {_share(holds, mild)} |"
+        yield f"| {what}; all | {goal} | {_share(holds, results)} |"
 
 
 def _share(holds: Callable[[Result], bool], results: Sequence[Result]) -> str:
