@@ -231,14 +231,14 @@ def _ignore(event: Event) -> None:
 def _single_domain(problem: Problem, initial: Initial, how: _How) -> Solution:
     step, nested = _last_step(problem, initial, how), initial is Initial.NESTED
     reference = _on_grid(step.mesh, problem)
-    status = _status(step, how)
+    mesh, status = mapped(reference, problem.domain), _status(step, how)
     exact = status is Status.CONVERGED
     return Solution(
         problem=problem,
         schwarz=None,
-        mesh=mapped(reference, problem.domain),
+        mesh=mesh,
         reference=reference,
-        status=_checked(status, reference, problem),
+        status=_checked(status, mesh),
         mode=how.mode,
         newton_steps=step.step,
         residual=step.residual,
@@ -357,7 +357,7 @@ def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], 
         schwarz=schwarz,
         mesh=last.mesh,
         reference=last.reference,
-        status=_checked(status, last.reference, problem),
+        status=_checked(status, last.mesh),
         newton_steps=sum(r.newton_steps for record in records for r in record.subdomains),
         residual=max(r.residual for r in last.subdomains),
         iterations=tuple(records),
@@ -382,9 +382,8 @@ def _shown(estimate: float) -> str:
     return "not known yet" if math.isnan(estimate) else "not known, as the changes do not fall"
 
 
-def _checked(status: Status, reference: Mesh, problem: Problem) -> Status:
-    folded = reference.is_folded or mapped(reference, problem.domain).is_folded
-    return Status.FOLDED if status.succeeded and folded else status
+def _checked(status: Status, mesh: Mesh) -> Status:
+    return Status.FOLDED if status.succeeded and mesh.is_folded else status
 
 
 def _on_grid(mesh: Mesh, problem: Problem) -> Mesh:
@@ -394,14 +393,13 @@ def _on_grid(mesh: Mesh, problem: Problem) -> Mesh:
 
 def _what_was_found(step: Step, problem: Problem) -> str:
     """What the mesh of a solve that did not reach the asked equations satisfies."""
-    asked = problem.monitor.a if isinstance(problem.monitor, ArcLength) else 1.0
-    name = "a" if isinstance(problem.monitor, ArcLength) else "a strength of the monitor"
-    reached = f"{name} = {step.strength * asked:.3g} of {asked:.3g} was reached"
+    asked, name = (problem.monitor.a, "a") if isinstance(problem.monitor, ArcLength) else (1.0, "strength")
     where = "" if step.grid == problem.grid else f" on the {step.grid} grid"
     if step.failed:
-        return f"No mesh was found{where} that satisfies any of the equations tried; {reached}."
+        return f"No mesh was found{where} that satisfies any of the equations tried, down to {name} = 0."
+    found = [f"{name} = {step.strength * asked:.3g} of {asked:.3g}"]
     if step.relaxation.cross_line > 0.0:
-        reached += f", with a cross-line term of weight {step.relaxation.cross_line:g}"
+        found.append(f"a cross-line term of weight {step.relaxation.cross_line:g}")
     if step.solved is not None and step.solved != problem.grid:
-        reached += f"; the mesh is interpolated from {step.solved} points"
-    return f"{reached[0].upper()}{reached[1:]}{where}."
+        where = f", interpolated from {step.solved} points"
+    return f"The mesh satisfies the equations with {' and '.join(found)}{where}."

@@ -10,9 +10,11 @@ from scipy.sparse import csc_array
 
 import equimesh as em
 from cases import problem
-from equimesh import newton
+from equimesh import dissection, newton
 from equimesh.field import Array
-from equimesh.single_domain import iterate, nested_grids, newton_steps, prolong
+from equimesh.local_solution import newton_steps
+from equimesh.nested import nested_grids, prolong
+from equimesh.single_domain import iterate
 
 
 def square(z: Array) -> Array:
@@ -79,8 +81,8 @@ def test_the_guard_is_what_keeps_the_mesh_unfolded() -> None:
 
 def test_newton_steps_of_the_nested_iteration() -> None:
     """Counts for tanh20: each level starts from the coarser mesh and needs fewer steps."""
-    last = {record.grid.n_xi: record for record in iterate(problem("tanh20", 65), chord=False)}
-    assert [last[n].step for n in (17, 33, 65)] == [8, 4, 3]
+    last = {record.grid.n_xi: record for record in iterate(problem("tanh20", 65), sweeps=False)}
+    assert [last[n].step for n in (17, 33, 65)] == [8, 4, 4]
     assert all(record.converged for record in last.values())
     assert all(0.40 < record.mesh.min_jacobian < 0.42 for record in last.values())
 
@@ -91,28 +93,37 @@ def test_nested_grids_halve_and_keep_small_directions() -> None:
     assert [grid.shape for grid in uneven] == [(10, 6), (19, 6), (36, 6), (70, 6)]
 
 
-def test_continuation_reaches_what_newton_from_uniform_cannot() -> None:
-    case = problem("gauss", 17, a=1.0, b=0.02)
-    records = list(iterate(case, em.Mesh.uniform(case.grid)))
-    strengths = [record.a for record in records]
-    assert strengths[0] == 1.0
-    assert 0 < min(strengths) < 0.5
-    assert records[-1].converged
-    assert records[-1].a == 1.0
-    assert records[-1].mesh.min_jacobian > 0.1
+def test_a_factorisation_is_kept_while_it_serves() -> None:
+    """The same mesh with fewer factorisations than steps, in an order that keeps the factors sparse."""
+    case = problem("tanh20", 33)
+    made: list[int] = []
+
+    def factorise(matrix: csc_array) -> newton.Solver:
+        made.append(matrix.nnz)
+        return dissection.factorise(matrix, (33, 33))
+
+    equations = case.equations()
+    coarse = list(iterate(problem("tanh20", 17)))[-1].mesh
+    start = equations.vector(prolong(coarse, case.grid))
+    *_, plain = newton.iterate(equations.residual, equations.jacobian, start, admissible=anywhere, tolerance=1e-10)
+    *_, kept = newton.iterate(
+        equations.residual,
+        equations.jacobian,
+        start,
+        admissible=anywhere,
+        tolerance=1e-10,
+        factorise=factorise,
+        reuse=True,
+    )
+    assert abs(kept.z - plain.z).max() < 1e-11
+    assert len(made) < kept.step
+    assert len(made) <= plain.step
 
 
-def test_finer_grids_reach_what_the_coarsest_cannot() -> None:
-    """A front thinner than the coarsest cells: continuation goes on from grid to grid, and chord sweeps finish."""
-    steep = em.ArcLength(u=em.Expression("tanh(100*(x - y))"))
-    records = list(iterate(em.Problem(monitor=steep, grid=em.Grid(n_xi=129, n_eta=129))))
-    failed = [record for record in records if record.failed]
-    assert [record.grid.n_xi for record in failed] == [17, 33]
-    assert 0 < failed[0].a < failed[1].a < 0.7
-    assert records[-1].converged
-    assert records[-1].a == 0.7
-    assert records[-1].grid.n_xi == 129
-    assert records[-1].mesh.min_jacobian > 0.1
+def test_nested_dissection_orders_every_unknown_once() -> None:
+    order = dissection.elimination_order((13, 37))
+    assert sorted(order) == list(range(2 * 13 * 37))
+    assert (order[1::2] - order[::2] == 13 * 37).all()
 
 
 def test_prolongation_is_exact_for_cubics_and_never_folds() -> None:

@@ -120,7 +120,7 @@ def test_iterate_belongs_to_its_caller() -> None:
 
 def test_errors_are_per_subdomain_and_coordinate() -> None:
     settings = em.Schwarz(subdomains=(3, 1), transmission=em.Classical(), compare_single_domain=True, tolerance=1e-3)
-    reference = em.solve(PAPER).mesh
+    reference = em.solve(PAPER, mode=em.Mode.TIGHT).mesh
     solution = em.solve(PAPER, settings)
     start = solution.iterations[0]
     decomposition = solution.decomposition
@@ -154,7 +154,7 @@ def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> No
 
     def folding(*arguments: object) -> Iterator[em.Iteration]:
         for record in em.iterate(*arguments):  # type: ignore[arg-type]
-            yield replace(record, mesh=em.Mesh(record.mesh.x[::-1], record.mesh.y))
+            yield replace(record, mesh=em.Mesh(record.mesh.x[::-1].copy(), record.mesh.y))
 
     monkeypatch.setattr("equimesh.solution.iterate", folding)
     with pytest.raises(em.SolveError, match=r"inverted cell\. Run more iterations, lower a") as caught:
@@ -164,8 +164,8 @@ def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_newton_failure_says_where_and_folds_nothing() -> None:
     hopeless = problem("wave", 9, boundary=em.Boundary.EQUIDISTRIBUTED_1D, a=1.0, b=0.0)
-    with pytest.raises(em.SolveError, match="stalled") as caught:
-        em.solve(hopeless)
+    with pytest.raises(em.SolveError, match="and a cross-line term") as caught:
+        em.solve(hopeless, allow_relaxed=False)
     assert caught.value.solution.status is em.Status.NEWTON_FAILED
     assert not caught.value.solution.mesh.is_folded
 
@@ -193,7 +193,7 @@ def test_robin_that_finds_no_solution_is_rescued_and_reported() -> None:
     solution = em.solve(case, settings)
     assert any(r.classical for r in solution.iterations[1].subdomains)
     assert "classical data took its place" in solution.message
-    single = em.solve(case).mesh
+    single = em.solve(case, mode=em.Mode.TIGHT).mesh
     assert max(abs(solution.mesh.x - single.x).max(), abs(solution.mesh.y - single.y).max()) < 2e-9
 
 
@@ -206,7 +206,7 @@ def test_a_false_fixed_point_is_not_a_solution() -> None:
     assert at_rest.change < 1e-3 * at_rest.mismatch
     assert at_rest.mismatch > 0.01
     assert not at_rest.meets(0.001)
-    single = em.solve(case).mesh
+    single = em.solve(case, mode=em.Mode.TIGHT).mesh
     assert max(abs(solution.mesh.x - single.x).max(), abs(solution.mesh.y - single.y).max()) < 2e-9
 
 
@@ -219,7 +219,7 @@ def test_rescue_that_recurs_becomes_the_rule() -> None:
 
 def test_one_subdomain_is_the_single_domain_solve() -> None:
     solution = em.solve(PAPER, em.Schwarz(subdomains=(1, 1)))
-    single = em.solve(PAPER).mesh
+    single = em.solve(PAPER, mode=em.Mode.TIGHT).mesh
     assert abs(solution.mesh.x - single.x).max() < 1e-10  # the single-domain solve ends there
     assert len(solution.iterations) - 1 <= 2
 
@@ -229,7 +229,7 @@ def test_observer_sees_newton_steps_and_iterations() -> None:
     settings = em.Schwarz(tolerance=1e-6, compare_single_domain=True)
     solution = em.solve(PAPER, settings, observe=seen.append)
     assert [e for e in seen if isinstance(e, em.Iteration)] == list(solution.iterations)
-    grids = {e.grid for e in seen if isinstance(e, em.NewtonRecord)}
+    grids = {e.grid for e in seen if isinstance(e, em.Step)}
     assert grids == {em.Grid(n_xi=13, n_eta=11), PAPER.grid}
 
 
@@ -255,7 +255,7 @@ def test_convergence_is_plain_numbers() -> None:
 def test_a_spline_of_samples_gives_the_mesh_of_the_function() -> None:
     """Node positions differ by the accuracy of the spline: fourth order in the spacing of the samples."""
     case = problem("paper", 12, boundary=em.Boundary.EQUIDISTRIBUTED_1D)
-    exact = em.solve(case).mesh
+    exact = em.solve(case, mode=em.Mode.TIGHT).mesh
     differences = []
     for samples in (33, 65, 129):
         axis = np.linspace(0, 1, samples)

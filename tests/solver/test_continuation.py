@@ -1,0 +1,108 @@
+"""What happens where the equations have no solution near the start: weaker ones, as near as can be, and said so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh import chord
+from equimesh.continuation import LADDER, scale
+from equimesh.single_domain import iterate
+
+
+def two_peaks(points: int, **settings: float) -> em.Problem:
+    u = em.Expression("exp(-80*((x - 0.3)**2 + (y - 0.3)**2)) + exp(-80*((x - 0.7)**2 + (y - 0.7)**2))")
+    return em.Problem(monitor=em.ArcLength(u=u, **settings), grid=em.Grid(n_xi=points, n_eta=points))
+
+
+def test_the_cross_line_term_gives_a_mesh_where_there_was_none() -> None:
+    solution = em.solve(two_peaks(33))
+    assert solution.status is em.Status.RELAXED
+    (what,) = solution.relaxed
+    assert (what.what, what.asked) == ("cross_line", 0.0)
+    assert what.reached in LADDER[1:4]
+    assert solution.mesh.min_jacobian > 0.1
+    assert solution.certificate.equation_residual > 0.01, "the asked equations are not satisfied, and that is measured"
+    (warning,) = (w for w in solution.certificate.warnings if "asked equations" in w)
+    assert "cross_line" in warning
+
+
+def test_the_mesh_satisfies_the_relaxed_equations() -> None:
+    case = two_peaks(33)
+    *_, last = iterate(case)
+    assert last.converged
+    equations = case.equations(last.relaxation.cross_line * scale(case))
+    z = equations.vector(last.mesh)
+    assert abs(equations.residual(z)).max() < 1e-9 * equations.mean_flux(z)
+    plain = case.equations()
+    assert abs(plain.residual(z)).max() > 1e-3 * plain.mean_flux(z)
+
+
+def test_relaxed_is_a_failure_where_it_is_not_allowed() -> None:
+    with pytest.raises(em.SolveError, match="cross-line term") as caught:
+        em.solve(two_peaks(33), allow_relaxed=False)
+    partial = caught.value.solution
+    assert partial.status is em.Status.NEWTON_FAILED
+    assert partial.certificate.status is em.Status.NEWTON_FAILED
+    assert not partial.mesh.is_folded
+    assert partial.remedy.startswith("Lower a, raise b")
+
+
+def test_a_term_that_helped_is_given_up_where_it_is_not_needed() -> None:
+    """A front thinner than the coarsest cells: the term leads there, finer grids do without."""
+    steep = em.ArcLength(u=em.Expression("tanh(100*(x - y))"))
+    steps = list(iterate(em.Problem(monitor=steep, grid=em.Grid(n_xi=129, n_eta=129))))
+    last = {step.grid.n_xi: step for step in steps}
+    assert last[17].relaxation.cross_line > 0.0
+    assert last[129].relaxation.is_none
+    assert last[129].converged
+    assert last[129].mesh.min_jacobian > 0.1
+
+
+def test_the_strength_is_lowered_last() -> None:
+    """a = 1 and b = 0 on a curved front of unbounded metric: less of the monitor, and it is said how much."""
+    solution = em.solve(problem("wave", 17, a=1.0, b=0.0))
+    assert solution.status is em.Status.RELAXED
+    reached = {relaxed.what: relaxed for relaxed in solution.relaxed}
+    assert reached["a"].asked == 1.0
+    assert 0.2 < reached["a"].reached < 1.0
+    assert not solution.mesh.is_folded
+    assert f"a = {reached['a'].reached:.3g} of 1 and a cross-line term" in solution.note
+    assert solution.remedy.startswith(f"Lower a to {reached['a'].reached:.2g} or less")
+
+
+def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("equimesh.single_domain.MOST_FACTORISED", 33 * 33)
+    solution = em.solve(two_peaks(65))
+    assert solution.status is em.Status.RELAXED
+    assert {r.what: r.reached for r in solution.relaxed}["points"] == 33
+    assert solution.mesh.x.shape == (65, 65)
+    assert not solution.mesh.is_folded
+
+
+@pytest.mark.parametrize("boundary", em.Boundary)
+def test_the_cross_line_term_is_in_the_jacobian(boundary: em.Boundary) -> None:
+    case = problem("ring", 9, 8, boundary=boundary)
+    equations = case.equations(0.3)
+    random = np.random.default_rng(5)
+    z = equations.vector(em.Mesh.uniform(case.grid)) + 0.01 * random.standard_normal(2 * 72)
+    direction = random.standard_normal(z.size)
+    slope = equations.jacobian(z) @ direction
+    errors = []
+    for step in (1e-3, 5e-4):
+        difference = equations.residual(z + step * direction) - equations.residual(z) - step * slope
+        errors.append(np.linalg.norm(difference))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+    plain = case.equations()
+    assert np.linalg.norm(equations.residual(z) - plain.residual(z)) > 0.1
+
+
+def test_a_monitor_without_a_solution_at_all_is_no_success() -> None:
+    """Only the uniform mesh is left of a jump: that adapts to nothing, and is not called relaxed."""
+    jump = em.Expression("where(x + 0.3*sin(7*y) < y, 100, 2)")
+    solution = em.solve(em.Problem(monitor=em.ArcLength(u=jump, b=0.0), grid=em.Grid(n_xi=9, n_eta=9)), check=False)
+    assert not solution.mesh.is_folded
+    if solution.status is em.Status.RELAXED:
+        assert chord.deviation(solution.problem.metric, solution.problem.boundary, solution.reference) > 0.01
