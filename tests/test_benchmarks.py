@@ -1,17 +1,146 @@
-"""The benchmarks run: what they print is for reading, that they print it is for testing."""
+"""The benchmarks run and count right. Times are for reading: nothing here looks at a clock."""
 
 from __future__ import annotations
 
+import json
+import math
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh_cli import bench, main
+from equimesh_cli.benchmark import newton, peers, solves
+from equimesh_cli.benchmark.quadrature import l2_error
+from equimesh_cli.benchmark.rows import Row, lines
+
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
+TINY = bench.Sizes(large=65, small=(17,), newton=33, huge=None, kernels=False)
 
 
-def test_chord_against_newton() -> None:
-    command = [sys.executable, BENCHMARKS / "chord_against_newton.py", "--points", "17", "33", "--runs", "1"]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    rows = [line.split() for line in printed.splitlines()[-2:]]
-    assert [row[0] for row in rows] == ["17", "33"]
-    assert all(float(row[-1]) < 1e-9 for row in rows), "the two solvers give different meshes"
+@pytest.fixture(scope="module")
+def tiny() -> dict[str, Row]:
+    return {row.what: row for row in bench._rows(TINY)}
+
+
+def test_the_table_has_a_row_for_everything(tiny: dict[str, Row]) -> None:
+    expected = [
+        *("n = 65, discretization", "n = 65, tight", "n = 65, algebraic over discretisation error"),
+        *("n = 65, discretization, two threads against one", "n = 65, tight, two threads against one"),
+        *("n = 17, expression, the whole call", "n = 17, 65 x 65 samples, the whole call"),
+        *("n = 33, sweeps on the finest level", "n = 33, Newton with SuperLU against it"),
+    ]
+    assert set(expected) <= set(tiny)
+    assert all(math.isfinite(row.value) and row.value > 0.0 for row in tiny.values())
+    assert all(json.loads(json.dumps(row.plain())) == row.plain() for row in tiny.values())
+
+
+def test_finer_grids_take_no_more_sweeps(tiny: dict[str, Row]) -> None:
+    counts = tiny["n = 65, discretization"].counts
+    assert list(counts) == ["17", "33", "65"]
+    assert max(counts["33"], counts["65"]) <= 3
+    tight = tiny["n = 65, tight"].counts
+    assert counts["65"] < tight["65"] <= 14
+    assert {n: tight[n] for n in ("17", "33")} == {n: counts[n] for n in ("17", "33")}
+
+
+def test_what_stops_the_sweeps_is_true(tiny: dict[str, Row]) -> None:
+    row = tiny["n = 65, algebraic over discretisation error"]
+    assert row.goal == 0.2
+    assert row.met is True
+
+
+def test_newton_goes_to_the_mesh_of_the_sweeps(tiny: dict[str, Row]) -> None:
+    assert tiny["n = 33, sweeps on the finest level"].counts["sweeps"] <= 14
+    rows = {what: row for what, row in tiny.items() if "Newton" in what}
+    assert len(rows) == (4 if newton.has_pardiso() else 2)
+    for what, row in rows.items():
+        assert 2 <= row.counts["steps"] <= (10 if "kept" in what else 5), what
+        assert float(row.note.rpartition(" ")[2]) < 1e-9, what
+
+
+def test_sweeps_and_newton_start_alike() -> None:
+    problem, start = solves.front(33), em.solve(solves.front(33)).reference
+    count, mesh = newton.sweep(problem, start)
+    assert count > 1
+    assert np.abs(mesh.x - em.solve(problem, mode=em.Mode.TIGHT).reference.x).max() < 1e-10
+
+
+def test_a_goal_is_met_from_the_right_side() -> None:
+    assert Row(what="", value=1.0, unit="s", goal=2.0).met is True
+    assert Row(what="", value=3.0, unit="s", goal=2.0).met is False
+    assert Row(what="", value=1.0, unit="x", goal=2.0, at_least=True).met is False
+    assert Row(what="", value=1.0, unit="x").met is None
+    assert "MISSED" in lines([Row(what="", value=3.0, unit="s", goal=2.0)])[1]
+
+
+def test_goals_are_for_the_sizes_that_they_were_set_for(tiny: dict[str, Row]) -> None:
+    assert [row.what for row in tiny.values() if row.goal is not None] == [
+        "n = 65, algebraic over discretisation error"
+    ]
+
+
+@pytest.mark.parametrize("kind", ["quads", "triangles"])
+def test_the_quadrature_is_exact_where_the_error_is_known(kind: str) -> None:
+    n = 5
+    mesh = em.Mesh.uniform(em.Grid(n_xi=n, n_eta=n))
+    points, cells = (mesh.points, mesh.cells) if kind == "quads" else peers._uniform_triangles(n)
+    h = 1.0 / (n - 1)
+    # on every cell the error of x^2 is x (x - h), whose square has the mean h^4 / 30
+    assert l2_error(points, cells, lambda x, y: x**2 + y) == pytest.approx(h**2 / math.sqrt(30.0), rel=1e-12)
+    assert l2_error(points, cells, lambda x, y: 2 * x - 3 * y) < 1e-15
+
+
+def test_our_meshes_are_measured_beside_the_uniform_one() -> None:
+    found = {mesh.mesher: mesh for mesh in peers.ours("ring", em.Expression(peers.FUNCTIONS["ring"]), 33)}
+    assert list(found) == ["uniform", "equimesh ArcLength", "equimesh Curvature"]
+    assert {mesh.vertices for mesh in found.values()} == {33 * 33}
+    assert found["equimesh Curvature"].l2 < found["uniform"].l2
+    ring = em.Curvature(u=em.Expression(peers.FUNCTIONS["ring"]))
+    errors = em.solve(em.Problem(monitor=ring, grid=em.Grid(n_xi=33, n_eta=33)))
+    assert errors.interpolation is not None
+    assert found["equimesh Curvature"].l2 == pytest.approx(errors.interpolation.l2, rel=0.02)
+
+
+@pytest.mark.parametrize("library", ["mmgpy", "gmsh"])
+def test_peers_make_as_many_vertices(library: str) -> None:
+    if not peers.is_installed(library):
+        pytest.skip(f"{library} is not installed")
+    work = peers.mmg if library == "mmgpy" else peers.gmsh
+    found = work("ring", em.Expression(peers.FUNCTIONS["ring"]), 33)
+    assert abs(found.vertices / 33**2 - 1.0) <= peers.NEAR
+
+
+def test_the_command_prints_and_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bench, "QUICK", TINY)
+    monkeypatch.setattr(bench, "QUICK_PEERS", (17,))
+    file = tmp_path / "bench.json"
+    assert main(["bench", "--quick", "--json", str(file)]) == 0
+    printed = capsys.readouterr().out
+    assert "n = 65, tight" in printed
+    assert ("not installed" in printed) != newton.has_pardiso()
+    written = json.loads(file.read_text())
+    assert {row["what"] for row in written["rows"]} >= {"n = 65, tight"}
+    assert written["peers"] == []
+
+
+def test_a_folder_that_is_not_there_is_told_before_any_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--json", str(tmp_path / "none" / "bench.json")]) == 2
+    assert "there is no such folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "said"),
+    [
+        ("newton.py", ["--points", "33"], "Newton with SuperLU"),
+        ("peers.py", ["--points", "17", "--functions", "paper"], "equimesh ArcLength"),
+    ],
+)
+def test_the_scripts_run(script: str, arguments: list[str], said: str) -> None:
+    command = [sys.executable, BENCHMARKS / script, *arguments]
+    assert said in subprocess.run(command, capture_output=True, text=True, check=True).stdout

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from equimesh_cli import check, demo, generate, serve, solve
+from equimesh_cli import bench, check, demo, generate, serve, solve
 from equimesh_cli.exits import EPILOG, Exit, code_of
 
 EXAMPLES = """\
@@ -18,6 +18,7 @@ examples:
   equimesh generate 'tanh(20*(x-y))' -n 65 -o mesh.vtu    a mesh from a service
   equimesh solve 'tanh(20*(x-y))' -n 65 -o mesh.vtu       a mesh without a service
   equimesh check 'sin(pi*x'                               what is wrong with an expression
+  equimesh bench --quick                                  what a mesh costs on this machine
 
 `equimesh COMMAND --help` shows the options of a command.
 
@@ -39,7 +40,7 @@ def build_parser(command: str = "") -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     demo.add_parser(commands)
     serve.add_parser(commands, full=command == "serve")
-    for module in (generate, solve, check):
+    for module in (generate, solve, check, bench):
         module.add_parser(commands)
     return parser
 

@@ -1,0 +1,28 @@
+"""The sweeps against guarded Newton with sparse direct solvers, up the same nested grids to the same mesh.
+
+CPU time of the finest level from one start, and of the whole solve. MKL PARDISO takes part where pypardiso is
+installed.
+
+    python benchmarks/newton.py --points 65 129 257
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from equimesh_cli.bench import THREAD_COUNTS
+
+
+def main() -> None:
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded
+    from equimesh_cli.benchmark import newton, rows
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--points", type=int, nargs="+", default=[65, 129, 257], help="points a side")
+    for n in parser.parse_args().points:
+        print("\n".join(rows.lines(list(newton.compare(n)))), flush=True)
+
+
+if __name__ == "__main__":
+    main()

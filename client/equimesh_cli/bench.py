@@ -1,0 +1,135 @@
+"""`equimesh bench`: what a mesh costs on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from equimesh_cli.exits import EPILOG, Exit, Refused
+
+if TYPE_CHECKING:
+    from equimesh_cli.benchmark.rows import Row
+
+# Read by the linear algebra when it is loaded: CPU time is counted on one thread.
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+EXAMPLES = """\
+examples:
+  equimesh bench --quick            a minute
+  equimesh bench                    some minutes, most of them for Newton's method to compare with
+  equimesh bench --large --peers    also 4097 x 4097 points, and Mmg2d and Gmsh where they are installed
+  equimesh bench --json bench.json
+
+goals are for an otherwise idle machine; needs the solver: pip install 'equimesh[solver]'
+
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """Points a side of what is measured; ``huge`` none to leave it out."""
+
+    large: int = 1025
+    small: tuple[int, ...] = (33, 65)
+    newton: int = 513
+    huge: int | None = None
+    peers: tuple[int, ...] = ()
+    kernels: bool = True
+
+
+FULL, QUICK, HUGE, PEERS, QUICK_PEERS = Sizes(), Sizes(large=257, newton=129), 4097, (65, 129), (65,)
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "bench",
+        help="measure what a mesh costs on this machine",
+        description="Measure CPU time, memory and steps of solves on this machine, beside what they should be.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--quick", action="store_true", help="at most 257 points a side; goals are for larger meshes")
+    parser.add_argument("--large", action="store_true", help=f"also {HUGE} points a side: 2 GB of memory")
+    parser.add_argument("--peers", action="store_true", help="also Mmg2d and Gmsh: pip install mmgpy gmsh")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers, too")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, print every row as it is known."""
+    if options.json is not None and not options.json.parent.is_dir():
+        raise Refused(f"{options.json.parent}: there is no such folder")
+    sizes = replace(
+        QUICK if options.quick else FULL,
+        huge=HUGE if options.large else None,
+        peers=() if not options.peers else QUICK_PEERS if options.quick else PEERS,
+    )
+    found = report(sizes)
+    if options.json is not None:
+        options.json.write_text(json.dumps(found, indent=2) + "\n")
+        print(f"wrote {options.json}")
+    return Exit.DONE
+
+
+def report(sizes: Sizes) -> dict[str, Any]:
+    """Print the tables, and return them as plain data."""
+    for name in THREAD_COUNTS:
+        os.environ.setdefault(name, "1")
+    try:
+        import scipy  # noqa: F401  # what the extra brings
+
+        from equimesh_cli.benchmark import newton, peers, rows
+    except ImportError as error:
+        raise Refused(f"the solver is not installed ({error.name}): pip install 'equimesh[solver]'") from error
+
+    print(f"{os.cpu_count()} cores; CPU time on one thread, medians of {rows.RUNS} runs\n", flush=True)
+    measured = list(_shown(_rows(sizes)))
+    print("\n" + "\n".join(rows.lines(measured)))
+    if not newton.has_pardiso():
+        print(f"\n{newton.PARDISO}: not installed (pip install pypardiso)")
+    meshes = []
+    for n in sizes.peers:
+        absent = [name for name in ("mmgpy", "gmsh") if not peers.is_installed(name)]
+        print(f"\nabout {n} x {n} vertices" + (f"; not installed: {', '.join(absent)}" if absent else ""), flush=True)
+        meshes.append(list(peers.compare(n)))
+        print("\n".join(peers.lines(meshes[-1])), flush=True)
+    return {
+        "cores": os.cpu_count(),
+        "rows": [row.plain() for row in measured],
+        "peers": [mesh.plain() for group in meshes for mesh in group],
+    }
+
+
+def _rows(sizes: Sizes) -> Iterator[Row]:
+    import equimesh as em
+    from equimesh_cli.benchmark import newton, processes, solves
+
+    cheap, tanh = em.Expression(solves.CHEAP), em.Expression(solves.TANH)
+    yield solves.cost_of(cheap)
+    yield from solves.large(sizes.large)
+    yield solves.cost_of(tanh)
+    yield from solves.large(sizes.large, tanh, ", tanh")
+    yield from solves.threads(sizes.large)
+    for n in sizes.small:
+        yield from solves.small(n)
+    if sizes.kernels:
+        yield from processes.kernels()
+    if sizes.huge is not None:
+        yield from processes.memory(sizes.huge, sizes.large)
+    yield from newton.compare(sizes.newton)
+
+
+def _shown(found: Iterable[Row]) -> Iterator[Row]:
+    """The rows, with what is being measured on a terminal."""
+    from tqdm import tqdm
+
+    line = tqdm(found, bar_format="{desc} {elapsed}", disable=None, leave=False)
+    for row in line:
+        line.set_description_str(f"measured {row.what}")
+        yield row

@@ -1,0 +1,169 @@
+"""The sweeps beside guarded Newton with a sparse direct solver, up the same grids and from the same start."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+import equimesh as em
+from equimesh import chord, dissection, newton
+from equimesh.nested import distance, nested_grids, prolong
+from equimesh.single_domain import TIGHT
+from equimesh_cli.benchmark.rows import Row, cpu_seconds
+from equimesh_cli.benchmark.solves import front
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Factorise: TypeAlias = Callable[[Any], newton.Solver]
+
+LARGE = 513
+SUPERLU_GOAL, PARDISO_GOAL = 200.0, 30.0
+MOST_SWEEPS = 100
+PARDISO = "MKL PARDISO"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver:
+    """A way to solve the linear systems of Newton's method, for systems of one grid.
+
+    ``reuse`` keeps a factorisation for as long as it serves.
+    """
+
+    name: str
+    factorise: Callable[[tuple[int, int]], Factorise]
+    reuse: bool = False
+    goal: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solved:
+    """What Newton's method took on every grid: CPU seconds and steps; and the finest mesh."""
+
+    seconds: list[float]
+    steps: list[int]
+    mesh: em.Mesh
+
+
+def compare(n: int) -> Iterator[Row]:
+    """CPU time of Newton's method over that of the sweeps, on the finest level alone and for the whole solve."""
+    problem = front(n)
+    meshes = [em.solve(replace(problem, grid=grid), mode=em.Mode.TIGHT, threads=1).reference for grid in _coarse(n)]
+    start = prolong(meshes[-1], problem.grid, meshes[-2])
+    finest, (count, mesh) = cpu_seconds(lambda: sweep(problem, start))
+    whole, _ = cpu_seconds(lambda: em.solve(problem, mode=em.Mode.TIGHT, threads=1))
+    note = f"{finest:.3f} s, the whole solve {whole:.3f} s"
+    counts = {"sweeps": count}
+    yield Row(
+        what=f"n = {n}, sweeps on the finest level",
+        value=1e9 * finest / n**2,
+        unit="ns/point",
+        note=note,
+        counts=counts,
+    )
+    for solver in solvers():
+        solved = solve(problem, solver)
+        goal = solver.goal if n == LARGE else None
+        total = sum(solved.seconds)
+        note = (
+            f"{solved.seconds[-1]:.1f} s, the whole solve {total:.1f} s = {total / whole:.0f} x;"
+            f" meshes differ by {distance(solved.mesh, mesh):.0e}"
+        )
+        what, value = f"n = {n}, Newton with {solver.name} against it", solved.seconds[-1] / finest
+        counts = {"steps": solved.steps[-1]}
+        yield Row(what=what, value=value, unit="x", goal=goal, at_least=True, note=note, counts=counts)
+
+
+def solvers() -> list[Solver]:
+    """SuperLU and, where pypardiso is installed, MKL PARDISO; each as plain Newton and with factors kept."""
+
+    def nested(shape: tuple[int, int]) -> Factorise:
+        return lambda matrix: dissection.factorise(matrix, shape)
+
+    found = [
+        Solver(name="SuperLU", factorise=lambda shape: newton.superlu, goal=SUPERLU_GOAL),  # noqa: ARG005
+        Solver(name="SuperLU, nested dissection, factors kept", factorise=nested, reuse=True),
+    ]
+    if has_pardiso():
+        found.append(Solver(name=PARDISO, factorise=lambda shape: pardiso(), goal=PARDISO_GOAL))  # noqa: ARG005
+        found.append(Solver(name=f"{PARDISO}, factors kept", factorise=lambda shape: pardiso(), reuse=True))  # noqa: ARG005
+    return found
+
+
+def has_pardiso() -> bool:
+    """Whether pypardiso is installed, with the library that it needs."""
+    try:
+        importlib.import_module("pypardiso")
+    except ImportError:
+        return False
+    return True
+
+
+def pardiso() -> Factorise:
+    """MKL PARDISO for systems of one pattern, which it orders once only."""
+    library = importlib.import_module("pypardiso").PyPardisoSolver(mtype=11)
+    is_ordered = False
+
+    def factorise(matrix: Any) -> newton.Solver:
+        nonlocal is_ordered
+        rows = matrix.tocsr()  # columns make it solve the transposed system, and wrongly
+        library._check_A(rows)
+        library.set_phase(22 if is_ordered else 12)
+        library._call_pardiso(rows, np.zeros((rows.shape[0], 1)))
+        is_ordered = True
+
+        def solve(right: Array) -> Array:
+            library.set_phase(33)
+            return np.asarray(library._call_pardiso(rows, right))
+
+        return solve
+
+    return factorise
+
+
+def sweep(problem: em.Problem, start: em.Mesh) -> tuple[int, em.Mesh]:
+    """Sweeps from ``start`` to the tolerance of tight mode: how many, and the mesh."""
+    memory = np.empty(chord.needed(problem.grid.shape))
+    sweeps = chord.Sweep(problem.metric, problem.boundary, problem.grid.shape, memory, 1)
+    x, y = start.x.copy(), start.y.copy()
+    for count in range(1, MOST_SWEEPS + 1):
+        found = sweeps.correct(x, y)
+        x, y = sweeps.take(x, y)
+        if found.deviation <= TIGHT:
+            return count, em.Mesh(x, y)
+    raise RuntimeError(f"{MOST_SWEEPS} sweeps do not reach {TIGHT}")
+
+
+def solve(problem: em.Problem, solver: Solver) -> Solved:
+    """Guarded Newton on every nested grid, from where the sweeps start there, to the tolerance of tight mode."""
+    meshes: list[em.Mesh] = []
+    seconds, steps = [], []
+    for grid in nested_grids(problem.grid):
+        equations = replace(problem, grid=grid).equations()
+        begun = time.process_time()
+        start = prolong(meshes[-1], grid, meshes[-2] if len(meshes) > 1 else None) if meshes else em.Mesh.uniform(grid)
+        z = equations.vector(start)
+        records = newton.iterate(
+            equations.residual,
+            equations.jacobian,
+            z,
+            admissible=lambda candidate, equations=equations: not equations.mesh(candidate).is_folded,  # type: ignore[misc]
+            tolerance=TIGHT * equations.mean_flux(z),
+            factorise=solver.factorise(grid.shape),
+            reuse=solver.reuse,
+        )
+        *_, last = records
+        seconds.append(time.process_time() - begun)
+        if last.stalled:
+            raise RuntimeError(f"Newton's method with {solver.name} stalls on {grid}")
+        steps.append(last.step)
+        meshes = [*meshes[-1:], equations.mesh(last.z)]
+    return Solved(seconds=seconds, steps=steps, mesh=meshes[-1])
+
+
+def _coarse(n: int) -> list[em.Grid]:
+    return [em.Grid(n_xi=m, n_eta=m) for m in (n // 4 + 1, n // 2 + 1)]

@@ -1,0 +1,72 @@
+"""One line of the table: what was measured, how it came out, and what it should be."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from statistics import median
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+RUNS = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One measured number. ``goal`` is what it should not exceed or, with ``at_least``, not stay below.
+
+    ``counts`` hold what does not depend on the machine: sweeps by grid, Newton steps.
+    """
+
+    what: str
+    value: float
+    unit: str
+    goal: float | None = None
+    at_least: bool = False
+    note: str = ""
+    counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the goal is met; ``None`` where there is none."""
+        if self.goal is None:
+            return None
+        return self.value >= self.goal if self.at_least else self.value <= self.goal
+
+    def plain(self) -> dict[str, Any]:
+        """The row as plain data, ready for JSON."""
+        return {**asdict(self), "met": self.met}
+
+
+def lines(rows: Sequence[Row]) -> list[str]:
+    """The rows as the lines of a table, below a heading."""
+    cells = [("", "measured", "goal", "", "")]
+    for row in rows:
+        goal = "" if row.goal is None else f"{'>=' if row.at_least else '<='} {row.goal:g}"
+        met = {None: "", True: "met", False: "MISSED"}[row.met]
+        counted = ", ".join(f"{name}: {count}" for name, count in row.counts.items())
+        note = "; ".join(part for part in (counted, row.note) if part)
+        cells.append((row.what, f"{row.value:.3g} {row.unit}".rstrip(), goal, met, note))
+    widths = [max(len(cell[k]) for cell in cells) for k in range(4)]
+    return ["  ".join([*(text.ljust(w) for text, w in zip(cell, widths, strict=False)), cell[4]]) for cell in cells]
+
+
+def cpu_seconds(work: Callable[[], T], runs: int = RUNS) -> tuple[float, T]:
+    """Median CPU time of ``work`` on this process, all its threads included, and its last result."""
+    return _timed(time.process_time, work, runs)
+
+
+def wall_seconds(work: Callable[[], T], runs: int = RUNS) -> tuple[float, T]:
+    """Median wall time of ``work``, and its last result."""
+    return _timed(time.perf_counter, work, runs)
+
+
+def _timed(clock: Callable[[], float], work: Callable[[], T], runs: int) -> tuple[float, T]:
+    times = []
+    for _ in range(runs):
+        start = clock()
+        result = work()
+        times.append(clock() - start)
+    return median(times), result

@@ -1,0 +1,109 @@
+"""How long a mesh takes in this process: a large one, on two threads, and a small one."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+import equimesh as em
+from equimesh.nested import distance, refinement
+from equimesh_cli.benchmark.rows import Row, cpu_seconds, wall_seconds
+
+# As steep as tanh, at half the price: about 10 ns a point.
+CHEAP = "20*(x + y/2 - 0.75) / sqrt(1 + (20*(x + y/2 - 0.75))**2)"
+TANH = "tanh(20*(x + y/2 - 0.75))"
+# Goals are for this many points a side, and for these.
+LARGE = 1025
+CPU_GOALS = {em.Mode.DISCRETIZATION: 220.0, em.Mode.TIGHT: 400.0}
+WALL_GOALS = {33: 2.0, 65: 5.0}
+SPEEDUP_GOAL = 1.7
+# The algebraic error that is asked for, as a share of the discretisation error.
+SHARE = 0.2
+THREAD_RUNS, SMALL_RUNS = 7, 50
+
+
+def front(n: int, u: em.Field | None = None) -> em.Problem:
+    """A steep oblique front on ``n`` x ``n`` points, by default the :data:`CHEAP` one."""
+    field = em.Expression(CHEAP) if u is None else u
+    return em.Problem(monitor=em.ArcLength(u=field), grid=em.Grid(n_xi=n, n_eta=n))
+
+
+def sweeps(problem: em.Problem, mode: em.Mode = em.Mode.DISCRETIZATION) -> dict[str, int]:
+    """How many sweeps (or Newton steps) the solve takes on every grid, by points a side."""
+    steps: dict[str, int] = {}
+
+    def observe(event: em.Event) -> None:
+        if isinstance(event, em.Step):
+            steps[str(max(event.grid.shape))] = event.step
+
+    em.solve(problem, mode=mode, threads=1, observe=observe)
+    return steps
+
+
+def cost_of(u: em.Field) -> Row:
+    """What a value of u costs, on as many points as a sweep asks for at a time."""
+    x, y = np.random.default_rng(0).random((2, 32, 1024))
+    seconds, _ = cpu_seconds(lambda: u.evaluate(x, y), runs=50)
+    return Row(what=f"u = {getattr(u, 'text', u)}", value=1e9 * seconds / x.size, unit="ns/point")
+
+
+def large(n: int, u: em.Field | None = None, name: str = "") -> Iterator[Row]:
+    """CPU time a point in both modes, and what errors the first leaves."""
+    problem = front(n, u)
+    found = {}
+    for mode in em.Mode:
+        counts = sweeps(problem, mode)
+        seconds, found[mode] = cpu_seconds(lambda mode=mode: em.solve(problem, mode=mode, threads=1))  # type: ignore[misc]
+        goal = CPU_GOALS[mode] if n == LARGE and u is None else None
+        value = 1e9 * seconds / problem.grid.points
+        yield Row(what=f"n = {n}, {mode}{name}", value=value, unit="ns/point", goal=goal, counts=counts)
+    if u is None:
+        yield errors(found[em.Mode.DISCRETIZATION], found[em.Mode.TIGHT])
+
+
+def errors(solution: em.Solution, tight: em.Solution) -> Row:
+    """The real algebraic error over the real discretisation error, from the mesh on a grid of half the spacing."""
+    n = solution.problem.grid.n_xi
+    finer = em.solve(front(2 * n - 1, solution.problem.monitor.u), mode=em.Mode.TIGHT, threads=1)
+    algebraic = distance(solution.reference, tight.reference)
+    share = 1.0 - 1.0 / refinement(finer.reference.grid, tight.reference.grid)
+    real = distance(finer.reference, tight.reference) / share
+    estimated = (solution.algebraic_error or math.nan, solution.discretization_error or math.nan)
+    note = f"real {algebraic:.1e} of {real:.1e}; estimated {estimated[0]:.1e} of {estimated[1]:.1e}"
+    return Row(
+        what=f"n = {n}, algebraic over discretisation error", value=algebraic / real, unit="", goal=SHARE, note=note
+    )
+
+
+def threads(n: int) -> Iterator[Row]:
+    """Wall time on one thread over that on two: the best of runs in turn, as others use the machine, too."""
+    problem = front(n)
+    for mode in em.Mode:
+        best = {1: math.inf, 2: math.inf}
+        for _ in range(THREAD_RUNS):
+            for count in best:
+                start = time.perf_counter()
+                em.solve(problem, mode=mode, threads=count)
+                best[count] = min(best[count], time.perf_counter() - start)
+        note = f"{1e3 * best[1]:.0f} and {1e3 * best[2]:.0f} ms; needs an idle machine"
+        goal = SPEEDUP_GOAL if n == LARGE else None
+        what = f"n = {n}, {mode}, two threads against one"
+        yield Row(what=what, value=best[1] / best[2], unit="x", goal=goal, at_least=True, note=note)
+
+
+def small(n: int) -> Iterator[Row]:
+    """Wall time of a whole call, from an expression and from samples of it."""
+    axis = np.linspace(0.0, 1.0, 65)
+    expression = em.Expression(TANH)
+    values = expression.evaluate(*np.meshgrid(axis, axis, indexing="ij"))[0]
+    samples = em.GridSamples(x=axis, y=axis, values=values)
+    for name, u in (("expression", expression), ("65 x 65 samples", samples)):
+        problem = front(n, u)
+        counts = sweeps(problem)
+        seconds, _ = wall_seconds(lambda problem=problem: em.solve(problem), SMALL_RUNS)  # type: ignore[misc]
+        cpu, _ = cpu_seconds(lambda problem=problem: em.solve(problem), SMALL_RUNS)  # type: ignore[misc]
+        what, note = f"n = {n}, {name}, the whole call", f"CPU time {1e3 * cpu:.1f} ms"
+        yield Row(what=what, value=1e3 * seconds, unit="ms", goal=WALL_GOALS.get(n), counts=counts, note=note)
