@@ -141,8 +141,8 @@ class Mesh(MeshState):
         return self.arrays().y
 
     @property
-    def u(self) -> Array:
-        """The values of u at the nodes, shape ``(n_xi, n_eta)``."""
+    def u(self) -> Array | None:
+        """The values of u at the nodes, shape ``(n_xi, n_eta)``; None where the monitor has no u."""
         return self.arrays().u
 
     def to_meshio(self) -> Any:

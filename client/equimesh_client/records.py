@@ -229,14 +229,15 @@ def _newton(row: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshArrays:
-    """The mesh itself: ``x``, ``y`` and ``u`` of shape ``(n_xi, n_eta)``, ``cells`` counter-clockwise, ``(m, 4)``
+    """The mesh itself: ``x``, ``y`` and ``u`` of shape ``(n_xi, n_eta)``, ``u`` None where the monitor has none,
+    ``cells`` counter-clockwise, ``(m, 4)``
     or for triangles ``(m, 3)``, ``q_eq`` and ``subdomain`` of the quadrilaterals, ``(n_xi - 1, n_eta - 1)``, which
     two successive triangles share, ``boundary``: edges ``(k, 2)`` of each side, the domain on their left.
     """
 
     x: Array
     y: Array
-    u: Array
+    u: Array | None
     cells: IntArray
     q_eq: Array
     subdomain: IntArray
@@ -257,7 +258,7 @@ def arrays_of(npz: bytes) -> MeshArrays:
             return MeshArrays(
                 x=file["x"],
                 y=file["y"],
-                u=file["u"],
+                u=file.get("u"),
                 cells=file["cells"].astype(np.int64),
                 q_eq=file["q_eq"].ravel()[::every].reshape(shape),
                 subdomain=file["subdomain"].ravel()[::every].reshape(shape).astype(np.int64),

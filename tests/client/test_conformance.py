@@ -18,18 +18,26 @@ import numpy as np
 import pytest
 
 from equimesh_client import (
+    AnnulusSector,
+    ArcLength,
     BadArgument,
     Client,
     Conflict,
+    Curvature,
     DeadlineExceeded,
+    Intersection,
     InvalidInput,
     LinearRobin,
     MeshCanceled,
     MeshFailed,
     NotFound,
+    Quadrilateral,
+    Rectangle,
     RetryPolicy,
     Schwarz,
+    Tensor,
     TooLarge,
+    Weight,
 )
 
 equimesh_service = pytest.importorskip("equimesh_service")
@@ -206,6 +214,90 @@ def test_bad_samples_name_their_place(client: Any) -> None:
         client.generate(np.full((3, 3), np.nan), 8)
 
 
+FRONT = "tanh(3*(x - y))"
+BEND = Quadrilateral(
+    bottom=("1+t", "0"),
+    right=("2*cos(q*t)", "2*sin(q*t)", {"q": np.pi / 2}),
+    top=[[0, 1], [0, 2]],
+    left=("cos(q*t)", "sin(q*t)", {"q": np.pi / 2}),
+)
+
+
+@pytest.mark.parametrize(
+    "domain", [None, Rectangle(x=(-1, 1)), AnnulusSector(), BEND], ids=lambda domain: type(domain).__name__
+)
+@pytest.mark.parametrize(
+    "monitor",
+    [
+        ArcLength(smoothing=0.05),
+        Curvature(norm="h1"),
+        Weight("1 + x*x"),
+        Tensor("2", "0", lambda x, _: 1 + x * x),
+        Intersection([Curvature(), Weight("1 + x*x")], smoothing=0.1),
+    ],
+    ids=lambda monitor: type(monitor).__name__,
+)
+def test_every_monitor_on_every_domain(client: Any, monitor: Any, domain: Any) -> None:
+    mesh = client.generate(FRONT, 17, monitor=monitor, domain=domain)
+    assert np.allclose(mesh.u, np.tanh(3 * (mesh.x - mesh.y)))
+    certificate = mesh.certificate
+    assert (certificate.status, certificate.mode) == ("converged", "discretization")
+    assert certificate.interpolation_gain["l2"] > 0
+    assert (mesh.relaxed, certificate.relaxed) == (False, ())
+    # the certificate takes a cheaper quadrature
+    assert mesh.quality.interpolation_error["gain_l2"] == pytest.approx(certificate.interpolation_gain["l2"], rel=0.3)
+    if isinstance(domain, AnnulusSector) or domain is BEND:
+        assert np.allclose(np.hypot(mesh.x, mesh.y)[[0, -1]], [[1], [2]])
+
+
+def test_two_ways_to_say_one_domain(client: Any) -> None:
+    meshes = [client.generate(FRONT, 12, domain=domain, mode="tight") for domain in (AnnulusSector(), BEND)]
+    assert abs(meshes[0].x - meshes[1].x).max() < 1e-8  # a Coons patch of two arcs and two radii is the sector
+
+
+def test_arrays_and_callables_lie_on_the_box_of_the_domain(client: Any) -> None:
+    exact = client.generate(FRONT, 12, domain=BEND)
+    x, y = np.meshgrid(np.linspace(0, 2, 97), np.linspace(0, 2, 97), indexing="ij")
+    for u in (lambda x, y: np.tanh(3 * (x - y)), np.tanh(3 * (x - y))):
+        mesh = client.generate(u, 12, domain=BEND)
+        assert abs(mesh.x - exact.x).max() < 1e-3
+    stored = client.samples.upload(np.tanh(3 * (x - y)), domain=BEND)
+    assert abs(client.generate(stored, 12, domain=AnnulusSector()).x - exact.x).max() < 1e-3
+    big = np.tanh(3 * (x - y))
+    both = client.generate(monitor=Tensor(2 + big, "0", 2 - big), n=12, domain=BEND)
+    assert both.u is None
+    assert both.certificate.interpolation_gain is None
+    assert client.check("log(x*x+y*y)", domain=BEND)["domain"]["area"] == pytest.approx(0.75 * np.pi)
+
+
+def test_what_cannot_be_reached_is_relaxed_or_fails(client: Any, tmp_path: Path) -> None:
+    hard = {"u": "tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))", "n": 16, "a": 1.0, "b": 0.0}
+    mesh = client.generate(**hard)
+    assert mesh.relaxed
+    assert mesh.warnings
+    assert mesh.certificate.relaxed[0].asked != mesh.certificate.relaxed[0].reached
+    assert mesh.warnings[0] in str(mesh.certificate)
+    with pytest.raises(MeshFailed) as caught:
+        client.generate(**hard, allow_relaxed=False)
+    failed = client.meshes.get(caught.value.mesh.id)
+    assert not failed.relaxed
+    assert failed.download(tmp_path / "m.vtu", partial=True).exists()
+
+
+def test_bad_monitors_and_domains_name_their_place(client: Any) -> None:
+    line = [[0, 0], [0, 1]]
+    for options, pointer in (
+        ({"monitor": Curvature(norm="l3")}, "/monitor/norm"),
+        ({"monitor": Intersection([ArcLength(), Weight("foo")])}, "/monitor/monitors/1/rho/expression"),
+        ({"domain": AnnulusSector(radii=(2, 1))}, "/domain/radii"),
+        ({"domain": Quadrilateral(bottom=("t", "t+"), right=line, top=line, left=line)}, "/domain/bottom/y"),
+        ({"mode": "fast"}, "/mode"),
+    ):
+        with pytest.raises(InvalidInput) as caught:
+            client.generate("x", 12, **options)
+        assert [error.pointer for error in caught.value.errors] == [pointer]
+
+
 def test_too_much_is_too_large(client: Any) -> None:
     noise = np.random.default_rng(0).random((500, 500))
     with pytest.raises(TooLarge):
@@ -378,12 +470,14 @@ def test_the_demo(tmp_path: Path) -> None:
         assert words in done.stdout
 
 
-def test_a_taken_port_is_a_sentence(tmp_path: Path) -> None:
+def test_a_taken_port_is_a_sentence_and_leaves_nothing(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        for words, code in ((["serve", "--data-dir", str(tmp_path)], 2), (["demo", "--output", str(tmp_path)], 3)):
+        data = tmp_path / "data"
+        for words, code in ((["serve", "--data-dir", str(data)], 2), (["demo", "--output", str(tmp_path)], 3)):
             command = [sys.executable, "-m", "equimesh_cli", *words, "--port", port]
             done = subprocess.run(command, capture_output=True, text=True, timeout=60)
             assert done.returncode == code, done.stderr
             assert "in use" in done.stderr
             assert "Traceback" not in done.stderr
+            assert list(tmp_path.iterdir()) == []

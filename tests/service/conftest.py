@@ -75,3 +75,10 @@ def finished(http: httpx.Client) -> dict[str, Any]:
     mesh: dict[str, Any] = answer.json()
     assert mesh["status"] == "succeeded", mesh["error"]
     return mesh
+
+
+@pytest.fixture(scope="session")
+def document(http: httpx.Client) -> dict[str, Any]:
+    """The description of the interface."""
+    found: dict[str, Any] = http.get("/openapi.json").json()
+    return found

@@ -32,6 +32,32 @@ def schwarz(**more: Any) -> dict[str, Any]:
     return small(schwarz=more)
 
 
+def monitor(kind: str, **more: Any) -> dict[str, Any]:
+    return small(monitor={"kind": kind, **more})
+
+
+def both(*monitors: Any) -> dict[str, Any]:
+    return monitor("intersection", monitors=list(monitors))
+
+
+def on(**domain: Any) -> dict[str, Any]:
+    return small(domain=domain)
+
+
+def between(**sides: Any) -> dict[str, Any]:
+    return small(domain={**CURVED, **sides})
+
+
+X, ONE = {"expression": "x"}, {"expression": "1"}
+ARC, WEIGHT = {"u": X}, {"kind": "weight", "rho": ONE}
+CURVED: dict[str, Any] = {
+    "kind": "quadrilateral",
+    "bottom": {"x": "t", "y": "h*sin(pi*t)", "parameters": {"h": 0.2}},
+    "right": {"points": [[1, 0], [1.1, 0.5], [1, 1]]},
+    "top": {"points": [[0, 1], [1, 1]]},
+    "left": {"x": "0", "y": "t"},
+}
+LINE = [[0, k / 10_000] for k in range(10_001)]
 EXPRESSION = "/monitor/u/expression"
 # name: (spec, pointer, part of the message, column)
 TABLE: dict[str, tuple[Any, str, str, int | None]] = {
@@ -89,6 +115,91 @@ TABLE: dict[str, tuple[Any, str, str, int | None]] = {
     "no monitor": ({}, "/monitor", "required", None),
     "null monitor": ({"monitor": None}, "/monitor", "", None),
     "other monitor": (small(monitor={"kind": "magic", "u": {"expression": "x"}}), "/monitor/kind", "arc_length", None),
+    "other norm": (monitor("curvature", u=X, norm="l3"), "/monitor/norm", "'l2' or 'h1'", None),
+    "text for isotropic": (monitor("curvature", u=X, isotropic="yes"), "/monitor/isotropic", "boolean", None),
+    "curvature without u": (monitor("curvature"), "/monitor/u", "required", None),
+    "a of curvature": (monitor("curvature", u=X, a=1), "/monitor/a", "kind, u, norm, isotropic, smoothing", None),
+    "weight without rho": (monitor("weight", u=X), "/monitor/rho", "required", None),
+    "bad rho": (monitor("weight", rho={"expression": "x+*y"}), "/monitor/rho/expression", "", 3),
+    "negative rho": (monitor("weight", rho={"expression": "x - 0.5"}), "/monitor/rho", "must be positive", None),
+    "number for rho": (monitor("weight", rho=3), "/monitor/rho", "expression, grid, scattered, samples", None),
+    "bad u of a weight": (monitor("weight", rho=ONE, u={"expression": "foo"}), EXPRESSION, "foo", 1),
+    "tensor without m12": (monitor("tensor", m11=ONE, m22=ONE), "/monitor/m12", "required", None),
+    "indefinite tensor": (
+        monitor("tensor", m11=ONE, m12={"expression": "2*x"}, m22=ONE),
+        "/monitor/m12",
+        "smallest eigenvalue",
+        None,
+    ),
+    "samples of m11": (
+        monitor("tensor", m11={"grid": {**GRID, "x": [0.2, 0.5, 1]}}, m12=X, m22=ONE),
+        "/monitor/m11/grid/x",
+        "cover",
+        None,
+    ),
+    "one monitor": (both(ARC), "/monitor/monitors", "2 to 8", None),
+    "nine monitors": (both(*[ARC] * 9), "/monitor/monitors", "at most 8", None),
+    "no list of monitors": (monitor("intersection", monitors=ARC), "/monitor/monitors", "list", None),
+    "nested intersection": (both(ARC, both(ARC, ARC)["monitor"]), "/monitor/monitors/1/kind", "tensor", None),
+    "bad u inside": (both(ARC, {"u": {"expression": "1+foo"}}), "/monitor/monitors/1/u/expression", "foo", 3),
+    "bad a inside": (both(ARC, {"u": X, "a": 2}), "/monitor/monitors/1/a", "[0, 1]", None),
+    "negative rho inside": (
+        both(ARC, {"kind": "weight", "rho": {"expression": "y - 1"}}),
+        "/monitor/monitors/1/rho",
+        "positive",
+        None,
+    ),
+    "unknown key inside": (both(ARC, {**WEIGHT, "a": 1}), "/monitor/monitors/1/a", "kind, rho, u, smoothing", None),
+    "unknown samples inside": (
+        both({"u": {"samples": "s-nothing"}}, WEIGHT),
+        "/monitor/monitors/0/u/samples",
+        "no samples",
+        None,
+    ),
+    "no upload inside": (
+        both(WEIGHT, {"u": {"samples": "upload"}}),
+        "/monitor/monitors/1/u/samples",
+        "multipart",
+        None,
+    ),
+    "large smoothing": (small(monitor={"u": X, "smoothing": 0.3}), "/monitor/smoothing", "at most 0.25", None),
+    "negative smoothing": (small(monitor={"u": X, "smoothing": -0.1}), "/monitor/smoothing", "positive", None),
+    "large smoothing inside": (both(ARC, {**WEIGHT, "smoothing": 1}), "/monitor/monitors/1/smoothing", "0.25", None),
+    "other domain": (on(kind="disk"), "/domain/kind", "rectangle, annulus_sector, quadrilateral", None),
+    "text for a domain": (small(domain="rectangle"), "/domain", "must be an object", None),
+    "empty rectangle": (on(kind="rectangle", x=[1, 1]), "/domain/x", "greater", None),
+    "endless rectangle": (on(x=[0, float("inf")]), "/domain/x/1", "finite", None),
+    "huge rectangle": (on(x=[0, 1e30]), "/domain/x", "1e+09", None),
+    "radii of a rectangle": (on(radii=[1, 2]), "/domain/radii", "known are kind, x, y", None),
+    "radii in disorder": (on(kind="annulus_sector", radii=[2, 1]), "/domain/radii", "less than", None),
+    "whole disk": (on(kind="annulus_sector", radii=[0, 1]), "/domain/radii", "positive", None),
+    "more than a turn": (on(kind="annulus_sector", angles=[0, 361]), "/domain/angles", "360", None),
+    "three angles": (on(kind="annulus_sector", angles=[0, 1, 2]), "/domain/angles", "2 items", None),
+    "three sides": (on(kind="quadrilateral", bottom={"x": "t", "y": "0"}), "/domain/right", "required", None),
+    "no curve": (between(left=3), "/domain/left", "keys x, points", None),
+    "half a curve": (between(left={"x": "0"}), "/domain/left/y", "required", None),
+    "bad curve": (between(left={"x": "0", "y": "t +* 1"}), "/domain/left/y", "", 4),
+    "curve in x": (between(left={"x": "x", "y": "t"}), "/domain/left/x", "x", 1),
+    "infinite curve": (between(left={"x": "0", "y": "1/t"}), "/domain/left/y", "not finite", 1),
+    "one point": (between(left={"points": [[0, 0]]}), "/domain/left/points", "2 give a straight line", None),
+    "many points of a curve": (between(left={"points": LINE}), "/domain/left/points", "10000", None),
+    "triples": (between(left={"points": [[0, 0, 0]]}), "/domain/left/points/0", "2 items", None),
+    "open corner": (between(left={"points": [[0, 0], [0, 0.9]]}), "/domain/left", "must meet", None),
+    "fold": (between(top={"points": [[0, 1], [0.5, -1], [1, 1]]}), "/domain", "", None),
+    "u beyond its domain": (
+        small(monitor={"u": {"expression": "log(x)"}}, domain={"x": [-1, 1]}),
+        EXPRESSION,
+        "not finite",
+        1,
+    ),
+    "samples of the unit square": (
+        small(monitor={"u": {"grid": GRID}}, domain={"x": [0, 2]}),
+        "/monitor/u/grid/x",
+        "cover",
+        None,
+    ),
+    "other mode": (small(mode="fast"), "/mode", "'discretization' or 'tight'", None),
+    "text for allow_relaxed": (small(allow_relaxed="no"), "/allow_relaxed", "boolean", None),
     "negative b": (small(monitor={"u": {"expression": "x"}, "b": -1}), "/monitor/b", "not negative", None),
     "large a": (small(monitor={"u": {"expression": "x"}, "a": 1.5}), "/monitor/a", "[0, 1]", None),
     "nan a": (small(monitor={"u": {"expression": "x"}, "a": float("nan")}), "/monitor/a", "finite", None),

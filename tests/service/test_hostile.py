@@ -24,10 +24,31 @@ BASE: dict[str, Any] = {
         "compare_single_domain": False,
     },
     "domain": {"kind": "rectangle", "x": [0, 1], "y": [0, 1]},
+    "mode": "tight",
+    "allow_relaxed": False,
     "boundary": "trace",
     "initial": "nested",
     "cells": "quad",
     "label": "hostile",
+}
+
+
+OTHERS: dict[str, Any] = {
+    **small(),
+    "monitor": {
+        "kind": "intersection",
+        "monitors": [
+            {"kind": "curvature", "u": {"expression": "x*y"}, "norm": "h1", "isotropic": True, "smoothing": 0.1},
+            {"kind": "tensor", "m11": {"expression": "2"}, "m12": {"expression": "0"}, "m22": {"expression": "1+x"}},
+        ],
+    },
+    "domain": {
+        "kind": "quadrilateral",
+        "bottom": {"x": "k*t", "y": "0", "parameters": {"k": 2}},
+        "right": {"points": [[2, 0], [2, 1]]},
+        "top": {"x": "2*t", "y": "1 + t*(1-t)"},
+        "left": {"points": [[0, 0], [-0.1, 0.5], [0, 1]]},
+    },
 }
 
 
@@ -54,11 +75,11 @@ values = st.recursive(
 
 
 @settings(
-    max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=200, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data())
 def test_no_spec_breaks_the_service(http: httpx.Client, data: st.DataObject) -> None:
-    spec = json.loads(json.dumps(BASE))
+    spec = json.loads(json.dumps(data.draw(st.sampled_from([BASE, OTHERS]))))
     for _ in range(data.draw(st.integers(1, 2))):
         path = data.draw(st.sampled_from(places(spec)))
         value = data.draw(values)

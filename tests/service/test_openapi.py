@@ -17,12 +17,6 @@ from equimesh_service.problems import KINDS
 from service.conftest import small
 
 
-@pytest.fixture(scope="module")
-def document(http: httpx.Client) -> dict[str, Any]:
-    found: dict[str, Any] = http.get("/openapi.json").json()
-    return found
-
-
 def validator(document: dict[str, Any], name: str) -> jsonschema.Draft202012Validator:
     schema = {"$ref": f"#/components/schemas/{name}", "components": document["components"]}
     return jsonschema.Draft202012Validator(schema)
