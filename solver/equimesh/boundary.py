@@ -24,7 +24,8 @@ class Boundary(StrEnum):
 
     ``TRACE``: equal metric length with the full gradient of u, the trace of the interior equations (the default).
     ``EQUIDISTRIBUTED_1D``: equal metric length of u along the side alone, the paper's choice, equation (7); folds
-    steep monitors on fine meshes. ``ORTHOGONAL``: coordinate lines meet the sides at right angles, equation (6).
+    steep monitors on fine meshes. ``ORTHOGONAL``: coordinate lines meet the sides at right angles, equation (6);
+    on a domain, those of the reference square.
     """
 
     TRACE = "trace"

@@ -1,0 +1,214 @@
+"""Every monitor on every kind of domain: the same equations, pulled back, solved by the same solver."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh import chord, single_domain
+from equimesh.domain import mapped
+from equimesh.equations import MeshEquations
+
+BELL = em.Expression("exp(-8*((x - 0.4)**2 + (y - 0.6)**2))")
+DOMAINS: dict[str, em.Domain] = {
+    "square": em.Rectangle(),
+    "rectangle": em.Rectangle(x=(-0.5, 1.5), y=(0.0, 1.2)),
+    "annulus": em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0)),
+    "quadrilateral": em.Quadrilateral(
+        bottom=em.Curve.of_expressions("1.2*t", "0.1*sin(pi*t)"),
+        right=em.Curve.of_expressions("1.2 + 0.1*t*(1 - t)", "1.1*t"),
+        top=em.Curve.through([[0.0, 0.9], [0.3, 1.0], [0.7, 1.1], [1.2, 1.1]]),
+        left=em.Curve.through([[0.0, 0.0], [0.0, 0.9]]),
+    ),
+}
+MONITORS: dict[str, em.Monitor] = {
+    "arc_length": em.ArcLength(u=BELL),
+    "curvature_l2": em.Curvature(u=BELL),
+    "curvature_h1": em.Curvature(u=BELL, norm="h1"),
+    "isotropic": em.Curvature(u=BELL, isotropic=True),
+    "weight": em.Weight(rho=em.Expression("1 + 4*exp(-10*((x - 0.4)**2 + (y - 0.6)**2))")),
+    "tensor": em.Tensor(m11=em.Expression("2 + sin(3*x)"), m12=em.Expression("0.3*y"), m22=em.Expression("1 + x**2")),
+    "intersection": em.Intersection(monitors=(em.ArcLength(u=BELL), em.Weight(rho=em.Expression("1 + x**2 + y**2")))),
+    "smoothed": em.Smoothed(monitor=em.ArcLength(u=BELL), radius=0.08),
+}
+PAIRS = [("arc_length", domain) for domain in DOMAINS]
+PAIRS += [(monitor, domain) for monitor in list(MONITORS)[1:] for domain in ("square", "annulus")]
+
+
+def case(monitor: str, domain: str, n: int, m: int | None = None, **more: em.Boundary) -> em.Problem:
+    grid = em.Grid(n_xi=n, n_eta=m or n)
+    return em.Problem(monitor=MONITORS[monitor], grid=grid, domain=DOMAINS[domain], **more)
+
+
+def distance(one: em.Mesh, other: em.Mesh) -> float:
+    return max(abs(one.x - other.x).max(), abs(one.y - other.y).max())
+
+
+@pytest.mark.parametrize(("monitor", "domain"), PAIRS)
+def test_the_mesh_is_that_of_newton(monitor: str, domain: str) -> None:
+    problem = case(monitor, domain, 21, 18)
+    *_, fast = single_domain.iterate(problem)
+    *_, reference = single_domain.iterate(problem, sweeps=False)
+    assert fast.relaxation.is_none
+    assert reference.relaxation.is_none
+    assert distance(fast.mesh, reference.mesh) < 1e-9
+    assert chord.deviation(problem.metric, problem.boundary, reference.mesh) < 1e-9
+    assert distance(fast.mesh, em.Mesh.uniform(problem.grid)) > 0.01, "nothing was adapted to"
+
+
+@pytest.mark.parametrize("boundary", em.Boundary)
+@pytest.mark.parametrize(("monitor", "domain"), PAIRS)
+def test_the_jacobian_is_exact(monitor: str, domain: str, boundary: em.Boundary) -> None:
+    problem = case(monitor, domain, 8, 7, boundary=boundary)
+    equations, random = problem.equations(), np.random.default_rng(7)
+    z = equations.vector(em.Mesh.uniform(problem.grid))
+    inside = np.zeros((2, 8, 7))
+    inside[:, 1:-1, 1:-1] = 1.0
+    v = random.standard_normal(z.size) * inside.ravel()
+    v[[8 * 7 + 3, 3 * 7]] = 1.0  # y of a node on the left, x of one at the bottom: they move along their sides
+    z = z + 0.01 * random.standard_normal(z.size) * inside.ravel()
+    remainders = [remainder(equations, z, h * v) for h in (2e-3, 1e-3, 5e-4)]
+    for coarse, fine in pairwise(remainders):
+        assert 3.7 < coarse / fine < 4.3
+
+
+def remainder(equations: MeshEquations, z: np.ndarray, v: np.ndarray) -> float:
+    return float(np.linalg.norm(equations.residual(z + v) - equations.residual(z) - equations.jacobian(z) @ v))
+
+
+# The eigenvalues of the Hessian of a convex function change no sign: where they do, |H| has a kink, and the order is
+# less. The two boundary conditions of the paper need zero normal derivatives on the sides.
+NARROW = em.Expression("exp(-25*((x - 0.5)**2 + (y - 0.48)**2))")
+CONVEX = em.Expression("exp(2*x) + exp(3*y) + x*y")
+SMOOTH: list[tuple[em.Monitor, str, em.Boundary]] = [
+    (monitor, domain, boundary)
+    for domain in DOMAINS
+    for monitor, boundary in (
+        (MONITORS["arc_length"], em.Boundary.TRACE),
+        (em.ArcLength(u=NARROW, a=0.3), em.Boundary.EQUIDISTRIBUTED_1D),
+        (em.ArcLength(u=NARROW, a=0.3), em.Boundary.ORTHOGONAL),
+    )
+    if not (domain == "quadrilateral" and boundary is em.Boundary.ORTHOGONAL)  # its corners are no right angles
+]
+SMOOTH += [
+    (monitor, domain, em.Boundary.TRACE)
+    for monitor in (em.Curvature(u=CONVEX), em.Curvature(u=CONVEX, isotropic=True), MONITORS["weight"])
+    for domain in ("square", "annulus")
+]
+
+
+@pytest.mark.parametrize(("monitor", "domain", "boundary"), SMOOTH, ids=lambda v: getattr(v, "value", None))
+def test_second_order(monitor: em.Monitor, domain: str, boundary: em.Boundary) -> None:
+    sizes, meshes = (33, 65, 129, 257), {}
+    for n in sizes:
+        grid = em.Grid(n_xi=n, n_eta=n)
+        *_, last = single_domain.iterate(
+            em.Problem(monitor=monitor, grid=grid, domain=DOMAINS[domain], boundary=boundary)
+        )
+        assert last.relaxation.is_none
+        meshes[n] = last.mesh
+    errors = []
+    for n in sizes[:-1]:
+        every = slice(None, None, 256 // (n - 1))
+        errors.append(distance(meshes[n], em.Mesh(meshes[257].x[every, every], meshes[257].y[every, every])))
+    seen = [1 / (n - 1) ** 2 - 1 / 256**2 for n in sizes[:-1]]
+    orders = 2 * np.diff(np.log(errors)) / np.diff(np.log(seen))
+    assert all(1.6 < order < 2.3 for order in orders), (orders, errors)
+    assert 1.88 < orders[-1] < 2.1, (orders, errors)
+    assert errors[-1] < 2e-4
+
+
+@pytest.mark.parametrize("domain", ["square", "rectangle", "annulus"])
+def test_without_adaptation_lines_have_equal_lengths(domain: str) -> None:
+    """For a = 0 the metric is that of the plane: on these domains the uniform mesh is the solution."""
+    problem = em.Problem(monitor=em.ArcLength(u=BELL, a=0.0), grid=em.Grid(n_xi=13, n_eta=9), domain=DOMAINS[domain])
+    solution = em.solve(problem, mode=em.Mode.TIGHT)
+    # Edges of an annulus are chords, measured with the metric at the middle of their cells.
+    assert distance(solution.mesh, mapped(em.Mesh.uniform(problem.grid), problem.domain)) < 1e-12
+
+
+def test_similar_domains_have_similar_meshes() -> None:
+    """The unit of length and the origin do not matter to a weight."""
+    square = em.Problem(monitor=em.Weight(rho=em.Expression("1 + 9*x*y")), grid=em.Grid(n_xi=17, n_eta=17))
+    large = em.Problem(
+        monitor=em.Weight(rho=em.Expression("1 + 9*(x - 3)/5*(y + 1)/5")),
+        grid=square.grid,
+        domain=em.Rectangle(x=(3.0, 8.0), y=(-1.0, 4.0)),
+    )
+    one, other = em.solve(square, mode=em.Mode.TIGHT), em.solve(large, mode=em.Mode.TIGHT)
+    assert distance(one.reference, other.reference) < 1e-11
+    assert abs(other.mesh.x - (3.0 + 5.0 * one.mesh.x)).max() < 1e-10
+    assert one.certificate.min_jacobian == pytest.approx(other.certificate.min_jacobian)
+
+
+def test_a_rectangle_is_a_quadrilateral() -> None:
+    straight = {
+        "bottom": [[0.0, 0.0], [2.0, 0.0]],
+        "right": [[2.0, 0.0], [2.0, 1.0]],
+        "top": [[0.0, 1.0], [2.0, 1.0]],
+        "left": [[0.0, 0.0], [0.0, 1.0]],
+    }
+    patch = em.Quadrilateral(**{side: em.Curve.through(points) for side, points in straight.items()})
+    grid = em.Grid(n_xi=25, n_eta=17)
+    meshes = [
+        em.solve(em.Problem(monitor=MONITORS["arc_length"], grid=grid, domain=domain), mode=em.Mode.TIGHT).mesh
+        for domain in (patch, em.Rectangle(x=(0.0, 2.0)))
+    ]
+    assert distance(*meshes) < 1e-10
+
+
+def test_nodes_on_the_sides_lie_on_the_sides() -> None:
+    solution = em.solve(case("arc_length", "annulus", 33))
+    radius = np.hypot(solution.mesh.x, solution.mesh.y + 0.5)
+    assert radius[0] == pytest.approx(0.5, abs=1e-14)
+    assert radius[-1] == pytest.approx(1.5, abs=1e-14)
+    assert math.degrees(math.atan2(solution.mesh.y[5, -1] + 0.5, solution.mesh.x[5, -1])) == pytest.approx(110.0)
+
+
+@pytest.mark.parametrize("condition", [em.Classical(), em.LinearRobin(), em.NonlinearRobin()], ids=lambda c: c.name)
+@pytest.mark.parametrize(("monitor", "domain"), [("arc_length", "annulus"), ("weight", "square")])
+def test_the_schwarz_limit_is_the_single_domain_mesh(
+    monitor: str, domain: str, condition: em.TransmissionCondition
+) -> None:
+    problem = case(monitor, domain, 15, 13)
+    settings = em.Schwarz(transmission=condition, tolerance=1e-11, compare_single_domain=True)
+    solution = em.solve(problem, settings)
+    assert solution.status is em.Status.CONVERGED
+    error = solution.iterations[-1].error
+    assert error is not None
+    assert error < 1e-9
+    assert distance(solution.mesh, em.solve(problem, mode=em.Mode.TIGHT).mesh) < 1e-9
+
+
+class Swirl(em.Rectangle):
+    """The unit square stirred in its middle; the map keeps areas, so that it does not fold."""
+
+    is_unit_square = False
+
+    def map(self, s: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, y = s - 0.5, t - 0.5
+        turn = 3.0 * np.exp(-10.0 * (x**2 + y**2))
+        return 0.5 + x * np.cos(turn) - y * np.sin(turn), 0.5 + x * np.sin(turn) + y * np.cos(turn)
+
+
+def test_a_domain_too_curved_for_its_grid_is_refused() -> None:
+    fine, coarse = em.Grid(n_xi=65, n_eta=65), em.Grid(n_xi=9, n_eta=9)
+    assert not mapped(em.Mesh.uniform(fine), Swirl()).is_folded
+    with pytest.raises(em.InputError, match="add grid points"):
+        em.solve(em.Problem(monitor=MONITORS["arc_length"], grid=coarse, domain=Swirl()))
+
+
+def test_the_gain_is_measured_on_the_domain() -> None:
+    """Against the uniform mesh of the same domain, as the quality measures have it."""
+    solution = em.solve(case("curvature_l2", "annulus", 33))
+    gain = solution.certificate.interpolation
+    assert gain is not None
+    assert gain.gain_l2 > 1.0
+    full = solution.quality.interpolation_error
+    assert full is not None
+    assert gain.gain_l2 == pytest.approx(full.gain_l2, rel=0.02)
+    assert em.solve(case("tensor", "square", 17)).certificate.summary()["interpolation_gain"] is None
