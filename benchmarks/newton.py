@@ -21,7 +21,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--points", type=int, nargs="+", default=[65, 129, 257], help="points a side")
     for n in parser.parse_args().points:
-        print("\n".join(rows.lines(list(newton.compare(n)))), flush=True)
+        for line in rows.lines(newton.compare(n)):
+            print(line, flush=True)
 
 
 if __name__ == "__main__":

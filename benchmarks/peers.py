@@ -21,7 +21,8 @@ def main() -> None:
     parser.add_argument("--functions", nargs="+", choices=peers.FUNCTIONS, default=list(peers.FUNCTIONS))
     options = parser.parse_args()
     for n in options.points:
-        print("\n".join(peers.lines(list(peers.compare(n, options.functions)))), flush=True)
+        for line in peers.lines(peers.compare(n, options.functions)):
+            print(line, flush=True)
 
 
 if __name__ == "__main__":

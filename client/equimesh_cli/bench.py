@@ -8,12 +8,14 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from equimesh_cli.exits import EPILOG, Exit, Refused
 
 if TYPE_CHECKING:
     from equimesh_cli.benchmark.rows import Row
+
+T = TypeVar("T")
 
 # Read by the linear algebra when it is loaded: CPU time is counted on one thread.
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -89,20 +91,21 @@ def report(sizes: Sizes) -> dict[str, Any]:
         raise Refused(f"the solver is not installed ({error.name}): pip install 'equimesh[solver]'") from error
 
     print(f"{os.cpu_count()} cores; CPU time on one thread, medians of {rows.RUNS} runs\n", flush=True)
-    measured = list(_shown(_rows(sizes)))
-    print("\n" + "\n".join(rows.lines(measured)))
+    measured: list[Row] = []
+    for line in rows.lines(_kept(_rows(sizes), measured)):
+        print(line, flush=True)
     if not newton.has_pardiso():
         print(f"\n{newton.PARDISO}: not installed (pip install pypardiso)")
-    meshes = []
+    meshes: list[peers.Meshed] = []
     for n in sizes.peers:
         absent = [name for name in ("mmgpy", "gmsh") if not peers.is_installed(name)]
         print(f"\nabout {n} x {n} vertices" + (f"; not installed: {', '.join(absent)}" if absent else ""), flush=True)
-        meshes.append(list(peers.compare(n)))
-        print("\n".join(peers.lines(meshes[-1])), flush=True)
+        for line in peers.lines(_kept(peers.compare(n), meshes)):
+            print(line, flush=True)
     return {
         "cores": os.cpu_count(),
         "rows": [row.plain() for row in measured],
-        "peers": [mesh.plain() for group in meshes for mesh in group],
+        "peers": [mesh.plain() for mesh in meshes],
     }
 
 
@@ -125,11 +128,8 @@ def _rows(sizes: Sizes) -> Iterator[Row]:
     yield from newton.compare(sizes.newton)
 
 
-def _shown(found: Iterable[Row]) -> Iterator[Row]:
-    """The rows, with what is being measured on a terminal."""
-    from tqdm import tqdm
-
-    line = tqdm(found, bar_format="{desc} {elapsed}", disable=None, leave=False)
-    for row in line:
-        line.set_description_str(f"measured {row.what}")
-        yield row
+def _kept(found: Iterable[T], kept: list[T]) -> Iterator[T]:
+    """What is found, as it comes, and all of it in a list."""
+    for one in found:
+        kept.append(one)
+        yield one

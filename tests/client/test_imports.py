@@ -53,7 +53,8 @@ def test_the_command_generates_with_the_base_install(service: Any, tmp_path: Any
 
 
 @pytest.mark.parametrize(
-    ("arguments", "extra"), [(["solve", "x"], "solver"), (["serve"], "service"), (["demo"], "service")]
+    ("arguments", "extra"),
+    [(["solve", "x"], "solver"), (["bench"], "solver"), (["serve"], "service"), (["demo"], "service")],
 )
 def test_what_needs_an_extra_says_which(arguments: list[str], extra: str) -> None:
     done = run(f"from equimesh_cli import main; sys.exit(main({arguments!r}))")

@@ -73,9 +73,9 @@ def compare(n: int) -> Iterator[Row]:
             f"{solved.seconds[-1]:.1f} s, the whole solve {total:.1f} s = {total / whole:.0f} x;"
             f" meshes differ by {distance(solved.mesh, mesh):.0e}"
         )
-        what, value = f"n = {n}, Newton with {solver.name} against it", solved.seconds[-1] / finest
+        what, value = f"n = {n}, Newton with {solver.name}", solved.seconds[-1] / finest
         counts = {"steps": solved.steps[-1]}
-        yield Row(what=what, value=value, unit="x", goal=goal, at_least=True, note=note, counts=counts)
+        yield Row(what=what, value=value, unit="x the sweeps", goal=goal, at_least=True, note=note, counts=counts)
 
 
 def solvers() -> list[Solver]:
@@ -86,7 +86,7 @@ def solvers() -> list[Solver]:
 
     found = [
         Solver(name="SuperLU", factorise=lambda shape: newton.superlu, goal=SUPERLU_GOAL),  # noqa: ARG005
-        Solver(name="SuperLU, nested dissection, factors kept", factorise=nested, reuse=True),
+        Solver(name="SuperLU, dissection, factors kept", factorise=nested, reuse=True),
     ]
     if has_pardiso():
         found.append(Solver(name=PARDISO, factorise=lambda shape: pardiso(), goal=PARDISO_GOAL))  # noqa: ARG005

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -75,15 +75,14 @@ def compare(n: int, functions: Sequence[str] = tuple(FUNCTIONS)) -> Iterator[Mes
             yield gmsh(name, u, n)
 
 
-def lines(meshes: Sequence[Meshed]) -> list[str]:
-    """The lines of a table, below a heading."""
-    found = [f"{'u':<8}{'mesher':<22}{'vertices':>9}{'CPU [s]':>10}{'vertices/s':>12}{'L2 error':>11}{'in 1 s':>10}"]
+def lines(meshes: Iterable[Meshed]) -> Iterator[str]:
+    """The lines of a table, below a heading; each as soon as its mesh is there."""
+    yield f"{'u':<8}{'mesher':<22}{'vertices':>9}{'CPU [s]':>10}{'vertices/s':>12}{'L2 error':>11}{'in 1 s':>10}"
     for m in meshes:
         rate = f"{m.rate:.0f}" if m.cpu > 0.0 else "-"
         after = f"{m.in_one_second:.1e}" if m.cpu > 0.0 else "-"
         row = f"{m.function:<8}{m.mesher:<22}{m.vertices:>9}{m.cpu:>10.4f}{rate:>12}{m.l2:>11.2e}{after:>10}  {m.note}"
-        found.append(row.rstrip())
-    return found
+        yield row.rstrip()
 
 
 def is_installed(name: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from statistics import median
 from typing import Any, TypeVar
@@ -40,17 +40,24 @@ class Row:
         return {**asdict(self), "met": self.met}
 
 
-def lines(rows: Sequence[Row]) -> list[str]:
-    """The rows as the lines of a table, below a heading."""
-    cells = [("", "measured", "goal", "", "")]
+WIDTHS = (54, 17, 7, 6)  # of what, measured, goal, met; notes follow
+HEADING = ("", "measured", "goal", "", "")
+
+
+def lines(rows: Iterable[Row]) -> Iterator[str]:
+    """The lines of a table, below a heading; each as soon as its row is there."""
+    yield _line(HEADING)
     for row in rows:
         goal = "" if row.goal is None else f"{'>=' if row.at_least else '<='} {row.goal:g}"
         met = {None: "", True: "met", False: "MISSED"}[row.met]
         counted = ", ".join(f"{name}: {count}" for name, count in row.counts.items())
         note = "; ".join(part for part in (counted, row.note) if part)
-        cells.append((row.what, f"{row.value:.3g} {row.unit}".rstrip(), goal, met, note))
-    widths = [max(len(cell[k]) for cell in cells) for k in range(4)]
-    return ["  ".join([*(text.ljust(w) for text, w in zip(cell, widths, strict=False)), cell[4]]) for cell in cells]
+        yield _line((row.what, f"{row.value:.3g} {row.unit}", goal, met, note))
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    padded = [text.ljust(width) for text, width in zip(cells, WIDTHS, strict=False)]
+    return "  ".join([*padded, *cells[len(WIDTHS) :]]).rstrip()
 
 
 def cpu_seconds(work: Callable[[], T], runs: int = RUNS) -> tuple[float, T]:
