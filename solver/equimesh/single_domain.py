@@ -81,6 +81,11 @@ class Step:
     solved: Grid | None = None
 
     @property
+    def is_exact(self) -> bool:
+        """Whether the mesh solves the asked equations on its own grid."""
+        return self.converged and self.relaxation.is_none and self.solved is None
+
+    @property
     def strength(self) -> float:
         """The strength of the monitor, 1 for the asked one."""
         return self.relaxation.strength

@@ -251,7 +251,7 @@ def _single_domain(problem: Problem, initial: Initial, how: _How) -> Solution:
 
 
 def _status(step: Step, how: _How) -> Status:
-    if step.converged and step.relaxation.is_none:
+    if step.is_exact:
         return Status.CONVERGED
     relaxed = how.allow_relaxed and step.converged and step.strength > 0.0
     return Status.RELAXED if relaxed else Status.NEWTON_FAILED
@@ -282,8 +282,7 @@ def _last_step(problem: Problem, initial: Initial, how: _How) -> Step:
 def _reference(problem: Problem, how: _How) -> Step:
     """The single-domain solution to rounding, as far as that is affordable: errors are measured against it."""
     step = _last_step(problem, Initial.NESTED, replace(how, mode=Mode.TIGHT))
-    exact = step.converged and step.relaxation.is_none
-    if exact and problem.grid.points <= MOST_POLISHED:
+    if step.is_exact and problem.grid.points <= MOST_POLISHED:
         return _last(single_domain.iterate(problem, step.mesh), how.observe)
     return step
 
@@ -305,7 +304,7 @@ def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, how: _How) ->
     reference = None
     if schwarz.compare_single_domain:
         reference = _reference(problem, how)
-    known = reference.mesh if reference is not None and reference.relaxation.is_none else None
+    known = reference.mesh if reference is not None and reference.is_exact else None
     records: list[Iteration] = []
     for record in iterate(problem, schwarz, start, known):
         records.append(record)

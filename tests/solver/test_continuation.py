@@ -82,6 +82,17 @@ def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest
     assert not solution.mesh.is_folded
 
 
+def test_an_interpolated_mesh_is_not_called_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where sweeps fail on a grid too large to factorise, what is left is the solution of a coarser one."""
+    monkeypatch.setattr("equimesh.single_domain.MOST_FACTORISED", 33 * 33)
+    monkeypatch.setattr("equimesh.single_domain.MOST_SWEEPS", 1)
+    solution = em.solve(problem("tanh20", 65))
+    assert solution.status is em.Status.RELAXED
+    assert [(r.what, r.asked, r.reached) for r in solution.relaxed] == [("points", 65.0, 33.0)]
+    assert 1e-4 < solution.certificate.equation_residual < 0.5
+    assert "interpolated from 33 x 33 points" in solution.note
+
+
 @pytest.mark.parametrize("boundary", em.Boundary)
 def test_the_cross_line_term_is_in_the_jacobian(boundary: em.Boundary) -> None:
     case = problem("ring", 9, 8, boundary=boundary)
