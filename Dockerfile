@@ -16,7 +16,7 @@ RUN useradd --system --uid 10001 --no-create-home --home-dir /data equimesh \
 ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
     PYTHONUNBUFFERED=1 \
     MPLCONFIGDIR=/tmp/matplotlib \
-    NUMBA_CACHE_DIR=/tmp/numba \
+    NUMBA_CACHE_DIR=/data/numba \
     EQUIMESH_HOST=0.0.0.0 \
     EQUIMESH_PORT=8000 \
     EQUIMESH_DATA_DIR=/data
@@ -24,6 +24,6 @@ USER 10001
 VOLUME /data
 EXPOSE 8000
 # Healthy when the store, the files, the workers and the dispatcher do their work.
-HEALTHCHECK --interval=30s --timeout=10s --start-period=60s --retries=3 \
+HEALTHCHECK --interval=30s --timeout=10s --start-period=180s --retries=3 \
     CMD ["python", "-c", "import httpx, os; httpx.get('http://127.0.0.1:' + os.environ['EQUIMESH_PORT'] + '/readyz', timeout=8, trust_env=False).raise_for_status()"]
 CMD ["equimesh", "serve"]

@@ -39,7 +39,8 @@ def warm_up() -> None:
     np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
     u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
     ring = equimesh.AnnulusSector()
-    plain, curved = equimesh.ArcLength(u=u), equimesh.Smoothed(monitor=equimesh.Curvature(u=u))
+    plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
+    curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
     for monitor, points, domain, schwarz in (
         (plain, 9, equimesh.Rectangle(), equimesh.Schwarz()),
         (plain, 129, equimesh.Rectangle(), None),
@@ -48,7 +49,9 @@ def warm_up() -> None:
     ):
         grid = equimesh.Grid(n_xi=points, n_eta=points)
         problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
-        equimesh.solve(problem, schwarz, threads=1, check=False).data()
+        solution = equimesh.solve(problem, schwarz, threads=1, check=False)
+        solution.data(), solution.certificate
+        problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
 
 
 @lru_cache(maxsize=8)

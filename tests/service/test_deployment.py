@@ -190,7 +190,7 @@ def container(environment: dict[str, str]) -> Iterator[None]:
     with log.open("w") as output:
         process = subprocess.Popen(command, env=environment, cwd=os.sep, stderr=output)
     try:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 240  # the first start compiles the kernels
         while not healthy(environment):
             assert process.poll() is None, "the service ended"
             assert time.monotonic() < deadline, "the service does not get healthy"

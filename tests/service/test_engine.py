@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -34,3 +35,21 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
         assert not engine.wait_until_ready(1.5)
     finally:
         engine.close()
+
+
+ELSEWHERE = {"_absolute", "largest_ratio"}  # called by tests only, and by other kernels only
+COMPILED = """
+import importlib, pkgutil, equimesh
+from equimesh_service.worker import warm_up
+warm_up()
+for found in pkgutil.iter_modules(equimesh.__path__):
+    module = importlib.import_module(f"equimesh.{found.name}")
+    for name, value in vars(module).items():
+        if hasattr(value, "nopython_signatures") and not value.nopython_signatures:
+            print(name)
+"""
+
+
+def test_the_warm_up_leaves_nothing_to_compile() -> None:
+    done = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True, timeout=300, check=True)
+    assert set(done.stdout.split()) <= ELSEWHERE
