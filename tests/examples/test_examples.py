@@ -153,15 +153,23 @@ def test_table_1_and_the_order_of_the_three_methods(run: Run, tmp_path: Path) ->
     check_picture(tmp_path / "figure9.png")
 
 
-def test_the_pictures_of_the_docs_are_those_of_the_script(run: Run, tmp_path: Path) -> None:
+def test_the_pictures_of_the_docs_are_those_of_the_scripts(run: Run, tmp_path: Path) -> None:
     run("10")
+    run("11")
     assert [path.name for path in sorted(tmp_path.glob("*.png"))] == [path.name for path in IMAGES]
     for path in IMAGES:
         check_picture(path)
         assert path.stat().st_size < 150_000
         drawn, kept = (coarse(file) for file in (tmp_path / path.name, path))
         assert drawn.shape == kept.shape
-        assert abs(drawn - kept).max() < 0.12, "make it again with the script"
+        assert abs(drawn - kept).max() < 0.12, "make it again with its script"
+
+
+def test_curvature_interpolates_better_than_arc_length(run: Run) -> None:
+    said = run("11")
+    gains = {name: rows(said, name)[0] for name in ("arc length", "curvature", "both")}
+    assert gains["curvature"][0] > 2 * gains["arc length"][0] > 4
+    assert gains["arc length"][1] < gains["both"][1]
 
 
 def test_every_example_is_short_and_in_the_index() -> None:
