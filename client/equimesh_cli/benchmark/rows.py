@@ -62,18 +62,9 @@ def _line(cells: tuple[str, ...]) -> str:
 
 def cpu_seconds(work: Callable[[], T], runs: int = RUNS) -> tuple[float, T]:
     """Median CPU time of ``work`` on this process, all its threads included, and its last result."""
-    return _timed(time.process_time, work, runs)
-
-
-def wall_seconds(work: Callable[[], T], runs: int = RUNS) -> tuple[float, T]:
-    """Median wall time of ``work``, and its last result."""
-    return _timed(time.perf_counter, work, runs)
-
-
-def _timed(clock: Callable[[], float], work: Callable[[], T], runs: int) -> tuple[float, T]:
     times = []
     for _ in range(runs):
-        start = clock()
+        start = time.process_time()
         result = work()
-        times.append(clock() - start)
+        times.append(time.process_time() - start)
     return median(times), result
