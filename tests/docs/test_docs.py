@@ -136,7 +136,7 @@ def flags(name: str) -> set[str]:
 def test_every_flag_is_documented_and_exists() -> None:
     text = page("cli")
     known = {"--version"}.union(*(flags(name) for name in ("demo", "serve", "generate", "solve", "check", "bench")))
-    told = set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
+    told = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
     assert {flag for flag in known if flag not in told} == set()
     assert {flag for flag in told if flag.startswith("--") and flag not in known} == set()
 
