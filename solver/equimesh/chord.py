@@ -26,9 +26,9 @@ from equimesh.metric import ReferenceMetric, Tensor
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
-# Nodes that are worked on at a time, so that what is computed of them stays in the cache; fewer nodes than MANY are not
-# worth a second thread. On FEW nodes u and its gradient are evaluated everywhere at once, not on the sides apart.
-STRIP, MANY, FEW = 32_768, 16_384, 1_024
+# Nodes that are worked on at a time, so that what is computed of them stays in the cache, but never fewer rows, since
+# two more than these are looked at. Fewer nodes than MANY are not worth a second thread. On FEW nodes u and its gradient are evaluated everywhere at once, not on the sides apart.
+STRIP, FEWEST_ROWS, MANY, FEW = 32_768, 16, 16_384, 1_024
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,11 @@ class Sweep:
     ) -> None:
         """``memory`` is a flat array of at least ``needed(shape)`` numbers."""
         self.metric, self.boundary, self.shape = metric, boundary, shape
-        arrays = memory[: needed(shape)].reshape(5, *shape)
-        self.new_x, self.new_y, self._along_p, self._squares = arrays[0], arrays[1], arrays[2:4], arrays[4]
+        arrays = memory[: needed(shape)].reshape(4, *shape)
+        self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
+        self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # it only has to point the way
         n_xi, n_eta = shape
-        rows = max(4, -(-STRIP // n_eta))
+        rows = max(FEWEST_ROWS, -(-STRIP // n_eta))
         self._strips = [(first, min(first + rows, n_xi - 1)) for first in range(1, n_xi - 1, rows)]
         self._threads = min(threads, len(self._strips)) if n_xi * n_eta >= MANY else 1
         self._cells = np.empty((self._threads, 3, min(rows, n_xi - 2) + 1, n_eta - 1))
@@ -140,7 +141,7 @@ def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
 
 def needed(shape: tuple[int, int]) -> int:
     """Numbers of memory that a :class:`Sweep` works in."""
-    return 5 * shape[0] * shape[1]
+    return 4 * shape[0] * shape[1]
 
 
 def cell_metrics(metric: ReferenceMetric, s: Array, t: Array, cells: Array, u: Array | None = None) -> None:

@@ -24,6 +24,8 @@ EASY = 0.3
 SMALLEST_ADVANCE = 1.0 / 64.0
 # Newton steps of one attempt. Where there is a solution near by, a third of them do.
 MOST_STEPS = 30
+# An attempt whose residual is not halved in so many steps leads nowhere.
+PATIENCE = 8
 # Less of the cross-line term is tried on grids of up to so many points; finer ones keep what the coarser needed.
 MOST_DESCENDING = 65 * 65
 TOLERANCE = 1e-10
@@ -132,12 +134,16 @@ def _newton(problem: Problem, relaxation: Relaxation, start: Mesh) -> Attempts:
     if relaxation.strength < 1.0:
         weaker = replace(problem, monitor=problem.monitor.weakened(relaxation.strength))
     weight = relaxation.cross_line * scale(weaker) if relaxation.cross_line else 0.0
+    residuals: list[float] = []
     for solution in newton_steps(weaker.equations(weight), start, TOLERANCE, MOST_STEPS, fast=True):
         mesh = Mesh.of_unit_square(solution.mesh.x, solution.mesh.y)
         attempt = Attempt(relaxation, mesh, solution.steps, solution.residual, solution.converged)
         yield replace(attempt, converged=False)
         if solution.converged:
             return attempt
+        residuals.append(solution.residual)
+        if len(residuals) > PATIENCE and residuals[-1] > 0.5 * residuals[-1 - PATIENCE]:
+            break
     return None
 
 

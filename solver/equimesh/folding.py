@@ -16,7 +16,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 def smallest_jacobian(x: Array, y: Array) -> float:
     """The smallest corner Jacobian of a mesh, not scaled by the spacing; NaN where a coordinate is not a number."""
     n_xi, n_eta = x.shape
-    smallest, check = np.inf, 0.0  # min and max pass over what is not a number, a sum does not
+    # By columns, so that the compiler can use vector instructions. Minima pass over what is not a number, sums do not.
+    smallest, check = np.full(n_eta - 1, np.inf), np.zeros(n_eta - 1)
     for i in range(n_xi - 1):
         x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]
         for j in range(n_eta - 1):
@@ -26,6 +27,7 @@ def smallest_jacobian(x: Array, y: Array) -> float:
             fx1, fy1 = x1[j + 1] - x1[j], y1[j + 1] - y1[j]
             one, two = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
             three, four = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
-            smallest = min(smallest, one, two, three, four)
-            check += one + two + three + four
-    return smallest if np.isfinite(check) else np.nan
+            here = min(min(one, two), min(three, four))
+            smallest[j] = min(smallest[j], here)
+            check[j] += one + two + three + four
+    return smallest.min() if np.isfinite(check.sum()) else np.nan

@@ -269,19 +269,27 @@ def interpolate(
     """
     rows, columns = fine.shape
     width = xi_weights.shape[1]
-    line, largest = np.empty(coarse.shape[1]), 0.0
+    # Coarse rows, interpolated along eta when they are first needed; row r is held in lines[r % width].
+    lines, ready, largest = np.empty((width, columns)), 0, 0.0
+    row = np.empty(columns)
     for i in range(rows):
-        for j in range(coarse.shape[1]):
-            line[j] = 0.0
+        first = xi_at[i]
+        for r in range(max(ready, first), first + width):
+            source, line = coarse[r], lines[r % width]
+            for j in range(columns):
+                value, at = 0.0, eta_at[j]
+                for k in range(width):
+                    value += eta_weights[j, k] * source[at + k]
+                line[j] = value
+        ready = first + width
+        row[:] = 0.0
         for k in range(width):
-            weight, source = xi_weights[i, k], coarse[xi_at[i] + k]
-            for j in range(coarse.shape[1]):
-                line[j] += weight * source[j]
+            weight, line = xi_weights[i, k], lines[(first + k) % width]
+            for j in range(columns):
+                row[j] += weight * line[j]
+        target = fine[i]
         for j in range(columns):
-            value, at = 0.0, eta_at[j]
-            for k in range(width):
-                value += eta_weights[j, k] * line[at + k]
-            largest = max(largest, abs(value - fine[i, j]))
-            if write:
-                fine[i, j] = value
+            largest = max(largest, abs(row[j] - target[j]))
+        if write:
+            target[:] = row
     return largest

@@ -34,6 +34,8 @@ COARSE_SHARE = 0.01
 MOST_SWEEPS, MOST_COLD_SWEEPS = 100, 40
 # A sweep that does not lower the moves by this factor, so many times, is too slow: half sweeps are tried, then others.
 SLOWEST, MOST_SLOW = 0.9, 3
+# The first sweeps from a coarser solution shrink the moves faster than those after them, which shrink them by this.
+USUAL_CONTRACTION = 0.25
 # From the uniform mesh, a sweep may shrink the smallest Jacobian by this factor, and is halved so many times for it.
 SHRINKING, MOST_HALVINGS = 0.2, 6
 # Relaxed equations are solved by sparse factorisations, on grids of up to so many points.
@@ -64,7 +66,8 @@ class Step:
     ``converged`` is set by the last step of every level, and says that the mesh solves the equations of ``relaxation``
     there; ``failed`` where no mesh was found that solves any. ``algebraic_error`` and ``discretization_error`` are
     estimates in units of the reference square, NaN where not known. ``solved`` is the grid on which the equations were
-    solved, coarser than ``grid`` where relaxed ones would have been too costly on that.
+    solved, coarser than ``grid`` where relaxed ones would have been too costly on that; ``contraction`` the factor by
+    which sweeps shrank their moves.
     """
 
     level: int
@@ -79,6 +82,7 @@ class Step:
     algebraic_error: float = math.nan
     discretization_error: float = math.nan
     solved: Grid | None = None
+    contraction: float = 0.0
 
     @property
     def is_exact(self) -> bool:
@@ -161,8 +165,16 @@ class _Level:
             _damp(sweep, x, y, taken)
             x, y = sweep.take(x, y)
             moves.append(found.move)
-            left = _left(moves) if taken == 1.0 else math.inf
-            step = replace(self.label, step=count, residual=found.deviation, mesh=Mesh(x, y), algebraic_error=left)
+            contraction = self._contraction(moves)
+            left = _left(found.move, contraction) if taken == 1.0 else math.inf
+            step = replace(
+                self.label,
+                step=count,
+                residual=found.deviation,
+                mesh=Mesh(x, y),
+                algebraic_error=left,
+                contraction=contraction,
+            )
             done = found.deviation <= tolerance if self.tight else self._is_near(step)
             if done:
                 return self._finished(step, own) if smallest_jacobian(x, y) > 0.0 else None
@@ -173,6 +185,11 @@ class _Level:
                     return None
                 damping, slow, moves = 0.5, 0, [math.inf]
         return None
+
+    def _contraction(self, moves: list[float]) -> float:
+        """What the next sweeps shrink the moves by: as the last two moves did, or those on the coarser level."""
+        known = USUAL_CONTRACTION if self.coarse is None else self.coarse.contraction
+        return max(USUAL_CONTRACTION, moves[-1] / moves[-2] if math.isfinite(moves[-2]) and moves[-2] > 0.0 else known)
 
     def _is_near(self, step: Step) -> bool:
         """Whether the algebraic error is small beside that of the discretisation, or serves for a first level."""
@@ -212,12 +229,9 @@ def _damp(sweep: chord.Sweep, x: Array, y: Array, share: float) -> None:
         sweep.new_y[:] = y + share * (sweep.new_y - y)
 
 
-def _left(moves: list[float]) -> float:
-    """The distance still to go after moves that go on shrinking as the last two did."""
-    ratio = moves[-1] / moves[-2]
-    if moves[-1] == 0.0:
-        return 0.0
-    return moves[-1] * ratio / (1.0 - ratio) if 0.0 < ratio < 1.0 else math.inf
+def _left(move: float, contraction: float) -> float:
+    """The distance still to go after a move, if those to come shrink by ``contraction`` each."""
+    return move * contraction / (1.0 - contraction) if contraction < 1.0 else math.inf if move > 0.0 else 0.0
 
 
 def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bool) -> Generator[Step, None, Step]:
