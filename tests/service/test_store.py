@@ -11,6 +11,7 @@ from sqlalchemy import text
 
 from equimesh_service.files import FileStore
 from equimesh_service.rows import Artifact, Claim, KeyReusedError, NewMesh, SamplesGoneError, SamplesRow
+from equimesh_service.spec import read_spec
 from equimesh_service.store import Store
 
 SPEC = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
@@ -263,3 +264,38 @@ def test_what_a_crash_left_unfinished_is_cleared(tmp_path: Path) -> None:
     left.write_bytes(b"x")
     files.prepare()
     assert not left.exists()
+
+
+def test_every_sample_of_a_mesh_is_kept_until_it_is_finished(store: Store) -> None:
+    for name in ("s-1", "s-2", "s-3"):
+        store.add_samples(SamplesRow(name, name, 1, {}, 0.0))
+    store.add_mesh(NewMesh(id="a", spec=SPEC, samples=("s-1", "s-2")))
+    add(store, "old")
+    with store._write() as connection:  # as version 0.1 wrote it
+        connection.execute(text("UPDATE meshes SET samples_id = 's-3' WHERE id = 'old'"))
+    gone: list[str] = []
+    assert [store.delete_samples(name, gone.append) for name in ("s-1", "s-2", "s-3")] == [False] * 3
+    store.cancel("a")
+    assert store.delete_samples("s-2", gone.append) is True
+    assert store.delete_mesh("a", gone.append)
+    assert store.delete_samples("s-1", gone.append) is True
+    assert store.delete_samples("s-3", gone.append) is False
+    assert gone == ["s-2", "s-1"]
+
+
+def test_a_spec_of_the_first_release_is_read(store: Store) -> None:
+    old = {
+        "monitor": {"kind": "arc_length", "u": {"expression": "x", "parameters": {}, "t": 0.0}, "a": 0.7, "b": 0.05},
+        "domain": {"kind": "rectangle", "x": [0.0, 1.0], "y": [0.0, 1.0]},
+        "grid": {"n_xi": 8, "n_eta": 8},
+        "boundary": "trace",
+        "initial": "nested",
+        "schwarz": None,
+        "cells": "quad",
+        "label": None,
+    }
+    store.add_mesh(NewMesh(id="a", spec=old))
+    spec = read_spec(store.spec("a"))
+    assert (spec.mode, spec.allow_relaxed, spec.monitor.smoothing) == ("discretization", True, 0.0)
+    canonical = spec.canonical()
+    assert {key: canonical[key] for key in old if key != "monitor"} == {k: v for k, v in old.items() if k != "monitor"}
