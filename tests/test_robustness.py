@@ -1,0 +1,85 @@
+"""Robustness: no folded mesh, all of the asked a on small grids, and a page that says what its data say."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
+CELLS = [
+    (name, a, b, n)
+    for n, a, b in ((17, 0.7, 0.05), (17, 1.0, 0.0), (33, 0.7, 0.05))
+    for name in ("paper", "tanh60", "diag100", "gauss", "wave", "cross", "cornerlayer", "twopeaks")
+    if (name, b) not in {("wave", 0.0), ("cornerlayer", 0.0)}  # less of a is reached there
+]
+
+
+def benchmark(name: str) -> ModuleType:
+    """A module of the benchmarks, which are scripts and not installed."""
+    if name not in sys.modules:
+        spec = spec_from_file_location(name, BENCHMARKS / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        sys.modules[name] = module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+for module in ("functions", "robustness_page"):
+    benchmark(module)  # in the order in which they import each other
+robustness, page = benchmark("robustness"), benchmark("robustness_page")
+
+
+@pytest.mark.parametrize(("name", "a", "b", "n"), CELLS)
+def test_a_cell_reaches_the_asked_a_without_a_fold(name: str, a: float, b: float, n: int) -> None:
+    result: dict[str, Any] = robustness.run(robustness.Cell(name, a, b, n))
+    assert "exception" not in result
+    assert not result["folded"]
+    assert result["jacobian"] > 0
+    assert page.reached(result)
+    assert (result["status"] == "relaxed") == bool(result["relaxed"]), "status and certificate disagree"
+    if result["status"] == "converged":
+        assert result["residual"] < 0.1, "the asked equations are satisfied"
+
+
+def test_an_exception_is_a_result() -> None:
+    result = robustness.run(robustness.Cell("paper", 2.0, 0.05, 17))
+    assert result["exception"].startswith("InputError: a = 2.0")
+    assert page.entry(result).startswith("**InputError**")
+
+
+def test_the_page_is_that_of_its_data() -> None:
+    assert page.PAGE.read_text() == page.render(page.read()), "write it with benchmarks/robustness_page.py"
+
+
+def test_no_cell_folded_and_hardly_one_fell_short() -> None:
+    results = page.read()
+    assert len({result["name"] for result in results}) >= 24
+    assert not any("exception" in result or result["folded"] for result in results)
+    mild = [result for result in results if result["b"] >= 0.05]
+    assert sum(map(page.reached, mild)) >= 0.95 * len(mild)
+    assert sum(map(page.reached, results)) >= 0.85 * len(results)
+
+
+def test_the_summary_counts() -> None:
+    """By hand: of four cells one is exact, one light, one heavy, one short of a."""
+    common = {"name": "paper", "a": 1.0, "n": 33, "cpu": 1.0, "steps": 1, "residual": 0.1, "jacobian": 0.5}
+    common |= {"folded": False, "q_eq": 2.0, "gain": 0.5}
+    kinds: list[dict[str, float]] = [{}, {"cross_line": 0.01}, {"cross_line": 3.0}, {"a": 0.5, "cross_line": 3.0}]
+    results = [
+        common | {"b": b, "relaxed": relaxed, "status": "relaxed" if relaxed else "converged"}
+        for relaxed, b in zip(kinds, (0.05, 0.05, 0.0, 0.0), strict=True)
+    ]
+    text = page.render(results)
+    assert "reached; all | 85 % | 75.0 % (3 of 4)" in text
+    assert "reached; b >= 0.05 | 95 % | 100.0 % (2 of 2)" in text
+    assert "at most 0.03; all |  | 50.0 % (2 of 4)" in text
+    assert "any relaxation; all |  | 25.0 % (1 of 4)" in text
+    assert "| less `a` | 1 | 1 |" in text
+    results[1] |= {"folded": True, "status": "folded"}
+    assert "folded meshes | 0 | 1 |" in page.render(results)
