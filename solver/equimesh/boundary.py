@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.equations import Rows, Window
+from equimesh.equations import Rows, Triplets, Window
 from equimesh.metric import STEP, ReferenceMetric, Tensor, Vector, quadratic
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
-Triplets: TypeAlias = list[tuple[IntArray, IntArray, Array]]
 S = TypeVar("S", bound=np.generic)
 
 
@@ -53,7 +53,7 @@ class Side:
         return Rows(
             np.concatenate([fixed, tangential[1:-1]]),
             np.concatenate([position - self.end, values]),
-            ((fixed, fixed, np.ones(fixed.size)), *triplets),
+            lambda: [(fixed, fixed, np.ones(fixed.size)), *triplets()],
         )
 
     def points(self, t: Array) -> Vector:
@@ -66,41 +66,45 @@ class Side:
         index = -1 - depth if self.end else depth
         return values[index] if self.axis == 0 else values[:, index]
 
-    def _tangential(self, window: Window, unknown: IntArray) -> tuple[Array, Triplets]:
+    def _tangential(self, window: Window, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
         if self.kind is Boundary.ORTHOGONAL:
             return self._orthogonal(window)
         return self._equidistributed(window, unknown)
 
-    def _orthogonal(self, window: Window) -> tuple[Array, Triplets]:
+    def _orthogonal(self, window: Window) -> tuple[Array, Callable[[], Triplets]]:
         """Zero normal derivative of the tangential coordinate, one-sided and of second order."""
         spacing = (window.d_xi, window.d_eta)[self.axis]
         position, numbers = (window.x, window.y)[1 - self.axis], window.numbers[1 - self.axis]
         rows = self.line(numbers)[1:-1]
-        values, triplets = np.zeros(rows.size), []
+        values = np.zeros(rows.size)
+        triplets: Triplets = []
         for depth, weight in enumerate((-1.5, 2.0, -0.5)):
             values += weight / spacing * self.line(position, depth)[1:-1]
             columns = self.line(numbers, depth)[1:-1]
             triplets.append((rows, columns, np.full(rows.size, weight / spacing)))
-        return values, triplets
+        return values, lambda: triplets
 
-    def _equidistributed(self, window: Window, unknown: IntArray) -> tuple[Array, Triplets]:
+    def _equidistributed(self, window: Window, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
         spacing = (window.d_xi, window.d_eta)[1 - self.axis]
         line = SideLine.of(self, window.metric, self.line((window.x, window.y)[1 - self.axis]))
-        flux, by_first, by_second = line.fluxes()
         rows, scale = unknown[1:-1], 1.0 / spacing**2
-        triplets = [
-            (rows, unknown[:-2], -scale * by_first[:-1]),
-            (rows, unknown[1:-1], scale * (by_first[1:] - by_second[:-1])),
-            (rows, unknown[2:], scale * by_second[1:]),
-        ]
-        return scale * np.diff(flux), triplets
+
+        def triplets() -> Triplets:
+            by_first, by_second = line.flux_derivatives
+            return [
+                (rows, unknown[:-2], -scale * by_first[:-1]),
+                (rows, unknown[1:-1], scale * (by_first[1:] - by_second[:-1])),
+                (rows, unknown[2:], scale * by_second[1:]),
+            ]
+
+        return scale * np.diff(line.fluxes), triplets
 
 
 @dataclass(frozen=True)
 class SideLine:
-    """u along one side of the reference square, at its nodes: position ``t``, value, tangential derivative.
+    """u along one side of the reference square, at its nodes: position ``t``, value, tangential and normal derivative.
 
-    ``u_n`` and its tangential derivative ``u_tn`` are zero where the boundary condition does not see them.
+    The normal derivative ``u_n`` is zero where the boundary condition does not see it.
     """
 
     side: Side
@@ -109,51 +113,79 @@ class SideLine:
     u: Array
     u_t: Array
     u_n: Array
-    u_tn: Array
 
     @classmethod
     def of(cls, side: Side, metric: ReferenceMetric, t: Array) -> SideLine:
         """The side with nodes at ``t``."""
         u, *gradient = metric.u_with_gradient(*side.points(t))
-        u_t, u_n = gradient[1 - side.axis], gradient[side.axis]
-        if side.kind is Boundary.EQUIDISTRIBUTED_1D or metric.arc_length is None:
-            zero = np.zeros(t.size)
-            return cls(side, metric, t, u, u_t, zero, zero)
-        ahead, behind = np.minimum(t + STEP, 1.0), np.maximum(t - STEP, 0.0)
-        normal = [metric.u_with_gradient(*side.points(at))[1 + side.axis] for at in (ahead, behind)]
-        return cls(side, metric, t, u, u_t, u_n, (normal[0] - normal[1]) / (ahead - behind))
+        seen = side.kind is Boundary.TRACE
+        return cls(side, metric, t, u, gradient[1 - side.axis], gradient[side.axis] if seen else np.zeros(t.size))
 
-    def fluxes(self) -> tuple[Array, Array, Array]:
-        """The squared metric length of every edge of the side, and its derivatives by the edge's two nodes."""
-        d, du, u_n = np.diff(self.t), np.diff(self.u), (self.u_n[1:] + self.u_n[:-1]) / 2
-        g = du / d
-        length, k, slope, raised, by_middle = self._at_middles((g, u_n))
-        derivatives = []
+    @cached_property
+    def fluxes(self) -> Array:
+        """The squared metric length of every edge of the side."""
+        k, _, _ = self._strength
+        return self._base[0] * self._d**2 + k * np.diff(self.u) ** 2
+
+    @cached_property
+    def flux_derivatives(self) -> tuple[Array, Array]:
+        """The derivatives of :attr:`fluxes` by the positions of the edge's two nodes."""
+        d, du, (g, _) = self._d, np.diff(self.u), self._gradient
+        k, slope, raised = self._strength
+        by_middle, by_normal = self._by_middle, self._normal_slopes
+        found = []
         for sign, node in ((-1.0, slice(0, -1)), (1.0, slice(1, None))):
             by_du = sign * self.u_t[node]
-            by_square = 2 * raised[0] * (by_du - sign * g) / d + raised[1] * self.u_tn[node]
-            by_node = 2 * sign * d * length + slope * by_square * du**2 + 2 * k * du * by_du
-            derivatives.append(by_node + 0.5 * by_middle(d, du))
-        return length * d**2 + k * du**2, derivatives[0], derivatives[1]
+            by_square = 2 * raised[0] * (by_du - sign * g) / d + raised[1] * by_normal[node]
+            by_node = 2 * sign * d * self._base[0] + slope * by_square * du**2 + 2 * k * du * by_du
+            found.append(by_node + 0.5 * by_middle)
+        return found[0], found[1]
 
-    def _at_middles(self, g: Vector) -> tuple[Array, Array, Array, Vector, Callable[[Array, Array], Array]]:
-        """The tangential entry of B at the middles of the edges, ``k`` there with its slope and ``B^-1 g``.
+    @property
+    def _d(self) -> Array:
+        return np.diff(self.t)
 
-        Tangential components first. The last result maps ``d`` and ``du`` to the flux's derivative by the middle.
-        """
-        middle = self.side.points((self.t[1:] + self.t[:-1]) / 2)
-        base = self._turned(self.metric.base(*middle))
+    @property
+    def _gradient(self) -> Vector:
+        """The gradient of u seen by every edge, its tangential component first."""
+        return np.diff(self.u) / self._d, (self.u_n[1:] + self.u_n[:-1]) / 2
+
+    @property
+    def _middles(self) -> Vector:
+        return self.side.points((self.t[1:] + self.t[:-1]) / 2)
+
+    @cached_property
+    def _base(self) -> Tensor:
+        """The pointwise part of the metric at the middles of the edges, its tangential entry first."""
+        base = self._turned(self.metric.base(*self._middles))
         if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:  # sees the side alone: no metric but along it
-            base = (base[0], np.zeros(g[0].shape), np.ones(g[0].shape))
-        k, slope, raised = self.metric.strength(g, base)
-        changes = self.metric.base_slopes(*middle)
+            return base[0], np.zeros(base[0].shape), np.ones(base[0].shape)
+        return base
+
+    @cached_property
+    def _strength(self) -> tuple[Array, Array, Vector]:
+        return self.metric.strength(self._gradient, self._base)
+
+    @property
+    def _by_middle(self) -> Array:
+        """The derivative of the fluxes by the middles of the edges, where the pointwise part is taken."""
+        changes = self.metric.base_slopes(*self._middles)
         if changes is None:
-            return base[0], k, slope, raised, lambda d, _: np.zeros(d.size)
+            return np.zeros(self.t.size - 1)
         change = self._turned(changes[1 - self.side.axis])
         if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:
-            change = (change[0], np.zeros(g[0].shape), np.zeros(g[0].shape))
-        by_square = quadratic(change, raised)
-        return base[0], k, slope, raised, lambda d, du: change[0] * d**2 - slope * by_square * du**2
+            change = (change[0], np.zeros(change[0].shape), np.zeros(change[0].shape))
+        _, slope, raised = self._strength
+        return np.asarray(change[0] * self._d**2 - slope * quadratic(change, raised) * np.diff(self.u) ** 2)
+
+    @property
+    def _normal_slopes(self) -> Array:
+        """The tangential derivative of ``u_n`` at the nodes, by a difference quotient."""
+        if self.side.kind is not Boundary.TRACE or self.metric.arc_length is None:
+            return np.zeros(self.t.size)
+        ahead, behind = np.minimum(self.t + STEP, 1.0), np.maximum(self.t - STEP, 0.0)
+        u_n = [self.metric.u_with_gradient(*self.side.points(at))[1 + self.side.axis] for at in (ahead, behind)]
+        return np.asarray((u_n[0] - u_n[1]) / (ahead - behind))
 
     def _turned(self, tensor: Tensor) -> Tensor:
         """The tensor with its tangential entry first."""

@@ -27,7 +27,8 @@ from equimesh.metric import ReferenceMetric, Tensor
 Array: TypeAlias = npt.NDArray[np.float64]
 
 # Nodes that are worked on at a time, so that what is computed of them stays in the cache, but never fewer rows, since
-# two more than these are looked at. Fewer nodes than MANY are not worth a second thread. On FEW nodes u and its gradient are evaluated everywhere at once, not on the sides apart.
+# two more than these are looked at. Fewer nodes than MANY are not worth a second thread. On FEW nodes u and its
+# gradient are evaluated everywhere at once, not on the sides apart.
 STRIP, FEWEST_ROWS, MANY, FEW = 32_768, 16, 16_384, 1_024
 
 

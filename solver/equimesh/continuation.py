@@ -25,7 +25,7 @@ SMALLEST_ADVANCE = 1.0 / 64.0
 # Newton steps of one attempt. Where there is a solution near by, a third of them do.
 MOST_STEPS = 30
 # An attempt whose residual is not halved in so many steps leads nowhere.
-PATIENCE = 8
+PATIENCE = 14
 # Less of the cross-line term is tried on grids of up to so many points; finer ones keep what the coarser needed.
 MOST_DESCENDING = 65 * 65
 TOLERANCE = 1e-10

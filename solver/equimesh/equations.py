@@ -6,7 +6,7 @@ is given the conditions that close the window's four sides (the physical boundar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, TypeAlias
@@ -20,6 +20,7 @@ from equimesh.metric import HalfFlux, LocalMetric, ReferenceMetric, SeenGradient
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
+Triplets: TypeAlias = list[tuple[IntArray, IntArray, Array]]
 
 # The corners of a cell, counter-clockwise, as offsets along (xi, eta).
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -62,15 +63,15 @@ class Window:
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows of the system: their numbers, values, and derivatives as triplets.
+    """Some rows of the system: their numbers, values, and, if asked for, derivatives as triplets.
 
-    Row ``r`` is the equation attached to unknown ``r``. ``triplets`` holds (row, column, value) arrays of equal
+    Row ``r`` is the equation attached to unknown ``r``. ``triplets`` gives (row, column, value) arrays of equal
     length; equal pairs add up.
     """
 
     rows: IntArray
     values: Array
-    triplets: tuple[tuple[IntArray, IntArray, Array], ...]
+    triplets: Callable[[], Triplets]
 
 
 class Condition(Protocol):
@@ -140,9 +141,9 @@ class MeshEquations:
     def jacobian(self, z: Array) -> csc_array:
         """The sparse derivative of :meth:`residual`, exact for the discrete equations."""
         window = self.window(z)
-        parts = [part for interior in self._interior(window) for part in interior.triplets]
+        parts = [part for interior in self._interior(window) for part in interior.triplets()]
         for condition in self.conditions:
-            parts.extend(condition.rows(window).triplets)
+            parts.extend(condition.rows(window).triplets())
         rows, columns, data = (np.concatenate([np.ravel(part[k]) for part in parts]) for k in range(3))
         return coo_array((data, (rows, columns)), shape=(2 * self.size, 2 * self.size)).tocsc()
 
@@ -156,7 +157,8 @@ class MeshEquations:
 
     def _cross_line_rows(self, window: Window) -> Rows:
         """The second difference of x along eta, and of y along xi, times the weight of the cross-line term."""
-        rows, values, triplets = [], [], []
+        rows, values = [], []
+        triplets: Triplets = []
         fields = ((window.x, self.numbers[0], self.d_eta), (window.y.T, self.numbers[1].T, self.d_xi))
         for q, number, spacing in fields:
             row, scale = number[1:-1, 1:-1].ravel(), self.cross_line / spacing**2
@@ -165,24 +167,29 @@ class MeshEquations:
             for shift, weight in ((0, 1.0), (1, -2.0), (2, 1.0)):
                 column = number[1:-1, shift : number.shape[1] - 2 + shift].ravel()
                 triplets.append((row, column, np.full(row.size, weight * scale)))
-        return Rows(np.concatenate(rows), np.concatenate(values), tuple(triplets))
+        return Rows(np.concatenate(rows), np.concatenate(values), lambda: triplets)
 
     def _interior_rows(self, window: Window) -> Rows:
         cells = Cells(window)
-        rows, values, triplets = [], [], []
-        for (first, second, component), flux, by_unknown in zip(
-            EDGES, cells.fluxes, cells.flux_derivatives, strict=True
-        ):
+        rows, values = [], []
+        for (first, second, component), flux in zip(EDGES, cells.fluxes, strict=True):
+            for corner, sign in ((first, 1.0), (second, -1.0)):
+                inside = self._cells_with_interior_corner(corner)
+                rows.append(cells.unknown(corner, component)[inside].ravel())
+                values.append(sign * flux.value[inside].ravel())
+        return Rows(np.concatenate(rows), np.concatenate(values), lambda: self._interior_triplets(cells))
+
+    def _interior_triplets(self, cells: Cells) -> Triplets:
+        triplets = []
+        for (first, second, component), by_unknown in zip(EDGES, cells.flux_derivatives, strict=True):
             for corner, sign in ((first, 1.0), (second, -1.0)):
                 inside = self._cells_with_interior_corner(corner)
                 row = cells.unknown(corner, component)[inside].ravel()
-                rows.append(row)
-                values.append(sign * flux.value[inside].ravel())
                 for node in range(4):
                     for axis in range(2):
                         column = cells.unknown(node, axis)[inside].ravel()
                         triplets.append((row, column, sign * by_unknown[node][axis][inside].ravel()))
-        return Rows(np.concatenate(rows), np.concatenate(values), tuple(triplets))
+        return triplets
 
     @staticmethod
     def _cells_with_interior_corner(corner: int) -> tuple[slice, slice]:

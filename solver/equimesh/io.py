@@ -121,13 +121,14 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
     """
     try:
         with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in ("x", "y", "u", "cells", "q_eq", "subdomain")}
+            arrays = {name: archive[name] for name in ("x", "y", "cells", "q_eq", "subdomain")}
+            u = archive.get("u")
         shape = (arrays["x"].shape[0] - 1, arrays["x"].shape[1] - 1)
         every = 2 if arrays["cells"].shape[1] == 3 else 1
         q_eq, subdomain = (arrays[name].ravel()[::every].reshape(shape) for name in ("q_eq", "subdomain"))
     except (KeyError, ValueError, IndexError, EOFError, AttributeError, zipfile.BadZipFile) as error:
         raise InputError(f"{Path(path).name} is not a mesh written by equimesh: {error}", field="path") from error
-    return MeshData(mesh=Mesh(arrays["x"], arrays["y"]), u=arrays["u"], q_eq=q_eq, subdomain=subdomain)
+    return MeshData(mesh=Mesh(arrays["x"], arrays["y"]), u=u, q_eq=q_eq, subdomain=subdomain)
 
 
 def _format_name(path: Path) -> str:

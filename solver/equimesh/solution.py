@@ -22,7 +22,7 @@ from equimesh.mesh_data import MeshData
 from equimesh.monitor import ArcLength
 from equimesh.nested import halved, nested_grids, prolong
 from equimesh.problem import Problem
-from equimesh.quality import Quality, measure
+from equimesh.quality import GAUSS_POINTS, Quality, measure
 from equimesh.rates import predicted_rate
 from equimesh.schwarz import Iteration, Schwarz, iterate, smallest_tolerance
 from equimesh.single_domain import Mode, Step
@@ -84,7 +84,11 @@ class Solution:
     def interpolation(self) -> InterpolationError | None:
         """How well the mesh interpolates u, beside the uniform mesh; ``None`` where there is no u."""
         u = self.problem.monitor.u
-        return None if u is None else interpolation_errors(self.mesh, u, self._uniform)
+        if (
+            u is None or self.problem.grid.cells <= GAUSS_POINTS[-1][0]
+        ):  # few cells need a rule that sees what is in each
+            return self.quality.interpolation_error
+        return interpolation_errors(self.mesh, u, self._uniform)
 
     @cached_property
     def certificate(self) -> Certificate:

@@ -14,7 +14,7 @@ from typing import ClassVar, Literal, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.equations import Rows, Window
+from equimesh.equations import Rows, Triplets, Window
 from equimesh.errors import InputError
 from equimesh.metric import HalfFlux, LocalMetric, SeenGradient
 
@@ -233,13 +233,14 @@ class Interface:
         tangential = self.condition.tangential(turned, self.line, self.p)
         received = np.zeros((2, turned.x.shape[1]))
         received[0, self.nodes], received[1, self.nodes] = self.data.normal, self.data.tangential
-        rows, values, triplets = [], [], []
+        rows, values = [], []
+        triplets: Triplets = []
         for component, functional, kept in ((0, normal, self.nodes), (1, tangential, self.free)):
             row = turned.numbers[component][edge][kept]
             rows.append(row)
             values.append((functional.values - received[component])[kept])
             triplets += [(row, unknown[kept], by[kept]) for unknown, by in functional.derivatives]
-        return Rows(np.concatenate(rows), np.concatenate(values), tuple(triplets))
+        return Rows(np.concatenate(rows), np.concatenate(values), lambda: triplets)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,4 +255,4 @@ class InterfaceCorner:
         """Coordinates minus received ones."""
         unknown = np.array([numbers[self.node] for numbers in window.numbers])
         values = np.array([window.x[self.node] - self.x, window.y[self.node] - self.y])
-        return Rows(unknown, values, ((unknown, unknown, np.ones(2)),))
+        return Rows(unknown, values, lambda: [(unknown, unknown, np.ones(2))])
