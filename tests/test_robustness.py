@@ -2,37 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
+import robustness
+import robustness_page as page
 
-BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 CELLS = [
     (name, a, b, n)
     for n, a, b in ((17, 0.7, 0.05), (17, 1.0, 0.0), (33, 0.7, 0.05))
     for name in ("paper", "tanh60", "diag100", "gauss", "wave", "cross", "cornerlayer", "twopeaks")
     if (name, b) not in {("wave", 0.0), ("cornerlayer", 0.0)}  # less of a is reached there
 ]
-
-
-def benchmark(name: str) -> ModuleType:
-    """A module of the benchmarks, which are scripts and not installed."""
-    if name not in sys.modules:
-        spec = spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-        assert spec is not None
-        assert spec.loader is not None
-        sys.modules[name] = module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
-
-
-for module in ("functions", "robustness_page"):
-    benchmark(module)  # in the order in which they import each other
-robustness, page = benchmark("robustness"), benchmark("robustness_page")
 
 
 @pytest.mark.parametrize(("name", "a", "b", "n"), CELLS)
