@@ -12,18 +12,21 @@ RUN python -m venv /opt/equimesh \
 FROM python:3.11-slim
 COPY --from=build /opt/equimesh /opt/equimesh
 RUN useradd --system --uid 10001 --no-create-home --home-dir /data equimesh \
-    && install --directory --owner=equimesh --mode=0750 /data
+    && install --directory --owner=equimesh --mode=0750 /data \
+    && install --directory --owner=equimesh --mode=0755 /opt/numba
 ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
     PYTHONUNBUFFERED=1 \
     MPLCONFIGDIR=/tmp/matplotlib \
-    NUMBA_CACHE_DIR=/data/numba \
+    NUMBA_CACHE_DIR=/opt/numba \
     EQUIMESH_HOST=0.0.0.0 \
     EQUIMESH_PORT=8000 \
     EQUIMESH_DATA_DIR=/data
 USER 10001
+# The image ships its loops compiled. On a processor that differs from that of the build they are compiled once more.
+RUN python -c "from equimesh_service.worker import warm_up; warm_up()"
 VOLUME /data
 EXPOSE 8000
 # Healthy when the store, the files, the workers and the dispatcher do their work.
-HEALTHCHECK --interval=30s --timeout=10s --start-period=180s --retries=3 \
+HEALTHCHECK --interval=30s --timeout=10s --start-period=120s --retries=3 \
     CMD ["python", "-c", "import httpx, os; httpx.get('http://127.0.0.1:' + os.environ['EQUIMESH_PORT'] + '/readyz', timeout=8, trust_env=False).raise_for_status()"]
 CMD ["equimesh", "serve"]

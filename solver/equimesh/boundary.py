@@ -25,7 +25,7 @@ class Boundary(StrEnum):
     ``TRACE``: equal metric length with the full gradient of u, the trace of the interior equations (the default).
     ``EQUIDISTRIBUTED_1D``: equal metric length of u along the side alone, the paper's choice, equation (7); folds
     steep monitors on fine meshes. ``ORTHOGONAL``: coordinate lines meet the sides at right angles, equation (6);
-    on a domain, those of the reference square.
+    on a domain, on the reference square: at the angles that the map makes of right ones.
     """
 
     TRACE = "trace"

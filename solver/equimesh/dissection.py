@@ -21,7 +21,7 @@ SMALL, PIVOT = 16, 0.01
 def factorise(matrix: csc_array, shape: tuple[int, int]) -> Callable[[Array], Array]:
     """A function that solves systems with ``matrix``, whose unknowns are x, then y, of the nodes of a grid.
 
-    The nodes are eliminated by nested dissection: half the work of an order that does not know of the grid. Raises
+    The nodes are eliminated by nested dissection: less work than in an order that does not know of the grid. Raises
     ``RuntimeError`` for a matrix that is exactly singular.
     """
     order = elimination_order(shape)

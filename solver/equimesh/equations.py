@@ -91,8 +91,8 @@ class MeshEquations:
     cells). Second order in the spacing, 9-point stencil.
 
     ``cross_line`` > 0 adds that many times ``x_etaeta`` to the first and ``y_xixi`` to the second equation. The
-    equations alone couple neighbouring lines through the metric only; with the term they are elliptic, and have valid
-    solutions where they had none.
+    equations alone couple neighbouring lines through the metric only; with the term they are elliptic, and mostly have
+    valid solutions where they had none.
     """
 
     def __init__(

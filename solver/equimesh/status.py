@@ -28,7 +28,7 @@ class Status(StrEnum):
 
 _SENTENCES = {
     Status.CONVERGED: "The mesh satisfies the equidistribution equations to the asked tolerance.",
-    Status.RELAXED: "The mesh is valid, and satisfies equations near the asked ones, for which none was found.",
+    Status.RELAXED: "The mesh is valid, but satisfies weaker equations than the asked ones, for which none was found.",
     Status.COMPLETED: "The asked number of Schwarz iterations was run, without a tolerance to meet.",
     Status.NOT_CONVERGED: "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
     Status.NEWTON_FAILED: "No valid mesh was found that satisfies the equations.",
