@@ -67,7 +67,7 @@ class Step:
     there; ``failed`` where no mesh was found that solves any. ``algebraic_error`` and ``discretization_error`` are
     estimates in units of the reference square, NaN where not known. ``solved`` is the grid on which the equations were
     solved, coarser than ``grid`` where relaxed ones would have been too costly on that; ``contraction`` the factor by
-    which sweeps shrank their moves.
+    which sweeps shrank their moves, 1 where it is not known.
     """
 
     level: int
@@ -82,7 +82,7 @@ class Step:
     algebraic_error: float = math.nan
     discretization_error: float = math.nan
     solved: Grid | None = None
-    contraction: float = 0.0
+    contraction: float = 1.0
 
     @property
     def is_exact(self) -> bool:
@@ -188,8 +188,9 @@ class _Level:
 
     def _contraction(self, moves: list[float]) -> float:
         """What the next sweeps shrink the moves by: as the last two moves did, or those on the coarser level."""
-        known = USUAL_CONTRACTION if self.coarse is None else self.coarse.contraction
-        return max(USUAL_CONTRACTION, moves[-1] / moves[-2] if math.isfinite(moves[-2]) and moves[-2] > 0.0 else known)
+        if math.isfinite(moves[-2]) and moves[-2] > 0.0:
+            return max(USUAL_CONTRACTION, moves[-1] / moves[-2])
+        return 1.0 if self.coarse is None else self.coarse.contraction
 
     def _is_near(self, step: Step) -> bool:
         """Whether the algebraic error is small beside that of the discretisation, or serves for a first level."""
