@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 
 from equimesh.compiled import compiled
 from equimesh.errors import InputError
-from equimesh.field import Field
+from equimesh.field import Field, checked_field
 from equimesh.monitor import Monitor
 from equimesh.probe import Probe, bound_copy, is_bound_to
 from equimesh.weakened import weaken
@@ -61,6 +61,7 @@ class Curvature:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        checked_field(self.u, "u")
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
         if not 0.0 < self.floor <= 1.0:

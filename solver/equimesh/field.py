@@ -7,6 +7,8 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.errors import InputError
+
 Array: TypeAlias = npt.NDArray[np.float64]
 
 
@@ -20,3 +22,14 @@ class Field(Protocol):
         Never raises for points inside the closed domain; values may be non-finite, the caller decides.
         """
         ...
+
+
+def checked_field(field: Field, name: str) -> Field:
+    """``field`` if it can be evaluated; raises :class:`~equimesh.errors.InputError` for anything else."""
+    if not callable(getattr(field, "evaluate", None)):
+        raise InputError(
+            f"{name} = {str(field)[:40]!r} is no function of x and y: write em.Expression('...') for a formula,"
+            " em.GridSamples(...) for values on a grid",
+            field=name,
+        )
+    return field

@@ -91,8 +91,8 @@ def write_mesh(
     ``subdomain``.
 
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
-    :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell, and ``OSError`` as it
-    comes.
+    :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
+    does not exist, and ``OSError`` as it comes.
     """
     path = Path(path)
     unpacked = format is None and path.suffix == ".xdmf"
@@ -101,6 +101,8 @@ def write_mesh(
         raise InputError(f"unknown mesh format {name!r}: choose one of {', '.join(FORMATS)}", field="format")
     if cells not in CELLS:
         raise InputError(f"unknown kind of cells {cells!r}: choose quad or triangle", field="cells")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; make it first", field="path")
     with TemporaryDirectory(dir=path.parent, prefix=".equimesh-") as folder:
         if unpacked:
             # the heavy data before what refers to it

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.field import Field
+from equimesh.field import Field, checked_field
 
 if TYPE_CHECKING:
     from equimesh.domain import Domain
@@ -64,6 +64,7 @@ class ArcLength:
     b: float = 0.05
 
     def __post_init__(self) -> None:
+        checked_field(self.u, "u")
         if not 0.0 <= self.a <= 1.0:
             raise InputError(f"a = {self.a}: the relaxation parameter a must lie in [0, 1]", field="a")
         if not (self.b >= 0.0 and math.isfinite(self.b)):

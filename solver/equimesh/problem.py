@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from equimesh.boundary import Boundary, sides
+from equimesh.choices import choice
 from equimesh.domain import UNIT_SQUARE, Domain
 from equimesh.equations import MeshEquations
+from equimesh.errors import InputError
 from equimesh.grid import Grid
 from equimesh.metric import ReferenceMetric
 from equimesh.monitor import Monitor
@@ -26,6 +28,14 @@ class Problem:
     domain: Domain = UNIT_SQUARE
 
     def __post_init__(self) -> None:
+        if not isinstance(self.grid, Grid):
+            raise InputError(f"grid = {self.grid!r}: give Grid(n_xi=..., n_eta=...)", field="grid")
+        if not callable(getattr(self.monitor, "metric", None)):
+            raise InputError(
+                f"monitor = {str(self.monitor)[:40]!r} is no monitor: give for instance ArcLength(u=...)",
+                field="monitor",
+            )
+        object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))
         object.__setattr__(self, "monitor", self.monitor.on(self.domain))
 
     @cached_property

@@ -12,7 +12,7 @@ from scipy.interpolate import CloughTocher2DInterpolator, RBFInterpolator, RectB
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from equimesh.arrays import counted, real_array
-from equimesh.domain import UNIT, Box, Interval, check_extent, pair
+from equimesh.domain import UNIT, Box, check_extent, pair
 from equimesh.errors import SamplesError
 from equimesh.vocabulary import LIMITS
 
@@ -49,8 +49,8 @@ class GridSamples:
     box: Box
     _splines: tuple[Any, Any, Any] = field(repr=False)  # u, u_x, u_y
 
-    def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike, box: Box = UNIT_BOX) -> None:
-        box = _checked_box(box)
+    def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike, box: Box | None = None) -> None:
+        asked = _Asked.of(box)
         axes = {"x": _axis(x, "x"), "y": _axis(y, "y")}
         table = real_array(values, "values", ndim=2)
         shape = (axes["x"].size, axes["y"].size)
@@ -61,13 +61,13 @@ class GridSamples:
                 f" values[i][j] is u at (x[i], y[j]), so the shape must be {shape}{hint}",
                 field="values",
             )
-        for (name, axis), ends in zip(axes.items(), box, strict=True):
-            _check_reach(axis, name, ends)
+        for number, (name, axis) in enumerate(axes.items()):
+            _check_reach(axis, name, asked, number, _ends(axes["x"], axes["y"]))
         _check_size(table)
         spline = _bicubic(axes["x"], axes["y"], table)
         splines = (spline, spline.partial_derivative(1, 0), spline.partial_derivative(0, 1))
         _check_slopes(splines[1], splines[2], axes)
-        for name, value in {**axes, "values": table, "box": box, "_splines": splines}.items():
+        for name, value in {**axes, "values": table, "box": asked.box, "_splines": splines}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -104,8 +104,8 @@ class ScatteredSamples:
     box: Box
     grid: GridSamples
 
-    def __init__(self, *, points: npt.ArrayLike, values: npt.ArrayLike, box: Box = UNIT_BOX) -> None:
-        box = _checked_box(box)
+    def __init__(self, *, points: npt.ArrayLike, values: npt.ArrayLike, box: Box | None = None) -> None:
+        asked = _Asked.of(box)
         where = real_array(points, "points", ndim=2)
         if where.shape[1] != 2:
             raise SamplesError(f"points has shape {where.shape}: it must be (n, 2), one row x, y each", field="points")
@@ -116,13 +116,13 @@ class ScatteredSamples:
                 field="values",
             )
         _check_size(u)
-        for name, along, ends in zip("xy", where.T, box, strict=True):
-            if along.size:
-                _check_beyond(float(along.min()), float(along.max()), name, "points", ends)
+        if len(where):
+            for number in range(2):
+                _check_beyond("points", asked, number, _ends(*where.T))
         if len(u) < CUBIC:
             raise SamplesError(f"{counted(len(u))}: scattered samples need at least {CUBIC}", field="points")
-        grid = _resample(*_distinct(where, u), box)
-        for name, value in {"points": where, "values": u, "box": box, "grid": grid}.items():
+        grid = _resample(*_distinct(where, u), asked)
+        for name, value in {"points": where, "values": u, "box": asked.box, "grid": grid}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -172,31 +172,73 @@ def _checked_box(box: object) -> Box:
     return first, second
 
 
-def _check_reach(axis: Array, name: str, ends: Interval) -> None:
+@dataclass(frozen=True)
+class _Asked:
+    """The box that samples must cover, and whether the caller gave it: a domain's, or the unit square by default."""
+
+    box: Box
+    given: bool
+
+    @classmethod
+    def of(cls, box: Box | None) -> _Asked:
+        return cls(UNIT_BOX, given=False) if box is None else cls(_checked_box(box), given=True)
+
+    @property
+    def region(self) -> str:
+        """The box in words."""
+        (x0, x1), (y0, y1) = self.box
+        return f"box [{x0:.6g}, {x1:.6g}] x [{y0:.6g}, {y1:.6g}] of the domain" if self.given else "unit square"
+
+    @property
+    def is_unit(self) -> bool:
+        """Whether no other domain can have been meant on purpose."""
+        return self.box == UNIT_BOX
+
+    def mapped(self, number: int, low: float, high: float) -> str:
+        """How to map an axis of the samples, the first or second, to the unit square."""
+        return f"map the coordinates there, ({'xy'[number]} - {low:.6g}) / {high - low:.6g}"
+
+    def instead(self, covered: Box) -> str:
+        """The offer of another domain, the rectangle that the samples cover; empty where a domain was given."""
+        if not self.is_unit or any(low >= high for low, high in covered):
+            return ""
+        x, y = (f"({low:.6g}, {high:.6g})" for low, high in covered)
+        if self.given:
+            return f", or give the domain that they cover, a rectangle with x={x}, y={y}"
+        return f", or give the domain, e.g. box=({x}, {y}) here and domain=Rectangle(x={x}, y={y}) in the problem"
+
+
+def _ends(x: Array, y: Array) -> Box:
+    """The smallest box around samples."""
+    return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))
+
+
+def _check_reach(axis: Array, name: str, asked: _Asked, number: int, covered: Box) -> None:
     """Refuse an axis that leaves a part of the box without samples."""
-    (low, high), slack = ends, COVERAGE_TOLERANCE * (ends[1] - ends[0])
+    low, high = asked.box[number]
+    slack = COVERAGE_TOLERANCE * (high - low)
     if axis[0] > low + slack or axis[-1] < high - slack:
         remedy = f"add samples up to {low:.6g} and {high:.6g}"
-        if ends == UNIT:
-            remedy += f", or map the coordinates there: ({name} - {name}[0]) / ({name}[-1] - {name}[0])"
-        region = "unit square" if ends == UNIT else f"domain, where {name} goes from {low:.6g} to {high:.6g}"
+        if asked.is_unit:
+            remedy += f", or {asked.mapped(number, *covered[number])}" + asked.instead(covered)
+        region = f"domain, where {name} goes from {low:.6g} to {high:.6g}" if asked.given else asked.region
         raise SamplesError(
             f"{name} reaches from {axis[0]:.6g} to {axis[-1]:.6g}, but the samples must cover the {region}: {remedy}",
             field=name,
         )
-    _check_beyond(float(axis[0]), float(axis[-1]), name, name, ends)
+    _check_beyond(name, asked, number, covered)
 
 
-def _check_beyond(low: float, high: float, name: str, field: str, ends: Interval) -> None:
+def _check_beyond(field: str, asked: _Asked, number: int, covered: Box) -> None:
     """Refuse samples that go on far beyond the box: the mesh would see a corner of them only."""
+    ends, (low, high), name = asked.box[number], covered[number], "xy"[number]
     rim = FURTHEST_BEYOND * (ends[1] - ends[0])
     if low < ends[0] - rim or high > ends[1] + rim:
-        region, remedy = "domain", ""
-        if ends == UNIT:
-            region, remedy = "unit square", f"map the coordinates there, ({name} - {low:.6g}) / {high - low:.6g}, or "
+        remedy = f"{asked.mapped(number, low, high)}, or " if asked.is_unit else ""
         raise SamplesError(
-            f"the samples reach from {low:.6g} to {high:.6g} in {name}, far beyond the {region} that is meshed:"
-            f" {remedy}send only the part in [{ends[0]:.6g}, {ends[1]:.6g}]",
+            f"the samples reach from {low:.6g} to {high:.6g} in {name}, far beyond the"
+            f" {'domain' if asked.given else asked.region} that is meshed: {remedy}send only the part in"
+            f" [{ends[0]:.6g}, {ends[1]:.6g}]{asked.instead(covered)}",
             field=field,
         )
 
@@ -266,22 +308,23 @@ def _distinct(points: Array, values: Array) -> tuple[Array, Array]:
     return points[kept], values[kept]
 
 
-def _resample(points: Array, values: Array, box: Box) -> GridSamples:
+def _resample(points: Array, values: Array, asked: _Asked) -> GridSamples:
     """Clough-Tocher interpolant of the samples on a uniform grid of the box."""
     if len(points) < CUBIC:
         raise SamplesError(f"{counted(len(points))} without repetitions: {CUBIC} are needed", field="points")
+    box = asked.box
     low, high = np.array(box).T
     size = float((high - low).max())
     inside = int(np.count_nonzero(np.all((points >= low) & (points <= high), axis=1)))
     try:
         points, values = _extended(points, values, box)
-        _check_hull(points, box)
+        _check_hull(points, asked)
         shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
         interpolant = CloughTocher2DInterpolator((points - low) / size, (values - shift) / scale)
     except QhullError as error:
         raise SamplesError(
             "the points lie on one line, or so near to it that they span no triangle: give samples all over"
-            f" the {_region(box)}",
+            f" the {asked.region}",
             field="points",
         ) from error
     axes = [
@@ -308,12 +351,6 @@ def _shared(n: int, box: Box) -> tuple[float, float]:
     (x0, x1), (y0, y1) = box
     aspect = math.sqrt((x1 - x0) / (y1 - y0))
     return math.sqrt(n) * aspect, math.sqrt(n) / aspect
-
-
-def _region(box: Box) -> str:
-    """The box in words."""
-    (x0, x1), (y0, y1) = box
-    return "unit square" if box == UNIT_BOX else f"box [{x0:.6g}, {x1:.6g}] x [{y0:.6g}, {y1:.6g}] of the domain"
 
 
 def _extended(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
@@ -356,23 +393,29 @@ def _rim(n: int, box: Box) -> Array:
     return np.unique(np.concatenate(sides), axis=0)
 
 
-def _check_hull(points: Array, box: Box) -> None:
+def _check_hull(points: Array, asked: _Asked) -> None:
     """Refuse points whose convex hull leaves out a corner of the box."""
+    outside = _left_out(points, asked.box)
+    if not outside:
+        return
+    covered = _ends(*points.T)
+    remedy = "add samples at these corners"
+    if asked.is_unit:
+        remedy += ", or map the coordinates there" + ("" if _left_out(points, covered) else asked.instead(covered))
+    (x0, x1), (y0, y1) = covered
+    raise SamplesError(
+        f"the samples reach from {x0:.6g} to {x1:.6g} in x and from {y0:.6g} to {y1:.6g} in y, and"
+        f" {' '.join(outside)} {'lies' if len(outside) == 1 else 'lie'} outside their convex hull: the samples must"
+        f" cover the {asked.region}; {remedy}",
+        field="points",
+    )
+
+
+def _left_out(points: Array, box: Box) -> list[str]:
+    """The corners of the box outside the convex hull of the points."""
     low, high = np.array(box).T
     hull = ConvexHull((points - low) / (high - low))
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     distance = (hull.equations[:, :2] @ corners.T + hull.equations[:, 2:]).max(axis=0)
-    outside = [
-        f"({x:.6g}, {y:.6g})"
-        for (x, y), d in zip(low + corners * (high - low), distance, strict=True)
-        if d > COVERAGE_TOLERANCE
-    ]
-    if outside:
-        least, most = points.min(axis=0), points.max(axis=0)
-        remedy = "add samples at these corners" + (", or map the coordinates there" if box == UNIT_BOX else "")
-        raise SamplesError(
-            f"the samples reach from {least[0]:.6g} to {most[0]:.6g} in x and from {least[1]:.6g} to"
-            f" {most[1]:.6g} in y, and {' '.join(outside)} {'lies' if len(outside) == 1 else 'lie'} outside"
-            f" their convex hull: the samples must cover the {_region(box)}; {remedy}",
-            field="points",
-        )
+    places = low + corners * (high - low)
+    return [f"({x:.6g}, {y:.6g})" for (x, y), d in zip(places, distance, strict=True) if d > COVERAGE_TOLERANCE]

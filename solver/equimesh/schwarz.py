@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from equimesh import quality
+from equimesh.choices import choice
 from equimesh.decomposition import Decomposition
 from equimesh.domain import mapped
 from equimesh.errors import InputError
@@ -65,6 +66,7 @@ class Schwarz:
     compare_single_domain: bool = False
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "ordering", choice(Ordering, self.ordering, "schwarz.ordering"))
         if self.tolerance is not None and not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise InputError(
                 f"tolerance = {self.tolerance}: must be positive, or null for a fixed number of iterations",

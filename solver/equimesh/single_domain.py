@@ -36,8 +36,9 @@ MOST_SWEEPS, MOST_COLD_SWEEPS = 100, 40
 SLOWEST, MOST_SLOW = 0.9, 3
 # The first sweeps from a coarser solution shrink the moves faster than those after them, which shrink them by this.
 USUAL_CONTRACTION = 0.25
-# From the uniform mesh, a sweep may shrink the smallest Jacobian by this factor, and is halved so many times for it.
-SHRINKING, MOST_HALVINGS = 0.2, 6
+# No sweep may fold the mesh, nor from the uniform mesh shrink the smallest Jacobian by more than this factor; it is
+# halved for that, down to a share of SMALLEST_SHARE.
+SHRINKING, SMALLEST_SHARE = 0.2, 1 / 64
 # Relaxed equations are solved by sparse factorisations, on grids of up to so many points.
 MOST_FACTORISED = 257 * 257
 
@@ -156,13 +157,12 @@ class _Level:
         sweep = chord.Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
         own = x, y = self.label.mesh.x, self.label.mesh.y
         damping, slow, moves = 1.0, 0, [math.inf]
-        tolerance = max(TIGHT, ROUNDING * max(shape))
+        tolerance, smallest = max(TIGHT, ROUNDING * max(shape)), smallest_jacobian(x, y)
         for count in range(1, (MOST_COLD_SWEEPS if self.coarse is None else MOST_SWEEPS) + 1):
             found = sweep.correct(x, y)
-            taken = damping if self.coarse is not None else self._guarded(sweep, x, y)
-            if not (math.isfinite(found.deviation) and taken > 0.0):
+            taken, smallest = _guarded(sweep, x, y, damping, SHRINKING * smallest if self.coarse is None else 0.0)
+            if not (math.isfinite(found.deviation) and smallest > 0.0):
                 return None
-            _damp(sweep, x, y, taken)
             x, y = sweep.take(x, y)
             moves.append(found.move)
             contraction = self._contraction(moves)
@@ -177,7 +177,7 @@ class _Level:
             )
             done = found.deviation <= tolerance if self.tight else self._is_near(step)
             if done:
-                return self._finished(step, own) if smallest_jacobian(x, y) > 0.0 else None
+                return self._finished(step, own)
             yield step
             slow = slow + 1 if not moves[-1] < SLOWEST * min(moves[:-1]) else 0
             if slow > MOST_SLOW and self.coarse is not None:
@@ -212,22 +212,26 @@ class _Level:
             mesh = Mesh(*own)
         return replace(step, mesh=mesh, converged=True, discretization_error=self._discretization(mesh))
 
-    @staticmethod
-    def _guarded(sweep: chord.Sweep, x: Array, y: Array) -> float:
-        """The largest share of the correction that keeps the mesh valid; zero if it is too small."""
-        smallest = SHRINKING * smallest_jacobian(x, y)
-        for halvings in range(MOST_HALVINGS + 1):
-            share = 0.5**halvings
-            candidate = (x + share * (sweep.new_x - x), y + share * (sweep.new_y - y))
-            if smallest_jacobian(*candidate) > smallest:
-                return share
-        return 0.0
 
+def _guarded(sweep: chord.Sweep, x: Array, y: Array, damping: float, floor: float) -> tuple[float, float]:
+    """Shrink the moves of a sweep, by ``damping`` and then by halves until the smallest Jacobian is above ``floor``.
 
-def _damp(sweep: chord.Sweep, x: Array, y: Array, share: float) -> None:
-    if share < 1.0:
-        sweep.new_x[:] = x + share * (sweep.new_x - x)
-        sweep.new_y[:] = y + share * (sweep.new_y - y)
+    Returns the share of the moves that is left, and the smallest Jacobian: not positive where halving did not help.
+    """
+    share = 1.0
+    while True:
+        if damping < 1.0:
+            for moved, old in ((sweep.new_x, x), (sweep.new_y, y)):
+                moved -= old
+                moved *= damping
+                moved += old
+            share *= damping
+        smallest = smallest_jacobian(sweep.new_x, sweep.new_y)
+        if smallest > floor:
+            return share, smallest
+        if share < SMALLEST_SHARE:
+            return share, 0.0
+        damping = 0.5
 
 
 def _left(move: float, contraction: float) -> float:

@@ -158,6 +158,9 @@ def _look_up(entries: Array, x0: float, y0: float, per_length: float, x: Array, 
     """Uniform cubic B-splines: the weights of the four nearest table points in each direction."""
     n, m = entries.shape[0], entries.shape[1]
     for k in range(x.size):
+        if x[k] - x[k] != 0.0 or y[k] - y[k] != 0.0:  # not a number: it has no place in the table
+            out[0, k] = out[1, k] = out[2, k] = np.nan
+            continue
         p, q = min(max((x[k] - x0) * per_length, 1.0), n - 2.0), min(max((y[k] - y0) * per_length, 1.0), m - 2.0)
         i, j = min(int(p), n - 3), min(int(q), m - 3)
         p, q = p - i, q - j

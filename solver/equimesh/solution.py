@@ -13,6 +13,7 @@ import numpy as np
 
 from equimesh import chord, remedies, single_domain, workers
 from equimesh.certificate import Certificate, Relaxed
+from equimesh.choices import choice
 from equimesh.decomposition import Decomposition
 from equimesh.domain import mapped
 from equimesh.errors import InputError, SolveError
@@ -166,6 +167,7 @@ def solve(
     Raises :class:`~equimesh.errors.SolveError`, which carries the partial solution, when the mesh is not what was asked
     for; with ``check=False`` the status says so instead. A folded mesh is never a success.
     """
+    initial, mode = choice(Initial, initial, "initial"), choice(Mode, mode, "mode")
     how = _How(mode, allow_relaxed, workers.checked(threads), observe if observe is not None else _ignore)
     _check_uniform(problem)
     solution = _single_domain(problem, initial, how) if schwarz is None else _schwarz(problem, schwarz, initial, how)
@@ -400,9 +402,10 @@ def _what_was_found(step: Step, problem: Problem) -> str:
     where = "" if step.grid == problem.grid else f" on the {step.grid} grid"
     if step.failed:
         return f"No mesh was found{where} that satisfies any of the equations tried, down to {name} = 0."
-    found = [f"{name} = {step.strength * asked:.3g} of {asked:.3g}"]
+    found = [f"{name} = {step.strength * asked:.3g} of {asked:.3g}"] if step.strength < 1.0 else []
     if step.relaxation.cross_line > 0.0:
         found.append(f"a cross-line term of weight {step.relaxation.cross_line:g}")
     if step.solved is not None and step.solved != problem.grid:
         where = f", interpolated from {step.solved} points"
-    return f"The mesh satisfies the equations with {' and '.join(found)}{where}."
+    added = f" with {' and '.join(found)}" if found else ""
+    return f"The mesh satisfies the equations{added}{where}."

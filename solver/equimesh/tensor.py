@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.field import Field
+from equimesh.field import Field, checked_field
 from equimesh.monitor import Monitor
 from equimesh.probe import Probe, bound_copy, is_bound_to
 from equimesh.spd import eigenvalues
@@ -35,6 +35,9 @@ class Weight:
     rho: Field
     u: Field | None = None
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        checked_field(self.rho, "rho")
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(rho, 0, rho)`` at physical points."""
@@ -78,6 +81,10 @@ class Tensor:
     m22: Field
     u: Field | None = None
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("m11", "m12", "m22"):
+            checked_field(getattr(self, name), name)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points."""

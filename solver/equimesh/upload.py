@@ -37,7 +37,7 @@ NPY_HEADER: Final = {
 NEEDED = "give x, y and values (a grid), or points and values (scattered samples)"
 
 
-def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box: Box = UNIT_BOX) -> Samples:
+def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box: Box | None = None) -> Samples:
     """u from the contents ``data`` of a file; the suffix of ``filename`` says what it is.
 
     The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
@@ -73,14 +73,14 @@ def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> di
     return READERS[suffix](data, max_bytes)
 
 
-def samples_of(arrays: Mapping[str, Any], *, box: Box = UNIT_BOX) -> Samples:
+def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
     """u out of arrays with the keys of :func:`read_arrays`."""
     if "points" in arrays:
         return ScatteredSamples(points=arrays["points"], values=arrays["values"], box=box)
     values = arrays["values"]
     if "x" in arrays:
         return GridSamples(x=arrays["x"], y=arrays["y"], values=values, box=box)
-    x, y = (np.linspace(*ends, n) for ends, n in zip(box, values.shape, strict=True))
+    x, y = (np.linspace(*ends, n) for ends, n in zip(box or UNIT_BOX, values.shape, strict=True))
     return GridSamples(x=x, y=y, values=values, box=box)
 
 

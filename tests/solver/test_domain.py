@@ -439,6 +439,32 @@ class TestSamples:
         assert "(14, -1) lies outside their convex hull" in error.message
         assert "cover the box [10, 14] x [-2, -1] of the domain; add samples" in error.message
 
+    def test_the_domain_is_offered_where_the_samples_cover_another_rectangle(self) -> None:
+        x, y, values = np.linspace(0, 2, 9), np.linspace(0, 1, 9), np.ones((9, 9))
+        short = np.linspace(0, 0.5, 9)
+        scattered = {"points": [[0, 0], [0.5, 0], [0.5, 1], [0, 1]], "values": np.ones(4)}
+        for samples, given, end in (
+            (em.GridSamples, {"x": x, "y": y, "values": values}, 2),
+            (em.GridSamples, {"x": short, "y": y, "values": values}, 0.5),
+            (em.ScatteredSamples, scattered, 0.5),
+        ):
+            alone = refusal(samples, **given).message
+            assert f"box=((0, {end}), (0, 1)) here and domain=Rectangle(x=(0, {end}), y=(0, 1)) in the pro" in alone
+            assert "unit square" in alone
+            domain = refusal(samples, **given, box=em.Rectangle().box).message
+            assert domain.endswith(f"or give the domain that they cover, a rectangle with x=(0, {end}), y=(0, 1)")
+            other = refusal(samples, **given, box=((0, 1), (5, 6))).message
+            for message in (domain, other):
+                assert "unit square" not in message
+            assert "give the domain" not in other
+            em.Problem(
+                monitor=em.ArcLength(u=samples(**given, box=((0, end), (0, 1)))),
+                grid=em.Grid(n_xi=8, n_eta=8),
+                domain=em.Rectangle(x=(0, end), y=(0, 1)),
+            )
+        triangle = {"points": [[0, 0], [0.5, 0], [0, 0.5], [0.1, 0.1]], "values": np.ones(4)}
+        assert "Rectangle" not in refusal(em.ScatteredSamples, **triangle).message
+
     def test_files_are_read_for_a_box(self) -> None:
         values = self.u(np.linspace(10, 14, 41)[:, None], np.linspace(-2, -1, 21))
         stream = io.BytesIO()

@@ -318,6 +318,14 @@ class TestRefusals:
         with pytest.raises(InputError, match=r"\.vtu, \.vtk, \.xdmf\.zip, \.msh, \.npz, \.xdmf"):
             write_mesh(tmp_path / name, DATA)
 
+    @pytest.mark.parametrize("name", ["m.vtu", "m.xdmf"])
+    def test_folders_that_do_not_exist(self, tmp_path: Path, name: str) -> None:
+        path = tmp_path / "none" / name
+        with pytest.raises(InputError) as caught:
+            write_mesh(path, DATA)
+        assert caught.value.field == "path"
+        assert str(caught.value) == f"{path}: there is no folder {path.parent}; make it first"
+
     def test_unknown_cells(self, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="quad or triangle") as caught:
             write_mesh(tmp_path / "mesh.vtu", DATA, cells="hexagon")  # type: ignore[arg-type]

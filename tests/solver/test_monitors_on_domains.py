@@ -212,3 +212,16 @@ def test_the_gain_is_measured_on_the_domain() -> None:
     assert full is not None
     assert gain.gain_l2 == pytest.approx(full.gain_l2, rel=0.02)
     assert em.solve(case("tensor", "square", 17)).certificate.summary()["interpolation_gain"] is None
+
+
+def test_sweeps_that_leave_the_domain_are_stopped() -> None:
+    """They do here, and a table that is asked for what is not a number answers with that, and nothing else."""
+    front = em.Expression("tanh(30*(hypot(x, y) - 1.5 - 0.1*sin(3*atan2(y, x))))")
+    monitor = em.Smoothed(monitor=em.Curvature(u=front), radius=0.02)
+    domain = em.AnnulusSector(angles=(0.0, 120.0))
+    solution = em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=33, n_eta=65), domain=domain))
+    assert not solution.mesh.is_folded
+    assert solution.certificate.interpolation is not None
+    assert solution.certificate.interpolation.gain_l2 > 5
+    values = monitor.on(domain).metric(np.array([np.nan, 1.5]), np.array([0.2, 0.2]))
+    assert all(np.isnan(entry[0]) and np.isfinite(entry[1]) for entry in values)

@@ -1,0 +1,43 @@
+"""Options as words, and arguments of the wrong kind: taken at their word, or refused with a remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+
+U = em.Expression("tanh(20*(x + y/2 - 0.75))")
+GRID = em.Grid(n_xi=17, n_eta=17)
+
+
+def test_words_are_what_they_name() -> None:
+    case = em.Problem(monitor=em.ArcLength(u=U), grid=GRID, boundary="orthogonal")  # type: ignore[arg-type]
+    assert case.boundary is em.Boundary.ORTHOGONAL
+    assert em.Schwarz(ordering="parallel").ordering is em.Ordering.PARALLEL  # type: ignore[arg-type]
+    word = em.solve(problem("tanh20", 33), mode="tight")  # type: ignore[arg-type]
+    member = em.solve(problem("tanh20", 33), mode=em.Mode.TIGHT)
+    assert word.mode is em.Mode.TIGHT
+    assert np.array_equal(word.mesh.x, member.mesh.x)
+    assert word.certificate.equation_residual < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: em.Problem(monitor=em.ArcLength(u=U), grid=GRID, boundary="open"), "'trace', 'equidistributed_1d'"),
+        (lambda: em.solve(problem("paper", 9), mode="tigth"), "mode = 'tigth': choose one of 'discretization'"),
+        (lambda: em.solve(problem("paper", 9), initial="zero"), "'nested', 'uniform'"),
+        (lambda: em.Schwarz(ordering="random"), "'parallel', 'alternating'"),
+        (lambda: em.ArcLength(u="tanh(x)"), r"write em.Expression\('...'\)"),
+        (lambda: em.Curvature(u=abs), "no function of x and y"),
+        (lambda: em.Weight(rho=2.0), "rho = '2.0'"),
+        (lambda: em.Tensor(m11=U, m12=0.0, m22=U), "m12 = '0.0'"),
+        (lambda: em.Problem(monitor=em.ArcLength(u=U), grid=33), r"Grid\(n_xi=..., n_eta=...\)"),
+        (lambda: em.Problem(monitor="curvature", grid=GRID), "is no monitor"),
+    ],
+)
+def test_what_is_of_another_kind_is_refused(wrong: object, said: str) -> None:
+    with pytest.raises(em.InputError, match=said):
+        wrong()  # type: ignore[operator]
