@@ -26,6 +26,7 @@ INTRODUCTION = """\
 {functions} functions, from mild to hostile, {settings} settings of `a` and `b`, grids of {points} points a side:
 {cells} solves with the arc-length monitor and otherwise default settings, each on one thread.
 `benchmarks/robustness.py` runs them and writes this page; the numbers are in `benchmarks/robustness.json`.
+{missing}\
 
 ## Summary
 """
@@ -76,7 +77,11 @@ def render(results: Sequence[Result]) -> str:
     settings = sorted({(result["a"], result["b"]) for result in results}, key=lambda one: (-one[1], one[0]))
     functions = {result["name"] for result in results}
     listed = ", ".join(map(str, points[:-1])) + f" and {points[-1]}" if points[1:] else str(points[0])
-    head = INTRODUCTION.format(functions=len(functions), settings=len(settings), points=listed, cells=len(results))
+    absent = len(functions) * len(settings) * len(points) - len(results)
+    missing = f"{absent} more were not run, the empty places in the tables.\n" if absent else ""
+    head = INTRODUCTION.format(
+        missing=missing, functions=len(functions), settings=len(settings), points=listed, cells=len(results)
+    )
     lines = [head, *_summary(results), HONESTY, *_relaxations(results, points), "", *_worst(results), READING]
     for a, b in settings:
         here = {(r["name"], r["n"]): r for r in results if (r["a"], r["b"]) == (a, b)}
