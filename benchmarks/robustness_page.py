@@ -34,7 +34,7 @@ INTRODUCTION = """\
 HONESTY = """
 "`a` reached" allows a [cross-line term](relaxed.md#what-a-weight-costs): the mesh adapts to all of the monitor, but by
 equations that also ask its lines to be straight. The weight says how much: 0.01 costs a few percent of what the mesh
-gains, 0.1 up to 40 %, and with 3 it is nearly uniform. "Without any relaxation" is the strict count: the asked
+gains, 0.1 up to 40 %; with 3 often little is left of it. "Without any relaxation" is the strict count: the asked
 equations themselves, to the accuracy of the grid. What was needed, in numbers of solves:
 """
 
