@@ -198,6 +198,12 @@ TABLE: dict[str, tuple[Any, str, str, int | None]] = {
         "cover",
         None,
     ),
+    "samples of another rectangle": (
+        small(monitor={"u": {"grid": {**GRID, "x": [3 * x for x in GRID["x"]]}}}),
+        "/monitor/u/grid/x",
+        "give the domain that they cover, a rectangle with x=(0, 3)",
+        None,
+    ),
     "other mode": (small(mode="fast"), "/mode", "'discretization' or 'tight'", None),
     "text for allow_relaxed": (small(allow_relaxed="no"), "/allow_relaxed", "boolean", None),
     "negative b": (small(monitor={"u": {"expression": "x"}, "b": -1}), "/monitor/b", "not negative", None),

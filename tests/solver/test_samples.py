@@ -348,7 +348,7 @@ class TestRefusals:
         assert "x[2] and x[3] are 1.11e-16 apart" in error.message
 
     def test_samples_that_do_not_cover_the_square(self) -> None:
-        self.check(self.grid(x=np.linspace(0.1, 0.9, 5)), "x", "from 0.1 to 0.9", "cover", "x - x[0]")
+        self.check(self.grid(x=np.linspace(0.1, 0.9, 5)), "x", "from 0.1 to 0.9", "cover", "(x - 0.1) / 0.8")
         self.check(self.grid(y=np.linspace(0, 0.99, 5)), "y", "from 0 to 0.99")
         inner = 0.2 + 0.6 * CORNERS
         self.check(self.scattered(inner, np.ones(4)), "points", "from 0.2 to 0.8 in x", "(0, 0) (1, 0)", "lie outside")
