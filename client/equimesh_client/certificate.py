@@ -7,14 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from equimesh_client.tables import number
-
 NAMES = {
     "a": "a of the arc length",
     "strength": "strength of the monitor",
-    "cross_line": "weight of the cross-line term",
     "points": "points a side of the grid it was solved on",
 }
+UNKNOWN = "not known"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +26,9 @@ class Relaxation:
     reached: float
 
     def __str__(self) -> str:
-        return f"{NAMES.get(self.what, self.what)}: {number(self.asked)} asked, {number(self.reached)} reached"
+        if self.what == "cross_line":
+            return f"cross-line term of weight {_said(self.reached)} added"
+        return f"{NAMES.get(self.what, self.what)}: {_said(self.asked)} asked, {_said(self.reached)} reached"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,15 +78,15 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        lines.append(f"  equation residual     {number(self.equation_residual)}  (of squared metric lengths, relative)")
-        if not math.isnan(self.discretization_error):
-            lines.append(
-                f"  estimated error       {number(self.discretization_error)} of the grid,"
-                f" {number(self.algebraic_error)} of the solution on it"
-            )
-        lines.append(f"  smallest Jacobian     {number(self.min_jacobian)}  (1 for the uniform mesh)")
+        lines.append(f"  equation residual     {_said(self.equation_residual)}  (of squared metric lengths, relative)")
+        grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
+        lines.append(
+            f"  estimated error       {grid}"
+            + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
+        )
+        lines.append(f"  smallest Jacobian     {_said(self.min_jacobian)}  (1 for the uniform mesh)")
         if self.interpolation_gain is not None:
-            gains = ", ".join(f"{number(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
+            gains = ", ".join(f"{_said(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
@@ -97,3 +97,14 @@ class Certificate:
 def _real(value: Any) -> float:
     """A float; nan for what is absent or is none."""
     return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _said(value: float) -> str:
+    """A number in two digits."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    return f"{value:.0f}" if 100 <= abs(value) < 1e5 else f"{value:.2g}"
+
+
+def _error(value: float) -> str:
+    return "exact" if value == 0.0 else _said(value)

@@ -10,6 +10,13 @@ from equimesh.interpolation import InterpolationError
 from equimesh.single_domain import Mode
 from equimesh.status import Status
 
+NAMES = {
+    "a": "a of the arc length",
+    "strength": "strength of the monitor",
+    "points": "points a side of the grid it was solved on",
+}
+UNKNOWN = "not known"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxed:
@@ -24,6 +31,11 @@ class Relaxed:
     asked: float
     reached: float
 
+    def __str__(self) -> str:
+        if self.what == "cross_line":
+            return f"cross-line term of weight {_said(self.reached)} added"
+        return f"{NAMES.get(self.what, self.what)}: {_said(self.asked)} asked, {_said(self.reached)} reached"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
@@ -33,8 +45,8 @@ class Certificate:
     in the equations that were asked for: 0 on an exact solution, also where ``relaxed`` ones were solved.
     ``discretization_error`` and ``algebraic_error`` are estimates of the largest error of a node's coordinate, in units
     of the reference square, that come of the grid and of stopping the iteration; ``None`` where not known.
-    ``min_jacobian`` is the smallest corner Jacobian, positive on every valid mesh and 1 on a uniform one.
-    ``interpolation`` compares the mesh with the uniform one, ``None`` where there is no u.
+    ``min_jacobian`` is the smallest corner Jacobian, positive on every valid mesh and 1 on the uniform one of a
+    rectangle. ``interpolation`` compares the mesh with the uniform one, ``None`` where there is no u.
     """
 
     status: Status
@@ -61,6 +73,33 @@ class Certificate:
             "warnings": list(self.warnings),
             "interpolation_gain": gain and {"l2": _plain(gain.gain_l2), "h1": _plain(gain.gain_h1)},
         }
+
+    def __str__(self) -> str:
+        """The certificate in a few lines."""
+        lines = [f"certificate: {self.status.value.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
+        lines += [f"  relaxed               {part}" for part in self.relaxed]
+        lines.append(f"  equation residual     {_said(self.equation_residual)}  (of squared metric lengths, relative)")
+        grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
+        lines.append(
+            f"  estimated error       {grid}"
+            + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
+        )
+        lines.append(f"  smallest Jacobian     {_said(self.min_jacobian)}  (1 for the uniform mesh)")
+        if self.interpolation is not None:
+            gains = f"{_said(self.interpolation.gain_l2)} in L2, {_said(self.interpolation.gain_h1)} in H1"
+            lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+        return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
+
+
+def _said(value: float | None) -> str:
+    """A number in two digits."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    return f"{value:.0f}" if 100 <= abs(value) < 1e5 else f"{value:.2g}"
+
+
+def _error(value: float | None) -> str:
+    return "exact" if value == 0.0 else _said(value)
 
 
 def _plain(number: float | None) -> float | None:
