@@ -41,9 +41,6 @@ def add_parser(commands: Any) -> None:
     service = parser.add_argument_group("service")
     add_url(service, default=DEFAULT_URL)
     service.add_argument("--deadline", metavar="SECONDS", type=float, default=600.0, help="(600)")
-    service.add_argument(
-        "--partial", action="store_true", help="write the mesh of a failed solve, too, if it is not folded"
-    )
     service.add_argument("--label", help="free text, for the service's list of meshes")
     parser.set_defaults(run=run)
 
@@ -76,6 +73,7 @@ def run(options: argparse.Namespace) -> int:
             print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
         elif not options.quiet:
             print(f"mesh {mesh.id} of {client.url}")
+            print(f"{options.n_xi} x {_n_eta(options)} points: {mesh.record['convergence']['message']}")
             if mesh.certificate is not None:
                 print(mesh.certificate)
             print(mesh.quality)
@@ -84,6 +82,10 @@ def run(options: argparse.Namespace) -> int:
             for file in files:
                 print(f"wrote {file}")
     return Exit.DONE
+
+
+def _n_eta(options: argparse.Namespace) -> int:
+    return int(options.n_xi if options.n_eta is None else options.n_eta)
 
 
 def _failed(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
@@ -112,7 +114,7 @@ def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) ->
 def _generated(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
     return client.generate(
         options.u if options.samples is None else options.samples,
-        (options.n_xi, options.n_xi if options.n_eta is None else options.n_eta),
+        (options.n_xi, _n_eta(options)),
         monitor=monitor_of(options),
         domain=options.domain,
         schwarz=schwarz_of(options),

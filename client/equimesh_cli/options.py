@@ -63,6 +63,9 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         help="solve to the error of the grid, or to rounding (discretization)",
     )
     mesh.add_argument("--no-relax", action="store_true", help="fail rather than adapt less than asked")
+    mesh.add_argument(
+        "--partial", action="store_true", help="write the mesh of a failed solve, too, if it is not folded"
+    )
     mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
     schwarz = parser.add_argument_group("Schwarz iteration", "without --subdomains there is a single domain")
     schwarz.add_argument("--subdomains", metavar="AxB", type=_subdomains, help="along xi and eta, e.g. 2x1")

@@ -80,10 +80,7 @@ def run(options: argparse.Namespace) -> int:
             )
             quality = solution.quality.summary()
     except em.SolveError as error:
-        if options.json:
-            failed = error.solution
-            parts = {"certificate": failed.certificate.summary(), "convergence": failed.convergence()}
-            print(json.dumps({**_said(failed), **parts}, indent=2))
+        _failed(options, error.solution)
         raise
     files = _write(options, solution)
     certificate, convergence = solution.certificate.summary(), solution.convergence()
@@ -99,6 +96,17 @@ def run(options: argparse.Namespace) -> int:
         for file in files:
             print(f"wrote {file}")
     return Exit.DONE
+
+
+def _failed(options: argparse.Namespace, solution: Solution) -> None:
+    """Write and tell what there is of a mesh that failed."""
+    files = _write(options, solution) if options.partial and not solution.mesh.is_folded else []
+    if options.json:
+        parts = {"certificate": solution.certificate.summary(), "convergence": solution.convergence()}
+        print(json.dumps({**_said(solution), **parts, "files": files}, indent=2))
+    elif not options.quiet:
+        for file in files:
+            print(f"wrote {file}, a partial mesh")
 
 
 def _said(solution: Solution) -> dict[str, str]:

@@ -160,7 +160,15 @@ class _Output:
 def _problem(solution: equimesh.Solution) -> Problem:
     partial = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
     said = solution.note or solution.status.sentence  # the problem's title says what the status does
+    if _is_refused(solution):
+        said = f"A relaxed mesh was found, and refused because allow_relaxed is false. {said}"
     return Problem(str(solution.status).replace("_", "-"), said, remedy=solution.remedy + partial)
+
+
+def _is_refused(solution: equimesh.Solution) -> bool:
+    """Whether a mesh of relaxed equations was found that would have been a success with ``allow_relaxed``."""
+    failed, relaxed = solution.status is equimesh.Status.NEWTON_FAILED, solution.relaxed
+    return failed and bool(relaxed) and all(part.reached > 0.0 for part in relaxed)
 
 
 def _summary(solution: equimesh.Solution) -> dict[str, Any]:

@@ -295,6 +295,8 @@ class _Handler(BaseHTTPRequestHandler):
             mesh["error"] = {"title": "The mesh folded", "detail": "At cell 3.", "remedy": "Lower a."}
         elif label != "hang" and (label != "slow" or looks >= 3):
             mesh["status"] = "succeeded"
+        if mesh["status"] == "succeeded":
+            mesh["convergence"] = {"status": "converged", "message": "The mesh satisfies the equations."}
         if label == "relaxed":
             mesh["certificate"] = CERTIFICATE
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import importlib.metadata
 import json
+import math
 import os
 import pty
 import signal
@@ -23,6 +24,7 @@ import pytest
 from client.fake_service import parts_of
 from equimesh_cli import main
 from equimesh_cli.command import build_parser
+from equimesh_client import Certificate
 
 CURVED: dict[str, Any] = {
     "kind": "quadrilateral",
@@ -70,6 +72,7 @@ def test_generate_writes_files_and_tables(generate: Any, tmp_path: Path) -> None
     assert np.load(mesh)["x"].shape == (5, 4)
     assert picture.read_bytes() == b"\x89PNG"
     assert "q_eq     0.5000" in out
+    assert out.splitlines()[1] == "5 x 4 points: The mesh satisfies the equations."
     assert f"wrote {mesh}\nwrote {picture}\n" in out
 
 
@@ -135,7 +138,7 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
 def test_generate_prints_the_certificate(generate: Any) -> None:
     code, out, _ = generate("x", "-n", "5", "--label", "relaxed")
     assert code == 0
-    for words in ("certificate: relaxed", "0.7000 asked, 0.3500 reached", "warning: The mesh adapts less than asked."):
+    for words in ("certificate: relaxed", "0.7 asked, 0.35 reached", "warning: The mesh adapts less than asked."):
         assert words in out
 
 
@@ -272,6 +275,47 @@ def test_the_environment_names_the_service(service: Any, monkeypatch: pytest.Mon
     monkeypatch.setenv("EQUIMESH_URL", service.url)
     assert main(["generate", "x", "-n", "5", "--quiet"]) == 0
     assert build_parser().parse_args(["check", "x"]).url == service.url
+
+
+def test_solve_writes_the_partial_mesh_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    path = tmp_path / "m.npz"
+    few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
+    command = ["solve", "x*y", *few.split(), "-o", str(path)]
+    assert main(command) == 1
+    assert not path.exists()
+    capsys.readouterr()
+    assert main([*command, "--partial"]) == 1
+    out, err = capsys.readouterr()
+    assert out == f"wrote {path}, a partial mesh\n"
+    assert "tolerance" in err
+    assert np.load(path)["x"].shape == (12, 12)
+    assert main([*command, "--partial", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["files"] == [str(path)]
+
+
+def test_solver_and_client_print_a_certificate_alike() -> None:
+    em = pytest.importorskip("equimesh.certificate")
+    errors = pytest.importorskip("equimesh.interpolation").InterpolationError
+    status = pytest.importorskip("equimesh.status").Status
+    asked = [("a", 0.7, 0.35), ("points", 129.0, 33.0), ("cross_line", 0.0, 0.03), ("strength", 1.0, 0.123)]
+    relaxed = tuple(em.Relaxed(what=what, asked=least, reached=most) for what, least, most in asked)
+    gain = errors(l2=1e-3, h1=1e-2, l2_uniform=5.432e-3, h1_uniform=2.0, rounding=(0.0, 0.0))
+    bare = {"status": status.CONVERGED, "mode": None, "equation_residual": 0.0, "min_jacobian": 1.0}
+    for certificate in (
+        em.Certificate(**bare),
+        em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain),
+        em.Certificate(**{**bare, "equation_residual": math.inf}, relaxed=relaxed, warnings=("Beware.",)),
+    ):
+        assert str(certificate) == str(Certificate.from_json(certificate.summary()))
+    assert "warning: Beware." in str(certificate)
+    assert "equation residual     not known" in str(certificate)
+    assert "estimated error       not known\n" in str(certificate)
+    for words in ("129 asked, 33 reached", "cross-line term of weight 0.03 added\n", "monitor: 1 asked, 0.12 reached"):
+        assert words in str(certificate)
+    known = str(em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain))
+    assert "0.00012 of the grid, exact of the solution on it" in known
+    assert "5.4 in L2, 200 in H1" in known
 
 
 def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

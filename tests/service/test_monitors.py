@@ -135,6 +135,8 @@ def test_relaxing_can_be_forbidden(http: httpx.Client) -> None:
     assert (answer.status_code, mesh["status"]) == (201, "failed")
     assert (mesh["error"]["type"], mesh["partial"]) == ("/problems/newton-failed", True)
     assert mesh["certificate"]["status"] == "newton_failed"
+    assert mesh["certificate"]["relaxed"]
+    assert "A relaxed mesh was found, and refused because allow_relaxed is false." in mesh["error"]["detail"]
     assert http.get(mesh["links"]["file"]).status_code == 409
     assert http.get(mesh["links"]["file"], params={"partial": True}).status_code == 200
 

@@ -40,8 +40,8 @@ class Row:
         return {**asdict(self), "met": self.met}
 
 
-WIDTHS = (54, 17, 7, 6)  # of what, measured, goal, met; notes follow
-HEADING = ("", "measured", "goal", "", "")
+WIDTHS = (54, 17, 7, 7)  # of what, measured, goal, met; notes follow
+HEADING = ("", "measured", "goal (of the developers, on an idle machine)")
 
 
 def lines(rows: Iterable[Row]) -> Iterator[str]:
@@ -49,7 +49,7 @@ def lines(rows: Iterable[Row]) -> Iterator[str]:
     yield _line(HEADING)
     for row in rows:
         goal = "" if row.goal is None else f"{'>=' if row.at_least else '<='} {row.goal:g}"
-        met = {None: "", True: "met", False: "MISSED"}[row.met]
+        met = {None: "", True: "met", False: "not met"}[row.met]
         counted = ", ".join(f"{name}: {count}" for name, count in row.counts.items())
         note = "; ".join(part for part in (counted, row.note) if part)
         yield _line((row.what, f"{row.value:.3g} {row.unit}", goal, met, note))

@@ -89,10 +89,11 @@ def threads(n: int) -> Iterator[Row]:
                 start = time.perf_counter()
                 em.solve(problem, mode=mode, threads=count)
                 best[count] = min(best[count], time.perf_counter() - start)
-        note = f"{1e3 * best[1]:.0f} and {1e3 * best[2]:.0f} ms; needs an idle machine"
+        ratio, times = best[1] / best[2], f"{1e3 * best[1]:.0f} and {1e3 * best[2]:.0f} ms"
+        note = f"two threads are {ratio:.2g} times as fast: {times}; needs an idle machine"
         goal = SPEEDUP_GOAL if n == LARGE else None
         what = f"n = {n}, {mode}, two threads against one"
-        yield Row(what=what, value=best[1] / best[2], unit="x", goal=goal, at_least=True, note=note)
+        yield Row(what=what, value=ratio, unit="x", goal=goal, at_least=True, note=note)
 
 
 def small(n: int) -> Iterator[Row]:
