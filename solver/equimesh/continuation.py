@@ -26,7 +26,8 @@ SMALLEST_ADVANCE = 1.0 / 64.0
 MOST_STEPS = 30
 # An attempt whose residual is not halved in so many steps leads nowhere.
 PATIENCE = 14
-# Less of the cross-line term is tried on grids of up to so many points; finer ones keep what the coarser needed.
+# Less of the cross-line term and more of the monitor are tried on grids of up to so many points; finer ones keep what
+# the coarser needed.
 MOST_DESCENDING = 65 * 65
 TOLERANCE = 1e-10
 SCALE_POINTS = 33
@@ -66,11 +67,12 @@ class Attempt:
 Attempts: TypeAlias = Generator[Attempt, None, Attempt | None]
 
 
-def attempts(problem: Problem, start: Mesh, before: Relaxation) -> Generator[Attempt, None, Attempt]:
+def attempts(problem: Problem, start: Mesh, before: Relaxation) -> Attempts:
     """Newton steps to a solution that is as near the asked one as can be found; returns the last of it.
 
     ``start`` is a valid mesh, ``before`` what the solution that it comes from was relaxed by. The returned attempt is
-    not ``converged`` only if not even the problem without any monitor has a solution: then its mesh is uniform.
+    not ``converged`` only if not even the problem without any monitor has a solution: then its mesh is uniform. On fine
+    grids a weaker monitor is not strengthened any more, and nothing is returned where it has no solution there.
     """
     found = None
     if before.is_none:
@@ -83,8 +85,10 @@ def attempts(problem: Problem, start: Mesh, before: Relaxation) -> Generator[Att
         found = yield from _climb(problem, [start] if cold else [start, uniform], _first_rung(before, cold))
         if found is not None:
             return (yield from _descend(problem, found))
-    elif (known := (yield from _newton(problem, before, start))) is not None:
-        found = known
+    else:
+        found = yield from _newton(problem, before, start)
+    if before.strength < 1.0 and problem.grid.points > MOST_DESCENDING:
+        return found
     return (yield from _strengthen(problem, found, uniform))
 
 
@@ -106,7 +110,7 @@ def _climb(problem: Problem, starts: list[Mesh], first: float) -> Attempts:
 def _descend(problem: Problem, found: Attempt) -> Generator[Attempt, None, Attempt]:
     while problem.grid.points <= MOST_DESCENDING and found.relaxation.cross_line > 0.0:
         lower = LADDER[LADDER.index(found.relaxation.cross_line) - 1]
-        better = yield from _newton(problem, Relaxation(cross_line=lower), found.mesh)
+        better = yield from _newton(problem, replace(found.relaxation, cross_line=lower), found.mesh)
         if better is None:
             break
         found = better
@@ -125,8 +129,7 @@ def _strengthen(problem: Problem, known: Attempt | None, uniform: Mesh) -> Gener
         found = yield from _newton(problem, target, known.mesh)
         advance = advance / 2 if found is None else 1.5 * advance
         known = known if found is None else found
-    again = known.relaxation.strength < 1.0
-    return replace(known, converged=True) if again else (yield from _descend(problem, known))
+    return (yield from _descend(problem, known))
 
 
 def _newton(problem: Problem, relaxation: Relaxation, start: Mesh) -> Attempts:

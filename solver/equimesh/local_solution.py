@@ -10,11 +10,17 @@ import numpy as np
 from equimesh import dissection, newton
 from equimesh.equations import MeshEquations
 from equimesh.mesh import Mesh
+from equimesh.metric import ReferenceMetric
 
 MOST_STEPS = 60
 TOLERANCE = 1e-12
 # Rounding errors of the fluxes grow like the number of points in a direction; no tolerance can be below them.
 ROUNDING = 64 * np.finfo(np.float64).eps
+
+
+def rounding(metric: ReferenceMetric, shape: tuple[int, int]) -> float:
+    """The relative residual that rounding leaves on a grid: larger where u varies little beside its size."""
+    return float(ROUNDING * max(shape) * metric.cancellation)
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,7 @@ def newton_steps(
     """
     z = equations.vector(start)
     unit = equations.mean_flux(z)
-    floor = ROUNDING * max(equations.shape)
+    floor = rounding(equations.metric, equations.shape)
     steps = newton.iterate(
         equations.residual,
         equations.jacobian,

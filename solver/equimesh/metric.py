@@ -13,6 +13,7 @@ the gradient of the node's weight in the stencil.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -29,6 +30,8 @@ Tensor: TypeAlias = tuple[Array, Array, Array]
 
 # Half the distance of the difference quotients for derivatives of the pointwise part, in units of the square.
 STEP = 1e-6
+# Points a side at which the size of u is looked at.
+SEEN_POINTS = 17
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,14 @@ class ReferenceMetric:
     def on_unit_square(self) -> bool:
         """Whether the map is the identity."""
         return isinstance(self.domain, Rectangle) and self.domain.is_unit_square
+
+    @cached_property
+    def cancellation(self) -> float:
+        """How many times larger u is than its variation, at least 1: its differences lose so much of their accuracy."""
+        at = np.linspace(0.0, 1.0, SEEN_POINTS)
+        u = self.u(*(q.copy() for q in np.meshgrid(at, at, indexing="ij")))
+        variation, size = float(np.ptp(u)), float(np.abs(u).max())
+        return max(1.0, size / variation) if 0.0 < variation < math.inf else 1.0
 
     def u(self, s: Array, t: Array) -> Array:
         """u of the arc-length monitor at reference points; zero for other monitors."""

@@ -71,6 +71,11 @@ def refinement(fine: Grid, coarse: Grid) -> float:
     return max(coarse.d_xi / fine.d_xi, coarse.d_eta / fine.d_eta) ** 2
 
 
+def is_refined(fine: Grid, coarse: Grid) -> bool:
+    """Whether the spacing is smaller in both directions: only then does the difference of two meshes show its error."""
+    return fine.n_xi > coarse.n_xi and fine.n_eta > coarse.n_eta
+
+
 _CUBIC, _LINEAR = 4, 2
 
 

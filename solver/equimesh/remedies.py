@@ -25,9 +25,13 @@ WORSE = 0.99
 def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationError | None) -> Iterator[str]:
     """What to know of a mesh before using it."""
     if status is Status.RELAXED:
-        what = ", ".join(f"{r.what} is {r.reached:.3g} instead of {r.asked:.3g}" for r in relaxed)
+        what = ", ".join(map(str, relaxed))
         yield f"The mesh does not satisfy the asked equations: {what}."
-    if errors is not None and errors.gain_l2 < WORSE:
+    if errors is None or status is Status.FOLDED or errors.gain_l2 >= WORSE:
+        return
+    if errors.l2_uniform <= errors.rounding[0]:
+        yield "The uniform mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
+    elif errors.gain_l2 > 0.0:
         yield (
             f"The mesh interpolates u worse than the uniform one: its L2 error is {1 / errors.gain_l2:.2g} times as"
             " large. Take the curvature monitor to interpolate u well."
@@ -52,6 +56,11 @@ def _weaker(problem: Problem, reached: float) -> list[str]:
         lower = f"lower a to {reached * monitor.a:.2g} or less" if 0.0 < reached < 1.0 else "lower a"
         return [lower, "raise b", "smooth the monitor"]
     return ["smooth the monitor"]
+
+
+def after_mapping() -> str:
+    """For a valid mesh of the reference square that folds on the domain."""
+    return _sentence("add grid points: the sides curve too much for so few")
 
 
 def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) -> str:

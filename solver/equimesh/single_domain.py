@@ -19,9 +19,9 @@ from equimesh import chord, continuation
 from equimesh.continuation import NONE, Relaxation
 from equimesh.folding import smallest_jacobian
 from equimesh.grid import Grid
-from equimesh.local_solution import ROUNDING, newton_steps
+from equimesh.local_solution import newton_steps, rounding
 from equimesh.mesh import Mesh
-from equimesh.nested import distance, nested_grids, prolong, refinement
+from equimesh.nested import distance, is_refined, nested_grids, prolong, refinement
 from equimesh.problem import Problem
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -41,6 +41,8 @@ USUAL_CONTRACTION = 0.25
 SHRINKING, SMALLEST_SHARE = 0.2, 1 / 64
 # Relaxed equations are solved by sparse factorisations, on grids of up to so many points.
 MOST_FACTORISED = 257 * 257
+# A mesh with this relative deviation satisfies the asked equations, whichever were solved.
+EXACT = 1e-8
 
 
 class Mode(StrEnum):
@@ -118,7 +120,8 @@ def iterate(
         before = solved[-1] if solved else None
         last: Step | None = None
         if sweeps and start is None and (before is None or before.relaxation.is_none):
-            tight = level + 1 == len(grids) and (mode is Mode.TIGHT or level == 0)
+            known = before is not None and is_refined(grid, before.grid)  # the error of the discretisation can be told
+            tight = level + 1 == len(grids) and (mode is Mode.TIGHT or not known)
             last = yield from _Level(here, label, before, tight, memory, threads).steps()
         if last is None:
             plain = not sweeps or start is not None
@@ -157,7 +160,7 @@ class _Level:
         sweep = chord.Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
         own = x, y = self.label.mesh.x, self.label.mesh.y
         damping, slow, moves = 1.0, 0, [math.inf]
-        tolerance, smallest = max(TIGHT, ROUNDING * max(shape)), smallest_jacobian(x, y)
+        tolerance, smallest = max(TIGHT, rounding(metric, shape)), smallest_jacobian(x, y)
         for count in range(1, (MOST_COLD_SWEEPS if self.coarse is None else MOST_SWEEPS) + 1):
             found = sweep.correct(x, y)
             taken, smallest = _guarded(sweep, x, y, damping, SHRINKING * smallest if self.coarse is None else 0.0)
@@ -194,13 +197,13 @@ class _Level:
 
     def _is_near(self, step: Step) -> bool:
         """Whether the algebraic error is small beside that of the discretisation, or serves for a first level."""
-        if self.coarse is None:
+        if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
             return step.algebraic_error <= COARSE_SHARE * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
         return math.isfinite(step.algebraic_error) and step.algebraic_error <= SHARE * self._discretization(step.mesh)
 
     def _discretization(self, mesh: Mesh) -> float:
         """The error that an error of second order leaves on this grid, from the difference to the coarser one."""
-        if self.coarse is None:
+        if self.coarse is None or not is_refined(mesh.grid, self.coarse.grid):
             return math.nan
         return distance(mesh, self.coarse.mesh) / (refinement(mesh.grid, self.coarse.grid) - 1.0)
 
@@ -250,30 +253,35 @@ def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bo
             if last.converged:
                 return _with_errors(replace(step, converged=True), before)
             yield step
-    if before is not None and problem.grid.points > MOST_FACTORISED:
-        return replace(
-            label, relaxation=relaxation, residual=math.nan, converged=True, solved=before.solved or before.grid
-        )
-    found = yield from _labelled(continuation.attempts(problem, label.mesh, relaxation), label)
+    found = None
+    if before is None or problem.grid.points <= MOST_FACTORISED:
+        found = yield from _labelled(continuation.attempts(problem, label.mesh, relaxation), label)
+    if found is None and before is not None:
+        solved = before.solved or before.grid
+        return replace(label, relaxation=relaxation, residual=math.nan, converged=True, solved=solved)
+    if found is None:
+        raise AssertionError("on the first level there is always something left to try")
     step = replace(label, step=found.steps, residual=found.residual, mesh=found.mesh, relaxation=found.relaxation)
+    if not step.relaxation.is_none and chord.deviation(problem.metric, problem.boundary, found.mesh) < EXACT:
+        step = replace(step, relaxation=NONE)  # a term that vanishes on a mesh of straight lines has relaxed nothing
     return _with_errors(replace(step, converged=found.converged, failed=not found.converged), before)
 
 
-def _labelled(
-    attempts: Generator[continuation.Attempt, None, continuation.Attempt], label: Step
-) -> Generator[Step, None, continuation.Attempt]:
+def _labelled(attempts: continuation.Attempts, label: Step) -> Generator[Step, None, continuation.Attempt | None]:
     while True:
         try:
             found = next(attempts)
         except StopIteration as end:
-            result: continuation.Attempt = end.value
+            result: continuation.Attempt | None = end.value
             return result
         yield replace(label, step=found.steps, residual=found.residual, mesh=found.mesh, relaxation=found.relaxation)
 
 
 def _with_errors(step: Step, before: Step | None) -> Step:
     """The step with error estimates, for a mesh that Newton's method has solved to rounding."""
-    if before is None or before.relaxation != step.relaxation:
+    if not step.converged:
+        return step
+    if before is None or before.relaxation != step.relaxation or not is_refined(step.grid, before.grid):
         return replace(step, algebraic_error=0.0)
     error = distance(step.mesh, before.mesh) / (refinement(step.grid, before.grid) - 1.0)
     return replace(step, algebraic_error=0.0, discretization_error=error)

@@ -169,8 +169,12 @@ def solve(
     """
     initial, mode = choice(Initial, initial, "initial"), choice(Mode, mode, "mode")
     how = _How(mode, allow_relaxed, workers.checked(threads), observe if observe is not None else _ignore)
-    _check_uniform(problem)
-    solution = _single_domain(problem, initial, how) if schwarz is None else _schwarz(problem, schwarz, initial, how)
+    _check_start(problem, initial)
+    with np.errstate(all="ignore"):  # what is not finite is found where it matters
+        if schwarz is None:
+            solution = _single_domain(problem, initial, how)
+        else:
+            solution = _schwarz(problem, schwarz, initial, how)
     if check and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
@@ -186,8 +190,14 @@ class _How:
     observe: Observer
 
 
-def _check_uniform(problem: Problem) -> None:
-    """Refuse a grid too coarse for its domain: the uniform mesh is where everything starts."""
+def _check_start(problem: Problem, initial: Initial) -> None:
+    """Refuse a grid too coarse for its domain, and one too fine for a start from the uniform mesh."""
+    if initial is Initial.UNIFORM and problem.grid.points > single_domain.MOST_FACTORISED:
+        raise InputError(
+            f"a start from the uniform mesh takes Newton's method, on at most {single_domain.MOST_FACTORISED} points;"
+            f" {problem.grid} are more: start nested",
+            field="initial",
+        )
     if mapped(Mesh.uniform(problem.grid), problem.domain).is_folded:
         raise InputError(
             f"the uniform mesh of {problem.grid} points has an inverted cell on this domain: its sides curve too much"
@@ -249,11 +259,18 @@ def _single_domain(problem: Problem, initial: Initial, how: _How) -> Solution:
         newton_steps=step.step,
         residual=step.residual,
         note="" if exact else _what_was_found(step, problem),
-        remedy="" if exact else remedies.after_newton(problem, nested=nested, reached=step.strength),
+        remedy=_single_domain_remedy(step, problem, status, folded=mesh.is_folded, nested=nested),
         relaxed=_relaxed(step, problem),
         algebraic_error=_known(step.algebraic_error),
         discretization_error=_known(step.discretization_error),
     )
+
+
+def _single_domain_remedy(step: Step, problem: Problem, status: Status, *, folded: bool, nested: bool) -> str:
+    if folded:
+        return remedies.after_mapping()
+    exact = status is Status.CONVERGED
+    return "" if exact else remedies.after_newton(problem, nested=nested, reached=step.strength)
 
 
 def _status(step: Step, how: _How) -> Status:
@@ -400,12 +417,14 @@ def _what_was_found(step: Step, problem: Problem) -> str:
     """What the mesh of a solve that did not reach the asked equations satisfies."""
     asked, name = (problem.monitor.a, "a") if isinstance(problem.monitor, ArcLength) else (1.0, "strength")
     where = "" if step.grid == problem.grid else f" on the {step.grid} grid"
-    if step.failed:
-        return f"No mesh was found{where} that satisfies any of the equations tried, down to {name} = 0."
+    if step.failed or step.strength == 0.0:
+        slopes = problem.metric.u_with_gradient(step.mesh.x, step.mesh.y)
+        reason = "" if np.isfinite(slopes).all() else " The gradient of u is not finite everywhere on the domain."
+        return f"No mesh was found{where} that satisfies any of the equations tried, down to {name} = 0.{reason}"
     found = [f"{name} = {step.strength * asked:.3g} of {asked:.3g}"] if step.strength < 1.0 else []
     if step.relaxation.cross_line > 0.0:
         found.append(f"a cross-line term of weight {step.relaxation.cross_line:g}")
-    if step.solved is not None and step.solved != problem.grid:
-        where = f", interpolated from {step.solved} points"
     added = f" with {' and '.join(found)}" if found else ""
+    if step.solved is not None and step.solved != problem.grid:
+        return f"A mesh of {step.solved} points satisfies the equations{added}; this one is interpolated from it."
     return f"The mesh satisfies the equations{added}{where}."

@@ -21,8 +21,11 @@ def checked(threads: int | None) -> int:
     """The number of threads asked for, all cores for ``None``; raises :class:`~equimesh.errors.InputError`."""
     if threads is None:
         return min(available(), MOST)
-    if not 1 <= threads <= MOST:
-        raise InputError(f"threads = {threads}: between 1 and {MOST}, or None for one on every core", field="threads")
+    if not isinstance(threads, int) or isinstance(threads, bool) or not 1 <= threads <= MOST:
+        raise InputError(
+            f"threads = {threads!r}: a whole number between 1 and {MOST}, or None for one on every core",
+            field="threads",
+        )
     return threads
 
 
