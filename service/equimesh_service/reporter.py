@@ -83,12 +83,13 @@ class Reporter:
         if self.schwarz is None:
             return 0.0
         by_count = event.iteration / self.schwarz.max_iterations
-        if self.schwarz.tolerance is None:
+        tolerance = self.schwarz.tolerance
+        if not isinstance(tolerance, float):
             return by_count
         if math.isnan(self._first_change):
             self._first_change = event.change
         # An error that falls at a steady rate makes the same way on a logarithmic scale in each iteration.
-        way = self._first_change / self.schwarz.tolerance
+        way = self._first_change / tolerance
         if not (way > 1.0 and event.change > 0.0):
             return by_count
         by_error = math.log(self._first_change / event.change) / math.log(way)

@@ -8,7 +8,7 @@
     'The mesh satisfies the equidistribution equations to the asked tolerance.'
 
 The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistributed Meshes in 2D via Domain
-Decomposition*. Begin reading in ``schwarz.py``.
+Decomposition*. Begin reading in ``schwarz_iteration.py``.
 """
 
 from equimesh.boundary import Boundary
@@ -30,6 +30,7 @@ from equimesh.expression import Expression
 from equimesh.field import Field
 from equimesh.grid import Grid
 from equimesh.intersection import Intersection
+from equimesh.iteration import Iteration, SubdomainRecord
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.monitor import ArcLength, Monitor
@@ -37,15 +38,24 @@ from equimesh.problem import Problem
 from equimesh.quadrilateral import Quadrilateral
 from equimesh.quality import Quality, measure
 from equimesh.samples import GridSamples, ScatteredSamples
-from equimesh.schwarz import Iteration, Ordering, Schwarz, SubdomainRecord, iterate
+from equimesh.schwarz import Acceleration, LocalSolver, Ordering, Schwarz
+from equimesh.schwarz_iteration import iterate
 from equimesh.single_domain import Mode, Step
 from equimesh.smoothed import Smoothed
 from equimesh.solution import Event, Initial, Solution, solve
 from equimesh.status import Status
 from equimesh.tensor import Tensor, Weight
-from equimesh.transmission import Classical, LinearRobin, NonlinearRobin, TransmissionCondition
+from equimesh.transmission import (
+    Classical,
+    LinearRobin,
+    LineData,
+    NonlinearRobin,
+    Optimized,
+    TransmissionCondition,
+)
 
 __all__ = [
+    "Acceleration",
     "AnnulusSector",
     "ArcLength",
     "Boundary",
@@ -67,12 +77,15 @@ __all__ = [
     "InputError",
     "Intersection",
     "Iteration",
+    "LineData",
     "LinearRobin",
+    "LocalSolver",
     "Mesh",
     "MeshData",
     "Mode",
     "Monitor",
     "NonlinearRobin",
+    "Optimized",
     "Ordering",
     "Position",
     "Problem",

@@ -13,6 +13,7 @@ solution, from a coarser grid, or damping.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from equimesh import kernels, workers
 from equimesh.boundary import Boundary
+from equimesh.frame import WHOLE, Frame
 from equimesh.mesh import Mesh
 from equimesh.metric import ReferenceMetric, Tensor
 
@@ -42,17 +44,23 @@ class Correction:
 
 
 class Sweep:
-    """Sweeps of line corrections on one grid, with the memory that they need.
+    """Sweeps of line corrections on the whole grid or a window of it, with the memory that they need.
 
     ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. Rows are shared out among ``threads``; results
     do not depend on their number.
     """
 
     def __init__(
-        self, metric: ReferenceMetric, boundary: Boundary, shape: tuple[int, int], memory: Array, threads: int = 1
+        self,
+        metric: ReferenceMetric,
+        boundary: Boundary,
+        shape: tuple[int, int],
+        memory: Array,
+        threads: int = 1,
+        frame: Frame = WHOLE,
     ) -> None:
         """``memory`` is a flat array of at least ``needed(shape)`` numbers."""
-        self.metric, self.boundary, self.shape = metric, boundary, shape
+        self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
         arrays = memory[: needed(shape)].reshape(4, *shape)
         self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
         self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # it only has to point the way
@@ -61,21 +69,38 @@ class Sweep:
         self._strips = [(first, min(first + rows, n_xi - 1)) for first in range(1, n_xi - 1, rows)]
         self._threads = min(threads, len(self._strips)) if n_xi * n_eta >= MANY else 1
         self._cells = np.empty((self._threads, 3, min(rows, n_xi - 2) + 1, n_eta - 1))
-        self._rows = np.array([last - first for first, last in self._strips])
+        self._spans = frame.span(0, n_xi), frame.span(1, n_eta)
+        self._summed = self._spans[0][1]  # xi-edges count from rows below this one
+        self._rows = np.array([min(last, self._summed) - first for first, last in self._strips])
+        self._nothing = np.zeros((2, n_eta)), np.zeros((2, n_xi))
         self._sums, self._starts = np.empty((len(self._strips), n_eta)), np.empty((len(self._strips), n_eta))
         self._pushes, self._mean, self._shift = np.zeros((2, n_eta)), np.ones(n_eta), np.zeros(n_eta)
         self._found = np.zeros((len(self._strips), 3))
-        self._sides = _Sides(metric, boundary, shape)
+        self._sides = Sides(metric, boundary, shape, frame)
 
-    def correct(self, x: Array, y: Array) -> Correction:
-        """One full correction of the nodes ``x``, ``y``, left in ``new_x`` and ``new_y``; they themselves stay."""
+    def correct(self, x: Array, y: Array, rest: tuple[Array, Array] | None = None) -> Correction:
+        """One full correction of the nodes ``x``, ``y``, left in ``new_x`` and ``new_y``; they themselves stay.
+
+        ``rest`` is what lies beyond the yielding sides: the sums of the squared metric lengths of the edges there, of
+        shape ``(2, n_eta)`` at the two ends of the xi-lines, ``(2, n_xi)`` at those of the eta-lines.
+        """
+        across_xi, across_eta = self._nothing if rest is None else rest
         with np.errstate(all="ignore"):
             nodal = self.metric.u_with_gradient(x, y) if x.size <= FEW else None
-            sides, side_move, along_eta, along_xi = self._sides.moves(x, y, nodal)
+            sides, side_move, along_eta, along_xi = self._sides.moves(x, y, nodal, (across_xi, across_eta))
             u = None if nodal is None else nodal[0]
-            workers.share(self._threads, lambda k: self._correct_along_eta(k, x, y, u, along_eta, along_xi))
+            workers.share(self._threads, lambda k: self._correct_along_eta(k, x, y, u, along_eta, along_xi, across_eta))
             ends = kernels.line_sums(
-                self._squares[0], self._sums, self._rows, self._pushes, self._mean, self._shift, self._starts
+                self._squares[0],
+                self._sums,
+                self._rows,
+                self._pushes,
+                self._spans[0][0] == 0,
+                across_xi,
+                self.frame.beyond[0],
+                self._mean,
+                self._shift,
+                self._starts,
             )
             workers.share(self._threads, lambda k: self._correct_along_xi(k, x, y))
             along_sides, lag = self._sides.place(x, y, along_eta, along_xi, self.new_x, self.new_y)
@@ -89,12 +114,13 @@ class Sweep:
         return moved
 
     def _correct_along_eta(
-        self, worker: int, x: Array, y: Array, u: Array | None, along_eta: Array, along_xi: Array
+        self, worker: int, x: Array, y: Array, u: Array | None, along_eta: Array, along_xi: Array, rest: Array
     ) -> None:
         for k in range(worker, len(self._strips), self._threads):
             first, last = self._strips[k]
             cells = self._cells[worker, :, : last - first + 1]
-            cell_metrics(self.metric, x[first - 1 : last + 1], y[first - 1 : last + 1], cells, u)
+            rows = slice(first - 1, last + 1)
+            cell_metrics(self.metric, x[rows], y[rows], cells, None if u is None else u[rows])
             if first == 1:
                 kernels.end_edges(x, y, cells, 0, along_eta[0], self._pushes[0], self._squares[0])
             if last == self.shape[0] - 1:
@@ -107,6 +133,10 @@ class Sweep:
                     first,
                     last,
                     along_xi,
+                    self._spans[1],
+                    rest,
+                    self.frame.beyond[1],
+                    self._summed,
                     self.new_x,
                     self.new_y,
                     self._along_p,
@@ -123,6 +153,7 @@ class Sweep:
                 y,
                 first,
                 last,
+                self._summed,
                 self._mean,
                 self._shift,
                 self._starts[k],
@@ -169,39 +200,67 @@ def _finite(number: float) -> float:
     return number if math.isfinite(number) else math.inf
 
 
-class _Sides:
-    """The nodes on the four sides: how far they have to move along them."""
+class Sides:
+    """The nodes on the physical sides: how far they have to move along them."""
 
-    def __init__(self, metric: ReferenceMetric, boundary: Boundary, shape: tuple[int, int]) -> None:
-        self.metric, self.boundary, self.shape = metric, boundary, shape
+    def __init__(
+        self, metric: ReferenceMetric, boundary: Boundary, shape: tuple[int, int], frame: Frame = WHOLE
+    ) -> None:
+        self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
         arc_length = metric.arc_length
         self._a2, self._b = (arc_length.a**2, arc_length.b) if arc_length is not None else (0.0, 0.0)
         n_xi, n_eta = shape
         self._ends_xi, self._ends_eta = np.repeat([0.0, 1.0], n_eta), np.repeat([0.0, 1.0], n_xi)
         self._base = self._unit_base() if metric.on_unit_square and arc_length is not None else None
+        self.fluxes = np.zeros((2, n_eta - 1)), np.zeros((2, n_xi - 1))
+        self._nothing = np.zeros((2, n_eta)), np.zeros((2, n_xi))
 
-    def moves(self, x: Array, y: Array, nodal: Tensor | None) -> tuple[float, float, Array, Array]:
+    def moves(
+        self, x: Array, y: Array, nodal: Tensor | None = None, rest: tuple[Array, Array] | None = None
+    ) -> tuple[float, float, Array, Array]:
         """The largest deviation and move, the moves along eta of left and right nodes, those along xi of others.
 
-        Of shapes ``(2, n_eta)`` and ``(2, n_xi)``. ``nodal`` is u with its gradient at all nodes, where it is known.
+        Of shapes ``(2, n_eta)`` and ``(2, n_xi)``, zero on sides that are not physical. ``nodal`` is u with its
+        gradient at all nodes, where it is known, ``rest`` as in :meth:`Sweep.correct`.
+        :attr:`fluxes` are then the squared metric lengths of the edges, of shape ``(2, n_eta - 1)`` on the left and
+        right side and ``(2, n_xi - 1)`` on the others.
         """
+        rest = self._nothing if rest is None else rest
         n_xi, n_eta = self.shape
-        along_eta, along_xi = np.zeros((2, n_eta)), np.zeros((2, n_xi))
-        if self.boundary is Boundary.ORTHOGONAL:
-            return 0.0, 0.0, along_eta, along_xi
+        moves = np.zeros((2, n_eta)), np.zeros((2, n_xi))
+        if self.boundary is Boundary.ORTHOGONAL or not any(map(any, self.frame.physical)):
+            return 0.0, 0.0, *moves
+        deviation = largest = 0.0
+        for axis, (t, u, u_n, base) in enumerate(self._lines(x, y, nodal)):
+            found, move = kernels.side_moves(
+                t,
+                u,
+                u_n,
+                base,
+                self._a2,
+                self._b,
+                self.frame.physical[axis],
+                self.frame.span(1 - axis, t.shape[1]),
+                np.ascontiguousarray(rest[1 - axis][:, [0, -1]].T),
+                self.frame.beyond[1 - axis],
+                self.fluxes[axis],
+                moves[axis],
+            )
+            deviation, largest = max(deviation, _finite(found)), max(largest, move)
+        return deviation, largest, *moves
+
+    def _lines(self, x: Array, y: Array, nodal: Tensor | None) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """Positions along the sides, u and the normal derivative of it that the boundary condition sees, and the metric
+        at the middles of the edges: of the left and right side, then of the bottom and top one."""
+        n_xi, n_eta = self.shape
         t_eta, t_xi = y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy()
         if nodal is None:
             u_eta, u_xi = self._evaluated(t_eta, t_xi)
         else:
             u_eta = nodal[0][:: n_xi - 1].copy(), nodal[1][:: n_xi - 1].copy()
             u_xi = nodal[0].T[:: n_eta - 1].copy(), nodal[2].T[:: n_eta - 1].copy()
-        base = self._base or self._bases(t_eta, t_xi)
-        deviation = largest = 0.0
-        for nodes, (u, u_n), tensor, moves in ((t_eta, u_eta, base[0], along_eta), (t_xi, u_xi, base[1], along_xi)):
-            seen = np.zeros_like(u_n) if self.boundary is Boundary.EQUIDISTRIBUTED_1D else u_n
-            found, move = kernels.side_moves(nodes, u, seen, tensor, self._a2, self._b, moves)
-            deviation, largest = max(deviation, _finite(found)), max(largest, move)
-        return deviation, largest, along_eta, along_xi
+        for t, (u, u_n), base in zip((t_eta, t_xi), (u_eta, u_xi), self._base or self._bases(t_eta, t_xi), strict=True):
+            yield t, u, np.zeros_like(u_n) if self.boundary is Boundary.EQUIDISTRIBUTED_1D else u_n, base
 
     def _evaluated(self, t_eta: Array, t_xi: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """u and its normal derivative on the left and right sides, and on the bottom and top."""
@@ -219,14 +278,14 @@ class _Sides:
 
         Returns the largest move and deviation of nodes that follow the interior, zero where they do not.
         """
-        new_x[0], new_x[-1], new_y[:, 0], new_y[:, -1] = 0.0, 1.0, 0.0, 1.0
-        for end in (0, -1):
-            new_y[end], new_x[:, end] = y[end] + along_eta[end], x[:, end] + along_xi[end]
-        if self.boundary is not Boundary.ORTHOGONAL:
-            return 0.0, 0.0
         change, lag = 0.0, 0.0
-        for old, q in ((y, new_y), (x.T, new_x.T)):
-            for end, one, two in ((0, 1, 2), (-1, -2, -3)):
+        for axis, (old, q, fixed, moved) in enumerate(
+            ((y, new_y, new_x, along_eta), (x.T, new_x.T, new_y.T, along_xi))
+        ):
+            for side, (end, one, two) in enumerate(((0, 1, 2), (-1, -2, -3))):
+                fixed[end], q[end] = (x, y.T)[axis][end], old[end] + moved[end]
+                if self.boundary is not Boundary.ORTHOGONAL or not self.frame.physical[axis][side]:
+                    continue
                 q[end, 1:-1] = (4 * q[one, 1:-1] - q[two, 1:-1]) / 3
                 change = max(change, float(np.abs(q[end] - old[end]).max()))
                 wanted = (4 * old[one, 1:-1] - old[two, 1:-1]) / 3

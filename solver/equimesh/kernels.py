@@ -59,34 +59,55 @@ def arc_length_cells_on(x: Array, y: Array, u: Array, a2: float, b: float, m: Ar
 
 
 @compiled
-def side_moves(t: Array, u: Array, u_n: Array, base: Array, a2: float, b: float, moves: Array) -> tuple[float, float]:
+def side_moves(
+    t: Array,
+    u: Array,
+    u_n: Array,
+    base: Array,
+    a2: float,
+    b: float,
+    physical: tuple[bool, bool],
+    span: tuple[int, int],
+    rest: Array,
+    beyond: tuple[float, float],
+    flux: Array,
+    moves: Array,
+) -> tuple[float, float]:
     """Corrections ``moves`` of the nodes at ``t`` along two opposite sides; all of shape ``(2, n)``.
 
     ``base`` of shape ``(3, 2, n - 1)`` is the pointwise part of the metric at the middles of the edges, its tangential
-    entry first. Returns the largest relative deviation of a squared metric length from the mean of its side, and the
-    largest move.
+    entry first. Sides that are not ``physical`` are left alone. The lines run from node ``span[0]`` to ``span[1]``, and
+    on over ``beyond`` edges outside the window, whose squared metric lengths sum to ``rest[side]``. ``flux`` receives
+    the squared metric lengths of the edges. Returns the largest relative deviation of one from the mean of its line,
+    and the largest move.
     """
     n = t.shape[1]
-    flux, deviation, largest = np.empty(n - 1), 0.0, 0.0
+    first, last = span
+    deviation, largest = 0.0, 0.0
     for side in range(2):
-        total = 0.0
+        if not physical[side]:
+            continue
+        total = rest[side, 0] + rest[side, 1]
         for e in range(n - 1):
             d, du, normal = t[side, e + 1] - t[side, e], u[side, e + 1] - u[side, e], u_n[side, e + 1] + u_n[side, e]
             b11, b12, b22 = base[0, side, e], base[1, side, e], base[2, side, e]
             g, h = du / d, 0.5 * normal
             square = (b22 * g * g - 2.0 * b12 * g * h + b11 * h * h) / (b11 * b22 - b12 * b12)
-            flux[e] = b11 * d * d + a2 / (1.0 + b * square) * du * du
-            total += flux[e]
-        mean = total / (n - 1)
-        running = 0.0
-        moves[side, 0] = moves[side, n - 1] = 0.0
-        for e in range(n - 1):
+            flux[side, e] = b11 * d * d + a2 / (1.0 + b * square) * du * du
+            if first <= e < last:
+                total += flux[side, e]
+        mean = total / (last - first + beyond[0] + beyond[1])
+        running = rest[side, 0] - beyond[0] * mean
+        moves[side, :] = 0.0
+        for e in range(first, n - 1):
             if e > 0:
                 # The flux over the edge length is the metric times the tangent, here at the node between two edges.
                 before, after = t[side, e] - t[side, e - 1], t[side, e + 1] - t[side, e]
-                moves[side, e] = -running / (flux[e - 1] / before + flux[e] / after)
+                moves[side, e] = -running / (flux[side, e - 1] / before + flux[side, e] / after)
                 largest = max(largest, abs(moves[side, e]))
-            difference = flux[e] - mean
+            if e == last:
+                break
+            difference = flux[side, e] - mean
             running += difference
             deviation = max(deviation, abs(difference) / mean)
             if difference - difference != 0.0:
@@ -120,6 +141,10 @@ def eta_corrections(
     first: int,
     last: int,
     moved: Array,
+    span: tuple[int, int],
+    rest: Array,
+    beyond: tuple[float, float],
+    summed: int,
     new_x: Array,
     new_y: Array,
     along_p: Array,
@@ -129,11 +154,15 @@ def eta_corrections(
     """Node rows ``first`` to ``last - 1`` with the corrections of their eta-lines, and what the xi-lines need of them.
 
     ``m`` holds the cell rows from ``first - 1`` on, ``moved`` of shape ``(2, n_xi)`` the moves of the bottom and top
-    nodes along xi. ``new_x`` and ``new_y`` receive the nodes moved by the part of the correction that Q makes,
-    ``along_p`` of shape ``(2, n_xi, n_eta)`` what they move by per ``-2 P``, ``squares[i]`` the squared metric
-    lengths of the xi-edges from row i, ``sums`` their sum. Returns the largest relative deviation along the eta-lines.
+    nodes along xi. The eta-lines run from node ``span[0]`` to ``span[1]``, and on over ``beyond`` edges outside the
+    window, whose squared metric lengths sum to ``rest``, of shape ``(2, n_xi)``. ``new_x`` and ``new_y`` receive the
+    nodes moved by the part of the correction that Q makes, ``along_p`` of shape ``(2, n_xi, n_eta)`` what they move by
+    per ``-2 P``, ``squares[i]`` the squared metric lengths of the xi-edges from row i, ``sums`` their sum over the rows
+    below ``summed``. Returns the largest relative deviation along the eta-lines.
     """
     n_eta = x.shape[1]
+    bottom, top = span
+    edges = top - bottom + beyond[0] + beyond[1]
     flux, running = np.empty(n_eta), np.empty(n_eta)
     deviation = 0.0
     for j in range(n_eta):
@@ -142,24 +171,25 @@ def eta_corrections(
         c = i - first
         x0, x1, x2, y0, y1, y2 = x[i - 1], x[i], x[i + 1], y[i - 1], y[i], y[i + 1]
         a11, a12, a22, b11, b12, b22 = m[0, c], m[1, c], m[2, c], m[0, c + 1], m[1, c + 1], m[2, c + 1]
-        total = 0.0
-        for j in range(n_eta - 1):
+        total = rest[0, i] + rest[1, i]
+        for j in range(bottom, top):
             fx, fy = x1[j + 1] - x1[j], y1[j + 1] - y1[j]
             flux[j] = 0.5 * (
                 (a11[j] + b11[j]) * fx * fx + 2.0 * (a12[j] + b12[j]) * fx * fy + (a22[j] + b22[j]) * fy * fy
             )
             total += flux[j]
-        level, largest = total / (n_eta - 1), 0.0
-        for j in range(n_eta - 1):
+        level, largest = total / edges, 0.0
+        for j in range(bottom, top):
             largest = max(largest, abs(flux[j] - level))
         deviation = max(deviation, largest / level)
         # -2 Q on the bottom and on the top, and the running sum between them.
         e, z = n_eta - 2, n_eta - 1
         start = -((a11[0] + b11[0]) * (x1[1] - x1[0]) + (a12[0] + b12[0]) * (y1[1] - y1[0])) * moved[0, i]
         end = -((a11[e] + b11[e]) * (x1[z] - x1[e]) + (a12[e] + b12[e]) * (y1[z] - y1[e])) * moved[1, i]
-        level -= (end - start) / (n_eta - 1)
-        sum_so_far = start
-        for j in range(1, n_eta - 1):
+        level -= (end - start) / edges
+        sum_so_far = start + rest[0, i] - beyond[0] * level
+        running[bottom] = sum_so_far
+        for j in range(bottom + 1, n_eta - 1):
             sum_so_far += flux[j - 1] - level
             running[j] = sum_so_far
         row_x, row_y, p_x, p_y, square = new_x[i], new_y[i], along_p[0, i], along_p[1, i], squares[i]
@@ -181,36 +211,55 @@ def eta_corrections(
                 + 2.0 * (b12[j - 1] + b12[j]) * gx * gy
                 + (b22[j - 1] + b22[j]) * gy * gy
             )
-            sums[j] += square[j]
+        if i < summed:
+            for j in range(1, n_eta - 1):
+                sums[j] += square[j]
     return deviation
 
 
 @compiled
 def line_sums(
-    first: Array, sums: Array, rows: IntArray, pushes: Array, mean: Array, shift: Array, starts: Array
+    first: Array,
+    sums: Array,
+    rows: IntArray,
+    pushes: Array,
+    has_first: bool,
+    rest: Array,
+    beyond: tuple[float, float],
+    mean: Array,
+    shift: Array,
+    starts: Array,
 ) -> float:
     """What the xi-lines need to be corrected strip by strip, from the sums of each strip of rows.
 
-    ``first`` holds the squared metric lengths of the first edges, ``sums`` of shape ``(strips, n_eta)`` those summed
-    over strips of ``rows`` rows, ``pushes`` of shape ``(2, n_eta)`` ``-2 P`` on the left and right side. ``mean`` and
-    ``shift`` are as :func:`xi_corrections` takes them, ``starts`` its ``running`` for every strip. Returns the largest
-    relative deviation of a first edge.
+    ``first`` holds the squared metric lengths of the first edges, which belong to the lines where ``has_first``,
+    ``sums`` of shape ``(strips, n_eta)`` those summed over the ``rows`` edges of each strip, ``pushes`` of shape
+    ``(2, n_eta)`` ``-2 P`` on the left and right side. The lines run on over ``beyond`` edges outside the window, whose
+    squared metric lengths sum to ``rest`` of shape ``(2, n_eta)``. ``mean`` and ``shift`` are as
+    :func:`xi_corrections` takes them, ``starts`` its ``running`` for every strip. Returns the largest relative
+    deviation of a first edge.
     """
     strips, n_eta = sums.shape
-    edges = 1
+    edges = beyond[0] + beyond[1]
+    if has_first:
+        edges += 1
     for k in range(strips):
         edges += rows[k]
     deviation = 0.0
     for j in range(1, n_eta - 1):
-        total = first[j]
+        total = rest[0, j] + rest[1, j]
+        if has_first:
+            total += first[j]
         for k in range(strips):
             total += sums[k, j]
         mean[j], shift[j] = total / edges, (pushes[1, j] - pushes[0, j]) / edges
-        running = pushes[0, j] + first[j] - mean[j] + shift[j]
+        running = pushes[0, j] + rest[0, j] - beyond[0] * (mean[j] - shift[j])
+        if has_first:
+            running += first[j] - mean[j] + shift[j]
+            deviation = max(deviation, abs(first[j] - mean[j]) / mean[j])
         for k in range(strips):
             starts[k, j] = running
             running += sums[k, j] + rows[k] * (shift[j] - mean[j])
-        deviation = max(deviation, abs(first[j] - mean[j]) / mean[j])
         if total - total != 0.0:
             deviation = np.inf
     return deviation
@@ -222,6 +271,7 @@ def xi_corrections(
     y: Array,
     first: int,
     last: int,
+    summed: int,
     mean: Array,
     shift: Array,
     running: Array,
@@ -235,7 +285,7 @@ def xi_corrections(
 
     ``running`` is ``-2 P`` at row ``first``, and is carried on; ``mean`` that of the squared metric lengths of each
     line, ``shift`` what ``-2 P`` grows by from row to row for the moves of the sides. ``largest`` receives the largest
-    relative deviation from the mean, and the largest move of a coordinate.
+    relative deviation from the mean in the rows below ``summed``, and the largest move of a coordinate.
     """
     n_eta = x.shape[1]
     deviation, move = 0.0, 0.0
@@ -246,10 +296,47 @@ def xi_corrections(
             row_x[j] += p_x[j] * running[j]
             row_y[j] += p_y[j] * running[j]
             move = max(move, abs(row_x[j] - old_x[j]), abs(row_y[j] - old_y[j]))
-            difference = square[j] - mean[j]
-            running[j] += difference + shift[j]
-            deviation = max(deviation, abs(difference) / mean[j])
+            running[j] += square[j] - mean[j] + shift[j]
+        if i < summed:
+            for j in range(1, n_eta - 1):
+                deviation = max(deviation, abs(square[j] - mean[j]) / mean[j])
     largest[0], largest[1] = deviation, move
+
+
+@vectorised
+def segment_sums(
+    x: Array, y: Array, m: Array, begin: int, last: int, cuts: IntArray, along_xi: Array, along_eta: Array
+) -> None:
+    """Sums of the squared metric lengths of edges, those from node rows ``begin`` to ``last - 1``.
+
+    ``m`` holds the cell rows that meet in these node rows. ``along_xi[j]`` receives the sum of the xi-edges that begin
+    in the rows, ``along_eta[s, i]`` that of the eta-edges of row i between the nodes ``cuts[s]`` and ``cuts[s + 1]``.
+    """
+    n_eta = x.shape[1]
+    first = max(begin, 1)
+    for j in range(n_eta):
+        along_xi[j] = 0.0
+    for i in range(begin, last):
+        b11, b12, b22 = m[0, i - first + 1], m[1, i - first + 1], m[2, i - first + 1]
+        x1, x2, y1, y2 = x[i], x[i + 1], y[i], y[i + 1]
+        for j in range(1, n_eta - 1):
+            gx, gy = x2[j] - x1[j], y2[j] - y1[j]
+            along_xi[j] += 0.5 * (
+                (b11[j - 1] + b11[j]) * gx * gx
+                + 2.0 * (b12[j - 1] + b12[j]) * gx * gy
+                + (b22[j - 1] + b22[j]) * gy * gy
+            )
+        if i == 0:
+            continue
+        a11, a12, a22 = m[0, i - first], m[1, i - first], m[2, i - first]
+        for s in range(cuts.shape[0] - 1):
+            total = 0.0
+            for j in range(cuts[s], cuts[s + 1]):
+                fx, fy = x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+                total += 0.5 * (
+                    (a11[j] + b11[j]) * fx * fx + 2.0 * (a12[j] + b12[j]) * fx * fy + (a22[j] + b22[j]) * fy * fy
+                )
+            along_eta[s, i] = total
 
 
 @compiled

@@ -25,12 +25,16 @@ def rounding(metric: ReferenceMetric, shape: tuple[int, int]) -> float:
 
 @dataclass(frozen=True)
 class LocalSolution:
-    """How a guarded Newton solve ended: residual relative to the mean flux, and whether it met the tolerance."""
+    """How a guarded Newton solve ended: residual relative to the mean flux, and whether it met the tolerance.
+
+    ``swept`` says that the steps were sweeps of line corrections.
+    """
 
     mesh: Mesh
     steps: int
     residual: float
     converged: bool
+    swept: bool = False
 
 
 def newton_steps(

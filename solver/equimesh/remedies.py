@@ -10,11 +10,11 @@ from equimesh.boundary import Boundary
 from equimesh.certificate import Relaxed
 from equimesh.errors import DecompositionError
 from equimesh.interpolation import InterpolationError
+from equimesh.iteration import Iteration
 from equimesh.monitor import ArcLength
 from equimesh.problem import Problem
-from equimesh.schwarz import Iteration, Schwarz, smallest_tolerance
+from equimesh.schwarz import Schwarz, smallest_tolerance
 from equimesh.status import Status
-from equimesh.transmission import Classical
 
 # More iterations than this are no remedy to offer, and from fewer than these no number can be foretold.
 MOST_OFFERED, FEWEST_SEEN = 1000, 5
@@ -69,10 +69,10 @@ def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) ->
     return _sentence(*more, *_weaker(problem, 1.0), *_settings(problem, nested=nested))
 
 
-def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, *, rescued: bool) -> str:
-    """For a Schwarz iteration that did not reach its tolerance; ``rate`` is the observed one."""
+def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, tolerance: float) -> str:
+    """For a Schwarz iteration that did not reach its ``tolerance``; ``rate`` is the observed one."""
     ideas = []
-    left = max(last.estimate, last.mismatch / 2) / max(schwarz.tolerance or 0.0, smallest_tolerance(problem.grid))
+    left = max(last.estimate, last.mismatch / 2) / max(tolerance, smallest_tolerance(problem.grid))
     if rate is None or last.iteration < FEWEST_SEEN:
         ideas.append("allow more iterations")
     elif 0.0 < rate < 1.0 and 1.0 < left < math.inf:
@@ -82,12 +82,10 @@ def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: flo
     wider = 2 * schwarz.overlap
     if _fits(problem, schwarz, wider):
         ideas.append(f"widen the overlap, to {wider} points for instance")
-    if isinstance(schwarz.transmission, Classical):
-        ideas.append("use a Robin transmission condition with p = auto")
-    elif rescued:
-        ideas.append("use the classical transmission condition")
-    elif getattr(schwarz.transmission, "p", "auto") != "auto":
-        ideas.append("use p = auto")
+    if not schwarz.is_optimized:
+        ideas.append("use the optimized transmission condition")
+    elif not schwarz.line_corrections:
+        ideas.append("allow line corrections")
     return _sentence(*ideas, "solve as a single domain")
 
 

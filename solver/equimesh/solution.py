@@ -17,23 +17,24 @@ from equimesh.choices import choice
 from equimesh.decomposition import Decomposition
 from equimesh.domain import mapped
 from equimesh.errors import InputError, SolveError
+from equimesh.history import observed_rate, plain
 from equimesh.interpolation import InterpolationError, interpolation_errors
+from equimesh.iteration import Iteration
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.monitor import ArcLength
-from equimesh.nested import halved, nested_grids, prolong
+from equimesh.nested import halved, nested_grids, prolong, refinement
 from equimesh.problem import Problem
 from equimesh.quality import GAUSS_POINTS, Quality, measure
 from equimesh.rates import predicted_rate
-from equimesh.schwarz import Iteration, Schwarz, iterate, smallest_tolerance
+from equimesh.schwarz import Schwarz, smallest_tolerance
+from equimesh.schwarz_iteration import iterate
 from equimesh.single_domain import Mode, Step
 from equimesh.status import Status
 
 Event: TypeAlias = Step | Iteration
 Observer: TypeAlias = Callable[[Event], None]
 
-# Iterations over which the observed rate is taken.
-RATE_WINDOW = 6
 # A reference for the errors of a Schwarz iteration is solved to rounding, by a factorisation, up to so many points.
 MOST_POLISHED = 129 * 129
 
@@ -130,11 +131,7 @@ class Solution:
 
     def convergence(self) -> dict[str, Any]:
         """The history of the Schwarz iteration as plain numbers, ``None`` where a number is not known."""
-        return {
-            "iterations": [_plain_iteration(record) for record in self.iterations],
-            "rate": self.rate,
-            "predicted_rate": self.predicted_rate,
-        }
+        return plain(self.iterations, self.rate, self.predicted_rate)
 
     def data(self) -> MeshData:
         """What a mesh file holds: nodes, u, Q_eq and the owner of every cell."""
@@ -204,40 +201,6 @@ def _check_start(problem: Problem, initial: Initial) -> None:
             " for so few points; add grid points",
             field="grid",
         )
-
-
-def observed_rate(errors: Sequence[float], floor: float) -> float | None:
-    """Mean factor between successive errors, over the last ones that are above the ``floor`` of rounding."""
-    usable = [e for e in errors if math.isfinite(e) and e > floor]
-    tail = usable[-RATE_WINDOW - 1 :]
-    return (tail[-1] / tail[0]) ** (1.0 / (len(tail) - 1)) if len(tail) > 1 else None
-
-
-def _plain_iteration(record: Iteration) -> dict[str, Any]:
-    return {
-        "iteration": record.iteration,
-        "max_q_eq": _plain(record.max_q_eq),
-        "change": _plain(record.change),
-        "estimate": _plain(record.estimate),
-        "mismatch": _plain(record.mismatch),
-        "error": _plain(record.error),
-        "min_jacobian": _plain(record.min_jacobian),
-        "subdomains": [
-            {
-                "subdomain": r.subdomain,
-                "newton_steps": r.newton_steps,
-                "status": "stalled" if r.stalled else "classical" if r.classical else "converged",
-                "residual": _plain(r.residual),
-                "error_x": _plain(r.error_x),
-                "error_y": _plain(r.error_y),
-            }
-            for r in record.subdomains
-        ],
-    }
-
-
-def _plain(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def _ignore(event: Event) -> None:
@@ -321,59 +284,63 @@ def _last(steps: Iterable[Step], observe: Observer) -> Step:
 
 def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, how: _How) -> Solution:
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
-    start = Mesh.uniform(problem.grid)
+    start, expected = Mesh.uniform(problem.grid), math.nan
     if initial is Initial.NESTED:
-        start = _nested_start(problem, how)
+        start, expected = _nested_start(problem, how)
+    tolerance = schwarz.tolerance
+    if tolerance == "discretization":
+        tolerance = single_domain.SHARE * expected if math.isfinite(expected) else smallest_tolerance(problem.grid)
     reference = None
     if schwarz.compare_single_domain:
         reference = _reference(problem, how)
     known = reference.mesh if reference is not None and reference.is_exact else None
     records: list[Iteration] = []
-    for record in iterate(problem, schwarz, start, known):
+    for record in iterate(problem, replace(schwarz, tolerance=tolerance), start, known, threads=how.threads):
         records.append(record)
         how.observe(record)
-        if record.meets(schwarz.tolerance) or record.iteration >= schwarz.max_iterations:
+        if record.meets(tolerance) or record.iteration >= schwarz.max_iterations:
             break
     note = ""
     if reference is not None and known is None:
         note = "There is no single-domain solution to compare with: " + _what_was_found(reference, problem)
-    return _finished(problem, schwarz, records, note, nested=initial is Initial.NESTED)
+    return _finished(problem, schwarz, records, tolerance, note, nested=initial is Initial.NESTED)
 
 
-def _nested_start(problem: Problem, how: _How) -> Mesh:
-    """The solution on a grid half as fine, interpolated."""
+def _nested_start(problem: Problem, how: _How) -> tuple[Mesh, float]:
+    """The solution on a grid half as fine, interpolated, and the error of the discretisation to be expected."""
     coarser = nested_grids(problem.grid)[-2:][0]
     if coarser == problem.grid:
         coarser = halved(problem.grid)
-    tight = replace(how, mode=Mode.TIGHT)
-    return prolong(_last_step(replace(problem, grid=coarser), Initial.NESTED, tight).mesh, problem.grid)
+    step = _last_step(replace(problem, grid=coarser), Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    return prolong(step.mesh, problem.grid), step.discretization_error / refinement(problem.grid, coarser)
 
 
-def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], note: str, *, nested: bool) -> Solution:
+def _finished(
+    problem: Problem,
+    schwarz: Schwarz,
+    records: Sequence[Iteration],
+    tolerance: float | None,
+    note: str,
+    *,
+    nested: bool,
+) -> Solution:
     last = records[-1]
-    rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
-    if rescued:
-        note = (
-            f"The {schwarz.transmission.name} condition did not lead to a solution; classical data took its place in "
-            f"{len(rescued)} of {last.iteration} iterations, first in iteration {rescued[0]}. {note}"
-        ).strip()
+    notes = [*_detours(schwarz, records), note]
     if last.failed:
         status = Status.NEWTON_FAILED
         stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
-        note = f"In iteration {last.iteration} Newton's method stalled for good in subdomain {stuck}. {note}".strip()
-    elif schwarz.tolerance is None:
+        notes.insert(0, f"In iteration {last.iteration} the solve of subdomain {stuck} stalled for good.")
+    elif tolerance is None:
         status = Status.COMPLETED
-    elif last.meets(schwarz.tolerance):
+    elif last.meets(tolerance):
         status = Status.CONVERGED
         smallest = smallest_tolerance(problem.grid)
-        if schwarz.tolerance < smallest:
-            note = f"Rounding allows no tolerance below {smallest:.0e} on this grid; that was met. {note}".strip()
+        if tolerance < smallest:
+            notes.insert(0, f"Rounding allows no tolerance below {smallest:.0e} on this grid; that was met.")
     else:
         status = Status.NOT_CONVERGED
-        note = (
-            f"In iteration {last.iteration} the estimated error is {_shown(last.estimate)}, and the subdomains differ "
-            f"by {last.mismatch:.1e}. {note}"
-        ).strip()
+        shown = f"In iteration {last.iteration} the estimated error is {_shown(last.estimate)}"
+        notes.insert(0, f"{shown}, and the subdomains differ by {last.mismatch:.1e}.")
     solution = Solution(
         problem=problem,
         schwarz=schwarz,
@@ -383,16 +350,42 @@ def _finished(problem: Problem, schwarz: Schwarz, records: Sequence[Iteration], 
         newton_steps=sum(r.newton_steps for record in records for r in record.subdomains),
         residual=max(r.residual for r in last.subdomains),
         iterations=tuple(records),
-        note=note,
+        note=" ".join(text for text in notes if text),
+        algebraic_error=_known(last.estimate),
     )
-    return replace(solution, remedy=_remedy(solution, nested=nested, rescued=bool(rescued)))
+    return replace(solution, remedy=_remedy(solution, tolerance, nested=nested))
 
 
-def _remedy(solution: Solution, *, nested: bool, rescued: bool) -> str:
+def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
+    """What was done in place of what was asked for."""
+    asked, found = schwarz.transmission.name, []
+    rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
+    if rescued:
+        found.append(
+            f"The {asked} condition did not lead to a solution; classical data took its place in {len(rescued)} of"
+            f" {records[-1].iteration} iterations, first in iteration {rescued[0]}."
+        )
+    others = [record for record in records if record.transmission != asked]
+    if others:
+        first = others[0]
+        found.append(
+            f"The {asked} condition stalled; from iteration {first.iteration} on the {first.transmission} one took its"
+            " place, from the start."
+        )
+    globally = [record.iteration for record in records if record.global_step]
+    if globally:
+        found.append(
+            f"In {len(globally)} iterations a subdomain stalled, and a Newton step was taken on the whole grid, first"
+            f" in iteration {globally[0]}."
+        )
+    return found
+
+
+def _remedy(solution: Solution, tolerance: float | None, *, nested: bool) -> str:
     """What to try after a Schwarz iteration."""
     problem, schwarz, last = solution.problem, solution.schwarz, solution.iterations[-1]
     if schwarz is not None and solution.status is Status.NOT_CONVERGED:
-        return remedies.after_schwarz(problem, schwarz, last, solution.rate, rescued=rescued)
+        return remedies.after_schwarz(problem, schwarz, last, solution.rate, tolerance or 0.0)
     if solution.status is Status.NEWTON_FAILED:
         return remedies.after_newton(problem, nested=nested)
     return remedies.after_folding(problem, schwarz, nested=nested) if solution.status is Status.FOLDED else ""

@@ -13,12 +13,10 @@ from equimesh.decomposition import Decomposition, Subdomain
 from equimesh.equations import Condition, MeshEquations
 from equimesh.mesh import Mesh
 from equimesh.problem import Problem
-from equimesh.transmission import Classical, Interface, InterfaceCorner, InterfaceData, TransmissionCondition
+from equimesh.subdomain_window import AXES, ENDS, SubdomainWindow
+from equimesh.transmission import Classical, Interface, InterfaceCorner, InterfaceData, PairOfFunctionals
 
 Array: TypeAlias = npt.NDArray[np.float64]
-
-AXES = (0, 1)
-ENDS = (0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +27,7 @@ class Link:
     whole grid, ``sender`` the number of the neighbour beyond, ``p`` the signed parameter of the ``condition``.
     """
 
-    condition: TransmissionCondition
+    condition: PairOfFunctionals
 
     axis: int
     end: int
@@ -59,58 +57,22 @@ class Neighbours(Protocol):
 
 
 class SubdomainProblem:
-    """The equations of one subdomain, given its neighbours.
+    """The equations of one subdomain that exchanges functionals with its neighbours.
 
     Its window reaches ``ghosts`` grid lines beyond every interface. The state is a :class:`~equimesh.mesh.Mesh` of the
     window's shape and belongs to the caller.
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        decomposition: Decomposition,
-        part: Subdomain,
-        condition: TransmissionCondition,
+        self, problem: Problem, decomposition: Decomposition, part: Subdomain, condition: PairOfFunctionals
     ) -> None:
         self.problem, self.part, self.condition = problem, part, condition
-        self._open = {
-            (axis, end): 0 <= part.place[axis] + (1 if end else -1) < decomposition.subdomains[axis]
-            for axis in AXES
-            for end in ENDS
-        }
-        ghosts = condition.ghosts
-        self.first = tuple(part.spans[axis].first - ghosts * self._open[axis, 0] for axis in AXES)
-        last = tuple(part.spans[axis].last + ghosts * self._open[axis, 1] for axis in AXES)
-        self.window = tuple(slice(self.first[axis], last[axis] + 1) for axis in AXES)
-        self.shape = (last[0] - self.first[0] + 1, last[1] - self.first[1] + 1)
-        self.links = tuple(self._link(decomposition, *side) for side, is_open in self._open.items() if is_open)
+        self.window = SubdomainWindow(decomposition, part, condition.ghosts)
+        self.links = tuple(self._link(decomposition, *side) for side, is_open in self.window.open.items() if is_open)
         self.corner_links = tuple(
             self._corner_link(decomposition, ends)
             for ends in ((0, 0), (0, 1), (1, 0), (1, 1))
-            if self._open[0, ends[0]] and self._open[1, ends[1]]
-        )
-
-    def restrict(self, mesh: Mesh) -> Mesh:
-        """The window's part of a mesh of the whole grid."""
-        columns, rows = self.window
-        return Mesh(mesh.x[columns, rows].copy(), mesh.y[columns, rows].copy())
-
-    def merge(self, state: Mesh, mesh: Mesh) -> None:
-        """Write the nodes that the subdomain owns into a mesh of the whole grid."""
-        place = self.part.owned
-        local = self._local(place)
-        mesh.x[place], mesh.y[place] = state.x[local], state.y[local]
-
-    def distance(self, state: Mesh, mesh: Mesh) -> tuple[float, float]:
-        """Largest difference in x and in y to a mesh of the whole grid, on the subdomain without its ghosts."""
-        place = (
-            slice(self.part.columns.start, self.part.columns.stop),
-            slice(self.part.rows.start, self.part.rows.stop),
-        )
-        local = self._local(place)
-        return (
-            float(np.abs(state.x[local] - mesh.x[place]).max()),
-            float(np.abs(state.y[local] - mesh.y[place]).max()),
+            if self.window.open[0, ends[0]] and self.window.open[1, ends[1]]
         )
 
     def equations(self, neighbours: Neighbours, *, classical: bool = False) -> MeshEquations:
@@ -119,14 +81,30 @@ class SubdomainProblem:
         ``classical`` takes the positions on the outermost lines of the window instead of the own condition: a problem
         with milder data, for when that one has no solution near by.
         """
-        return MeshEquations(self.problem.metric, self.shape, self._spacing, self._conditions(neighbours, classical))
+        conditions = self._conditions(neighbours, classical)
+        return MeshEquations(self.problem.metric, self.window.shape, self._spacing, conditions)
+
+    def held(self, neighbours: Neighbours, state: Mesh) -> Mesh:
+        """The state with the outermost lines beyond interfaces where the neighbours have them: classical data."""
+        x, y = state.x.copy(), state.y.copy()
+        for link in map(self._classical, self.links):
+            data, edge, nodes = neighbours.functional(link), -1 if link.end else 0, self._nodes(link.axis)
+            place = (edge, nodes) if link.axis == 0 else (nodes, edge)
+            across, along = (x, y) if link.axis == 0 else (y, x)
+            across[place], along[place] = data.normal, data.tangential
+        for corner in self.corner_links:
+            local = (corner.node[0] - self.window.first[0], corner.node[1] - self.window.first[1])
+            x[local], y[local] = neighbours.node(corner)
+        return Mesh(x, y)
 
     def functional(self, state: Mesh, link: Link) -> InterfaceData:
         """What this subdomain sends over a neighbour's ``link``: the functionals of its own window."""
-        equations = MeshEquations(self.problem.metric, self.shape, self._spacing, ())
-        window = equations.window(equations.vector(state))
-        turned = window if link.axis == 0 else window.turned()
-        line, nodes = link.line - self.first[link.axis], self._nodes(link.axis)
+        if isinstance(link.condition, Classical):
+            return self._positions(state, link)
+        equations = MeshEquations(self.problem.metric, self.window.shape, self._spacing, ())
+        seen = equations.window(equations.vector(state))
+        turned = seen if link.axis == 0 else seen.turned()
+        line, nodes = link.line - self.window.first[link.axis], self._nodes(link.axis)
         return InterfaceData(
             normal=link.condition.normal(turned, line, link.p).values[nodes],
             tangential=link.condition.tangential(turned, line, link.p).values[nodes],
@@ -134,16 +112,18 @@ class SubdomainProblem:
 
     def node(self, state: Mesh, link: CornerLink) -> tuple[float, float]:
         """Position of a node of the whole grid in this subdomain's window."""
-        local = (link.node[0] - self.first[0], link.node[1] - self.first[1])
+        local = (link.node[0] - self.window.first[0], link.node[1] - self.window.first[1])
         return float(state.x[local]), float(state.y[local])
+
+    def _positions(self, state: Mesh, link: Link) -> InterfaceData:
+        line = link.line - self.window.first[link.axis]
+        across, along = (state.x, state.y) if link.axis == 0 else (state.y.T, state.x.T)
+        nodes = self._nodes(link.axis)
+        return InterfaceData(normal=across[line][nodes].copy(), tangential=along[line][nodes].copy())
 
     @property
     def _spacing(self) -> tuple[float, float]:
         return self.problem.grid.d_xi, self.problem.grid.d_eta
-
-    def _local(self, place: tuple[slice, slice]) -> tuple[slice, slice]:
-        xi, eta = (slice(cut.start - first, cut.stop - first) for cut, first in zip(place, self.first, strict=True))
-        return xi, eta
 
     def _link(self, decomposition: Decomposition, axis: int, end: int) -> Link:
         span, (column, row) = self.part.spans[axis], self.part.place
@@ -163,27 +143,27 @@ class SubdomainProblem:
 
     def _corner_link(self, decomposition: Decomposition, ends: tuple[int, int]) -> CornerLink:
         column, row = (place + (1 if end else -1) for place, end in zip(self.part.place, ends, strict=True))
-        xi, eta = (self.window[axis].stop - 1 if ends[axis] else self.window[axis].start for axis in AXES)
+        xi, eta = (self.window.slices[axis].stop - 1 if ends[axis] else self.window.slices[axis].start for axis in AXES)
         return CornerLink(node=(xi, eta), sender=decomposition.at(column, row).number)
 
     def _nodes(self, axis: int) -> slice:
         """Nodes along an interface across ``axis`` that no other interface of the window holds."""
-        lower, upper = (int(self._open[1 - axis, end]) for end in ENDS)
-        return slice(lower, self.shape[1 - axis] - upper)
+        lower, upper = (int(self.window.open[1 - axis, end]) for end in ENDS)
+        return slice(lower, self.window.shape[1 - axis] - upper)
 
     def _conditions(self, neighbours: Neighbours, classical: bool) -> list[Condition]:
-        physical = [side for place, side in sides(self.problem.boundary).items() if not self._open[place]]
+        physical = [side for place, side in sides(self.problem.boundary).items() if not self.window.open[place]]
         corners = []
         for corner in self.corner_links:
             x, y = neighbours.node(corner)
-            local = (corner.node[0] - self.first[0], corner.node[1] - self.first[1])
+            local = (corner.node[0] - self.window.first[0], corner.node[1] - self.window.first[1])
             corners.append(InterfaceCorner(node=local, x=x, y=y))
         links = [self._classical(link) for link in self.links] if classical else self.links
         return [*physical, *(self._interface(link, neighbours.functional(link)) for link in links), *corners]
 
     def _classical(self, link: Link) -> Link:
         """The outermost line of the window beyond an interface, with the classical condition."""
-        window = self.window[link.axis]
+        window = self.window.slices[link.axis]
         return replace(link, condition=Classical(), line=window.stop - 1 if link.end else window.start, p=0.0)
 
     def _interface(self, link: Link, data: InterfaceData) -> Interface:
@@ -192,9 +172,9 @@ class SubdomainProblem:
             condition=link.condition,
             axis=link.axis,
             end=link.end,
-            line=link.line - self.first[link.axis],
+            line=link.line - self.window.first[link.axis],
             nodes=self._nodes(link.axis),
-            free=slice(1, self.shape[1 - link.axis] - 1),
+            free=slice(1, self.window.shape[1 - link.axis] - 1),
             p=link.p,
             data=data,
         )

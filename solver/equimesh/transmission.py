@@ -1,19 +1,22 @@
 """Transmission conditions: what neighbouring subdomains ask of each other on an interface.
 
-Each condition is **one discrete functional** of a window. The receiver sets its own functional equal to the value that
-its neighbour's window has at the same grid line, so at the fixed point both windows agree with the single-domain
-solution to rounding. All functionals speak of an interface in xi; one in eta is the same for the turned window.
+Each of the paper's conditions is **one discrete functional** of a window. The receiver sets its own functional equal
+to the value that its neighbour's window has at the same grid line, so at the fixed point both windows agree with the
+single-domain solution to rounding. All functionals speak of an interface in xi; one in eta is the same for the turned
+window. :class:`Optimized` stands apart: see :mod:`equimesh.yielding`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.choices import choice
 from equimesh.equations import Rows, Triplets, Window
 from equimesh.errors import InputError
 from equimesh.metric import HalfFlux, LocalMetric, SeenGradient
@@ -32,7 +35,7 @@ class Functional:
     derivatives: Derivatives
 
 
-class TransmissionCondition(Protocol):
+class PairOfFunctionals(Protocol):
     """A pair of functionals of a window on a grid line ``i``, one for each coordinate.
 
     ``ghosts`` is the number of grid lines that a window needs beyond its interface to evaluate them. ``p`` comes
@@ -133,6 +136,34 @@ class NonlinearRobin:
         return _strength(self.p, distance)
 
 
+class LineData(StrEnum):
+    """What an optimized interface knows of the lines beyond it: ``LINE_SUMS``, the metric length of all of the rest;
+    ``LOCAL``, that of the first edge, as much as neighbours know of each other in classical Schwarz methods."""
+
+    LINE_SUMS = "line_sums"
+    LOCAL = "local"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optimized:
+    """An interface that yields as the rest of every grid line does; see :mod:`equimesh.yielding`.
+
+    A Robin condition for the squared metric length across the interface, whose weights come from the metric and whose
+    parameter is the number of edges beyond: the Dirichlet-to-Neumann map of the leading part of the equations. With
+    ``data=LineData.LINE_SUMS`` the number of iterations does not depend on the number of subdomains.
+    """
+
+    name: ClassVar[str] = "optimized"
+    ghosts: ClassVar[int] = 1
+    data: LineData = LineData.LINE_SUMS
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "data", choice(LineData, self.data, "transmission.data"))
+
+
+TransmissionCondition: TypeAlias = Classical | LinearRobin | NonlinearRobin | Optimized
+
+
 def _check_strength(p: Strength) -> None:
     if p != "auto" and not (isinstance(p, int | float) and math.isfinite(p) and p > 0):
         raise InputError(f'p = {p!r}: the Robin parameter must be a positive number or "auto"', field="transmission.p")
@@ -216,7 +247,7 @@ class Interface:
     interface, ``free`` those of them whose tangential coordinate no physical side fixes. ``p`` is signed.
     """
 
-    condition: TransmissionCondition
+    condition: PairOfFunctionals
     axis: int
     end: int
     line: int

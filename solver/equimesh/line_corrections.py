@@ -1,0 +1,61 @@
+"""Corrections of all lines of a mesh as a whole: what makes up for interfaces that see only their neighbours."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh import chord
+from equimesh.folding import smallest_jacobian
+from equimesh.mesh import Mesh
+from equimesh.problem import Problem
+
+# A correction that is not the first moves the nodes by at most this share of the one before it, so it is believed.
+USUAL_CONTRACTION = 0.25
+# Moves of the nodes that rounding alone causes, per point in a direction.
+ROUNDING = 1e-15
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A mesh after line corrections: ``deviation`` is what the last one found, ``estimate`` the error that is left by
+    the contraction of several, NaN where that is not known; ``count`` how many there were."""
+
+    mesh: Mesh
+    deviation: float = math.nan
+    estimate: float = math.nan
+    count: int = 0
+
+
+class LineCorrections:
+    """De Boor's correction of every line by its equidistributing parameter, for both families of lines at once: full
+    sweeps of :mod:`equimesh.chord` on the whole grid."""
+
+    def __init__(self, problem: Problem, threads: int) -> None:
+        shape = problem.grid.shape
+        self._sweep = chord.Sweep(problem.metric, problem.boundary, shape, np.empty(chord.needed(shape)), threads)
+        self._floor = ROUNDING * max(shape)
+
+    def apply(self, mesh: Mesh, count: int) -> Corrected:
+        """So many corrections of a valid mesh, fewer where one would fold it."""
+        x, y, done, moves = mesh.x.copy(), mesh.y.copy(), 0, []
+        deviation = math.nan
+        for _ in range(count):
+            found = self._sweep.correct(x, y)
+            if not (math.isfinite(found.move) and smallest_jacobian(self._sweep.new_x, self._sweep.new_y) > 0.0):
+                break
+            x, y = self._sweep.take(x, y)
+            done, deviation = done + 1, found.deviation
+            moves.append(found.move)
+        return Corrected(Mesh(x.copy(), y.copy()), deviation, self._left(moves), done)
+
+    def _left(self, moves: list[float]) -> float:
+        if moves and moves[-1] <= self._floor:
+            return moves[-1]
+        if len(moves) < 2:
+            return math.nan
+        contraction = max(USUAL_CONTRACTION, *(after / before for before, after in itertools.pairwise(moves)))
+        return moves[-1] * contraction / (1.0 - contraction) if contraction < 1.0 else math.inf

@@ -1,0 +1,268 @@
+"""The nonlinear Schwarz iteration: subdomain solves that exchange interface data until they agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from equimesh import workers
+from equimesh.anderson import Anderson
+from equimesh.decomposition import Decomposition
+from equimesh.domain import mapped
+from equimesh.functional_subdomains import FunctionalSubdomains, Outcome
+from equimesh.iteration import Iteration, SubdomainRecord, estimated
+from equimesh.line_corrections import Corrected, LineCorrections
+from equimesh.local_solution import newton_steps
+from equimesh.mesh import Mesh
+from equimesh.problem import Problem
+from equimesh.schwarz import Acceleration, Ordering, Schwarz, smallest_tolerance
+from equimesh.subdomain_window import SubdomainWindow
+from equimesh.transmission import Classical, Optimized
+from equimesh.turns import turns
+from equimesh.yielding_subdomains import YieldingSubdomains
+
+# After this many iterations in which some subdomain had to take classical data, another condition takes over.
+MOST_RESCUES = 3
+# A subdomain that stalls in this many iterations in a row ends the Schwarz iteration, or brings the fallback.
+MOST_STALLS = 3
+# An iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not
+# the solution.
+FALSE_FIXED_POINT = 1e-3
+# Changes that fall by less than this factor over so many iterations are a stall, except where it is predicted.
+SLOWEST, STALL_WINDOW = 0.9, 8
+# A global Newton step is taken on grids of up to so many points.
+MOST_FACTORISED = 257 * 257
+
+
+class Subdomains(Protocol):
+    """All subdomains of a decomposition, with what they tell each other."""
+
+    windows: list[SubdomainWindow]
+
+    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
+        """Read these states, and the mesh that they merge to, in the solves to come."""
+        ...
+
+    def solve(self, k: int) -> Outcome:
+        """The solution of a subdomain."""
+        ...
+
+    def sent(self, k: int) -> int:
+        """Numbers that a subdomain receives in one iteration."""
+        ...
+
+
+def iterate(
+    problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | None = None, *, threads: int = 1
+) -> Iterator[Iteration]:
+    """Schwarz iterations from ``start``, without end unless a subdomain stalls for good.
+
+    One record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``reference`` is
+    the single-domain solution against which errors are recorded. ``threads`` share the subdomains; the meshes do not
+    depend on their number. Haynes and Howse, section 3.
+
+    Where a subdomain stalls, a Newton step is taken on the whole grid. Where a condition of the paper gives a
+    subdomain no solution for good, or a fixed point on which the subdomains do not agree, or none at all, the
+    optimized condition takes over from the start, if the settings allow it; the records say so.
+    """
+    run = _Run(problem, settings, start, threads)
+    yield run.record(0, reference)
+    for number in range(1, 10**9):
+        run.step()
+        record = run.record(number, reference)
+        yield record
+        if record.failed:
+            return
+
+
+class _Run:
+    """The state of a Schwarz iteration."""
+
+    def __init__(self, problem: Problem, settings: Schwarz, start: Mesh, threads: int) -> None:
+        self.problem, self.start, self.threads = problem, start, threads
+        self.decomposition = settings.decompose(problem.grid)
+        self.rounding = smallest_tolerance(problem.grid)
+        self.mesh, self.changes = start, [math.nan]
+        self.corrections = LineCorrections(problem, threads) if settings.line_corrections else None
+        self._begin(settings)
+        count = len(self.subdomains.windows)
+        self.records = tuple(SubdomainRecord(subdomain=k, newton_steps=0, residual=math.nan) for k in range(count))
+        self.mismatch = 0.0
+        self.corrected = Corrected(start)
+        self.global_step = self.accelerated = False
+        self.work = self.traffic = 0
+
+    def _begin(self, settings: Schwarz) -> None:
+        """Begin from the start with these settings."""
+        self.settings = settings
+        self.subdomains = _subdomains(self.problem, self.decomposition, settings, self.threads)
+        self.turns = turns(self.decomposition, settings.ordering)
+        self.states = [window.restrict(self.start) for window in self.subdomains.windows]
+        self.mesh = self.start
+        self.stalls, self.rescues = [0] * len(self.states), 0
+        if settings.line_corrections and self.corrections is None:
+            self.corrections = LineCorrections(self.problem, self.threads)
+        self.anderson = Anderson() if settings.accelerated_by is Acceleration.ANDERSON else None
+        self.since = len(self.changes)
+
+    def step(self) -> None:
+        """One iteration."""
+        if self._has_stalled():
+            self._begin(self.settings.fallen_back())
+        start = self.mesh
+        merged = self._solved()
+        self.mismatch = max(
+            max(window.distance(state, merged))
+            for window, state in zip(self.subdomains.windows, self.states, strict=True)
+        )
+        self.global_step = any(record.stalled for record in self.records)
+        if self.global_step:
+            merged = _newton_step(self.problem, merged)
+        self.corrected = Corrected(merged)
+        if self.corrections is not None and self.settings.line_corrections and not merged.is_folded:
+            self.corrected = self.corrections.apply(merged, self.settings.line_corrections)
+        self.mesh = self._accelerated(start, self.corrected)
+        if self.mesh is not merged or self.global_step:
+            self.states = [window.restrict(self.mesh) for window in self.subdomains.windows]
+        self.changes.append(_distance(self.mesh, start))
+        self._count()
+
+    def record(self, number: int, reference: Mesh | None) -> Iteration:
+        """What there is to say of the last iteration."""
+        physical = mapped(self.mesh, self.problem.domain)
+        records = [self._with_error(record, reference) for record in self.records]
+        return Iteration(
+            iteration=number,
+            problem=self.problem,
+            mesh=physical,
+            reference=self.mesh,
+            min_jacobian=physical.min_jacobian / self.problem.domain.area,
+            change=self.changes[-1],
+            estimate=self._estimate(),
+            mismatch=self.mismatch,
+            subdomains=tuple(records),
+            transmission=self.settings.transmission.name,
+            deviation=self.corrected.deviation,
+            error=None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
+            global_step=self.global_step,
+            accelerated=self.accelerated,
+            failed=max(self.stalls) >= MOST_STALLS and not self._may_fall_back(),
+            work=self.work,
+            traffic=self.traffic,
+        )
+
+    def _solved(self) -> Mesh:
+        """One solve in every subdomain, turn by turn; the merged mesh."""
+        mesh, found = self.mesh, {}
+        whole = self.settings.is_optimized and self.settings.ordering is not Ordering.PARALLEL
+        for turn in self.turns:
+            self.subdomains.begin(self.states, mesh)
+            outcomes = self._outcomes(turn)
+            mesh = Mesh(mesh.x.copy(), mesh.y.copy())
+            for k, outcome in outcomes.items():
+                window = self.subdomains.windows[k]
+                self.states[k] = outcome.solution.mesh
+                window.write(self.states[k], mesh, window.covered if whole else window.part.owned)
+                found[k] = _record(k, outcome)
+        self.records = tuple(found[k] for k in range(len(self.states)))
+        self.stalls = [n + 1 if r.stalled else 0 for n, r in zip(self.stalls, self.records, strict=True)]
+        self.rescues += any(record.classical for record in self.records)
+        return Mesh.of_unit_square(mesh.x, mesh.y)
+
+    def _outcomes(self, turn: list[int]) -> dict[int, Outcome]:
+        found: dict[int, Outcome] = {}
+        threads = min(self.threads, len(turn))
+
+        def work(worker: int) -> None:
+            for k in turn[worker::threads]:
+                found[k] = self.subdomains.solve(k)
+
+        workers.share(threads, work)
+        return {k: found[k] for k in turn}
+
+    def _accelerated(self, start: Mesh, corrected: Corrected) -> Mesh:
+        """The combination of this iteration with those before it, where it is needed and of use."""
+        self.accelerated = False
+        tolerance = self.settings.tolerance
+        done = isinstance(tolerance, float) and corrected.estimate <= max(tolerance, self.rounding)
+        if self.anderson is None or done:
+            return corrected.mesh
+        combined = self.anderson.combined(start, corrected.mesh)
+        self.accelerated = combined is not None
+        return corrected.mesh if combined is None else combined
+
+    def _has_stalled(self) -> bool:
+        """Whether the condition is to give way to the optimized one."""
+        if not self._may_fall_back():
+            return False
+        own = self.changes[self.since :]
+        if max(self.stalls) >= MOST_STALLS or self.rescues >= MOST_RESCUES:
+            return True
+        if own and own[-1] < FALSE_FIXED_POINT * (self.mismatch - self.rounding):
+            return True
+        if len(own) <= STALL_WINDOW or own[-1] <= self.rounding:
+            return False
+        slowest = 1.0 if isinstance(self.settings.transmission, Classical) else SLOWEST  # it is slow by nature
+        return own[-1] >= slowest**STALL_WINDOW * own[-1 - STALL_WINDOW]
+
+    def _may_fall_back(self) -> bool:
+        return self.settings.fallback and not self.settings.is_optimized
+
+    def _estimate(self) -> float:
+        if self.accelerated or math.isnan(self.corrected.estimate):
+            own = [math.nan, *self.changes[self.since :]]
+            return estimated(own, self.rounding)
+        return self.corrected.estimate
+
+    def _with_error(self, record: SubdomainRecord, reference: Mesh | None) -> SubdomainRecord:
+        if reference is None:
+            return record
+        window, state = self.subdomains.windows[record.subdomain], self.states[record.subdomain]
+        error_x, error_y = window.distance(state, reference)
+        return replace(record, error_x=error_x, error_y=error_y)
+
+    def _count(self) -> None:
+        """Work and traffic of the iteration."""
+        windows, shape = self.subdomains.windows, self.problem.grid.shape
+        solved = [k for turn in self.turns for k in turn]
+        self.work = sum(
+            windows[r.subdomain].shape[0] * windows[r.subdomain].shape[1] * max(r.sweeps, r.newton_steps)
+            for r in self.records
+        )
+        self.work += self.corrected.count * shape[0] * shape[1]
+        columns, rows = self.decomposition.subdomains
+        # A correction of all lines takes both neighbours' nodes next to every cut, and a line's sum there and back.
+        cuts = (columns - 1) * shape[1] + (rows - 1) * shape[0]
+        self.traffic = 8 * (sum(self.subdomains.sent(k) for k in solved) + 6 * cuts * self.corrected.count)
+
+
+def _subdomains(problem: Problem, decomposition: Decomposition, settings: Schwarz, threads: int) -> Subdomains:
+    if isinstance(settings.transmission, Optimized):
+        return YieldingSubdomains(problem, decomposition, settings.transmission, threads)
+    return FunctionalSubdomains(problem, decomposition, settings.transmission, settings.local_solver)
+
+
+def _record(k: int, outcome: Outcome) -> SubdomainRecord:
+    solution = outcome.solution
+    return SubdomainRecord(
+        subdomain=k,
+        newton_steps=0 if solution.swept else solution.steps,
+        sweeps=solution.steps if solution.swept else 0,
+        residual=solution.residual,
+        stalled=not solution.converged,
+        classical=outcome.classical,
+    )
+
+
+def _newton_step(problem: Problem, mesh: Mesh) -> Mesh:
+    """The mesh after a guarded Newton step on the whole grid; itself where there is none, or it would cost too much."""
+    if mesh.is_folded or problem.grid.points > MOST_FACTORISED:
+        return mesh
+    *_, last = newton_steps(problem.equations(), mesh, most_steps=1, fast=True)
+    return Mesh.of_unit_square(last.mesh.x, last.mesh.y)
+
+
+def _distance(mesh: Mesh, other: Mesh) -> float:
+    return max(float(abs(mesh.x - other.x).max()), float(abs(mesh.y - other.y).max()))
