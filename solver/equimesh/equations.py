@@ -20,7 +20,8 @@ from equimesh.metric import HalfFlux, LocalMetric, ReferenceMetric, SeenGradient
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
-Triplets: TypeAlias = list[tuple[IntArray, IntArray, Array]]
+Triplet: TypeAlias = tuple[IntArray, IntArray, Array]
+Triplets: TypeAlias = list[Triplet]
 
 # The corners of a cell, counter-clockwise, as offsets along (xi, eta).
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -75,7 +76,10 @@ class Rows:
 
 
 class Condition(Protocol):
-    """What closes one side of a window: as many equations as the side has unknowns of its own."""
+    """What closes one side of a window: as many equations as the side has unknowns of its own.
+
+    Its equations take the place of those of the interior, and of conditions before it, for the same unknowns.
+    """
 
     def rows(self, window: Window) -> Rows:
         """The equations at the present state of the window."""
@@ -141,10 +145,14 @@ class MeshEquations:
     def jacobian(self, z: Array) -> csc_array:
         """The sparse derivative of :meth:`residual`, exact for the discrete equations."""
         window = self.window(z)
-        parts = [part for interior in self._interior(window) for part in interior.triplets()]
-        for condition in self.conditions:
-            parts.extend(condition.rows(window).triplets())
-        rows, columns, data = (np.concatenate([np.ravel(part[k]) for part in parts]) for k in range(3))
+        closings = [condition.rows(window) for condition in self.conditions]
+        owner = np.zeros(2 * self.size, dtype=np.int64)
+        for number, closing in enumerate(closings, 1):
+            owner[closing.rows] = number
+        parts = [_owned(part, owner, 0) for interior in self._interior(window) for part in interior.triplets()]
+        for number, closing in enumerate(closings, 1):
+            parts.extend(_owned(part, owner, number) for part in closing.triplets())
+        rows, columns, data = (np.concatenate([part[k] for part in parts]) for k in range(3))
         return coo_array((data, (rows, columns)), shape=(2 * self.size, 2 * self.size)).tocsc()
 
     def mean_flux(self, z: Array) -> float:
@@ -199,6 +207,13 @@ class MeshEquations:
             slice(0, -1) if along_xi else slice(1, None),
             slice(0, -1) if along_eta else slice(1, None),
         )
+
+
+def _owned(part: Triplet, owner: IntArray, number: int) -> Triplet:
+    """The entries of some rows of the Jacobian without those of rows that another condition has taken over."""
+    row, column, data = (np.ravel(values) for values in part)
+    kept = owner[row] == number
+    return (row, column, data) if kept.all() else (row[kept], column[kept], data[kept])
 
 
 class Cells:

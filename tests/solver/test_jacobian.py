@@ -55,10 +55,10 @@ class OldNeighbours:
         self.part, self.mesh = part, mesh
 
     def functional(self, link: Link) -> InterfaceData:
-        return self.part.functional(self.part.restrict(self.mesh), link)
+        return self.part.functional(self.part.window.restrict(self.mesh), link)
 
     def node(self, link: CornerLink) -> tuple[float, float]:
-        return self.part.node(self.part.restrict(self.mesh), link)
+        return self.part.node(self.part.window.restrict(self.mesh), link)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_subdomain_with_interfaces_on_every_side(condition: em.TransmissionCondi
     decomposition = em.Decomposition(grid=case.grid, subdomains=(3, 3), overlap=2)
     part = SubdomainProblem(case, decomposition, decomposition.parts[number], condition)
     equations = part.equations(OldNeighbours(part, mesh))
-    state = part.restrict(mesh)
+    state = part.window.restrict(mesh)
     check_taylor_remainder(equations, state)
     # Square and consistent: as many equations as unknowns, each unknown with a row of its own.
     matrix = equations.jacobian(equations.vector(state))
