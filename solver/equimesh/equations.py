@@ -211,7 +211,7 @@ class MeshEquations:
 
 def _owned(part: Triplet, owner: IntArray, number: int) -> Triplet:
     """The entries of some rows of the Jacobian without those of rows that another condition has taken over."""
-    row, column, data = (np.ravel(values) for values in part)
+    row, column, data = part[0].ravel(), part[1].ravel(), part[2].ravel()
     kept = owner[row] == number
     return (row, column, data) if kept.all() else (row[kept], column[kept], data[kept])
 

@@ -240,7 +240,7 @@ class _Run:
 
 def _subdomains(problem: Problem, decomposition: Decomposition, settings: Schwarz, threads: int) -> Subdomains:
     if isinstance(settings.transmission, Optimized):
-        return YieldingSubdomains(problem, decomposition, settings.transmission, threads)
+        return YieldingSubdomains(problem, decomposition, settings.transmission, settings.local_solver, threads)
     return FunctionalSubdomains(problem, decomposition, settings.transmission, settings.local_solver)
 
 

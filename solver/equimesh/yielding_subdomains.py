@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from equimesh import yielding
+from equimesh import yielding, yielding_equations
 from equimesh.decomposition import Decomposition
-from equimesh.functional_subdomains import Outcome
+from equimesh.equations import MeshEquations
+from equimesh.functional_subdomains import MOST_LOCAL_STEPS, Outcome
 from equimesh.line_sums import LineSums
-from equimesh.local_solution import LocalSolution
+from equimesh.local_solution import LocalSolution, newton_steps
 from equimesh.mesh import Mesh
 from equimesh.problem import Problem
+from equimesh.schwarz import LocalSolver
 from equimesh.subdomain_sweeps import SubdomainSweeps
 from equimesh.subdomain_window import AXES, SubdomainWindow
 from equimesh.transmission import LineData, Optimized
@@ -19,14 +21,19 @@ from equimesh.transmission import LineData, Optimized
 # A local solve ends when its moves are this share of the first, or after so many sweeps: the interface data is no
 # better. With ten times the accuracy the numbers of iterations are the same.
 ACCURACY, MOST_SWEEPS = 0.1, 4
+# Where sweeps fail, Newton's method is tried on windows of up to so many points.
+MOST_FACTORISED = 257 * 257
 
 
 class YieldingSubdomains:
     """All subdomains of a decomposition, with the optimized condition."""
 
-    def __init__(self, problem: Problem, decomposition: Decomposition, condition: Optimized, threads: int) -> None:
+    def __init__(
+        self, problem: Problem, decomposition: Decomposition, condition: Optimized, solver: LocalSolver, threads: int
+    ) -> None:
         self.windows = [SubdomainWindow(decomposition, part, condition.ghosts) for part in decomposition.parts]
-        self._metric, self._local = problem.metric, condition.data is LineData.LOCAL
+        self._problem, self._local = problem, condition.data is LineData.LOCAL
+        self._by_sweeps = solver is LocalSolver.SWEEPS
         interfaces = tuple(
             {end for span in decomposition.spans[axis] for end in (span.first, span.last)} for axis in AXES
         )
@@ -42,14 +49,30 @@ class YieldingSubdomains:
         self._sums.read(mesh)
 
     def solve(self, k: int) -> Outcome:
-        """The solution of a subdomain, from its part of the merged mesh."""
-        window = self.windows[k]
-        start = window.restrict(self._mesh)
-        sides = yielding.sides(self._metric, window, start, self._sums, local=self._local)
-        solution = self._sweeps[k].solve(start, sides.rest, accuracy=ACCURACY, most=MOST_SWEEPS)
-        if not solution.converged:
-            solution = LocalSolution(start, solution.steps, math.inf, converged=False, swept=True)
-        return Outcome(solution)
+        """The solution of a subdomain, from its part of the merged mesh.
+
+        By sweeps as far as an iteration needs; where they are not asked for, or fail, by Newton's method to rounding.
+        """
+        start, sides = self.received(k)
+        if self._by_sweeps:
+            solution = self._sweeps[k].solve(start, sides.rest, accuracy=ACCURACY, most=MOST_SWEEPS)
+            if solution.converged:
+                return Outcome(solution)
+        if not start.is_folded and (start.x.size <= MOST_FACTORISED or not self._by_sweeps):
+            *_, solution = newton_steps(self.equations(k), start, most_steps=MOST_LOCAL_STEPS, fast=True)
+            if solution.converged:
+                return Outcome(solution)
+        return Outcome(LocalSolution(start, 0, math.inf, converged=False))
+
+    def equations(self, k: int) -> MeshEquations:
+        """The equations of a subdomain, with the data that it has from the merged mesh."""
+        start, sides = self.received(k)
+        return yielding_equations.equations(self._problem, self.windows[k], start, sides)
+
+    def received(self, k: int) -> tuple[Mesh, yielding.Sides]:
+        """What a subdomain knows: its part of the merged mesh, and its yielding sides."""
+        start = self.windows[k].restrict(self._mesh)
+        return start, yielding.sides(self._problem.metric, self.windows[k], start, self._sums, local=self._local)
 
     def sent(self, k: int) -> int:
         """Numbers that a subdomain receives in one iteration: the line beyond each interface, and a sum for each of

@@ -12,6 +12,7 @@ from cases import problem
 from equimesh.equations import MeshEquations
 from equimesh.subdomain import CornerLink, Link, SubdomainProblem
 from equimesh.transmission import InterfaceData
+from equimesh.yielding_subdomains import YieldingSubdomains
 
 STEPS = (1e-3, 5e-4, 2.5e-4)
 
@@ -82,6 +83,21 @@ def test_subdomain_with_interfaces_on_every_side(condition: em.TransmissionCondi
     interior[rows] = True
     assert interior.sum() == 2 * (equations.size - (equations.shape[0] - 2) * (equations.shape[1] - 2))
     assert abs(equations.residual(equations.vector(state))[interior_interface_rows(equations, state)]).max() < 1e-12
+
+
+@pytest.mark.parametrize("boundary", em.Boundary)
+@pytest.mark.parametrize("parts", [(3, 1), (1, 2), (3, 3)], ids=str)
+def test_subdomains_whose_interfaces_yield(boundary: em.Boundary, parts: tuple[int, int]) -> None:
+    case = problem("tanh20", 18, 15, boundary=boundary)
+    decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=2)
+    subdomains = YieldingSubdomains(case, decomposition, em.Optimized(), em.LocalSolver.NEWTON, 1)
+    mesh = em.Mesh.uniform(case.grid)
+    subdomains.begin([], mesh)
+    for k, window in enumerate(subdomains.windows):
+        equations, state = subdomains.equations(k), window.restrict(mesh)
+        check_taylor_remainder(equations, state)
+        matrix = equations.jacobian(equations.vector(state))
+        assert np.count_nonzero(np.diff(matrix.tocsr().indptr)) == 2 * equations.size
 
 
 def interior_interface_rows(equations: MeshEquations, state: em.Mesh) -> list[int]:

@@ -1,0 +1,72 @@
+"""Newton's method for subdomains whose interfaces yield, and for the fixed point of the Schwarz iteration."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh import single_domain, yielding
+from equimesh.local_solution import LocalSolution
+from equimesh.subdomain_sweeps import SubdomainSweeps
+from equimesh.yielding_subdomains import YieldingSubdomains
+
+SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))
+
+
+def bent(case: em.Problem, size: float) -> em.Mesh:
+    """The solution with all nodes moved smoothly, those on sides along them."""
+    *_, step = single_domain.iterate(case)
+    x, y = step.mesh.x, step.mesh.y
+    return em.Mesh(
+        x + size * np.sin(np.pi * x) * np.cos(2 * y + x),
+        y + size * np.sin(np.pi * y) * np.cos(3 * x - y),
+    )
+
+
+def distance(one: em.Mesh, other: em.Mesh) -> float:
+    return float(max(abs(one.x - other.x).max(), abs(one.y - other.y).max()))
+
+
+def check_against_sweeps(case: em.Problem, parts: tuple[int, int], data: em.LineData = em.LineData.LINE_SUMS) -> None:
+    """Newton's method finds what sweeps without end converge to, in every subdomain."""
+    decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=3)
+    mesh = bent(case, 0.01)
+    found = YieldingSubdomains(case, decomposition, em.Optimized(data=data), em.LocalSolver.NEWTON, 1)
+    found.begin([], mesh)
+    for k, window in enumerate(found.windows):
+        start, sides = found.received(k)
+        sweeps = SubdomainSweeps(case, window.shape, yielding.frame(window, case.grid.shape))
+        swept = sweeps.solve(start, sides.rest, accuracy=1e-14, most=400)
+        newton = found.solve(k).solution
+        assert newton.converged
+        assert not newton.swept
+        assert distance(newton.mesh, swept.mesh) < 1e-10
+        assert distance(newton.mesh, start) > 1e-3
+
+
+@pytest.mark.parametrize("boundary", em.Boundary)
+@pytest.mark.parametrize("parts", [(3, 1), (1, 3), (3, 3)], ids=str)
+def test_newton_finds_what_sweeps_converge_to(boundary: em.Boundary, parts: tuple[int, int]) -> None:
+    check_against_sweeps(problem("paper", 18, 15, boundary=boundary), parts)
+
+
+@pytest.mark.parametrize("data", em.LineData)
+def test_newton_finds_what_sweeps_converge_to_on_a_domain(data: em.LineData) -> None:
+    monitor = em.Weight(rho=em.Expression("1 + 2*exp(-10*((x - 0.4)**2 + (y - 0.6)**2))"))
+    case = em.Problem(monitor=monitor, grid=em.Grid(n_xi=15, n_eta=18), domain=SECTOR)
+    check_against_sweeps(case, (3, 3), data)
+
+
+def test_newton_helps_where_sweeps_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_self: SubdomainSweeps, start: em.Mesh, *_: object, **__: object) -> LocalSolution:
+        return LocalSolution(start, 3, np.inf, converged=False, swept=True)
+
+    monkeypatch.setattr(SubdomainSweeps, "solve", fail)
+    settings = em.Schwarz(subdomains=(2, 2), line_correction=0)
+    solution = em.solve(problem("paper", 17), settings)
+    assert solution.status is em.Status.CONVERGED
+    records = [record for iteration in solution.iterations[1:] for record in iteration.subdomains]
+    assert any(record.newton_steps for record in records)
+    assert not any(record.stalled or record.sweeps for record in records)
