@@ -53,7 +53,8 @@ class Solution:
     ``reference`` is the same mesh on the reference square. ``newton_steps`` (or chord sweeps) and ``residual`` (of a
     sweep, the largest relative deviation of a squared metric length from the mean of its line; of Newton's method,
     relative to the mean flux) are those of the finest grid of a single-domain solve, or summed and largest over the
-    subdomains. ``iterations`` is empty for a single-domain solve. ``note`` says more of what happened, ``remedy`` what
+    subdomains. ``iterations`` is empty for a single-domain solve; ``detours`` say what they did in place of what was
+    asked. ``note`` says more of what happened, ``remedy`` what
     to try; it is empty when there is nothing to mend.
     """
 
@@ -66,6 +67,7 @@ class Solution:
     residual: float
     mode: Mode | None = None
     iterations: tuple[Iteration, ...] = ()
+    detours: tuple[str, ...] = ()
     note: str = ""
     remedy: str = ""
     relaxed: tuple[Relaxed, ...] = ()
@@ -103,7 +105,7 @@ class Solution:
             discretization_error=self.discretization_error,
             algebraic_error=self.algebraic_error,
             relaxed=self.relaxed,
-            warnings=tuple(remedies.warnings(self.status, self.relaxed, self.interpolation)),
+            warnings=(*self.detours, *remedies.warnings(self.status, self.relaxed, self.interpolation)),
             interpolation=self.interpolation,
         )
 
@@ -325,7 +327,8 @@ def _finished(
     nested: bool,
 ) -> Solution:
     last = records[-1]
-    notes = [*_detours(schwarz, records), note]
+    detours = tuple(_detours(schwarz, records))
+    notes = [*detours, note]
     if last.failed:
         status = Status.NEWTON_FAILED
         stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
@@ -350,6 +353,7 @@ def _finished(
         newton_steps=sum(r.newton_steps for record in records for r in record.subdomains),
         residual=max(r.residual for r in last.subdomains),
         iterations=tuple(records),
+        detours=detours,
         note=" ".join(text for text in notes if text),
         algebraic_error=_known(last.estimate),
     )
