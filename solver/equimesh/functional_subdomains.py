@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
 
 from equimesh import yielding
 from equimesh.decomposition import Decomposition
+from equimesh.equations import MeshEquations
 from equimesh.frame import Frame
 from equimesh.local_solution import LocalSolution, newton_steps
 from equimesh.mesh import Mesh
@@ -16,7 +21,9 @@ from equimesh.schwarz import LocalSolver
 from equimesh.subdomain import CornerLink, Link, SubdomainProblem
 from equimesh.subdomain_sweeps import SubdomainSweeps
 from equimesh.subdomain_window import SubdomainWindow
-from equimesh.transmission import InterfaceData, PairOfFunctionals
+from equimesh.transmission import Interface, InterfaceCorner, InterfaceData, PairOfFunctionals
+
+Array: TypeAlias = npt.NDArray[np.float64]
 
 # Newton steps that a subdomain solve may take: it starts near its solution or has none near by.
 MOST_LOCAL_STEPS = 25
@@ -30,6 +37,36 @@ class Outcome:
 
     solution: LocalSolution
     classical: bool = False
+
+
+class FunctionalSlopes:
+    """The derivative of the functionals that subdomains receive by the nodes of a merged mesh.
+
+    Sender and receiver take a functional on equal stencils: what the sender has of the mesh, the receiver's part has.
+    """
+
+    def __init__(self, parts: Sequence[SubdomainProblem], equations: Sequence[MeshEquations], mesh: Mesh) -> None:
+        self._windows = [part.window for part in parts]
+        self._rows, self._matrices = [], []
+        for window, local in zip(self._windows, equations, strict=True):
+            z = local.vector(window.restrict(mesh))
+            seen, conditions = local.window(z), local.conditions
+            rows = [c.rows(seen).rows for c in conditions if isinstance(c, Interface | InterfaceCorner)]
+            self._rows.append(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
+            self._matrices.append(local.jacobian(z).tocsr()[self._rows[-1]])
+
+    def received(self, change: tuple[Array, Array]) -> list[Array]:
+        """For every subdomain the change of its equations' right side, when the nodes of the mesh move by ``change``.
+
+        ``change`` is of two arrays of the grid's shape, a right side as the vector of the subdomain's equations.
+        """
+        found = []
+        for window, rows, matrix in zip(self._windows, self._rows, self._matrices, strict=True):
+            moved = np.concatenate([q[window.slices].ravel() for q in change])
+            right = np.zeros(moved.size)
+            right[rows] = matrix @ moved
+            found.append(right)
+        return found
 
 
 @dataclass(frozen=True)
@@ -86,6 +123,15 @@ class FunctionalSubdomains:
                 if solution.converged:
                     return Outcome(solution, rescue)
         return Outcome(LocalSolution(states[k], 0, math.inf, converged=False))
+
+    def equations(self, k: int) -> MeshEquations:
+        """The equations of a subdomain, with the data that it has from its neighbours."""
+        return self.parts[k].equations(_Exchange(self.parts, self._read[0]))
+
+    def slopes(self, states: Sequence[Mesh]) -> FunctionalSlopes:
+        """How what the subdomains receive changes with the merged mesh, where the states are parts of it."""
+        del states  # the data enters the equations as it is, whatever the solution
+        return FunctionalSlopes(self.parts, [self.equations(k) for k in range(len(self.parts))], self._read[1])
 
     def sent(self, k: int) -> int:
         """Numbers that a subdomain receives in one iteration."""

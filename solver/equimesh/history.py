@@ -43,6 +43,7 @@ def _iteration(record: Iteration) -> dict[str, Any]:
         "accelerated": record.accelerated,
         "work": record.work,
         "traffic": record.traffic,
+        "products": record.products,
         "subdomains": [_subdomain(r) for r in record.subdomains],
     }
 

@@ -48,9 +48,11 @@ class Iteration:
 
     ``transmission`` names the condition that was used, which is not the asked one after a fallback. ``global_step``
     says that a Newton step was taken on the whole grid, as a subdomain had stalled; ``accelerated`` that the mesh is a
-    combination of several iterations. ``failed`` ends the iteration: a subdomain has stalled for good. ``work`` is how
-    many nodes were corrected, counted as often as they were, and ``traffic`` how many bytes the subdomains would send
-    each other if each had a machine of its own.
+    combination of several iterations, or a Newton step for their fixed point. ``failed`` ends the iteration: a
+    subdomain has stalled for good. ``work`` is how many nodes were corrected, counted as often as they were, and
+    ``traffic`` how many bytes the subdomains would send each other if each had a machine of its own. Neither counts
+    ``products``: those with the derivative of the iteration in a Newton step (RASPEN), each a solve with the factors of
+    every subdomain.
     """
 
     iteration: int
@@ -70,6 +72,7 @@ class Iteration:
     failed: bool = False
     work: int = 0
     traffic: int = 0
+    products: int = 0
 
     @cached_property
     def max_q_eq(self) -> float:

@@ -45,7 +45,8 @@ class Acceleration(StrEnum):
     """What is made of several iterations.
 
     ``NONE``: the last one is taken as it is. ``ANDERSON``: the combination of the last ones whose changes nearly
-    cancel, where it does not fold. ``NEWTON``: Newton's method for the fixed point of the iteration (RASPEN).
+    cancel, where it does not fold. ``NEWTON``: Newton's method for the fixed point of the parallel iteration (RASPEN):
+    few iterations and many sparse solves; subdomains are solved by Newton's method, too.
     """
 
     NONE = "none"
@@ -99,6 +100,7 @@ class Schwarz:
                 f'line_correction = {corrections!r}: a whole number from 0 to {MOST_LINE_CORRECTIONS}, or "auto"',
                 field="schwarz.line_correction",
             )
+        self._check_newton()
         if not (self.tolerance is None or self.tolerance == "discretization" or _is_positive(self.tolerance)):
             raise InputError(
                 f'tolerance = {self.tolerance!r}: must be positive, or "discretization", or null for a fixed number of'
@@ -107,6 +109,21 @@ class Schwarz:
             )
         if self.max_iterations < 1:
             raise InputError(f"max_iterations = {self.max_iterations}: at least 1", field="schwarz.max_iterations")
+
+    def _check_newton(self) -> None:
+        """Newton's method knows the derivative of a parallel iteration without line corrections, and of no other."""
+        if self.acceleration != Acceleration.NEWTON:
+            return
+        if self.ordering is not Ordering.PARALLEL:
+            raise InputError(
+                f'ordering = "{self.ordering}" with acceleration = "newton": Newton\'s method needs "parallel"',
+                field="schwarz.ordering",
+            )
+        if self.line_corrections:
+            raise InputError(
+                f'line_correction = {self.line_correction} with acceleration = "newton": must be 0, or "auto"',
+                field="schwarz.line_correction",
+            )
 
     def decompose(self, grid: Grid) -> Decomposition:
         """The subdomains on a grid; raises :class:`~equimesh.errors.DecompositionError` where they do not fit."""
@@ -130,6 +147,11 @@ class Schwarz:
         if self.acceleration == "auto":
             return Acceleration.ANDERSON if self.is_optimized else Acceleration.NONE
         return Acceleration(self.acceleration)
+
+    @property
+    def solved_by(self) -> LocalSolver:
+        """How subdomains are solved: Newton's method for the iteration needs solutions to rounding."""
+        return LocalSolver.NEWTON if self.accelerated_by is Acceleration.NEWTON else self.local_solver
 
     def fallen_back(self) -> Schwarz:
         """The settings that take over where these stall."""

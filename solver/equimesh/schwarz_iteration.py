@@ -17,11 +17,11 @@ from equimesh.line_corrections import Corrected, LineCorrections
 from equimesh.local_solution import newton_steps
 from equimesh.mesh import Mesh
 from equimesh.problem import Problem
+from equimesh.raspen import Differentiable, Raspen
 from equimesh.schwarz import Acceleration, Ordering, Schwarz, smallest_tolerance
-from equimesh.subdomain_window import SubdomainWindow
 from equimesh.transmission import Classical, Optimized
 from equimesh.turns import turns
-from equimesh.yielding_subdomains import YieldingSubdomains
+from equimesh.yielding_subdomains import MOST_FACTORISED, YieldingSubdomains
 
 # After this many iterations in which some subdomain had to take classical data, another condition takes over.
 MOST_RESCUES = 3
@@ -32,14 +32,10 @@ MOST_STALLS = 3
 FALSE_FIXED_POINT = 1e-3
 # Changes that fall by less than this factor over so many iterations are a stall, except where it is predicted.
 SLOWEST, STALL_WINDOW = 0.9, 8
-# A global Newton step is taken on grids of up to so many points.
-MOST_FACTORISED = 257 * 257
 
 
-class Subdomains(Protocol):
+class Subdomains(Differentiable, Protocol):
     """All subdomains of a decomposition, with what they tell each other."""
-
-    windows: list[SubdomainWindow]
 
     def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
         """Read these states, and the mesh that they merge to, in the solves to come."""
@@ -92,7 +88,7 @@ class _Run:
         self.mismatch = 0.0
         self.corrected = Corrected(start)
         self.global_step = self.accelerated = False
-        self.work = self.traffic = 0
+        self.work = self.traffic = self.products = 0
 
     def _begin(self, settings: Schwarz) -> None:
         """Begin from the start with these settings."""
@@ -105,6 +101,8 @@ class _Run:
         if settings.line_corrections and self.corrections is None:
             self.corrections = LineCorrections(self.problem, self.threads)
         self.anderson = Anderson() if settings.accelerated_by is Acceleration.ANDERSON else None
+        by_newton = settings.accelerated_by is Acceleration.NEWTON
+        self.newton = Raspen(self.subdomains, self.rounding, self.threads) if by_newton else None
         self.since = len(self.changes)
 
     def step(self) -> None:
@@ -124,7 +122,7 @@ class _Run:
         if self.corrections is not None and self.settings.line_corrections and not merged.is_folded:
             self.corrected = self.corrections.apply(merged, self.settings.line_corrections)
         self.mesh = self._accelerated(start, self.corrected)
-        if self.mesh is not merged or self.global_step:
+        if self.mesh is not merged or self.global_step or self.newton:
             self.states = [window.restrict(self.mesh) for window in self.subdomains.windows]
         self.changes.append(_distance(self.mesh, start))
         self._count()
@@ -151,6 +149,7 @@ class _Run:
             failed=max(self.stalls) >= MOST_STALLS and not self._may_fall_back(),
             work=self.work,
             traffic=self.traffic,
+            products=self.products,
         )
 
     def _solved(self) -> Mesh:
@@ -184,7 +183,9 @@ class _Run:
 
     def _accelerated(self, start: Mesh, corrected: Corrected) -> Mesh:
         """The combination of this iteration with those before it, where it is needed and of use."""
-        self.accelerated = False
+        self.accelerated, self.products = False, 0
+        if self.newton is not None:
+            return self._by_newton(self.newton, start, corrected.mesh)
         tolerance = self.settings.tolerance
         done = isinstance(tolerance, float) and corrected.estimate <= max(tolerance, self.rounding)
         if self.anderson is None or done:
@@ -192,6 +193,14 @@ class _Run:
         combined = self.anderson.combined(start, corrected.mesh)
         self.accelerated = combined is not None
         return corrected.mesh if combined is None else combined
+
+    def _by_newton(self, newton: Raspen, start: Mesh, result: Mesh) -> Mesh:
+        """The mesh after a Newton step for the fixed point, where all subdomains have solved what was asked."""
+        if any(record.stalled or record.classical for record in self.records):
+            return result
+        combined = newton.combined(start, result, self.states)
+        self.accelerated, self.products = combined is not None, newton.products
+        return result if combined is None else combined
 
     def _has_stalled(self) -> bool:
         """Whether the condition is to give way to the optimized one."""
@@ -240,8 +249,8 @@ class _Run:
 
 def _subdomains(problem: Problem, decomposition: Decomposition, settings: Schwarz, threads: int) -> Subdomains:
     if isinstance(settings.transmission, Optimized):
-        return YieldingSubdomains(problem, decomposition, settings.transmission, settings.local_solver, threads)
-    return FunctionalSubdomains(problem, decomposition, settings.transmission, settings.local_solver)
+        return YieldingSubdomains(problem, decomposition, settings.transmission, settings.solved_by, threads)
+    return FunctionalSubdomains(problem, decomposition, settings.transmission, settings.solved_by)
 
 
 def _record(k: int, outcome: Outcome) -> SubdomainRecord:

@@ -17,11 +17,12 @@ from equimesh.schwarz import LocalSolver
 from equimesh.subdomain_sweeps import SubdomainSweeps
 from equimesh.subdomain_window import AXES, SubdomainWindow
 from equimesh.transmission import LineData, Optimized
+from equimesh.yielding_slopes import YieldingSlopes
 
 # A local solve ends when its moves are this share of the first, or after so many sweeps: the interface data is no
 # better. With ten times the accuracy the numbers of iterations are the same.
 ACCURACY, MOST_SWEEPS = 0.1, 4
-# Where sweeps fail, Newton's method is tried on windows of up to so many points.
+# Where sweeps fail, Newton's method is tried on windows or grids of up to so many points.
 MOST_FACTORISED = 257 * 257
 
 
@@ -68,6 +69,10 @@ class YieldingSubdomains:
         """The equations of a subdomain, with the data that it has from the merged mesh."""
         start, sides = self.received(k)
         return yielding_equations.equations(self._problem, self.windows[k], start, sides)
+
+    def slopes(self, states: Sequence[Mesh]) -> YieldingSlopes:
+        """How what the subdomains receive changes with the mesh that is read, at their solutions ``states``."""
+        return YieldingSlopes(self._problem, self.windows, self._sums, self._mesh, states, local=self._local)
 
     def received(self, k: int) -> tuple[Mesh, yielding.Sides]:
         """What a subdomain knows: its part of the merged mesh, and its yielding sides."""

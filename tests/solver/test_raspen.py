@@ -8,7 +8,9 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh import single_domain, yielding
+from equimesh.functional_subdomains import FunctionalSubdomains
 from equimesh.local_solution import LocalSolution
+from equimesh.raspen import Slope
 from equimesh.subdomain_sweeps import SubdomainSweeps
 from equimesh.yielding_subdomains import YieldingSubdomains
 
@@ -70,3 +72,37 @@ def test_newton_helps_where_sweeps_fail(monkeypatch: pytest.MonkeyPatch) -> None
     records = [record for iteration in solution.iterations[1:] for record in iteration.subdomains]
     assert any(record.newton_steps for record in records)
     assert not any(record.stalled or record.sweeps for record in records)
+
+
+KINDS = [em.Classical(), em.LinearRobin(), em.NonlinearRobin(), em.Optimized(data=em.LineData.LOCAL)]
+CASES = [(kind, em.Boundary.TRACE) for kind in KINDS] + [(em.Optimized(), boundary) for boundary in em.Boundary]
+
+
+@pytest.mark.parametrize(("kind", "boundary"), CASES, ids=lambda case: getattr(case, "name", case))
+def test_the_derivative_of_an_iteration_is_exact(kind: em.TransmissionCondition, boundary: em.Boundary) -> None:
+    """The remainder of the linearised iteration falls by 4 when the step is halved."""
+    case = problem("paper", 16, 13, boundary=boundary)
+    decomposition = em.Decomposition(grid=case.grid, subdomains=(2, 2), overlap=3)
+    arguments = case, decomposition, kind, em.LocalSolver.NEWTON
+    found = YieldingSubdomains(*arguments, 1) if isinstance(kind, em.Optimized) else FunctionalSubdomains(*arguments)
+
+    def iterated(mesh: em.Mesh) -> tuple[np.ndarray, list[em.Mesh]]:
+        found.begin([window.restrict(mesh) for window in found.windows], mesh)
+        outcomes = [found.solve(k) for k in range(len(found.windows))]
+        assert all(outcome.solution.converged and not outcome.classical for outcome in outcomes)
+        states = [outcome.solution.mesh for outcome in outcomes]
+        merged = em.Mesh(mesh.x.copy(), mesh.y.copy())
+        for window, state in zip(found.windows, states, strict=True):
+            window.write(state, merged, window.part.owned)
+        return np.stack([merged.x, merged.y]), states
+
+    mesh = bent(case, 0.002)
+    change = [bent(case, size) for size in (0.0, 1.0)]
+    x, y = change[1].x - change[0].x + np.sin(8 * mesh.y) * np.sin(np.pi * mesh.x), change[1].y - change[0].y
+    steps = (2e-4, 1e-4)
+    results = [iterated(em.Mesh(mesh.x + h * x, mesh.y + h * y))[0] for h in steps]
+    value, states = iterated(mesh)
+    slope = np.stack(Slope(found, states)((x, y)))
+    remainders = [abs(result - value - h * slope).max() for h, result in zip(steps, results, strict=True)]
+    assert abs(slope).max() > 0.1
+    assert 3.7 < remainders[0] / remainders[1] < 4.3
