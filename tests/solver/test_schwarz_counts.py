@@ -1,0 +1,131 @@
+"""Schwarz that scales: how many iterations it takes, and that the mesh is the same for any decomposition."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import functions
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.line_corrections import LineCorrections
+from equimesh.nested import halved, prolong
+
+FUNCTIONS = ("paper", "sine", "ring", "tanh20", "tanh60", "wave")
+COUNTS = (2, 4, 8, 16, 32)
+STRIPS_XI = [(count, 1) for count in COUNTS]
+STRIPS_ETA = [(1, count) for count in COUNTS]
+BLOCKS = [(2, 2), (4, 4), (8, 8)]
+DECOMPOSITIONS = [*STRIPS_XI, *STRIPS_ETA, *BLOCKS, (3, 5)]
+OVERLAPS = (2, 4)
+
+CLASSICAL = em.Schwarz(transmission=em.Classical(), line_correction=3, acceleration=em.Acceleration.ANDERSON)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem with its single-domain mesh, and the mesh of a grid half as fine to start from."""
+
+    problem: em.Problem
+    mesh: em.Mesh
+    start: em.Mesh
+
+    @classmethod
+    def of(cls, name: str, n: int) -> Case:
+        problem = _problem(name, em.Grid(n_xi=n, n_eta=n))
+        coarser = em.solve(_problem(name, halved(problem.grid)), mode=em.Mode.TIGHT).reference
+        mesh = em.solve(problem, mode=em.Mode.TIGHT).reference
+        return cls(problem, LineCorrections(problem, 1).apply(mesh, 4).mesh, prolong(coarser, problem.grid))
+
+    def error(self, mesh: em.Mesh) -> float:
+        return max(float(np.abs(mesh.x - self.mesh.x).max()), float(np.abs(mesh.y - self.mesh.y).max()))
+
+    def iterations(self, settings: em.Schwarz, *, claimed: bool = True) -> int:
+        """Until the error has fallen by 1e-6, to 1e-9 at least; with ``claimed`` it must be when that is claimed, too."""
+        needed, bound = None, min(1e-6 * self.error(self.start), 1e-9)
+        for record in itertools.islice(em.iterate(self.problem, settings, self.start), 15):
+            error = self.error(record.reference)
+            if needed is None and error <= bound:
+                needed = record.iteration
+            if record.meets(1e-10):
+                assert error < 1e-9, settings
+                claimed = False
+            if needed is not None and not claimed:
+                return needed
+        raise AssertionError(f"not converged: {settings}")
+
+
+def _problem(name: str, grid: em.Grid) -> em.Problem:
+    return em.Problem(monitor=em.ArcLength(u=em.Expression(functions.FUNCTIONS[name].u)), grid=grid)
+
+
+@pytest.mark.parametrize("n", [65, 129, 257])
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_default_kind_needs_8_iterations_at_most_and_gives_the_single_domain_mesh(name: str, n: int) -> None:
+    """In practice 7. From the smallest to the largest number of subdomains the count grows by 2 at most."""
+    case = Case.of(name, n)
+    for overlap in OVERLAPS:
+        counts = {
+            subdomains: case.iterations(em.Schwarz(subdomains=subdomains, overlap=overlap), claimed=n == 65)
+            for subdomains in DECOMPOSITIONS
+        }
+        assert max(counts.values()) <= 7, counts
+        for family in (STRIPS_XI, STRIPS_ETA, BLOCKS):
+            assert counts[family[-1]] - counts[family[0]] <= 2, counts
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_classical_with_line_corrections_needs_12_iterations_at_most(name: str) -> None:
+    """In practice 9, where without them 4 strips take some 60 (tests/solver/test_rates.py)."""
+    case = Case.of(name, 65)
+    for overlap, subdomains in itertools.product(OVERLAPS, DECOMPOSITIONS):
+        settings = em.Schwarz(
+            subdomains=subdomains,
+            overlap=overlap,
+            transmission=CLASSICAL.transmission,
+            line_correction=CLASSICAL.line_correction,
+            acceleration=CLASSICAL.acceleration,
+        )
+        assert case.iterations(settings) <= 9, settings
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_mesh_depends_on_no_ordering(name: str) -> None:
+    """Those besides the parallel one, which the other tests run; each with fewer iterations, or as many."""
+    case = Case.of(name, 33)
+    for subdomains in [(2, 1), (1, 7), (12, 1), (2, 2), (3, 5)]:
+        settings = [em.Schwarz(subdomains=subdomains, overlap=3, ordering=ordering) for ordering in em.Ordering]
+        counts = {str(one.ordering): case.iterations(one) for one in settings}
+        assert max(counts.values()) <= 7, counts
+
+
+def test_line_sums_make_the_count_independent_of_the_number_of_strips() -> None:
+    """Without line corrections and acceleration, which would hide it."""
+    case = Case.of("paper", 65)
+    counts: dict[em.LineData, list[int]] = {data: [] for data in em.LineData}
+    for data, count in itertools.product(em.LineData, (2, 4, 8)):
+        settings = em.Schwarz(
+            subdomains=(count, 1),
+            transmission=em.Optimized(data=data),
+            line_correction=0,
+            acceleration=em.Acceleration.NONE,
+        )
+        bound = 1e-6 * case.error(case.start)
+        records = em.iterate(case.problem, settings, case.start)
+        counts[data].append(next(r.iteration for r in records if case.error(r.reference) <= bound))
+    assert max(counts[em.LineData.LINE_SUMS]) <= 6
+    assert counts[em.LineData.LOCAL] == sorted(counts[em.LineData.LOCAL])
+    assert counts[em.LineData.LOCAL][-1] >= 3 * counts[em.LineData.LOCAL][0]
+
+
+def test_meshes_do_not_depend_on_the_number_of_threads() -> None:
+    case = Case.of("wave", 65)
+    for ordering in (em.Ordering.PARALLEL, em.Ordering.COLOURED):
+        settings = em.Schwarz(subdomains=(3, 2), ordering=ordering)
+        one, *others = (
+            list(itertools.islice(em.iterate(case.problem, settings, case.start, threads=threads), 3))[-1].reference
+            for threads in (1, 2, 5)
+        )
+        assert all(np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y) for other in others)
