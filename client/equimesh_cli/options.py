@@ -13,7 +13,20 @@ from equimesh_cli.monitors import add_monitor_options, check_monitor, domain
 if TYPE_CHECKING:
     from equimesh_client import Schwarz
 
-SCHWARZ = ("overlap", "transmission", "p", "ordering", "tolerance", "max_iterations", "compare")
+SCHWARZ = (
+    "overlap",
+    "transmission",
+    "interface_data",
+    "p",
+    "ordering",
+    "line_correction",
+    "acceleration",
+    "local_solver",
+    "no_fallback",
+    "tolerance",
+    "max_iterations",
+    "compare",
+)
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence")
 
@@ -67,31 +80,62 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "--partial", action="store_true", help="write the mesh of a failed solve, too, if it is not folded"
     )
     mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
-    schwarz = parser.add_argument_group("Schwarz iteration", "without --subdomains there is a single domain")
-    schwarz.add_argument("--subdomains", metavar="AxB", type=_subdomains, help="along xi and eta, e.g. 2x1")
-    schwarz.add_argument("--overlap", type=int, help="points that neighbours share, at least 2 (4)")
-    schwarz.add_argument(
-        "--transmission",
-        choices=("classical", "linear_robin", "nonlinear_robin"),
-        help="condition at the interfaces (linear_robin)",
-    )
-    schwarz.add_argument("--p", type=_number_or("auto"), help="its parameter, a positive number or auto (auto)")
-    schwarz.add_argument("--ordering", choices=("alternating", "parallel"), help="(alternating)")
-    schwarz.add_argument(
-        "--tolerance",
-        type=_number_or("none"),
-        help="end of the iteration; none: run --max-iterations (1e-10)",
-    )
-    schwarz.add_argument("--max-iterations", type=int, help="most iterations (100)")
-    schwarz.add_argument(
-        "--compare", action="store_true", default=None, help="record the error against the single domain"
-    )
+    _add_schwarz_options(parser)
     results = parser.add_argument_group("results")
     results.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the mesh: .vtu .vtk .xdmf .msh .npz")
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
     results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
     results.add_argument("--json", action="store_true", help="print one JSON object instead of tables")
     results.add_argument("--quiet", action="store_true", help="no progress bar, no tables")
+
+
+def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
+    schwarz = parser.add_argument_group("Schwarz iteration", "without --subdomains there is a single domain")
+    schwarz.add_argument("--subdomains", metavar="AxB", type=_subdomains, help="along xi and eta, e.g. 2x1")
+    schwarz.add_argument("--overlap", type=int, help="points that neighbours share, at least 2 (4)")
+    schwarz.add_argument(
+        "--transmission",
+        choices=("optimized", "classical", "linear_robin", "nonlinear_robin"),
+        help="condition at the interfaces (optimized)",
+    )
+    schwarz.add_argument(
+        "--interface-data",
+        choices=("line_sums", "local"),
+        help="optimized: what an interface knows of the lines beyond it (line_sums)",
+    )
+    schwarz.add_argument(
+        "--p", type=_number_or("auto"), help="parameter of a Robin condition, a positive number or auto (auto)"
+    )
+    schwarz.add_argument(
+        "--ordering",
+        choices=("parallel", "alternating", "symmetric", "coloured"),
+        help="which subdomains are solved at the same time (parallel)",
+    )
+    schwarz.add_argument(
+        "--line-correction",
+        metavar="N",
+        type=_whole_or_auto,
+        help="corrections of all grid lines after every iteration, 0 to 10, or auto (auto: 3 for optimized, else 0)",
+    )
+    schwarz.add_argument(
+        "--acceleration",
+        choices=("auto", "none", "anderson", "newton"),
+        help="what is made of several iterations (auto: anderson for optimized, else none)",
+    )
+    schwarz.add_argument("--local-solver", choices=("sweeps", "newton"), help="how a subdomain is solved (sweeps)")
+    schwarz.add_argument(
+        "--no-fallback", action="store_true", default=None, help="never change to optimized where another stalls"
+    )
+    schwarz.add_argument(
+        "--tolerance",
+        type=_number_or("discretization", "none"),
+        help="end of the iteration: an estimated error, discretization for a part of that of the grid, or none to run "
+        "--max-iterations (1e-10)",
+    )
+    schwarz.add_argument("--max-iterations", type=int, help="most iterations (100)")
+    schwarz.add_argument(
+        "--compare", action="store_true", default=None, help="record the error against the single domain"
+    )
 
 
 def check_options(options: argparse.Namespace, suffixes: tuple[str, ...]) -> None:
@@ -121,8 +165,12 @@ def schwarz_of(options: argparse.Namespace) -> Schwarz | None:
     return Schwarz(
         subdomains=options.subdomains,
         overlap=_given(options.overlap, defaults.overlap),
-        transmission=transmission(options.transmission or "linear_robin", options.p),
+        transmission=transmission(options.transmission or "optimized", options.p, options.interface_data),
         ordering=options.ordering or defaults.ordering,
+        line_correction=defaults.line_correction if options.line_correction is None else options.line_correction,
+        acceleration=options.acceleration or defaults.acceleration,
+        local_solver=options.local_solver or defaults.local_solver,
+        fallback=not options.no_fallback,
         tolerance=None if tolerance == "none" else tolerance,
         max_iterations=_given(options.max_iterations, defaults.max_iterations),
         compare_single_domain=bool(options.compare),
@@ -152,13 +200,20 @@ def parameter(text: str) -> tuple[str, float]:
     raise argparse.ArgumentTypeError(f"{text!r} is not like c=2.5")
 
 
-def _number_or(word: Literal["auto", "none"]) -> Callable[[str], float | str]:
+def _number_or(*words: str) -> Callable[[str], float | str]:
     def read(text: str) -> float | str:
-        if text.lower() == word:
-            return word
+        if text.lower() in words:
+            return text.lower()
         try:
             return float(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor {word}") from None
+            raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor {' nor '.join(words)}") from None
 
     return read
+
+
+def _whole_or_auto(text: str) -> int | Literal["auto"]:
+    try:
+        return "auto" if text.lower() == "auto" else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None

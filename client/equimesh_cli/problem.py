@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,16 +33,8 @@ def build_schwarz(options: argparse.Namespace) -> em.Schwarz | None:
     if asked is None:
         return None
     condition = getattr(em, type(asked.transmission).__name__)
-    p = getattr(asked.transmission, "p", None)
-    return em.Schwarz(
-        subdomains=asked.subdomains,
-        overlap=asked.overlap,
-        transmission=condition() if p is None else condition(p=p),
-        ordering=em.Ordering(asked.ordering),
-        tolerance=asked.tolerance,
-        max_iterations=asked.max_iterations,
-        compare_single_domain=asked.compare_single_domain,
-    )
+    settings = {field.name: getattr(asked, field.name) for field in fields(asked)}
+    return em.Schwarz(**{**settings, "transmission": condition(**asdict(asked.transmission))})
 
 
 def pointed(error: em.ExpressionError, text: str) -> str:

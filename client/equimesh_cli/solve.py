@@ -24,7 +24,9 @@ EXAMPLES = """\
 examples:
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 12 --boundary equidistributed_1d --initial uniform \\
-      --subdomains 2x1 --overlap 2 --p 2.3 --compare --plot convergence.png --plot-kind convergence
+      --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --ordering alternating --compare \\
+      --plot convergence.png --plot-kind convergence
+  equimesh solve 'tanh(20*(x-y))' -n 129 --subdomains 8x1 --tolerance discretization -o mesh.vtu
   equimesh solve -n 33 -- '-x*y'
   equimesh solve --samples u.csv -n 129 -o mesh.msh --cells triangle
   equimesh solve 'tanh(20*(x-y))' -n 65 --monitor curvature --norm h1 --domain annulus:1,2,0,90

@@ -38,7 +38,7 @@ from equimesh_client.pictures import Plot
 from equimesh_client.records import Convergence, Measure, MeshArrays, Progress, Quality
 from equimesh_client.retry import RetryPolicy
 from equimesh_client.sources import StoredSamples, Upload
-from equimesh_client.spec import Classical, LinearRobin, NonlinearRobin, Schwarz
+from equimesh_client.spec import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.stream import Event
 
 __all__ = [
@@ -68,6 +68,7 @@ __all__ = [
     "MeshFailed",
     "NonlinearRobin",
     "NotFound",
+    "Optimized",
     "Plot",
     "ProblemError",
     "Progress",

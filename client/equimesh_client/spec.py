@@ -9,19 +9,36 @@ from typing import Any, Literal, TypeAlias
 from equimesh_client.errors import BadArgument
 
 BOUNDARIES = ("trace", "equidistributed_1d", "orthogonal")
-ORDERINGS = ("alternating", "parallel")
+ORDERINGS = ("parallel", "alternating", "symmetric", "coloured")
 INITIALS = ("nested", "uniform")
 CELLS = ("quad", "triangle")
 MODES = ("discretization", "tight")
-TRANSMISSIONS = ("classical", "linear_robin", "nonlinear_robin")
+TRANSMISSIONS = ("optimized", "classical", "linear_robin", "nonlinear_robin")
+INTERFACE_DATA = ("line_sums", "local")
+ACCELERATIONS = ("auto", "none", "anderson", "newton")
+LOCAL_SOLVERS = ("sweeps", "newton")
 
 Json: TypeAlias = dict[str, Any]
 Parameter: TypeAlias = float | Literal["auto"]
 
 
 @dataclass(frozen=True)
+class Optimized:
+    """Interfaces that yield as the rest of every grid line does: a handful of iterations for any number of subdomains.
+
+    With ``data="local"`` they know no more of that rest than its first edge, and need more iterations.
+    """
+
+    data: str = "line_sums"
+
+    def json(self) -> Json:
+        """The condition as the HTTP interface writes it."""
+        return {"kind": "optimized", "data": str(self.data)}
+
+
+@dataclass(frozen=True)
 class Classical:
-    """Dirichlet values are exchanged at the interfaces. Needs no parameter and converges slowly."""
+    """Positions are exchanged at the interfaces. Needs no parameter and converges slowly."""
 
     def json(self) -> Json:
         """The condition as the HTTP interface writes it."""
@@ -30,7 +47,7 @@ class Classical:
 
 @dataclass(frozen=True)
 class LinearRobin:
-    """The linear Robin condition with parameter ``p`` > 0, or ``"auto"`` for the service's choice."""
+    """The paper's linear Robin condition with parameter ``p`` > 0, or ``"auto"`` for the service's choice."""
 
     p: Parameter = "auto"
 
@@ -41,7 +58,7 @@ class LinearRobin:
 
 @dataclass(frozen=True)
 class NonlinearRobin:
-    """The nonlinear Robin condition with parameter ``p`` > 0, or ``"auto"`` for the service's choice."""
+    """The paper's nonlinear Robin condition with parameter ``p`` > 0, or ``"auto"`` for the service's choice."""
 
     p: Parameter = "auto"
 
@@ -50,23 +67,31 @@ class NonlinearRobin:
         return {"kind": "nonlinear_robin", "p": self.p}
 
 
-Transmission: TypeAlias = Classical | LinearRobin | NonlinearRobin
+Transmission: TypeAlias = Optimized | Classical | LinearRobin | NonlinearRobin
 
 
 @dataclass(frozen=True, kw_only=True)
 class Schwarz:
     """How the domain is divided and how the parts are brought to agree.
 
-    ``subdomains`` counts them along xi and eta; ``overlap`` is in grid points, at least 2.
-    ``tolerance=None`` runs exactly ``max_iterations``. ``compare_single_domain=True`` also solves without
-    division and records the error of every iteration against that mesh.
+    ``subdomains`` counts them along xi and eta; ``overlap`` is in grid points, at least 2. ``line_correction`` is how
+    many times all grid lines are corrected as a whole after every iteration, 0 to 10 or ``"auto"``. ``fallback`` lets
+    the optimized condition take over where another stalls.
+
+    The iteration ends when the estimated error is at most ``tolerance``; ``"discretization"`` is a fifth of the error
+    that the grid makes anyway, and ``None`` runs exactly ``max_iterations``. ``compare_single_domain=True`` also solves
+    without division and records the error of every iteration against that mesh.
     """
 
     subdomains: tuple[int, int] = (2, 1)
     overlap: int = 4
-    transmission: Transmission = field(default_factory=LinearRobin)
-    ordering: str = "alternating"
-    tolerance: float | None = 1e-10
+    transmission: Transmission = field(default_factory=Optimized)
+    ordering: str = "parallel"
+    line_correction: int | Literal["auto"] = "auto"
+    acceleration: str = "auto"
+    local_solver: str = "sweeps"
+    fallback: bool = True
+    tolerance: float | Literal["discretization"] | None = 1e-10
     max_iterations: int = 100
     compare_single_domain: bool = False
 
@@ -76,29 +101,37 @@ class Schwarz:
             "subdomains": list(self.subdomains),
             "overlap": self.overlap,
             "transmission": self.transmission.json(),
-            "ordering": self.ordering,
+            "ordering": str(self.ordering),
+            "line_correction": self.line_correction,
+            "acceleration": str(self.acceleration),
+            "local_solver": str(self.local_solver),
+            "fallback": self.fallback,
             "tolerance": self.tolerance,
             "max_iterations": self.max_iterations,
             "compare_single_domain": self.compare_single_domain,
         }
 
 
-def transmission(kind: str, p: Parameter | None = None) -> Transmission:
-    """The transmission condition named ``kind``, with ``p`` if it takes one (``"auto"`` by default).
+def transmission(kind: str, p: Parameter | None = None, data: str | None = None) -> Transmission:
+    """The transmission condition named ``kind``: with ``p`` if it is a Robin condition, with ``data`` if optimized.
 
-    Raises :class:`BadArgument` for an unknown name, or a parameter for ``classical``.
+    Raises :class:`BadArgument` for an unknown name, and for a parameter that the condition does not have.
     """
-    if kind == "classical":
-        if p not in (None, "auto"):
-            raise BadArgument("classical transmission takes no parameter p")
-        return Classical()
-    conditions: dict[str, type[LinearRobin | NonlinearRobin]] = {
-        "linear_robin": LinearRobin,
-        "nonlinear_robin": NonlinearRobin,
-    }
-    if kind not in conditions:
+    if kind not in TRANSMISSIONS:
         raise BadArgument(f"unknown transmission {kind!r}; there are {', '.join(TRANSMISSIONS)}")
-    return conditions[kind]("auto" if p is None else p)
+    if data is not None and kind != "optimized":
+        raise BadArgument(f"{kind} transmission takes no interface data; that is of the optimized one")
+    if p is not None and kind not in ("linear_robin", "nonlinear_robin"):
+        raise BadArgument(f"{kind} transmission takes no parameter p; that is of linear_robin and nonlinear_robin")
+    match kind:
+        case "optimized":
+            return Optimized() if data is None else Optimized(data)
+        case "classical":
+            return Classical()
+        case "linear_robin":
+            return LinearRobin() if p is None else LinearRobin(p)
+        case _:
+            return NonlinearRobin() if p is None else NonlinearRobin(p)
 
 
 def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:

@@ -11,6 +11,7 @@ import equimesh
 from equimesh.errors import InputError
 from equimesh_service import domains as dm
 from equimesh_service import monitors as mn
+from equimesh_service import schwarz as sw
 from equimesh_service import sources as sr
 from equimesh_service import spec as sp
 from equimesh_service.document import escaped
@@ -22,11 +23,6 @@ PathOf: TypeAlias = Callable[[str], Path]
 
 _SECTIONS = {"subdomains": "/schwarz/subdomains", "overlap": "/schwarz/overlap"}
 _NAMES = {"radius": "smoothing"}
-_TRANSMISSIONS = {
-    "classical": equimesh.Classical,
-    "linear_robin": equimesh.LinearRobin,
-    "nonlinear_robin": equimesh.NonlinearRobin,
-}
 
 
 def build_problem(spec: sp.MeshSpec, path_of: PathOf) -> equimesh.Problem:
@@ -58,21 +54,35 @@ def build_schwarz(spec: sp.MeshSpec) -> equimesh.Schwarz | None:
     if asked is None:
         return None
     with pointing(""):
-        given = asked.transmission
-        kind = _TRANSMISSIONS[given.kind]
-        transmission = kind() if isinstance(given, sp.ClassicalSpec) else kind(p=given.p)
         along_xi, along_eta = asked.subdomains
         settings = equimesh.Schwarz(
             subdomains=(along_xi, along_eta),
             overlap=asked.overlap,
-            transmission=transmission,
+            transmission=build_transmission(asked.transmission),
             ordering=equimesh.Ordering(asked.ordering),
+            line_correction=asked.line_correction,
+            acceleration="auto" if asked.acceleration == "auto" else equimesh.Acceleration(asked.acceleration),
+            local_solver=equimesh.LocalSolver(asked.local_solver),
+            fallback=asked.fallback,
             tolerance=asked.tolerance,
             max_iterations=asked.max_iterations,
             compare_single_domain=asked.compare_single_domain,
         )
         settings.decompose(equimesh.Grid(n_xi=spec.grid.n_xi, n_eta=spec.grid.n_eta))
     return settings
+
+
+def build_transmission(given: sw.AnyTransmission) -> equimesh.TransmissionCondition:
+    """The transmission condition; raises what the solver raises."""
+    match given:
+        case sw.OptimizedSpec():
+            return equimesh.Optimized(data=equimesh.LineData(given.data))
+        case sw.ClassicalSpec():
+            return equimesh.Classical()
+        case sw.LinearRobinSpec():
+            return equimesh.LinearRobin(p=given.p)
+        case sw.NonlinearRobinSpec():
+            return equimesh.NonlinearRobin(p=given.p)
 
 
 def build_domain(given: dm.AnyDomain) -> equimesh.Domain:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from fastapi import APIRouter, Request
 
-from equimesh import Boundary, Initial, Ordering
+from equimesh import Boundary, Initial
 from equimesh.expression import FUNCTIONS, LIMITS
 from equimesh.io import CELLS, FORMATS
 from equimesh_service import body as bodies
-from equimesh_service import domains, monitors
+from equimesh_service import domains, monitors, schwarz
 from equimesh_service.assembly import build_domain, build_expression, pointing
 from equimesh_service.document import parse
 from equimesh_service.exports import PICTURES, PLOTS
@@ -74,8 +74,11 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
         "modes": _named(MODE_USES),
         "boundaries": [str(kind) for kind in Boundary],
         "initials": [str(kind) for kind in Initial],
-        "transmissions": ["classical", "linear_robin", "nonlinear_robin"],
-        "orderings": [str(kind) for kind in Ordering],
+        "transmissions": _named(schwarz.TRANSMISSION_USES),
+        "interface_data": _named(schwarz.INTERFACE_DATA_USES),
+        "orderings": _named(schwarz.ORDERING_USES),
+        "accelerations": _named(schwarz.ACCELERATION_USES),
+        "local_solvers": _named(schwarz.LOCAL_SOLVER_USES),
         "expressions": {
             "names": ["x", "y", "t", "pi", "e"],
             "functions": dict(FUNCTIONS),
@@ -96,7 +99,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
 
 
 def _named(uses: Mapping[str, str]) -> list[dict[str, str]]:
-    return [{"name": name, "use": use} for name, use in uses.items()]
+    return [{"name": name, "when_to_use": use} for name, use in uses.items()]
 
 
 def _report(data: bytes) -> ExpressionReport:

@@ -60,7 +60,7 @@ KINDS: Mapping[str, Kind] = {
             "not-converged",
             409,
             "The Schwarz iteration did not reach its tolerance",
-            "Raise max_iterations or tolerance, use linear_robin with p = auto, or solve as a single domain. "
+            "Raise max_iterations or tolerance, use the optimized transmission, or solve as a single domain. "
             "The partial mesh, when it is not folded, downloads with ?partial=true.",
         ),
         Kind(

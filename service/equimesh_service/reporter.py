@@ -14,6 +14,8 @@ SINGLE_DOMAIN, START, SCHWARZ, WRITING = "single_domain", "start", "schwarz", "w
 # Part of the whole that the solves before a Schwarz iteration count for, and the part before the writing.
 _START_SHARE, _SOLVE_SHARE = 0.1, 0.95
 _NEWTON_STEPS = 8.0
+# A nested start is off by a few times the error of the grid, and the iteration ends at a fifth of that error.
+_DISCRETIZATION = 20.0
 
 
 class AttemptLostError(Exception):
@@ -39,6 +41,8 @@ class Reporter:
         """Report an event of the solver."""
         if isinstance(event, Iteration):
             self._fraction = max(self._fraction, _SOLVE_SHARE * self._share(event))
+            if not self._is_due():  # max_q_eq costs a pass over the mesh
+                return
             residual = max(record.residual for record in event.subdomains)
             more = {"max_q_eq": event.max_q_eq, "change": event.change, "min_jacobian": event.min_jacobian}
             self.report(SCHWARZ, event.iteration, residual, more)
@@ -60,10 +64,9 @@ class Reporter:
         always: bool = False,
     ) -> None:
         """Tell how things stand, unless that was done a moment ago."""
-        now = time.monotonic()
-        if not always and now - self._last < self.interval:
+        if not always and not self._is_due():
             return
-        self._last = now
+        self._last = time.monotonic()
         numbers = {"residual": residual, **more}
         told = {
             "stage": stage,
@@ -79,15 +82,20 @@ class Reporter:
         self._fraction = _SOLVE_SHARE
         self.report(WRITING, None, None, {}, always=True)
 
+    def _is_due(self) -> bool:
+        return time.monotonic() - self._last >= self.interval
+
     def _share(self, event: Iteration) -> float:
         if self.schwarz is None:
             return 0.0
         by_count = event.iteration / self.schwarz.max_iterations
         tolerance = self.schwarz.tolerance
-        if not isinstance(tolerance, float):
+        if tolerance is None:
             return by_count
         if math.isnan(self._first_change):
             self._first_change = event.change
+        if tolerance == "discretization":
+            tolerance = self._first_change / _DISCRETIZATION
         # An error that falls at a steady rate makes the same way on a logarithmic scale in each iteration.
         way = self._first_change / tolerance
         if not (way > 1.0 and event.change > 0.0):

@@ -58,6 +58,11 @@ class ConvergenceSummary(BaseModel):
     message: str
     iterations: int = Field(description="Schwarz iterations; 0 for a single domain.")
     newton_steps: int
+    transmission: str | None = Field(
+        None, description="The Schwarz condition in use at the end: not the asked one after a fallback."
+    )
+    work: int | None = Field(None, description="Nodes corrected in all Schwarz iterations, as often as they were.")
+    traffic: int | None = Field(None, description="Bytes that subdomains on machines of their own would have sent.")
     residual: float | None
     change: float | None
     error: float | None

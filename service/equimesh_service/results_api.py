@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 from collections.abc import Mapping
@@ -14,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response
 
 from equimesh.io import FORMATS
+from equimesh_service.convergence import ConvergenceHistory, table
 from equimesh_service.exports import ARRAYS, PICTURES, plot_name
 from equimesh_service.negotiation import chosen
 from equimesh_service.problems import Problem
@@ -107,7 +106,10 @@ async def get_quality(
     summary="The Schwarz iteration",
     operation_id="getMeshConvergence",
     response_class=FileResponse,
-    responses={200: {"content": {"application/json": {}, "text/csv": {}}}, **problems(404, 406, 409, 422)},
+    responses={
+        200: {"model": ConvergenceHistory, "content": {"application/json": {}, "text/csv": {}}},
+        **problems(404, 406, 409, 422),
+    },
 )
 async def get_convergence(
     id: str,
@@ -115,7 +117,7 @@ async def get_convergence(
     service: ServiceDependency,
     format: Annotated[Literal["json", "csv"] | None, Query(description="It wins over Accept.")] = None,
 ) -> Response:
-    """Each iteration: largest Q_eq, change, error, and what every subdomain did; iteration 0 is the start."""
+    """Each iteration: change, error, work, traffic, and what every subdomain did; iteration 0 is the start."""
     artifact = await _kept(service, id, CONVERGENCE)
     offers = {"json": "application/json", "csv": "text/csv"}
     name = format or chosen(request.headers.get("accept"), offers)
@@ -123,7 +125,7 @@ async def get_convergence(
         raise Problem("not-acceptable", "Convergence is application/json or text/csv.")
     if name == "json":
         return _send(request, service, artifact, "application/json")
-    text = await run_in_threadpool(lambda: _table(json.loads(service.file(artifact).read_bytes())))
+    text = await run_in_threadpool(lambda: table(json.loads(service.file(artifact).read_bytes())))
     return Response(text, media_type="text/csv", headers={"Vary": "Accept"})
 
 
@@ -237,16 +239,3 @@ def _send(
 def _matches(header: str | None, etag: str) -> bool:
     named = [name.strip().removeprefix("W/") for name in (header or "").split(",")]
     return "*" in named or etag in named
-
-
-def _table(convergence: Mapping[str, Any]) -> str:
-    """One row for each iteration and subdomain."""
-    outer = ("iteration", "max_q_eq", "change", "estimate", "mismatch", "error", "min_jacobian")
-    inner = ("subdomain", "newton_steps", "status", "residual", "error_x", "error_y")
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(outer + inner)
-    for iteration in convergence["iterations"]:
-        for subdomain in iteration["subdomains"]:
-            writer.writerow([iteration[key] for key in outer] + [subdomain[key] for key in inner])
-    return text.getvalue()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field, FiniteFloat, Tag
+from pydantic import Field, FiniteFloat
 
 from equimesh_service.domains import Domain, RectangleSpec
 from equimesh_service.monitors import Monitor
-from equimesh_service.strict import TAG, Parameters, Strict, by_kind, validated
+from equimesh_service.schwarz import SchwarzSpec
+from equimesh_service.strict import Parameters, Strict, validated
 
 MODE_USES = {
     "discretization": "Meshes to compute on: iterates until the error of the solution on the grid is small beside that "
@@ -22,54 +23,6 @@ class GridSpec(Strict):
 
     n_xi: int = Field(default=64, description="Points along xi, at least 4.")
     n_eta: int = Field(default=64, description="Points along eta, at least 4.")
-
-
-class ClassicalSpec(Strict):
-    """Dirichlet data on the interfaces."""
-
-    kind: Literal["classical"]
-
-
-class LinearRobinSpec(Strict):
-    """The linear Robin condition of the paper."""
-
-    kind: Literal["linear_robin"]
-    p: Literal["auto"] | FiniteFloat = Field(default="auto", description="A positive number, or 'auto'.")
-
-
-class NonlinearRobinSpec(Strict):
-    """The nonlinear Robin condition of the paper."""
-
-    kind: Literal["nonlinear_robin"]
-    p: Literal["auto"] | FiniteFloat = Field(default="auto", description="A positive number, or 'auto'.")
-
-
-Transmission = Annotated[
-    Annotated[ClassicalSpec, Tag(TAG + "classical")]
-    | Annotated[LinearRobinSpec, Tag(TAG + "linear_robin")]
-    | Annotated[NonlinearRobinSpec, Tag(TAG + "nonlinear_robin")],
-    by_kind("classical", "linear_robin", "nonlinear_robin"),
-]
-
-
-class SchwarzSpec(Strict):
-    """Domain decomposition and the Schwarz iteration."""
-
-    subdomains: Annotated[list[int], Field(min_length=2, max_length=2)] = Field(
-        default_factory=lambda: [2, 1], description="Subdomains along xi and along eta."
-    )
-    overlap: int = Field(4, description="Points that neighbours share, at least 2.")
-    transmission: Transmission = Field(default_factory=lambda: LinearRobinSpec(kind="linear_robin"))
-    ordering: Literal["parallel", "alternating"] = "alternating"
-    tolerance: FiniteFloat | None = Field(
-        1e-10,
-        description="The iteration ends when its estimated error in the coordinates is at most this; null runs "
-        "exactly max_iterations.",
-    )
-    max_iterations: int = 100
-    compare_single_domain: bool = Field(
-        False, description="Also solve the single domain, and report the error against it."
-    )
 
 
 class MeshSpec(Strict):

@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Discriminator, FailFast, Field, FiniteFloat, Tag, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    FailFast,
+    Field,
+    FiniteFloat,
+    Tag,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
+from pydantic_core import PydanticCustomError
 
 from equimesh_service.document import escaped
 from equimesh_service.problems import Complaint, refused
@@ -49,6 +61,18 @@ def by_kind(*kinds: str, default: str | None = None) -> Discriminator:
     return Discriminator(tag, custom_error_type="kind", custom_error_message=message)
 
 
+def either(words: str) -> WrapValidator:
+    """One sentence for a union of plain values, in place of a complaint of each of its branches."""
+
+    def validate(value: Any, inner: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return inner(value)
+        except ValidationError:
+            raise PydanticCustomError("either", "this must be {words}", {"words": words}) from None
+
+    return WrapValidator(validate)
+
+
 def validated(model: type[Model], document: Any) -> Model:
     """The model of a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
     if not isinstance(document, Mapping):
@@ -62,8 +86,6 @@ def validated(model: type[Model], document: Any) -> Model:
 
 def _complaint(model: type[BaseModel], entry: Any) -> Complaint:
     loc = list(entry["loc"])
-    if loc and loc[-1] in ("literal['auto']", "finite-float", "constrained-float", "float"):
-        loc.pop()  # a branch of a plain union, not a key
     place = [part for part in loc if not _is_tag(part)]
     if entry["type"] == "kind" and isinstance(entry["input"], Mapping):
         place.append("kind")

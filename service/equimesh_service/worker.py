@@ -41,16 +41,20 @@ def warm_up() -> None:
     ring = equimesh.AnnulusSector()
     plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
-    for monitor, points, domain, schwarz in (
-        (plain, 9, equimesh.Rectangle(), equimesh.Schwarz()),
-        (plain, 129, equimesh.Rectangle(), None),
+    schwarz, paper = equimesh.Schwarz(), equimesh.Schwarz(transmission=equimesh.LinearRobin(), max_iterations=2)
+    for monitor, points, domain, settings in (
+        (plain, 9, equimesh.Rectangle(), paper),
+        (plain, 9, equimesh.Rectangle(), schwarz),
+        (plain, 193, equimesh.Rectangle(), schwarz),  # so many points are swept in strips, the last of them smaller
+        (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
         (curved, 33, equimesh.Rectangle(), None),
     ):
         grid = equimesh.Grid(n_xi=points, n_eta=points)
         problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
-        solution = equimesh.solve(problem, schwarz, threads=1, check=False)
-        solution.data(), solution.certificate
+        solution = equimesh.solve(problem, settings, threads=1, check=False)
+        if points < 100:
+            solution.data(), solution.certificate
         problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
 
 
@@ -181,6 +185,9 @@ def _summary(solution: equimesh.Solution) -> dict[str, Any]:
         "newton_steps": solution.newton_steps,
         "residual": solution.residual if solution.residual < float("inf") else None,
         "iterations": max(len(iterations) - 1, 0),
+        "transmission": last.get("transmission"),
+        "work": sum(record["work"] for record in iterations) if iterations else None,
+        "traffic": sum(record["traffic"] for record in iterations) if iterations else None,
         "max_q_eq": last.get("max_q_eq"),
         "change": last.get("change"),
         "error": last.get("error"),

@@ -77,7 +77,8 @@ def test_generate_writes_files_and_tables(generate: Any, tmp_path: Path) -> None
 
 
 def test_generate_sends_what_was_asked(generate: Any, service: Any) -> None:
-    asked = "--subdomains 2x3 --overlap 5 --transmission nonlinear_robin --p 1.5 --ordering parallel"
+    asked = "--subdomains 2x3 --overlap 5 --transmission nonlinear_robin --p 1.5 --ordering coloured"
+    asked += " --line-correction 2 --acceleration anderson --local-solver newton --no-fallback"
     asked += " --tolerance none --max-iterations 7 --compare --boundary orthogonal --initial uniform"
     asked += " --cells triangle -a 0.5 -b 0.1 --label mine --parameter c=2 --t 0.5"
     code, out, _ = generate("c*x", "-n", "33", *asked.split())
@@ -97,7 +98,11 @@ def test_generate_sends_what_was_asked(generate: Any, service: Any) -> None:
             "subdomains": [2, 3],
             "overlap": 5,
             "transmission": {"kind": "nonlinear_robin", "p": 1.5},
-            "ordering": "parallel",
+            "ordering": "coloured",
+            "line_correction": 2,
+            "acceleration": "anderson",
+            "local_solver": "newton",
+            "fallback": False,
             "tolerance": None,
             "max_iterations": 7,
             "compare_single_domain": True,
@@ -179,7 +184,10 @@ def test_json_is_one_object(generate: Any) -> None:
         (["x", "--plot", "mesh.gif"], "mesh.gif: the suffix"),
         (["--samples", "missing.npz"], "missing.npz: No such file"),
         (["--samples", "u.npz", "--t", "1"], "belong to an expression"),
+        (["x", "--line-correction", "0", "--no-fallback"], "--line-correction, --no-fallback is for the Schwarz"),
         (["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"], "takes no parameter p"),
+        (["x", "--subdomains", "2x1", "--p", "2"], "optimized transmission takes no parameter p"),
+        (["x", "--subdomains", "2x1", "--transmission", "classical", "--interface-data", "local"], "no interface data"),
         (["x", "--deadline", "-1"], "deadline = -1"),
         (["--monitor", "weight"], "--monitor weight needs --rho"),
         (["--monitor", "tensor", "--m11", "1"], "--monitor tensor needs --m12, --m22"),
@@ -321,7 +329,7 @@ def test_solver_and_client_print_a_certificate_alike() -> None:
 def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     mesh, picture = tmp_path / "m.npz", tmp_path / "m.png"
-    asked = "-n 12 --subdomains 2x1 --overlap 2 --p 2.3 --compare --plot-kind convergence"
+    asked = "-n 12 --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --compare --plot-kind convergence"
     assert main(["solve", "x*y", *asked.split(), "-o", str(mesh), "--plot", str(picture)]) == 0
     out = capsys.readouterr().out
     assert "q_eq" in out

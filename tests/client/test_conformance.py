@@ -43,7 +43,7 @@ from equimesh_client import (
 equimesh_service = pytest.importorskip("equimesh_service")
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 TABLE_1 = {
-    "schwarz": Schwarz(overlap=2, transmission=LinearRobin(2.3), compare_single_domain=True),
+    "schwarz": Schwarz(overlap=2, transmission=LinearRobin(2.3), ordering="alternating", compare_single_domain=True),
     "boundary": "equidistributed_1d",
     "initial": "uniform",
 }

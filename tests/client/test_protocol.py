@@ -18,6 +18,7 @@ from equimesh_client import (
     InvalidInput,
     LinearRobin,
     NotFound,
+    Optimized,
     ProblemError,
     Quality,
     Schwarz,
@@ -79,7 +80,11 @@ def test_schwarz_as_json() -> None:
         "subdomains": [2, 1],
         "overlap": 4,
         "transmission": {"kind": "linear_robin", "p": 2.3},
-        "ordering": "alternating",
+        "ordering": "parallel",
+        "line_correction": "auto",
+        "acceleration": "auto",
+        "local_solver": "sweeps",
+        "fallback": True,
         "tolerance": None,
         "max_iterations": 100,
         "compare_single_domain": False,
@@ -101,9 +106,10 @@ def test_n_may_come_from_numpy() -> None:
 def test_transmission_by_name() -> None:
     assert transmission("classical") == Classical()
     assert transmission("linear_robin", 2.0) == LinearRobin(2.0)
-    for kind, p in (("classical", 1.0), ("robin", None)):
+    assert transmission("optimized", data="local") == Optimized("local")
+    for kind, p, data in (("classical", 1.0, None), ("linear_robin", None, "local"), ("robin", None, None)):
         with pytest.raises(BadArgument):
-            transmission(kind, p)
+            transmission(kind, p, data)
 
 
 def test_json_cannot_carry_nan() -> None:
@@ -241,6 +247,14 @@ def test_convergence_speaks() -> None:
     assert lines[3].split() == ["1", "1.5000", "1.000e-06", "-", "4+3"]
     assert lines[-1] == "observed rate 0.2500"
     assert np.isnan(convergence.column("error")[1])
+    swept = [{"sweeps": 2, "status": "converged"}] * 4 + [{"sweeps": 2, "status": "stalled"}]
+    rows[0]["transmission"] = "classical"
+    rows[1] |= {"transmission": "optimized", "accelerated": True, "work": 7, "subdomains": swept}
+    convergence = Convergence.from_json({"iterations": rows})
+    said = str(convergence).splitlines()
+    assert said[0].split()[-2:] == ["sweeps", "remark"]
+    assert said[3].endswith("5 x 2  optimized took over, 1 stalled, accelerated")
+    assert convergence.column("work")[1] == 7
     assert str(Convergence.from_json({})) == "one domain: no Schwarz iteration"
 
 

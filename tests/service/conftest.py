@@ -12,11 +12,17 @@ import pytest
 from equimesh_service import Settings, running
 
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
-# A solve that takes many seconds: nothing it does ends it early.
+# A solve that takes many seconds: nothing it does ends it early, and every iteration factorises.
 SLOW: dict[str, Any] = {
     "monitor": {"u": {"expression": PAPER}},
     "grid": {"n_xi": 40, "n_eta": 40},
-    "schwarz": {"tolerance": None, "max_iterations": 1000, "subdomains": [4, 1]},
+    "schwarz": {
+        "tolerance": None,
+        "max_iterations": 1000,
+        "subdomains": [4, 1],
+        "transmission": {"kind": "linear_robin"},
+        "fallback": False,
+    },
 }
 
 

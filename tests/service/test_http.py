@@ -169,7 +169,7 @@ def test_pictures(http: httpx.Client, finished: dict[str, Any], kind: str) -> No
 
 def test_the_spec_comes_back_complete_and_gives_the_same_mesh(http: httpx.Client, finished: dict[str, Any]) -> None:
     spec = http.get(finished["links"]["spec"]).json()
-    assert spec["schwarz"]["transmission"] == {"kind": "linear_robin", "p": "auto"}
+    assert spec["schwarz"]["transmission"] == {"kind": "optimized", "data": "line_sums"}
     assert (spec["boundary"], spec["initial"], spec["label"]) == ("trace", "nested", "finished")
     again = post(http, spec, **WAIT).json()
     assert again["id"] != finished["id"]
@@ -297,7 +297,7 @@ def test_a_tolerance_that_is_not_reached_fails_and_leaves_the_partial_mesh(http:
     refused = http.get(mesh["links"]["file"])
     assert (refused.status_code, refused.json()["type"]) == (409, "/problems/not-converged")
     assert "partial=true" in refused.json()["remedy"]
-    assert "use a Robin transmission condition" in refused.json()["remedy"]
+    assert "use the optimized transmission condition" in refused.json()["remedy"]
     assert http.get(mesh["links"]["file"], params={"partial": True}).status_code == 200
     assert len(http.get(mesh["links"]["convergence"]).json()["iterations"]) == 3
     completed = post(http, small(schwarz={**schwarz, "tolerance": None}), **WAIT).json()

@@ -242,4 +242,4 @@ def test_capabilities_say_what_to_use_when(http: httpx.Client) -> None:
     assert {entry["name"] for entry in able["monitors"]} == {m["kind"] for m in MONITORS.values()}
     assert {entry["name"] for entry in able["domains"]} == {d["kind"] for d in DOMAINS.values()}
     assert {entry["name"] for entry in able["modes"]} == {"discretization", "tight"}
-    assert all(entry["use"].endswith(".") for key in ("monitors", "domains", "modes") for entry in able[key])
+    assert all(entry["when_to_use"].endswith(".") for key in ("monitors", "domains", "modes") for entry in able[key])

@@ -90,6 +90,7 @@ def test_the_examples_work(http: httpx.Client, document: dict[str, Any], name: s
 def test_the_answers_are_as_described(http: httpx.Client, document: dict[str, Any], finished: dict[str, Any]) -> None:
     links = finished["links"]
     for url, name in (
+        (links["convergence"], "ConvergenceHistory"),
         (links["self"], "MeshResource"),
         ("/v1/meshes", "MeshList"),
         (links["spec"], "MeshSpec"),
@@ -147,6 +148,16 @@ def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, 
     assert able["boundaries"] == properties["boundary"]["enum"]
     assert able["initials"] == properties["initial"]["enum"]
     assert able["cells"] == properties["cells"]["enum"]
+    schwarz = document["components"]["schemas"]["SchwarzSpec"]["properties"]
+    data = document["components"]["schemas"]["OptimizedSpec"]["properties"]["data"]
+    for key, choices in (
+        ("interface_data", data["enum"]),
+        ("orderings", schwarz["ordering"]["enum"]),
+        ("accelerations", [name for name in schwarz["acceleration"]["enum"] if name != "auto"]),
+        ("local_solvers", schwarz["local_solver"]["enum"]),
+    ):
+        assert [entry["name"] for entry in able[key]] == choices
+        assert all(entry["when_to_use"].endswith(".") for entry in able[key])
     assert able["limits"]["max_points"] == settings.max_points
     assert "tanh" in able["expressions"]["functions"]
     assert able["engine"] == {"kind": "pebble", "workers": 2, "ready": True}

@@ -1,0 +1,70 @@
+"""The history of a Schwarz iteration: as it is described, and as a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+
+class SubdomainHistory(BaseModel):
+    """What one subdomain did in one iteration."""
+
+    subdomain: int
+    newton_steps: int
+    sweeps: int = Field(description="Line corrections that solved it, in place of Newton steps.")
+    status: Literal["converged", "classical", "stalled"] = Field(
+        description="classical: with its neighbours' positions in place of the asked condition; stalled: not solved."
+    )
+    residual: float | None = Field(description="Of its own equations, relative.")
+    error_x: float | None = Field(description="Against the single domain, when that was asked for.")
+    error_y: float | None
+
+
+class IterationHistory(BaseModel):
+    """One Schwarz iteration; 0 is the start."""
+
+    iteration: int
+    transmission: str = Field(description="The condition in use: not the asked one after a fallback.")
+    max_q_eq: float | None
+    change: float | None = Field(description="How far the nodes moved at most.")
+    estimate: float | None = Field(description="Estimated error that is left: what the tolerance is for.")
+    deviation: float | None = Field(
+        description="Largest relative difference of a squared metric length from the mean of its grid line, before the "
+        "last line correction; null without any."
+    )
+    mismatch: float | None = Field(description="Largest difference between subdomains at nodes that they share.")
+    error: float | None = Field(description="Against the single domain, when that was asked for.")
+    min_jacobian: float | None
+    global_step: bool = Field(description="Whether a Newton step was taken on the whole grid.")
+    accelerated: bool = Field(description="Whether the mesh is a combination of several iterations.")
+    products: int = Field(description="With the derivative of the iteration, in a step of acceleration newton.")
+    work: int = Field(description="Nodes that were corrected, counted as often as they were.")
+    traffic: int = Field(description="Bytes that subdomains on machines of their own would have sent each other.")
+    subdomains: list[SubdomainHistory]
+
+
+class ConvergenceHistory(BaseModel):
+    """The Schwarz iteration; without iterations for a single domain."""
+
+    iterations: list[IterationHistory]
+    rate: float | None = Field(description="Observed factor of the error from one iteration to the next.")
+    predicted_rate: float | None = Field(description="Predicted factor, where theory knows one.")
+
+
+def table(convergence: Mapping[str, Any]) -> str:
+    """The history as CSV: one row for each iteration and subdomain."""
+    outer = [name for name in IterationHistory.model_fields if name != "subdomains"]
+    inner = list(SubdomainHistory.model_fields)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(outer + inner)
+    for iteration in convergence["iterations"]:
+        for subdomain in iteration["subdomains"]:
+            # Histories of meshes of earlier versions have fewer columns.
+            cells = [iteration.get(name) for name in outer] + [subdomain.get(name) for name in inner]
+            writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in cells])
+    return text.getvalue()
