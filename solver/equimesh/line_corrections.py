@@ -13,8 +13,8 @@ from equimesh.folding import smallest_jacobian
 from equimesh.mesh import Mesh
 from equimesh.problem import Problem
 
-# A correction that is not the first moves the nodes by at most this share of the one before it, so it is believed.
-USUAL_CONTRACTION = 0.25
+# Corrections move the nodes by at least this share of the one before; where there is none before, by the other.
+USUAL_CONTRACTION, CAUTIOUS_CONTRACTION = 0.25, 0.5
 # Moves of the nodes that rounding alone causes, per point in a direction.
 ROUNDING = 1e-15
 
@@ -39,8 +39,8 @@ class LineCorrections:
         self._sweep = chord.Sweep(problem.metric, problem.boundary, shape, np.empty(chord.needed(shape)), threads)
         self._floor = ROUNDING * max(shape)
 
-    def apply(self, mesh: Mesh, count: int) -> Corrected:
-        """So many corrections of a valid mesh, fewer where one would fold it."""
+    def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> Corrected:
+        """So many corrections of a valid mesh; fewer where one would fold it, or the error left is small ``enough``."""
         x, y, done, moves = mesh.x.copy(), mesh.y.copy(), 0, []
         deviation = math.nan
         for _ in range(count):
@@ -50,12 +50,15 @@ class LineCorrections:
             x, y = self._sweep.take(x, y)
             done, deviation = done + 1, found.deviation
             moves.append(found.move)
+            if self._left(moves) <= enough:
+                break
         return Corrected(Mesh(x.copy(), y.copy()), deviation, self._left(moves), done)
 
     def _left(self, moves: list[float]) -> float:
         if moves and moves[-1] <= self._floor:
             return moves[-1]
-        if len(moves) < 2:
+        if not moves:
             return math.nan
-        contraction = max(USUAL_CONTRACTION, *(after / before for before, after in itertools.pairwise(moves)))
+        seen = [after / before for before, after in itertools.pairwise(moves)] or [CAUTIOUS_CONTRACTION]
+        contraction = max(USUAL_CONTRACTION, *seen)
         return moves[-1] * contraction / (1.0 - contraction) if contraction < 1.0 else math.inf

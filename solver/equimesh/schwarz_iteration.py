@@ -93,7 +93,8 @@ class _Run:
     def _begin(self, settings: Schwarz) -> None:
         """Begin from the start with these settings."""
         self.settings = settings
-        self.subdomains = _subdomains(self.problem, self.decomposition, settings, self.threads)
+        self.enough = max(settings.tolerance, self.rounding) if isinstance(settings.tolerance, float) else 0.0
+        self.subdomains = self._subdomains()
         self.turns = turns(self.decomposition, settings.ordering)
         self.states = [window.restrict(self.start) for window in self.subdomains.windows]
         self.mesh = self.start
@@ -104,6 +105,14 @@ class _Run:
         by_newton = settings.accelerated_by is Acceleration.NEWTON
         self.newton = Raspen(self.subdomains, self.rounding, self.threads) if by_newton else None
         self.since = len(self.changes)
+
+    def _subdomains(self) -> Subdomains:
+        settings, condition = self.settings, self.settings.transmission
+        if not isinstance(condition, Optimized):
+            return FunctionalSubdomains(self.problem, self.decomposition, condition, settings.solved_by)
+        return YieldingSubdomains(
+            self.problem, self.decomposition, condition, settings.solved_by, enough=self.enough, threads=self.threads
+        )
 
     def step(self) -> None:
         """One iteration."""
@@ -120,7 +129,7 @@ class _Run:
             merged = _newton_step(self.problem, merged)
         self.corrected = Corrected(merged)
         if self.corrections is not None and self.settings.line_corrections and not merged.is_folded:
-            self.corrected = self.corrections.apply(merged, self.settings.line_corrections)
+            self.corrected = self.corrections.apply(merged, self.settings.line_corrections, self.enough)
         self.mesh = self._accelerated(start, self.corrected)
         if self.mesh is not merged or self.global_step or self.newton:
             self.states = [window.restrict(self.mesh) for window in self.subdomains.windows]
@@ -186,9 +195,7 @@ class _Run:
         self.accelerated, self.products = False, 0
         if self.newton is not None:
             return self._by_newton(self.newton, start, corrected.mesh)
-        tolerance = self.settings.tolerance
-        done = isinstance(tolerance, float) and corrected.estimate <= max(tolerance, self.rounding)
-        if self.anderson is None or done:
+        if self.anderson is None or corrected.estimate <= self.enough:
             return corrected.mesh
         combined = self.anderson.combined(start, corrected.mesh)
         self.accelerated = combined is not None
@@ -245,12 +252,6 @@ class _Run:
         # A correction of all lines takes both neighbours' nodes next to every cut, and a line's sum there and back.
         cuts = (columns - 1) * shape[1] + (rows - 1) * shape[0]
         self.traffic = 8 * (sum(self.subdomains.sent(k) for k in solved) + 6 * cuts * self.corrected.count)
-
-
-def _subdomains(problem: Problem, decomposition: Decomposition, settings: Schwarz, threads: int) -> Subdomains:
-    if isinstance(settings.transmission, Optimized):
-        return YieldingSubdomains(problem, decomposition, settings.transmission, settings.solved_by, threads)
-    return FunctionalSubdomains(problem, decomposition, settings.transmission, settings.solved_by)
 
 
 def _record(k: int, outcome: Outcome) -> SubdomainRecord:

@@ -115,7 +115,7 @@ def iterate(
     solved: list[Step] = []
     for level, grid in enumerate(grids):
         here = replace(problem, grid=grid)
-        guess = start or (_guess(solved, grid) if solved else Mesh.uniform(grid))
+        guess = start or (guess_on(grid, solved) if solved else Mesh.uniform(grid))
         label = Step(level=level, levels=len(grids), grid=grid, step=0, residual=math.nan, mesh=guess)
         before = solved[-1] if solved else None
         last: Step | None = None
@@ -126,7 +126,7 @@ def iterate(
         if last is None:
             plain = not sweeps or start is not None
             if start is None and solved:
-                label = replace(label, mesh=_guess(solved, grid))  # sweeps have worked in the memory of the first
+                label = replace(label, mesh=guess_on(grid, solved))  # sweeps have worked in the memory of the first
             elif start is None:
                 label = replace(label, mesh=Mesh.uniform(grid))
             last = yield from _factorised(here, label, before, plain=plain)
@@ -136,11 +136,26 @@ def iterate(
         solved = [*solved[-1:], last]
 
 
-def _guess(solved: list[Step], grid: Grid) -> Mesh:
+def iterate_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:
+    """Sweeps from a mesh near the solution, as that of a monitor a time step earlier, to a tight tolerance.
+
+    Where they do not converge, what :func:`iterate` does without a start.
+    """
+    own = Mesh(start.x.copy(), start.y.copy())
+    label = Step(level=0, levels=1, grid=problem.grid, step=0, residual=math.nan, mesh=own)
+    memory = np.empty(chord.needed(problem.grid.shape))
+    last = yield from _Level(problem, label, None, True, memory, threads).steps()
+    if last is None:
+        yield from iterate(problem, mode=Mode.TIGHT, threads=threads)
+    else:
+        yield last
+
+
+def guess_on(grid: Grid, solved: list[Step]) -> Mesh:
     """The last solution on a finer grid, extrapolated from the last two where they solve the same equations."""
     last = solved[-1]
-    same = len(solved) > 1 and solved[0].relaxation == last.relaxation
-    return prolong(last.mesh, grid, solved[0].mesh if same else None)
+    same = len(solved) > 1 and solved[-2].relaxation == last.relaxation
+    return prolong(last.mesh, grid, solved[-2].mesh if same else None)
 
 
 @dataclass

@@ -148,7 +148,7 @@ def solve(
     problem: Problem,
     schwarz: Schwarz | None = None,
     *,
-    initial: Initial = Initial.NESTED,
+    initial: Initial | Mesh = Initial.NESTED,
     mode: Mode = Mode.DISCRETIZATION,
     allow_relaxed: bool = True,
     threads: int | None = None,
@@ -157,7 +157,9 @@ def solve(
 ) -> Solution:
     """The locally equidistributed mesh of ``problem``, by Schwarz iteration if ``schwarz`` is given.
 
-    ``mode`` says when a single-domain solve is done; a Schwarz iteration has a tolerance of its own. Where no valid
+    ``initial`` may be a mesh of the reference square to start from, as the ``reference`` of a solution for a monitor
+    a time step earlier. ``mode`` says when a single-domain solve is done; a Schwarz iteration has a tolerance of its
+    own. Where no valid
     mesh satisfies the equations, ``allow_relaxed`` accepts one of equations near them: its status is ``RELAXED``, and
     its certificate says what was relaxed. ``threads`` share the work on large grids, by default one for every core; the
     mesh does not depend on their number. ``observe`` is called with every step of a single-domain solve (also that of a
@@ -166,7 +168,8 @@ def solve(
     Raises :class:`~equimesh.errors.SolveError`, which carries the partial solution, when the mesh is not what was asked
     for; with ``check=False`` the status says so instead. A folded mesh is never a success.
     """
-    initial, mode = choice(Initial, initial, "initial"), choice(Mode, mode, "mode")
+    initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
+    mode = choice(Mode, mode, "mode")
     how = _How(mode, allow_relaxed, workers.checked(threads), observe if observe is not None else _ignore)
     _check_start(problem, initial)
     with np.errstate(all="ignore"):  # what is not finite is found where it matters
@@ -189,8 +192,11 @@ class _How:
     observe: Observer
 
 
-def _check_start(problem: Problem, initial: Initial) -> None:
-    """Refuse a grid too coarse for its domain, and one too fine for a start from the uniform mesh."""
+def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
+    """Refuse a grid too coarse for its domain, one too fine for a start from the uniform mesh, and a start that is no
+    mesh of the reference square."""
+    if isinstance(initial, Mesh):
+        _check_mesh(problem, initial)
     if initial is Initial.UNIFORM and problem.grid.points > single_domain.MOST_FACTORISED:
         raise InputError(
             f"a start from the uniform mesh takes Newton's method, on at most {single_domain.MOST_FACTORISED} points;"
@@ -205,12 +211,23 @@ def _check_start(problem: Problem, initial: Initial) -> None:
         )
 
 
+def _check_mesh(problem: Problem, start: Mesh) -> None:
+    if start.x.shape != problem.grid.shape:
+        raise InputError(f"the mesh to start from has {start.grid} points, the grid {problem.grid}", field="initial")
+    sides = start.x[0], start.x[-1] - 1.0, start.y[:, 0], start.y[:, -1] - 1.0
+    if start.is_folded or any(np.any(np.abs(side) > smallest_tolerance(problem.grid)) for side in sides):
+        raise InputError(
+            "the mesh to start from must be a valid one of the reference square: give the reference of a solution",
+            field="initial",
+        )
+
+
 def _ignore(event: Event) -> None:
     del event
 
 
-def _single_domain(problem: Problem, initial: Initial, how: _How) -> Solution:
-    step, nested = _last_step(problem, initial, how), initial is Initial.NESTED
+def _single_domain(problem: Problem, initial: Initial | Mesh, how: _How) -> Solution:
+    step, nested = _last_step(problem, initial, how), initial is not Initial.UNIFORM
     reference = _on_grid(step.mesh, problem)
     mesh, status = mapped(reference, problem.domain), _status(step, how)
     exact = status is Status.CONVERGED
@@ -262,7 +279,9 @@ def _relaxed(step: Step, problem: Problem) -> tuple[Relaxed, ...]:
     return tuple(found)
 
 
-def _last_step(problem: Problem, initial: Initial, how: _How) -> Step:
+def _last_step(problem: Problem, initial: Initial | Mesh, how: _How) -> Step:
+    if isinstance(initial, Mesh):
+        return _last(single_domain.iterate_from(problem, initial, threads=how.threads), how.observe)
     start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
     return _last(single_domain.iterate(problem, start, mode=how.mode, threads=how.threads), how.observe)
 
@@ -284,14 +303,18 @@ def _last(steps: Iterable[Step], observe: Observer) -> Step:
     return step
 
 
-def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, how: _How) -> Solution:
+def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, how: _How) -> Solution:
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
-    start, expected = Mesh.uniform(problem.grid), math.nan
+    to_discretization = schwarz.tolerance == "discretization"
+    start, expected = initial if isinstance(initial, Mesh) else Mesh.uniform(problem.grid), math.nan
     if initial is Initial.NESTED:
-        start, expected = _nested_start(problem, how)
-    tolerance = schwarz.tolerance
-    if tolerance == "discretization":
-        tolerance = single_domain.SHARE * expected if math.isfinite(expected) else smallest_tolerance(problem.grid)
+        mode = Mode.DISCRETIZATION if to_discretization else Mode.TIGHT
+        start, expected = _nested_start(problem, replace(how, mode=mode))
+    tolerance: float | None = None if schwarz.tolerance is None else smallest_tolerance(problem.grid)
+    if isinstance(schwarz.tolerance, float | int):
+        tolerance = float(schwarz.tolerance)
+    elif to_discretization and math.isfinite(expected):
+        tolerance = single_domain.SHARE * expected
     reference = None
     if schwarz.compare_single_domain:
         reference = _reference(problem, how)
@@ -305,16 +328,23 @@ def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial, how: _How) ->
     note = ""
     if reference is not None and known is None:
         note = "There is no single-domain solution to compare with: " + _what_was_found(reference, problem)
-    return _finished(problem, schwarz, records, tolerance, note, nested=initial is Initial.NESTED)
+    solution = _finished(problem, schwarz, records, tolerance, note, nested=initial is not Initial.UNIFORM)
+    return replace(solution, discretization_error=_known(expected))
 
 
 def _nested_start(problem: Problem, how: _How) -> tuple[Mesh, float]:
-    """The solution on a grid half as fine, interpolated, and the error of the discretisation to be expected."""
+    """The mesh that a single-domain solve would start from on the finest grid, and the error of the discretisation
+    that is to be expected there."""
     coarser = nested_grids(problem.grid)[-2:][0]
     if coarser == problem.grid:
         coarser = halved(problem.grid)
-    step = _last_step(replace(problem, grid=coarser), Initial.NESTED, replace(how, mode=Mode.TIGHT))
-    return prolong(step.mesh, problem.grid), step.discretization_error / refinement(problem.grid, coarser)
+    solved: list[Step] = []
+    for step in single_domain.iterate(replace(problem, grid=coarser), mode=how.mode, threads=how.threads):
+        how.observe(step)
+        if step.converged or step.failed:
+            solved = [*solved[-1:], step]
+    expected = solved[-1].discretization_error / refinement(problem.grid, coarser)
+    return single_domain.guess_on(problem.grid, solved), expected
 
 
 def _finished(

@@ -34,10 +34,12 @@ class SubdomainSweeps:
         )
         self._floor = ROUNDING * max(shape)
 
-    def solve(self, start: Mesh, rest: Rest | None, *, accuracy: float, most: int) -> LocalSolution:
+    def solve(
+        self, start: Mesh, rest: Rest | None, *, accuracy: float, most: int, enough: float = 0.0
+    ) -> LocalSolution:
         """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
 
-        At most ``most`` sweeps. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set
+        Or are ``enough`` in units of the reference square; at most ``most`` sweeps. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set
         where the moves fell; its residual is the deviation before the last sweep.
         """
         x, y, moves = start.x.copy(), start.y.copy(), [math.inf]
@@ -47,9 +49,9 @@ class SubdomainSweeps:
                 return LocalSolution(start, count, math.inf, converged=False, swept=True)
             x, y = self._sweep.take(x, y)
             moves.append(found.move)
-            if found.move <= max(accuracy * moves[1], self._floor):
+            if found.move <= max(accuracy * moves[1], self._floor, enough):
                 break
-        fell = moves[-1] < moves[1] or moves[-1] <= self._floor or most == 1
+        fell = moves[-1] < moves[1] or moves[-1] <= max(self._floor, enough) or most == 1
         return LocalSolution(Mesh(x.copy(), y.copy()), count, found.deviation, converged=fell, swept=True)
 
     def _guarded(self, x: Array, y: Array) -> bool:

@@ -27,14 +27,24 @@ MOST_FACTORISED = 257 * 257
 
 
 class YieldingSubdomains:
-    """All subdomains of a decomposition, with the optimized condition."""
+    """All subdomains of a decomposition, with the optimized condition.
+
+    Sweeps of a subdomain end where they move its nodes by no more than ``enough``.
+    """
 
     def __init__(
-        self, problem: Problem, decomposition: Decomposition, condition: Optimized, solver: LocalSolver, threads: int
+        self,
+        problem: Problem,
+        decomposition: Decomposition,
+        condition: Optimized,
+        solver: LocalSolver,
+        *,
+        enough: float,
+        threads: int,
     ) -> None:
         self.windows = [SubdomainWindow(decomposition, part, condition.ghosts) for part in decomposition.parts]
         self._problem, self._local = problem, condition.data is LineData.LOCAL
-        self._by_sweeps = solver is LocalSolver.SWEEPS
+        self._by_sweeps, self._enough = solver is LocalSolver.SWEEPS, enough
         interfaces = tuple(
             {end for span in decomposition.spans[axis] for end in (span.first, span.last)} for axis in AXES
         )
@@ -56,7 +66,9 @@ class YieldingSubdomains:
         """
         start, sides = self.received(k)
         if self._by_sweeps:
-            solution = self._sweeps[k].solve(start, sides.rest, accuracy=ACCURACY, most=MOST_SWEEPS)
+            solution = self._sweeps[k].solve(
+                start, sides.rest, accuracy=ACCURACY, most=MOST_SWEEPS, enough=self._enough
+            )
             if solution.converged:
                 return Outcome(solution)
         if not start.is_folded and (start.x.size <= MOST_FACTORISED or not self._by_sweeps):

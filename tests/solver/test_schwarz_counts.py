@@ -43,7 +43,7 @@ class Case:
         return max(float(np.abs(mesh.x - self.mesh.x).max()), float(np.abs(mesh.y - self.mesh.y).max()))
 
     def iterations(self, settings: em.Schwarz, *, claimed: bool = True) -> int:
-        """Until the error has fallen by 1e-6, to 1e-9 at least; with ``claimed`` it must be when that is claimed, too."""
+        """Until the error has fallen by 1e-6, to 1e-9 at least, and with ``claimed`` where that is claimed, too."""
         needed, bound = None, min(1e-6 * self.error(self.start), 1e-9)
         for record in itertools.islice(em.iterate(self.problem, settings, self.start), 15):
             error = self.error(record.reference)
