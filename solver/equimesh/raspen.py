@@ -43,6 +43,10 @@ class Differentiable(Protocol):
 
     windows: list[SubdomainWindow]
 
+    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
+        """Read these states, and the mesh that they merge to."""
+        ...
+
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with the data of the mesh that is read."""
         ...
@@ -53,12 +57,13 @@ class Differentiable(Protocol):
 
 
 class Slope:
-    """``G'(z)`` at the mesh that is read: solutions ``states`` of all subdomains, merged by ownership.
+    """``G'(z)`` at a mesh ``z`` of which the subdomains made ``states``, merged by ownership.
 
     Raises ``RuntimeError`` where a subdomain's Jacobian is singular.
     """
 
-    def __init__(self, subdomains: Differentiable, states: Sequence[Mesh], threads: int = 1) -> None:
+    def __init__(self, subdomains: Differentiable, mesh: Mesh, states: Sequence[Mesh], threads: int = 1) -> None:
+        subdomains.begin([window.restrict(mesh) for window in subdomains.windows], mesh)
         self._windows, self._slopes = subdomains.windows, subdomains.slopes(states)
         self._solvers: dict[int, Callable[[Array], Array]] = {}
 
@@ -98,7 +103,7 @@ class Raspen:
         if size <= self._rounding:
             return None
         try:
-            slope = Slope(self._subdomains, states, self._threads)
+            slope = Slope(self._subdomains, start, states, self._threads)
         except RuntimeError:  # SuperLU: a matrix is exactly singular
             return None
         step = self._step(slope, change, min(CRUDEST, max(FINEST, size)), start.x.shape)

@@ -90,7 +90,7 @@ def test_subdomain_with_interfaces_on_every_side(condition: em.TransmissionCondi
 def test_subdomains_whose_interfaces_yield(boundary: em.Boundary, parts: tuple[int, int]) -> None:
     case = problem("tanh20", 18, 15, boundary=boundary)
     decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=2)
-    subdomains = YieldingSubdomains(case, decomposition, em.Optimized(), em.LocalSolver.NEWTON, 1)
+    subdomains = YieldingSubdomains(case, decomposition, em.Optimized(), em.LocalSolver.NEWTON, enough=0.0, threads=1)
     mesh = em.Mesh.uniform(case.grid)
     subdomains.begin([], mesh)
     for k, window in enumerate(subdomains.windows):

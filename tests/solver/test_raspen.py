@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,8 @@ from cases import problem
 from equimesh import single_domain, yielding
 from equimesh.functional_subdomains import FunctionalSubdomains
 from equimesh.local_solution import LocalSolution
-from equimesh.raspen import Slope
+from equimesh.raspen import Raspen, Slope
+from equimesh.schwarz_iteration import Subdomains
 from equimesh.subdomain_sweeps import SubdomainSweeps
 from equimesh.yielding_subdomains import YieldingSubdomains
 
@@ -31,16 +34,23 @@ def distance(one: em.Mesh, other: em.Mesh) -> float:
     return float(max(abs(one.x - other.x).max(), abs(one.y - other.y).max()))
 
 
+def yielding_subdomains(
+    case: em.Problem, decomposition: em.Decomposition, condition: em.Optimized
+) -> YieldingSubdomains:
+    """All subdomains with the optimized condition, solved by Newton's method."""
+    return YieldingSubdomains(case, decomposition, condition, em.LocalSolver.NEWTON, enough=0.0, threads=1)
+
+
 def check_against_sweeps(case: em.Problem, parts: tuple[int, int], data: em.LineData = em.LineData.LINE_SUMS) -> None:
     """Newton's method finds what sweeps without end converge to, in every subdomain."""
     decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=3)
     mesh = bent(case, 0.01)
-    found = YieldingSubdomains(case, decomposition, em.Optimized(data=data), em.LocalSolver.NEWTON, 1)
+    found = yielding_subdomains(case, decomposition, em.Optimized(data=data))
     found.begin([], mesh)
     for k, window in enumerate(found.windows):
         start, sides = found.received(k)
         sweeps = SubdomainSweeps(case, window.shape, yielding.frame(window, case.grid.shape))
-        swept = sweeps.solve(start, sides.rest, accuracy=1e-14, most=400)
+        swept = sweeps.solve(window.restrict(mesh), sides.rest, accuracy=1e-14, most=400)
         newton = found.solve(k).solution
         assert newton.converged
         assert not newton.swept
@@ -83,8 +93,10 @@ def test_the_derivative_of_an_iteration_is_exact(kind: em.TransmissionCondition,
     """The remainder of the linearised iteration falls by 4 when the step is halved."""
     case = problem("paper", 16, 13, boundary=boundary)
     decomposition = em.Decomposition(grid=case.grid, subdomains=(2, 2), overlap=3)
-    arguments = case, decomposition, kind, em.LocalSolver.NEWTON
-    found = YieldingSubdomains(*arguments, 1) if isinstance(kind, em.Optimized) else FunctionalSubdomains(*arguments)
+    if isinstance(kind, em.Optimized):
+        found: Subdomains = yielding_subdomains(case, decomposition, kind)
+    else:
+        found = FunctionalSubdomains(case, decomposition, kind, em.LocalSolver.NEWTON)
 
     def iterated(mesh: em.Mesh) -> tuple[np.ndarray, list[em.Mesh]]:
         found.begin([window.restrict(mesh) for window in found.windows], mesh)
@@ -102,7 +114,50 @@ def test_the_derivative_of_an_iteration_is_exact(kind: em.TransmissionCondition,
     steps = (2e-4, 1e-4)
     results = [iterated(em.Mesh(mesh.x + h * x, mesh.y + h * y))[0] for h in steps]
     value, states = iterated(mesh)
-    slope = np.stack(Slope(found, states)((x, y)))
+    slope = np.stack(Slope(found, mesh, states)((x, y)))
     remainders = [abs(result - value - h * slope).max() for h, result in zip(steps, results, strict=True)]
     assert abs(slope).max() > 0.1
     assert 3.7 < remainders[0] / remainders[1] < 4.3
+
+
+@pytest.mark.parametrize("kind", [em.Classical(), em.Optimized()], ids=lambda kind: kind.name)
+def test_newton_for_the_fixed_point_converges_quadratically(kind: em.TransmissionCondition) -> None:
+    settings = em.Schwarz(subdomains=(3, 1), transmission=kind, acceleration="newton", compare_single_domain=True)
+    solution = em.solve(problem("sine", 17), settings)
+    errors = [record.error for record in solution.iterations]
+    assert solution.status is em.Status.CONVERGED
+    assert next(k for k, error in enumerate(errors) if error < 1e-10) <= 5
+    for before, error in pairwise(errors[1:]):
+        assert error < max(300 * before**2, 1e-11)
+    first = solution.iterations[1]
+    assert first.accelerated
+    assert 0 < first.products < 50
+    assert all(record.newton_steps and not record.sweeps for record in first.subdomains)
+    assert solution.convergence()["iterations"][1]["products"] == first.products
+
+
+def test_a_step_that_folds_is_halved_and_then_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = problem("paper", 13)
+    start, result = em.Mesh.uniform(case.grid), bent(case, 0.0)
+    step = np.concatenate([(result.x - start.x).ravel(), (result.y - start.y).ravel()])
+    raspen = Raspen(yielding_subdomains(case, em.Decomposition(grid=case.grid), em.Optimized()), 0.0)
+    monkeypatch.setattr("equimesh.raspen.Slope", lambda *_: None)
+    for factor, share in ((1.0, 1.0), (8.0, 0.125), (1000.0, None)):
+        monkeypatch.setattr(Raspen, "_step", lambda *_, factor=factor: factor * step)
+        found = raspen.combined(start, result, [])
+        if share is None:
+            assert found is None
+        else:
+            assert not found.is_folded
+            scale = np.ptp(found.x - start.x) / np.ptp(result.x - start.x)
+            assert factor * share <= scale < 4.0
+
+
+@pytest.mark.parametrize(
+    ("more", "field"),
+    [({"ordering": "alternating"}, "schwarz.ordering"), ({"line_correction": 1}, "schwarz.line_correction")],
+)
+def test_newton_is_refused_where_its_derivative_is_not_known(more: dict[str, object], field: str) -> None:
+    with pytest.raises(em.InputError, match="newton") as caught:
+        em.Schwarz(acceleration="newton", **more)
+    assert caught.value.field == field
