@@ -39,6 +39,11 @@ SUBDOMAIN_COLOURS = ("#d62728", "#1f4fd8", "#009e73", "#e69f00", "#56b4e9", "#7f
 """Red and blue as in the paper, then colours that stay apart for colour-blind eyes."""
 OVERLAP_COLOUR = "#8e24aa"
 SINGLE_COLOUR = "#22577a"
+_MISMATCH = {"mismatch": "mismatch of the subdomains"}
+BESIDE = {"error": _MISMATCH, "change": {"estimate": "estimated error", **_MISMATCH}}
+"""What the picture of a Schwarz iteration shows beside its errors or changes."""
+WORDS = {"error": "error against the single domain", "change": "largest change of a node"}
+LENGTHS = "in units of the reference square"
 
 
 def draw_mesh(
@@ -173,7 +178,7 @@ def draw_surface(data: MeshData, path: str | Path) -> None:
 
 
 def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
-    """Draw a Schwarz iteration: its error, or its change where no error is known, and max ``Q_eq``.
+    """Draw a Schwarz iteration: its error, or its change where no error is known, its mismatch, and max ``Q_eq``.
 
     ``convergence`` is the JSON object of ``GET /v1/meshes/{id}/convergence``. Where there are at most
     ``MOST_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse.
@@ -184,10 +189,14 @@ def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
     values = _numbers(record.get(kind) for record in records)
     largest = _numbers(record.get("max_q_eq") for record in records)
     largest[~np.isfinite(largest)] = np.nan
-    series = (_components(records) if kind == "error" else {}) or {kind: (at, values)}
+    series = (_components(records) if kind == "error" else {}) or {WORDS[kind]: (at, values)}
+    for name, label in BESIDE[kind].items():
+        beside = _numbers(record.get(name) for record in records)
+        if (beside[1:] > 0).any():  # nothing is known of the start
+            series[label] = (at[1:], beside[1:])
     rates = {"rate": "measured", "predicted_rate": "predicted"}
     known = {label: convergence.get(key) for key, label in rates.items()}
-    parts = [f"{rate:.3f} {label}" for label, rate in known.items() if rate is not None and math.isfinite(rate)]
+    parts = [f"{_rate(rate)} {label}" for label, rate in known.items() if rate is not None and math.isfinite(rate)]
     with figure_file(path, 6.6, 6.6 if records else 1.2) as figure:
         if not records:
             figure.text(0.5, 0.5, "No Schwarz iteration: the mesh was computed on a single domain", ha="center")
@@ -195,9 +204,10 @@ def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
         semilog(upper, series)
         upper.set_title("Schwarz iteration" + (f"\nrate per iteration: {', '.join(parts)}" if parts else ""))
-        upper.set_ylabel("error against the single domain" if kind == "error" else "largest change of a node")
+        upper.set_ylabel(LENGTHS if WORDS[kind] in series and len(series) > 1 else WORDS[kind])
         lower.plot(at, largest, "o-", color="#333333", markersize=4, markevery=max(1, at.size // 25))
         lower.set_ylabel("max $Q_{eq}$")
+        lower.ticklabel_format(axis="y", useOffset=False)
         lower.grid(True)
         iteration_axis(lower, at)
 
@@ -222,6 +232,10 @@ def draw_histories(
         semilog(axes, series)
         axes.set(title=title, ylabel=ylabel)
         iteration_axis(axes, np.concatenate([at for at, _ in series.values()] or [np.zeros(0)]))
+
+
+def _rate(rate: float) -> str:
+    return f"{rate:.3f}" if rate >= 0.01 else f"{rate:.2g}"
 
 
 def _size(mesh: Mesh) -> str:

@@ -163,6 +163,7 @@ def test_pictures(http: httpx.Client, finished: dict[str, Any], kind: str) -> No
     svg = http.get(finished["links"]["plot"], params={"kind": kind})
     assert svg.headers["content-type"].startswith("image/svg+xml")
     assert ET.fromstring(svg.content).tag.endswith("svg")
+    assert (b"mismatch of the subdomains" in svg.content) == (kind == "convergence")
     png = http.get(finished["links"]["plot"], params={"kind": kind}, headers={"Accept": "image/png"})
     assert (png.status_code, png.content[:4]) == (200, b"\x89PNG")
 
