@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from equimesh_cli.command import build_parser
+from equimesh_cli.options import schwarz_of
 from equimesh_client import (
     AnnulusSector,
     ArcLength,
@@ -70,6 +72,27 @@ def heavy(**more: Any) -> dict[str, Any]:
     schwarz = Schwarz(subdomains=(4, 4), overlap=2, tolerance=None, max_iterations=1000).json()
     monitor = {"u": {"expression": "tanh(20*((x-0.5)**2+(y-0.5)**2-0.09))"}}
     return {"monitor": monitor, "grid": {"n_xi": 200, "n_eta": 200}, "schwarz": schwarz, **more}
+
+
+def test_client_service_and_solver_have_the_same_defaults() -> None:
+    import equimesh as em
+    from equimesh_cli.problem import build_schwarz
+    from equimesh_service import schwarz as spec
+
+    assert spec.SchwarzSpec.model_validate(Schwarz().json()) == spec.SchwarzSpec()
+    assert set(Schwarz().json()) == set(spec.SchwarzSpec.model_fields)
+    options = build_parser("solve").parse_args(["solve", "x", "--subdomains", "2x1"])
+    assert schwarz_of(options) == Schwarz()
+    assert build_schwarz(options) == em.Schwarz()
+    words = "--transmission optimized --interface-data local --ordering symmetric --line-correction 0 --tolerance none"
+    asked = build_schwarz(build_parser("solve").parse_args(["solve", "x", "--subdomains", "4x2", *words.split()]))
+    assert asked == em.Schwarz(
+        subdomains=(4, 2),
+        transmission=em.Optimized(data="local"),
+        ordering="symmetric",
+        line_correction=0,
+        tolerance=None,
+    )
 
 
 def test_the_papers_mesh(client: Any) -> None:
