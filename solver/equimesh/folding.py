@@ -1,4 +1,4 @@
-"""The smallest corner Jacobian of a mesh, which says whether it is folded."""
+"""Loops over nodal values: the smallest corner Jacobian, which says whether a mesh is folded, and differences."""
 
 from __future__ import annotations
 
@@ -31,3 +31,17 @@ def smallest_jacobian(x: Array, y: Array) -> float:
             smallest[j] = min(smallest[j], here)
             check[j] += one + two + three + four
     return smallest.min() if np.isfinite(check.sum()) else np.nan
+
+
+@compiled
+def largest_difference(one: Array, other: Array) -> float:
+    """The largest absolute difference of nodal values; NaN where one is not a number."""
+    rows, columns = one.shape
+    largest, check = np.zeros(columns), 0.0
+    for i in range(rows):
+        a, b = one[i], other[i]
+        for j in range(columns):
+            difference = abs(a[j] - b[j])
+            largest[j] = max(largest[j], difference)
+            check += difference
+    return largest.max() if np.isfinite(check) else np.nan

@@ -40,8 +40,11 @@ class LineCorrections:
         self._floor = ROUNDING * max(shape)
 
     def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> Corrected:
-        """So many corrections of a valid mesh; fewer where one would fold it, or the error left is small ``enough``."""
-        x, y, done, moves = mesh.x.copy(), mesh.y.copy(), 0, []
+        """So many corrections of a valid mesh; fewer where one would fold it, or the error left is small ``enough``.
+
+        ``mesh`` is used up: the corrections work in its memory.
+        """
+        x, y, done, moves = mesh.x, mesh.y, 0, []
         deviation = math.nan
         for _ in range(count):
             found = self._sweep.correct(x, y)
@@ -52,7 +55,7 @@ class LineCorrections:
             moves.append(found.move)
             if self._left(moves) <= enough:
                 break
-        return Corrected(Mesh(x.copy(), y.copy()), deviation, self._left(moves), done)
+        return Corrected(Mesh(x, y), deviation, self._left(moves), done)
 
     def _left(self, moves: list[float]) -> float:
         if moves and moves[-1] <= self._floor:

@@ -11,6 +11,7 @@ from equimesh import workers
 from equimesh.anderson import Anderson
 from equimesh.decomposition import Decomposition
 from equimesh.domain import mapped
+from equimesh.folding import largest_difference
 from equimesh.functional_subdomains import FunctionalSubdomains, Outcome
 from equimesh.iteration import Iteration, SubdomainRecord, estimated
 from equimesh.line_corrections import Corrected, LineCorrections
@@ -30,6 +31,8 @@ MOST_STALLS = 3
 # An iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not
 # the solution.
 FALSE_FIXED_POINT = 1e-3
+# Iterations are combined once squared metric lengths deviate from the mean of their line by no more than this of it.
+LINEAR = 0.1
 # Changes that fall by less than this factor over so many iterations are a stall, except where it is predicted.
 SLOWEST, STALL_WINDOW = 0.9, 8
 
@@ -125,13 +128,12 @@ class _Run:
             for window, state in zip(self.subdomains.windows, self.states, strict=True)
         )
         self.global_step = any(record.stalled for record in self.records)
-        if self.global_step:
-            merged = _newton_step(self.problem, merged)
-        self.corrected = Corrected(merged)
-        if self.corrections is not None and self.settings.line_corrections and not merged.is_folded:
-            self.corrected = self.corrections.apply(merged, self.settings.line_corrections, self.enough)
+        stepped = _newton_step(self.problem, merged) if self.global_step else merged
+        self.corrected = Corrected(stepped)
+        if self.corrections is not None and self.settings.line_corrections and not stepped.is_folded:
+            self.corrected = self.corrections.apply(stepped, self.settings.line_corrections, self.enough)
         self.mesh = self._accelerated(start, self.corrected)
-        if self.mesh is not merged or self.global_step or self.newton:
+        if self.mesh is not merged and not self.settings.is_optimized:
             self.states = [window.restrict(self.mesh) for window in self.subdomains.windows]
         self.changes.append(_distance(self.mesh, start))
         self._count()
@@ -163,13 +165,11 @@ class _Run:
 
     def _solved(self) -> Mesh:
         """One solve in every subdomain, turn by turn; the merged mesh."""
-        mesh, found = self.mesh, {}
+        mesh, found = Mesh(self.mesh.x.copy(), self.mesh.y.copy()), {}
         whole = self.settings.is_optimized and self.settings.ordering is not Ordering.PARALLEL
         for turn in self.turns:
             self.subdomains.begin(self.states, mesh)
-            outcomes = self._outcomes(turn)
-            mesh = Mesh(mesh.x.copy(), mesh.y.copy())
-            for k, outcome in outcomes.items():
+            for k, outcome in self._outcomes(turn).items():
                 window = self.subdomains.windows[k]
                 self.states[k] = outcome.solution.mesh
                 window.write(self.states[k], mesh, window.covered if whole else window.part.owned)
@@ -177,7 +177,8 @@ class _Run:
         self.records = tuple(found[k] for k in range(len(self.states)))
         self.stalls = [n + 1 if r.stalled else 0 for n, r in zip(self.stalls, self.records, strict=True)]
         self.rescues += any(record.classical for record in self.records)
-        return Mesh.of_unit_square(mesh.x, mesh.y)
+        mesh.x[0], mesh.x[-1], mesh.y[:, 0], mesh.y[:, -1] = 0.0, 1.0, 0.0, 1.0
+        return mesh
 
     def _outcomes(self, turn: list[int]) -> dict[int, Outcome]:
         found: dict[int, Outcome] = {}
@@ -196,6 +197,8 @@ class _Run:
         if self.newton is not None:
             return self._by_newton(self.newton, start, corrected.mesh)
         if self.anderson is None or corrected.estimate <= self.enough:
+            return corrected.mesh
+        if corrected.deviation > LINEAR:  # what is seen so far from the solution says nothing of the changes near it
             return corrected.mesh
         combined = self.anderson.combined(start, corrected.mesh)
         self.accelerated = combined is not None
@@ -235,7 +238,8 @@ class _Run:
     def _with_error(self, record: SubdomainRecord, reference: Mesh | None) -> SubdomainRecord:
         if reference is None:
             return record
-        window, state = self.subdomains.windows[record.subdomain], self.states[record.subdomain]
+        window = self.subdomains.windows[record.subdomain]
+        state = window.restrict(self.mesh) if self.settings.is_optimized else self.states[record.subdomain]
         error_x, error_y = window.distance(state, reference)
         return replace(record, error_x=error_x, error_y=error_y)
 
@@ -275,4 +279,4 @@ def _newton_step(problem: Problem, mesh: Mesh) -> Mesh:
 
 
 def _distance(mesh: Mesh, other: Mesh) -> float:
-    return max(float(abs(mesh.x - other.x).max()), float(abs(mesh.y - other.y).max()))
+    return max(largest_difference(mesh.x, other.x), largest_difference(mesh.y, other.y))

@@ -15,7 +15,7 @@ from equimesh import chord, remedies, single_domain, workers
 from equimesh.certificate import Certificate, Relaxed
 from equimesh.choices import choice
 from equimesh.decomposition import Decomposition
-from equimesh.domain import mapped
+from equimesh.domain import Rectangle, mapped
 from equimesh.errors import InputError, SolveError
 from equimesh.history import observed_rate, plain
 from equimesh.interpolation import InterpolationError, interpolation_errors
@@ -203,7 +203,7 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
             f" {problem.grid} are more: start nested",
             field="initial",
         )
-    if mapped(Mesh.uniform(problem.grid), problem.domain).is_folded:
+    if not isinstance(problem.domain, Rectangle) and mapped(Mesh.uniform(problem.grid), problem.domain).is_folded:
         raise InputError(
             f"the uniform mesh of {problem.grid} points has an inverted cell on this domain: its sides curve too much"
             " for so few points; add grid points",

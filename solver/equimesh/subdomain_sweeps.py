@@ -39,10 +39,10 @@ class SubdomainSweeps:
     ) -> LocalSolution:
         """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
 
-        Or are ``enough`` in units of the reference square; at most ``most`` sweeps. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set
+        Or are ``enough`` in units of the reference square; at most ``most`` sweeps. ``start`` is used up. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set
         where the moves fell; its residual is the deviation before the last sweep.
         """
-        x, y, moves = start.x.copy(), start.y.copy(), [math.inf]
+        x, y, moves = start.x, start.y, [math.inf]
         for count in range(1, most + 1):
             found = self._sweep.correct(x, y, None if rest is None else rest(x, y))
             if not (math.isfinite(found.deviation) and self._guarded(x, y)):
@@ -52,7 +52,7 @@ class SubdomainSweeps:
             if found.move <= max(accuracy * moves[1], self._floor, enough):
                 break
         fell = moves[-1] < moves[1] or moves[-1] <= max(self._floor, enough) or most == 1
-        return LocalSolution(Mesh(x.copy(), y.copy()), count, found.deviation, converged=fell, swept=True)
+        return LocalSolution(Mesh(x, y), count, found.deviation, converged=fell, swept=True)
 
     def _guarded(self, x: Array, y: Array) -> bool:
         """Halve the moves of the last sweep until they fold nothing; whether that helped."""

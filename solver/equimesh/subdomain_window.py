@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from equimesh.decomposition import Decomposition, Subdomain
+from equimesh.folding import largest_difference
 from equimesh.mesh import Mesh
 
 AXES = (0, 1)
@@ -51,8 +50,8 @@ class SubdomainWindow:
         place = self.covered
         local = self.local(place)
         return (
-            float(np.abs(state.x[local] - mesh.x[place]).max()),
-            float(np.abs(state.y[local] - mesh.y[place]).max()),
+            largest_difference(state.x[local], mesh.x[place]),
+            largest_difference(state.y[local], mesh.y[place]),
         )
 
     def local(self, place: tuple[slice, slice]) -> tuple[slice, slice]:

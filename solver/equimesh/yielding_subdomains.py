@@ -71,6 +71,7 @@ class YieldingSubdomains:
             )
             if solution.converged:
                 return Outcome(solution)
+            start, sides = self.received(k)  # the sweeps have used it up
         if not start.is_folded and (start.x.size <= MOST_FACTORISED or not self._by_sweeps):
             *_, solution = newton_steps(self.equations(k), start, most_steps=MOST_LOCAL_STEPS, fast=True)
             if solution.converged:
