@@ -111,7 +111,7 @@ def report(sizes: Sizes) -> dict[str, Any]:
 
 def _rows(sizes: Sizes) -> Iterator[Row]:
     import equimesh as em
-    from equimesh_cli.benchmark import newton, processes, solves
+    from equimesh_cli.benchmark import newton, processes, schwarz, solves
 
     cheap, tanh = em.Expression(solves.CHEAP), em.Expression(solves.TANH)
     yield solves.cost_of(cheap)
@@ -119,6 +119,7 @@ def _rows(sizes: Sizes) -> Iterator[Row]:
     yield solves.cost_of(tanh)
     yield from solves.large(sizes.large, tanh, ", tanh")
     yield from solves.threads(sizes.large)
+    yield from schwarz.compare(sizes.large)
     for n in sizes.small:
         yield from solves.small(n)
     if sizes.kernels:

@@ -9,7 +9,6 @@ from typing import Protocol
 
 from equimesh import workers
 from equimesh.anderson import Anderson
-from equimesh.decomposition import Decomposition
 from equimesh.domain import mapped
 from equimesh.folding import largest_difference
 from equimesh.functional_subdomains import FunctionalSubdomains, Outcome

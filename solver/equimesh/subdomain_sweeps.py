@@ -39,8 +39,9 @@ class SubdomainSweeps:
     ) -> LocalSolution:
         """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
 
-        Or are ``enough`` in units of the reference square; at most ``most`` sweeps. ``start`` is used up. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set
-        where the moves fell; its residual is the deviation before the last sweep.
+        Or are ``enough``, in units of the reference square; at most ``most`` sweeps. ``start`` is used up: they work in
+        its memory. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set where the moves
+        fell; its residual is the deviation before the last sweep.
         """
         x, y, moves = start.x, start.y, [math.inf]
         for count in range(1, most + 1):

@@ -190,7 +190,7 @@ HOPELESS = problem("wave", 9, boundary=em.Boundary.EQUIDISTRIBUTED_1D, a=1.0, b=
 
 @pytest.mark.parametrize(("fallback", "iterations"), [(False, 3), (True, 6)])
 def test_subdomains_that_stall_for_good_end_the_iteration(fallback: bool, iterations: int) -> None:
-    """Three stalls in a row end an iteration; one with a condition of the paper begins again once with the optimized."""
+    """Three stalls in a row end an iteration; one with a condition of the paper begins again with the optimized."""
     settings = em.Schwarz(overlap=2, transmission=em.Classical(), max_iterations=40, fallback=fallback)
     with pytest.raises(em.SolveError, match="subdomain 0, 1 stalled for good") as caught:
         em.solve(HOPELESS, settings)
