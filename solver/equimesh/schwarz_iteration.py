@@ -132,7 +132,8 @@ class _Run:
         if self.corrections is not None and self.settings.line_corrections and not stepped.is_folded:
             self.corrected = self.corrections.apply(stepped, self.settings.line_corrections, self.enough)
         self.mesh = self._accelerated(start, self.corrected)
-        if self.mesh is not merged and not self.settings.is_optimized:
+        # Newton's method knows the iteration as a map of merged meshes: all data is to come from one.
+        if not self.settings.is_optimized and (self.mesh is not merged or self.newton is not None):
             self.states = [window.restrict(self.mesh) for window in self.subdomains.windows]
         self.changes.append(_distance(self.mesh, start))
         self._count()
