@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -304,6 +305,21 @@ def test_convergence_shows_the_components_of_the_error(tmp_path: Path) -> None:
     draw_convergence({**convergence(6, errors=False), "predicted_rate": 0.25}, path)
     assert "largest change of a node" in texts(path)
     assert "0.250 predicted" in texts(path)
+
+
+def test_convergence_shows_what_else_is_known_and_marks_what_was_not_asked(tmp_path: Path) -> None:
+    path, made = tmp_path / "convergence.svg", convergence(5, errors=False)
+    marks = ("took over", "Newton step", "estimated error", "mismatch", "deviation")
+    draw_convergence(made, path)
+    assert not any(mark in texts(path) for mark in marks)
+    for record in made["iterations"]:
+        record.update(transmission="linear_robin", estimate=None, mismatch=0.0, deviation=None)
+    for record in made["iterations"][3:]:
+        record.update(transmission="optimized", estimate=0.2, mismatch=0.1, deviation=0.3, global_step=True)
+    draw_convergence(made, path)
+    assert "optimized took over from linear_robin" in texts(path)
+    assert all(mark in texts(path) for mark in marks)
+    assert re.findall(r"^ *(\d+) *$", texts(path), flags=re.MULTILINE)[:5] == ["0", "1", "2", "3", "4"]
 
 
 def test_convergence_without_numbers(tmp_path: Path) -> None:
