@@ -35,7 +35,10 @@ class Anderson:
         last, self._last = self._last, (change, result_now)
         if last is None:
             return None
-        self._changes.append(change - last[0])
+        difference = change - last[0]
+        if not np.any(difference):
+            return None
+        self._changes.append(difference)
         self._results.append(result_now - last[1])
         weights = self._weights(change)
         combined = result_now - sum(w * r for w, r in zip(weights, self._results, strict=True))
@@ -46,7 +49,7 @@ class Anderson:
 
     def _weights(self, change: Array) -> Array:
         """The least-squares weights of the earlier changes, by their normal equations scaled to unit length."""
-        size = np.array([max(float(np.linalg.norm(c)), 1e-300) for c in self._changes])
+        size = np.array([float(np.linalg.norm(c)) for c in self._changes])
         gram = np.array([[float(a @ b) for b in self._changes] for a in self._changes]) / np.outer(size, size)
         against = np.array([float(c @ change) for c in self._changes]) / size
         solution = np.linalg.lstsq(gram, against, rcond=ACCURACY)[0]

@@ -13,8 +13,8 @@ from equimesh.folding import smallest_jacobian
 from equimesh.mesh import Mesh
 from equimesh.problem import Problem
 
-# Corrections move the nodes by at least this share of the one before; where there is none before, by the other.
-USUAL_CONTRACTION, CAUTIOUS_CONTRACTION = 0.25, 0.5
+# What later corrections shrink the moves by, if those seen so far shrink them by less: errors that last come last.
+USUAL_CONTRACTION = 0.5
 # Moves of the nodes that rounding alone causes, per point in a direction.
 ROUNDING = 1e-15
 
@@ -62,6 +62,5 @@ class LineCorrections:
             return moves[-1]
         if not moves:
             return math.nan
-        seen = [after / before for before, after in itertools.pairwise(moves)] or [CAUTIOUS_CONTRACTION]
-        contraction = max(USUAL_CONTRACTION, *seen)
+        contraction = max([USUAL_CONTRACTION, *(after / before for before, after in itertools.pairwise(moves))])
         return moves[-1] * contraction / (1.0 - contraction) if contraction < 1.0 else math.inf

@@ -69,7 +69,7 @@ class Schwarz:
     ``subdomains`` along xi and eta, ``overlap`` in points, as in :class:`~equimesh.decomposition.Decomposition`.
     ``line_correction`` is how many times all grid lines are corrected as a whole after every iteration; "auto" is 3
     for the optimized condition and none for the paper's. ``acceleration="auto"`` likewise is Anderson's, or none.
-    ``fallback`` lets the optimized condition take over where another stalls.
+    ``fallback`` lets the optimized condition take over where another stalls, and a single domain where all do.
 
     The iteration ends when the estimated error of the merged mesh (max norm of node positions, in units of the
     reference square) is at most ``tolerance``; ``tolerance="discretization"`` is a fifth of the error that the grid

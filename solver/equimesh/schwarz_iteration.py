@@ -10,7 +10,7 @@ from typing import Protocol
 from equimesh import workers
 from equimesh.anderson import Anderson
 from equimesh.domain import mapped
-from equimesh.folding import largest_difference
+from equimesh.folding import largest_difference, smallest_jacobian
 from equimesh.functional_subdomains import FunctionalSubdomains, Outcome
 from equimesh.iteration import Iteration, SubdomainRecord, estimated
 from equimesh.line_corrections import Corrected, LineCorrections
@@ -25,8 +25,9 @@ from equimesh.yielding_subdomains import MOST_FACTORISED, YieldingSubdomains
 
 # After this many iterations in which some subdomain had to take classical data, another condition takes over.
 MOST_RESCUES = 3
-# A subdomain that stalls in this many iterations in a row ends the Schwarz iteration, or brings the fallback.
-MOST_STALLS = 3
+# In so many iterations in a row may a subdomain stall, or the merged mesh fold: then the fallback comes or, if Newton
+# steps on the whole grid do not lower the residual by this factor in that time, the end.
+MOST_STALLS, PROGRESS = 3, 0.9
 # An iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not
 # the solution.
 FALSE_FIXED_POINT = 1e-3
@@ -101,6 +102,7 @@ class _Run:
         self.states = [window.restrict(self.start) for window in self.subdomains.windows]
         self.mesh = self.start
         self.stalls, self.rescues = [0] * len(self.states), 0
+        self.setbacks: list[float] = []
         if settings.line_corrections and self.corrections is None:
             self.corrections = LineCorrections(self.problem, self.threads)
         self.anderson = Anderson() if settings.accelerated_by is Acceleration.ANDERSON else None
@@ -122,14 +124,14 @@ class _Run:
             self._begin(self.settings.fallen_back())
         start = self.mesh
         merged = self._solved()
+        folded = not smallest_jacobian(merged.x, merged.y) > 0.0
         self.mismatch = max(
             max(window.distance(state, merged))
             for window, state in zip(self.subdomains.windows, self.states, strict=True)
         )
-        self.global_step = any(record.stalled for record in self.records)
-        stepped = _newton_step(self.problem, merged) if self.global_step else merged
+        stepped = self._stepped(start if folded else merged, needed=folded or max(self.stalls) > 0)
         self.corrected = Corrected(stepped)
-        if self.corrections is not None and self.settings.line_corrections and not stepped.is_folded:
+        if self.corrections is not None and self.settings.line_corrections:
             self.corrected = self.corrections.apply(stepped, self.settings.line_corrections, self.enough)
         self.mesh = self._accelerated(start, self.corrected)
         # Newton's method knows the iteration as a map of merged meshes: all data is to come from one.
@@ -157,11 +159,33 @@ class _Run:
             error=None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
             global_step=self.global_step,
             accelerated=self.accelerated,
-            failed=max(self.stalls) >= MOST_STALLS and not self._may_fall_back(),
+            failed=self._is_stuck and not self._may_fall_back(),
             work=self.work,
             traffic=self.traffic,
             products=self.products,
         )
+
+    def _stepped(self, mesh: Mesh, *, needed: bool) -> Mesh:
+        """The mesh after a guarded Newton step on the whole grid, where one is ``needed``.
+
+        Itself, or a copy, where there is none to take, or a factorisation would cost too much.
+        """
+        self.global_step = needed
+        if not needed:
+            self.setbacks = []
+            return mesh
+        if self.problem.grid.points > MOST_FACTORISED:
+            self.setbacks.append(math.inf)
+            return Mesh(mesh.x.copy(), mesh.y.copy())
+        *_, last = newton_steps(self.problem.equations(), mesh, most_steps=1, fast=True)
+        self.setbacks.append(last.residual)
+        return Mesh.of_unit_square(last.mesh.x, last.mesh.y)
+
+    @property
+    def _is_stuck(self) -> bool:
+        """Whether Newton steps on the whole grid, taken several times in a row, lead nowhere."""
+        recent = self.setbacks[-MOST_STALLS:]
+        return len(recent) == MOST_STALLS and not recent[-1] < PROGRESS * recent[0]
 
     def _solved(self) -> Mesh:
         """One solve in every subdomain, turn by turn; the merged mesh."""
@@ -217,7 +241,7 @@ class _Run:
         if not self._may_fall_back():
             return False
         own = self.changes[self.since :]
-        if max(self.stalls) >= MOST_STALLS or self.rescues >= MOST_RESCUES:
+        if len(self.setbacks) >= MOST_STALLS or self.rescues >= MOST_RESCUES:
             return True
         if own and own[-1] < FALSE_FIXED_POINT * (self.mismatch - self.rounding):
             return True
@@ -268,14 +292,6 @@ def _record(k: int, outcome: Outcome) -> SubdomainRecord:
         stalled=not solution.converged,
         classical=outcome.classical,
     )
-
-
-def _newton_step(problem: Problem, mesh: Mesh) -> Mesh:
-    """The mesh after a guarded Newton step on the whole grid; itself where there is none, or it would cost too much."""
-    if mesh.is_folded or problem.grid.points > MOST_FACTORISED:
-        return mesh
-    *_, last = newton_steps(problem.equations(), mesh, most_steps=1, fast=True)
-    return Mesh.of_unit_square(last.mesh.x, last.mesh.y)
 
 
 def _distance(mesh: Mesh, other: Mesh) -> float:

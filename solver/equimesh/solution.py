@@ -329,7 +329,27 @@ def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, how: _
     if reference is not None and known is None:
         note = "There is no single-domain solution to compare with: " + _what_was_found(reference, problem)
     solution = _finished(problem, schwarz, records, tolerance, note, nested=initial is not Initial.UNIFORM)
+    if records[-1].failed and schwarz.fallback:
+        return _rescued(solution, how)
     return replace(solution, discretization_error=_known(expected))
+
+
+def _rescued(failed: Solution, how: _How) -> Solution:
+    """The mesh of a single-domain solve, in place of that of a Schwarz iteration that stalled for good."""
+    single = _single_domain(failed.problem, Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    last = failed.iterations[-1]
+    stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
+    where = f" in subdomain {stuck}" if stuck else ""
+    stalled = (
+        f"The Schwarz iteration stalled for good in iteration {last.iteration}{where}: this is the mesh of a single"
+    )
+    return replace(
+        single,
+        schwarz=failed.schwarz,
+        iterations=failed.iterations,
+        detours=(*failed.detours, f"{stalled} domain."),
+        note=" ".join(text for text in (f"{stalled} domain.", *failed.detours, single.note) if text),
+    )
 
 
 def _nested_start(problem: Problem, how: _How) -> tuple[Mesh, float]:
@@ -362,7 +382,8 @@ def _finished(
     if last.failed:
         status = Status.NEWTON_FAILED
         stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
-        notes.insert(0, f"In iteration {last.iteration} the solve of subdomain {stuck} stalled for good.")
+        what = f"the solve of subdomain {stuck}" if stuck else "the iteration"
+        notes.insert(0, f"In iteration {last.iteration} {what} stalled for good.")
     elif tolerance is None:
         status = Status.COMPLETED
     elif last.meets(tolerance):

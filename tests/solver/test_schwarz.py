@@ -188,20 +188,35 @@ def test_a_newton_failure_says_where_and_folds_nothing() -> None:
 HOPELESS = problem("wave", 9, boundary=em.Boundary.EQUIDISTRIBUTED_1D, a=1.0, b=0.0)
 
 
-@pytest.mark.parametrize(("fallback", "iterations"), [(False, 3), (True, 6)])
-def test_subdomains_that_stall_for_good_end_the_iteration(fallback: bool, iterations: int) -> None:
-    """Three stalls in a row end an iteration; one with a condition of the paper begins again with the optimized."""
-    settings = em.Schwarz(overlap=2, transmission=em.Classical(), max_iterations=40, fallback=fallback)
+def test_subdomains_that_stall_for_good_end_the_iteration() -> None:
+    """Three times in a row, with Newton steps on the whole grid in between that lead nowhere."""
+    settings = em.Schwarz(overlap=2, transmission=em.Classical(), max_iterations=40, fallback=False)
     with pytest.raises(em.SolveError, match="subdomain 0, 1 stalled for good") as caught:
         em.solve(HOPELESS, settings)
     partial = caught.value.solution
     assert partial.status is em.Status.NEWTON_FAILED
-    assert [record.failed for record in partial.iterations] == [False] * iterations + [True]
+    assert [record.failed for record in partial.iterations] == [False] * 3 + [True]
+    assert [record.global_step for record in partial.iterations] == [False] + [True] * 3
     assert all(r.stalled for r in partial.iterations[-1].subdomains)
     assert math.isinf(partial.residual)
     assert not partial.mesh.is_folded
     statuses = {r["status"] for r in partial.convergence()["iterations"][-1]["subdomains"]}
     assert statuses == {"stalled"}
+
+
+def test_where_no_iteration_leads_to_a_mesh_a_single_domain_does() -> None:
+    settings = em.Schwarz(overlap=2, transmission=em.Classical(), max_iterations=40)
+    solution = em.solve(HOPELESS, settings)
+    single = em.solve(HOPELESS, mode=em.Mode.TIGHT)
+    assert solution.status is single.status is em.Status.RELAXED
+    assert np.array_equal(solution.mesh.x, single.mesh.x)
+    names = [record.transmission for record in solution.iterations]
+    assert names == ["classical"] * 4 + ["optimized"] * (len(names) - 4)
+    assert solution.iterations[-1].failed
+    assert "this is the mesh of a single domain" in solution.message
+    assert any("of a single domain" in warning for warning in solution.certificate.warnings)
+    with pytest.raises(em.SolveError, match="of a single domain"):
+        em.solve(HOPELESS, settings, allow_relaxed=False)
 
 
 LINEAR_ROBIN = em.Schwarz(
