@@ -59,7 +59,8 @@ def steps_to_exact(decomposition: Decomposition, settings: Schwarz) -> int | Non
 def _matrices(decomposition: Decomposition, settings: Schwarz) -> list[Array] | None:
     """One iteration on a xi-line, and on an eta-line, as far as they are cut; ``None`` for one subdomain.
 
-    On blocks a line belongs to one row of them alone, whose subdomains take their turns as strips would.
+    On blocks a line belongs to one row of them alone, whose subdomains take their turns as strips would. (Not so where
+    two rows overlap, if blocks take turns and read local data: they find there what both have written, and can stall.)
     """
     columns, rows = decomposition.subdomains
     cut = [(axis, strips) for axis, strips in enumerate(((columns, 1), (1, rows))) if strips != (1, 1)]

@@ -190,6 +190,17 @@ def test_automatic_p_is_exact_when_data_has_crossed_the_line(ordering: em.Orderi
     assert all(error > 1e-6 for error in errors[:-1])
 
 
+def test_linear_robin_takes_a_density_that_varies_for_another_p() -> None:
+    """Its p less the slope of log m: with the automatic p it diverges where the nonlinear and the optimized do not."""
+    ends = {}
+    for condition in (em.LinearRobin(), em.NonlinearRobin(), em.Optimized()):
+        errors = line(BENT, plain(3, condition, em.Ordering.ALTERNATING)).errors(6)
+        ends[condition.name] = errors[-1] / errors[0]
+    assert ends["linear_robin"] > 1.5
+    assert ends["nonlinear_robin"] < 1e-5
+    assert ends["optimized"] < 1e-7
+
+
 def test_local_data_needs_an_overlap_where_the_owner_changes_elsewhere() -> None:
     """It reads the first edge beyond an interface in the merged mesh; with an overlap of 2 that is half the own one."""
     wide = line(BENT, plain(3, em.Optimized(data=em.LineData.LOCAL), em.Ordering.PARALLEL))
