@@ -68,7 +68,8 @@ class Schwarz:
 
     ``subdomains`` along xi and eta, ``overlap`` in points, as in :class:`~equimesh.decomposition.Decomposition`.
     ``line_correction`` is how many times all grid lines are corrected as a whole after every iteration; "auto" is 3
-    for the optimized condition and none for the paper's. ``acceleration="auto"`` likewise is Anderson's, or none.
+    for the optimized condition and none for the paper's. ``acceleration="auto"`` is Anderson's for the optimized
+    condition and wherever lines are corrected, or else none.
     ``fallback`` lets the optimized condition take over where another stalls, and a single domain where all do.
 
     The iteration ends when the estimated error of the merged mesh (max norm of node positions, in units of the
@@ -145,7 +146,7 @@ class Schwarz:
     def accelerated_by(self) -> Acceleration:
         """The acceleration, "auto" resolved."""
         if self.acceleration == "auto":
-            return Acceleration.ANDERSON if self.is_optimized else Acceleration.NONE
+            return Acceleration.ANDERSON if self.is_optimized or self.line_corrections else Acceleration.NONE
         return Acceleration(self.acceleration)
 
     @property
