@@ -28,7 +28,7 @@ ORDERING_USES = {
 ACCELERATION_USES = {
     "none": "Studies of an iteration's own rate.",
     "anderson": "For every mesh: a combination of the last iterations, which costs nothing. Auto, for optimized.",
-    "newton": "Tight tolerances where an iteration contracts slowly: Newton's method for its fixed point.",
+    "newton": "Studies: four or five iterations without line corrections, at many times the work of each.",
 }
 LOCAL_SOLVER_USES = {
     "sweeps": "For every mesh: line corrections, where the condition knows any, and Newton's method where they fail.",

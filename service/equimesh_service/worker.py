@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,8 @@ def warm_up() -> None:
     ring = equimesh.AnnulusSector()
     plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
-    schwarz, paper = equimesh.Schwarz(), equimesh.Schwarz(transmission=equimesh.LinearRobin(), max_iterations=2)
+    schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
+    paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
     for monitor, points, domain, settings in (
         (plain, 9, equimesh.Rectangle(), paper),
         (plain, 9, equimesh.Rectangle(), schwarz),

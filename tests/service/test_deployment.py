@@ -216,6 +216,9 @@ def test_the_commands_of_the_image_run(tmp_path: Path) -> None:
     with container(variables):
         made = httpx.post(f"{url}/v1/meshes", json=SPEC, headers={"Prefer": "wait=30"}, timeout=40)
         assert made.json()["status"] == "succeeded"
+        parts = {**SPEC, "grid": {"n_xi": 200, "n_eta": 190}, "schwarz": {"subdomains": [2, 2]}}
+        many = httpx.post(f"{url}/v1/meshes", json=parts, headers={"Prefer": "wait=30"}, timeout=40)
+        assert many.json()["status"] == "succeeded"
         assert (tmp_path / "data" / "equimesh.sqlite3").exists()
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "numba").rglob("*.nb*")} == compiled
     assert not healthy(variables)
