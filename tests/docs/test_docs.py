@@ -17,7 +17,21 @@ from pathlib import Path
 
 import pytest
 
-from equimesh import ArcLength, Boundary, Expression, Grid, Initial, Ordering, Problem, Schwarz, Status, solve
+from equimesh import (
+    Acceleration,
+    ArcLength,
+    Boundary,
+    Expression,
+    Grid,
+    Initial,
+    LineData,
+    LocalSolver,
+    Ordering,
+    Problem,
+    Schwarz,
+    Status,
+    solve,
+)
 from equimesh.expression import FUNCTIONS, LIMITS
 from equimesh.io import CELLS, FORMATS
 from equimesh.quality import PER_CELL
@@ -25,10 +39,11 @@ from equimesh.upload import READERS
 from equimesh_cli.command import build_parser
 from equimesh_cli.exits import Exit
 from equimesh_service import Settings, running
+from equimesh_service import schwarz as schwarz_spec
 from equimesh_service.app import create_app
 from equimesh_service.problems import KINDS
 from equimesh_service.resources import MeshResource
-from equimesh_service.spec import MeshSpec, SchwarzSpec
+from equimesh_service.spec import MeshSpec
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -198,7 +213,7 @@ def test_every_problem_is_documented_with_its_status() -> None:
 
 def test_every_key_of_spec_and_mesh_is_documented() -> None:
     text = page("http")
-    for name in [*MeshSpec.model_fields, *SchwarzSpec.model_fields, *MeshResource.model_fields]:
+    for name in [*MeshSpec.model_fields, *schwarz_spec.SchwarzSpec.model_fields, *MeshResource.model_fields]:
         assert re.search(rf"[`.\"]{name}[`.\",]", text), name
 
 
@@ -216,8 +231,10 @@ def test_every_choice_is_documented() -> None:
         assert all(f"`{kind}`" in page(name) for kind in Boundary), name
         for kind in ("classical", "linear_robin", "nonlinear_robin"):
             assert f"`{kind}`" in page(name), (name, kind)
-    for choice in (*Ordering, *Initial, *CELLS):
+    for choice in (*Ordering, *Acceleration, *LocalSolver, *LineData, *Initial, *CELLS):
         assert f"`{choice}`" in page("cli"), choice
+    for name in ("http", "cli", "choose-settings", "choosing-a-transmission-condition"):
+        assert all(f"`{kind}`" in page(name) for kind in schwarz_spec.TRANSMISSION_USES), name
 
 
 def test_every_status_is_documented() -> None:
