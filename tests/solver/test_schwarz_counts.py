@@ -129,3 +129,33 @@ def test_meshes_do_not_depend_on_the_number_of_threads() -> None:
             for threads in (1, 2, 5)
         )
         assert all(np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y) for other in others)
+
+
+def test_traffic_grows_like_the_side_of_the_grid_and_work_like_its_points() -> None:
+    found = []
+    for n in (65, 129):
+        case = Case.of("tanh20", n)
+        settings = em.Schwarz(subdomains=(4, 4), tolerance=None)
+        last = list(itertools.islice(em.iterate(case.problem, settings, case.start), 2))[-1]
+        found.append((last.traffic, last.work / case.problem.grid.points))
+    (traffic, work), (finer_traffic, finer_work) = found
+    assert finer_traffic / traffic == pytest.approx(2.0, abs=0.2)
+    assert finer_work == pytest.approx(work, rel=0.2)
+    assert work < 10
+
+
+@pytest.mark.parametrize("condition", [em.LinearRobin(), em.NonlinearRobin()], ids=lambda c: c.name)
+def test_line_corrections_help_every_condition(condition: em.TransmissionCondition) -> None:
+    """With them a Robin condition converges on a steep front where it had stalled."""
+    case = Case.of("ring", 33)
+    settings = em.Schwarz(subdomains=(1, 4), overlap=3, transmission=condition, fallback=False)
+    corrected = em.Schwarz(
+        subdomains=(1, 4), overlap=3, transmission=condition, fallback=False, line_correction=3, acceleration="none"
+    )
+    bound = 1e-4 * case.error(case.start)
+    errors = [
+        [case.error(r.reference) for r in itertools.islice(em.iterate(case.problem, s, case.start), 8)]
+        for s in (settings, corrected)
+    ]
+    assert min(errors[0]) > bound
+    assert min(errors[1]) < bound
