@@ -29,7 +29,12 @@ def told_by(schwarz: equimesh.Schwarz | None, interval: float) -> list[Mapping[s
 
 @pytest.mark.parametrize(
     "schwarz",
-    [None, equimesh.Schwarz(overlap=2), equimesh.Schwarz(overlap=2, tolerance=None, max_iterations=3)],
+    [
+        None,
+        equimesh.Schwarz(overlap=2),
+        equimesh.Schwarz(overlap=2, tolerance="discretization"),
+        equimesh.Schwarz(overlap=2, tolerance=None, max_iterations=3),
+    ],
 )
 def test_the_fraction_grows_to_nearly_one(schwarz: equimesh.Schwarz | None) -> None:
     told = told_by(schwarz, interval=0.0)
