@@ -19,7 +19,7 @@ from equimesh.mesh import Mesh
 from equimesh.problem import Problem
 from equimesh.raspen import Differentiable, Raspen
 from equimesh.schwarz import Acceleration, Ordering, Schwarz, smallest_tolerance
-from equimesh.transmission import Classical, Optimized
+from equimesh.transmission import Classical, Optimized, label
 from equimesh.turns import turns
 from equimesh.yielding_subdomains import MOST_FACTORISED, YieldingSubdomains
 
@@ -34,7 +34,7 @@ FALSE_FIXED_POINT = 1e-3
 # Iterations are combined once squared metric lengths deviate from the mean of their line by no more than this of it.
 LINEAR = 0.1
 # Changes that fall by less than this factor over so many iterations are a stall, except where it is predicted.
-SLOWEST, STALL_WINDOW = 0.9, 8
+SLOWEST, STALL_WINDOW = 0.75, 8
 
 
 class Subdomains(Differentiable, Protocol):
@@ -154,7 +154,7 @@ class _Run:
             estimate=self._estimate(),
             mismatch=self.mismatch,
             subdomains=tuple(records),
-            transmission=self.settings.transmission.name,
+            transmission=label(self.settings.transmission),
             deviation=self.corrected.deviation,
             error=None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
             global_step=self.global_step,
@@ -251,7 +251,7 @@ class _Run:
         return own[-1] >= slowest**STALL_WINDOW * own[-1 - STALL_WINDOW]
 
     def _may_fall_back(self) -> bool:
-        return self.settings.fallback and not self.settings.is_optimized
+        return self.settings.fallback and self.settings.transmission != Optimized()
 
     def _estimate(self) -> float:
         if self.accelerated or math.isnan(self.corrected.estimate):

@@ -31,6 +31,7 @@ from equimesh.schwarz import Schwarz, smallest_tolerance
 from equimesh.schwarz_iteration import iterate
 from equimesh.single_domain import Mode, Step
 from equimesh.status import Status
+from equimesh.transmission import label
 
 Event: TypeAlias = Step | Iteration
 Observer: TypeAlias = Callable[[Event], None]
@@ -413,7 +414,7 @@ def _finished(
 
 def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
     """What was done in place of what was asked for."""
-    asked, found = schwarz.transmission.name, []
+    asked, found = label(schwarz.transmission), []
     rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
     if rescued:
         found.append(

@@ -164,6 +164,12 @@ class Optimized:
 TransmissionCondition: TypeAlias = Classical | LinearRobin | NonlinearRobin | Optimized
 
 
+def label(condition: TransmissionCondition) -> str:
+    """The condition's name, and whether it is the lesser form of it."""
+    is_local = isinstance(condition, Optimized) and condition.data is LineData.LOCAL
+    return f"{condition.name} (local data)" if is_local else condition.name
+
+
 def _check_strength(p: Strength) -> None:
     if p != "auto" and not (isinstance(p, int | float) and math.isfinite(p) and p > 0):
         raise InputError(f'p = {p!r}: the Robin parameter must be a positive number or "auto"', field="transmission.p")
