@@ -17,7 +17,7 @@ from equimesh.plot import draw_histories, draw_mesh
 SECONDS = 30.0  # for one mesh
 TOLERANCE = 1e-6
 FRONT = "tanh(20*((x - 0.5)**2 + (y - 0.5)**2 - 0.06 - t))"
-SCHWARZ = em.Schwarz(subdomains=(2, 1), overlap=4, transmission=em.NonlinearRobin(p="auto"))
+SCHWARZ = em.Schwarz(overlap=4, transmission=em.NonlinearRobin(p="auto"), ordering=em.Ordering.ALTERNATING)
 
 
 def problem(t: float) -> em.Problem:

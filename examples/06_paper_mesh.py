@@ -16,7 +16,7 @@ PAPER = em.Problem(
     grid=em.Grid(n_xi=18, n_eta=18),
     boundary=em.Boundary.EQUIDISTRIBUTED_1D,
 )
-SCHWARZ = em.Schwarz(subdomains=(2, 1), overlap=4, transmission=em.LinearRobin(p=2.3))
+SCHWARZ = em.Schwarz(overlap=4, transmission=em.LinearRobin(p=2.3), ordering=em.Ordering.ALTERNATING)
 
 
 def main(output: Path) -> None:

@@ -25,7 +25,12 @@ CLOSED_FORM = 11 / 5  # one over the distance from an interface to the side beyo
 def history(transmission: em.TransmissionCondition) -> list[float]:
     """Largest error of x_1, iteration by iteration, down to rounding."""
     settings = em.Schwarz(
-        overlap=2, transmission=transmission, tolerance=None, max_iterations=8, compare_single_domain=True
+        overlap=2,
+        transmission=transmission,
+        ordering=em.Ordering.ALTERNATING,
+        tolerance=None,
+        max_iterations=8,
+        compare_single_domain=True,
     )
     solution = em.solve(PAPER, settings, initial=em.Initial.UNIFORM)
     return [error for record in solution.iterations if (error := record.subdomains[0].error_x) > 1e-12]

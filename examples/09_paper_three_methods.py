@@ -19,7 +19,9 @@ PAPER = em.Problem(
     grid=em.Grid(n_xi=12, n_eta=12),
     boundary=em.Boundary.EQUIDISTRIBUTED_1D,
 )
-ITERATIONS = em.Schwarz(overlap=2, tolerance=None, max_iterations=20, compare_single_domain=True)
+ITERATIONS = em.Schwarz(
+    overlap=2, ordering=em.Ordering.ALTERNATING, tolerance=None, max_iterations=20, compare_single_domain=True
+)
 METHODS = {
     "Classical": replace(ITERATIONS, transmission=em.Classical(), ordering=em.Ordering.PARALLEL),
     "Linear Robin": replace(ITERATIONS, transmission=em.LinearRobin(p=2.3), max_iterations=5),
