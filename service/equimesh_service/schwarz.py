@@ -103,10 +103,15 @@ class SchwarzSpec(Strict):
         "3 for the optimized condition, 0 for the others.",
     )
     acceleration: Literal["auto", "none", "anderson", "newton"] = Field(
-        "auto", description="What is made of several iterations; 'auto' is anderson for the optimized condition."
+        "auto",
+        description="What is made of several iterations; 'auto' is anderson for the optimized condition and wherever "
+        "lines are corrected, else none.",
     )
     local_solver: Literal["sweeps", "newton"] = Field("sweeps", description="How a subdomain is solved.")
-    fallback: bool = Field(True, description="Whether the optimized condition takes over where another stalls.")
+    fallback: bool = Field(
+        True,
+        description="Whether the optimized condition takes over where another stalls, and a single domain where all do.",
+    )
     tolerance: Annotated[
         FiniteFloat | Literal["discretization"] | None, either("a positive number, 'discretization', or null")
     ] = Field(
