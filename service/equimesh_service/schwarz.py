@@ -110,7 +110,7 @@ class SchwarzSpec(Strict):
     local_solver: Literal["sweeps", "newton"] = Field("sweeps", description="How a subdomain is solved.")
     fallback: bool = Field(
         True,
-        description="Whether the optimized condition takes over where another stalls, and a single domain where all do.",
+        description="Whether the optimized condition takes over where another stalls, a single domain where all do.",
     )
     tolerance: Annotated[
         FiniteFloat | Literal["discretization"] | None, either("a positive number, 'discretization', or null")
