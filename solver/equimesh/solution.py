@@ -204,7 +204,7 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
             f" {problem.grid} are more: start nested",
             field="initial",
         )
-    if not isinstance(problem.domain, Rectangle) and mapped(Mesh.uniform(problem.grid), problem.domain).is_folded:
+    if type(problem.domain) is not Rectangle and mapped(Mesh.uniform(problem.grid), problem.domain).is_folded:
         raise InputError(
             f"the uniform mesh of {problem.grid} points has an inverted cell on this domain: its sides curve too much"
             " for so few points; add grid points",
