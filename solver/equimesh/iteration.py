@@ -47,7 +47,8 @@ class Iteration:
     at nodes that they share: a fixed point without mismatch is the single-domain solution, one with is not.
 
     ``transmission`` names the condition that was used, which is not the asked one after a fallback. ``global_step``
-    says that a Newton step was taken on the whole grid, as a subdomain had stalled; ``accelerated`` that the mesh is a
+    says that a Newton step was taken on the whole grid, as a subdomain had stalled, the merged mesh folded, or a slow
+    iteration was to be tested; ``accelerated`` that the mesh is a
     combination of several iterations, or a Newton step for their fixed point. ``failed`` ends the iteration: a
     subdomain has stalled for good. ``work`` is how many nodes were corrected, counted as often as they were, and
     ``traffic`` how many bytes the subdomains would send each other if each had a machine of its own. Neither counts
@@ -87,7 +88,7 @@ class Iteration:
         """
         if tolerance is None:
             return False
-        reachable = max(tolerance, smallest_tolerance(self.mesh.grid))
+        reachable = max(tolerance, smallest_tolerance(self.problem))
         if not (self.estimate <= reachable and self.min_jacobian > 0):
             return False
         agreed = self.mismatch <= 2 * reachable and not any(record.stalled for record in self.subdomains)

@@ -73,6 +73,12 @@ def _matrices(decomposition: Decomposition, settings: Schwarz) -> list[Array] | 
 
 def _index_of_nilpotency(matrix: Array) -> int | None:
     """The lowest power of a matrix that is zero, if there is one."""
+    squared = matrix
+    for _ in range(len(matrix).bit_length()):
+        largest = np.abs(squared).max()
+        squared = (squared / largest) @ (squared / largest) if largest > 0.0 else squared
+    if squared.any():
+        return None
     power = np.eye(len(matrix))
     for exponent in range(1, len(matrix) + 1):
         power = matrix @ power

@@ -15,6 +15,7 @@ from equimesh.monitor import ArcLength
 from equimesh.problem import Problem
 from equimesh.schwarz import Schwarz, smallest_tolerance
 from equimesh.status import Status
+from equimesh.transmission import Optimized, label
 
 # More iterations than this are no remedy to offer, and from fewer than these no number can be foretold.
 MOST_OFFERED, FEWEST_SEEN = 1000, 5
@@ -72,7 +73,7 @@ def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) ->
 def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, tolerance: float) -> str:
     """For a Schwarz iteration that did not reach its ``tolerance``; ``rate`` is the observed one."""
     ideas = []
-    left = max(last.estimate, last.mismatch / 2) / max(tolerance, smallest_tolerance(problem.grid))
+    left = max(last.estimate, last.mismatch / 2) / max(tolerance, smallest_tolerance(problem))
     if rate is None or last.iteration < FEWEST_SEEN:
         ideas.append("allow more iterations")
     elif 0.0 < rate < 1.0 and 1.0 < left < math.inf:
@@ -82,7 +83,7 @@ def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: flo
     wider = 2 * schwarz.overlap
     if _fits(problem, schwarz, wider):
         ideas.append(f"widen the overlap, to {wider} points for instance")
-    if not schwarz.is_optimized:
+    if last.transmission != label(Optimized()):
         ideas.append("use the optimized transmission condition")
     elif not schwarz.line_corrections:
         ideas.append("allow line corrections")

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal, TypeAlias
+from numbers import Integral
+from typing import Literal, TypeAlias, TypeGuard
 
 from equimesh.choices import choice
 from equimesh.decomposition import Decomposition
 from equimesh.errors import InputError
 from equimesh.grid import Grid
+from equimesh.problem import Problem
 from equimesh.transmission import Optimized, TransmissionCondition
 
-# Changes of the node positions that rounding errors alone can cause, per point in a direction.
-ROUNDING = 1e-13
+# Changes of the node positions that rounding errors alone can cause, per point in a direction; the second for every
+# time that u is larger than its variation.
+ROUNDING, CANCELLED = 1e-13, 1e-14
 # Line corrections after every iteration of the optimized kind; more than MOST are a single-domain solve in disguise.
 USUAL_LINE_CORRECTIONS, MOST_LINE_CORRECTIONS = 3, 10
 
@@ -22,9 +25,9 @@ Auto: TypeAlias = Literal["auto"]
 Discretization: TypeAlias = Literal["discretization"]
 
 
-def smallest_tolerance(grid: Grid) -> float:
-    """The error that rounding leaves on a grid; a smaller tolerance asks for no more than this."""
-    return ROUNDING * max(grid.shape)
+def smallest_tolerance(problem: Problem) -> float:
+    """The error that rounding leaves; a smaller tolerance asks for no more than this."""
+    return max(problem.grid.shape) * (ROUNDING + CANCELLED * problem.metric.cancellation)
 
 
 class Ordering(StrEnum):
@@ -91,12 +94,18 @@ class Schwarz:
     compare_single_domain: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.transmission, TransmissionCondition):
+            raise InputError(
+                f"transmission = {str(self.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
+                " NonlinearRobin()",
+                field="schwarz.transmission",
+            )
         object.__setattr__(self, "ordering", choice(Ordering, self.ordering, "schwarz.ordering"))
         object.__setattr__(self, "local_solver", choice(LocalSolver, self.local_solver, "schwarz.local_solver"))
         if self.acceleration != "auto":
             object.__setattr__(self, "acceleration", choice(Acceleration, self.acceleration, "schwarz.acceleration"))
         corrections = self.line_correction
-        if corrections != "auto" and not (type(corrections) is int and 0 <= corrections <= MOST_LINE_CORRECTIONS):
+        if corrections != "auto" and not (_is_whole(corrections) and 0 <= corrections <= MOST_LINE_CORRECTIONS):
             raise InputError(
                 f'line_correction = {corrections!r}: a whole number from 0 to {MOST_LINE_CORRECTIONS}, or "auto"',
                 field="schwarz.line_correction",
@@ -108,8 +117,10 @@ class Schwarz:
                 " iterations",
                 field="schwarz.tolerance",
             )
-        if self.max_iterations < 1:
-            raise InputError(f"max_iterations = {self.max_iterations}: at least 1", field="schwarz.max_iterations")
+        if not (_is_whole(self.max_iterations) and self.max_iterations >= 1):
+            raise InputError(
+                f"max_iterations = {self.max_iterations}: a whole number, at least 1", field="schwarz.max_iterations"
+            )
 
     def _check_newton(self) -> None:
         """Newton's method knows the derivative of a parallel iteration without line corrections, and of no other."""
@@ -165,5 +176,9 @@ class Schwarz:
         )
 
 
-def _is_positive(tolerance: object) -> bool:
-    return isinstance(tolerance, int | float) and math.isfinite(tolerance) and tolerance > 0
+def _is_positive(number: object) -> bool:
+    return isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number) and number > 0
+
+
+def _is_whole(number: object) -> TypeGuard[int]:
+    return isinstance(number, Integral) and not isinstance(number, bool)

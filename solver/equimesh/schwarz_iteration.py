@@ -30,9 +30,12 @@ MOST_RESCUES = 3
 MOST_STALLS, PROGRESS = 3, 0.9
 # An iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not
 # the solution.
-FALSE_FIXED_POINT = 1e-3
+# A mismatch is one if it is so many times what rounding leaves.
+FALSE_FIXED_POINT, SEEN = 1e-3, 100.0
 # Iterations are combined once squared metric lengths deviate from the mean of their line by no more than this of it.
 LINEAR = 0.1
+# An iteration that took more than so many, or Newton steps on the whole grid, is tested by one before it is believed.
+FEW = 8
 # Changes that fall by less than this factor over so many iterations are a stall, except where it is predicted.
 SLOWEST, STALL_WINDOW = 0.75, 8
 
@@ -82,7 +85,7 @@ class _Run:
     def __init__(self, problem: Problem, settings: Schwarz, start: Mesh, threads: int) -> None:
         self.problem, self.start, self.threads = problem, start, threads
         self.decomposition = settings.decompose(problem.grid)
-        self.rounding = smallest_tolerance(problem.grid)
+        self.rounding = smallest_tolerance(problem)
         self.mesh, self.changes = start, [math.nan]
         self.corrections = LineCorrections(problem, threads) if settings.line_corrections else None
         self._begin(settings)
@@ -103,6 +106,7 @@ class _Run:
         self.mesh = self.start
         self.stalls, self.rescues = [0] * len(self.states), 0
         self.setbacks: list[float] = []
+        self.has_stepped, self.estimate = False, math.nan
         if settings.line_corrections and self.corrections is None:
             self.corrections = LineCorrections(self.problem, self.threads)
         self.anderson = Anderson() if settings.accelerated_by is Acceleration.ANDERSON else None
@@ -138,6 +142,9 @@ class _Run:
         if not self.settings.is_optimized and (self.mesh is not merged or self.newton is not None):
             self.states = [window.restrict(self.mesh) for window in self.subdomains.windows]
         self.changes.append(_distance(self.mesh, start))
+        self.estimate = self._estimated()
+        if self.estimate <= self.enough and self._is_doubtful:
+            self._test(start)
         self._count()
 
     def record(self, number: int, reference: Mesh | None) -> Iteration:
@@ -151,7 +158,7 @@ class _Run:
             reference=self.mesh,
             min_jacobian=physical.min_jacobian / self.problem.domain.area,
             change=self.changes[-1],
-            estimate=self._estimate(),
+            estimate=self.estimate,
             mismatch=self.mismatch,
             subdomains=tuple(records),
             transmission=label(self.settings.transmission),
@@ -171,6 +178,7 @@ class _Run:
         Itself, or a copy, where there is none to take, or a factorisation would cost too much.
         """
         self.global_step = needed
+        self.has_stepped = self.has_stepped or needed
         if not needed:
             self.setbacks = []
             return mesh
@@ -189,7 +197,7 @@ class _Run:
 
     def _solved(self) -> Mesh:
         """One solve in every subdomain, turn by turn; the merged mesh."""
-        mesh, found = Mesh(self.mesh.x.copy(), self.mesh.y.copy()), {}
+        mesh, found = Mesh(self.mesh.x.copy(), self.mesh.y.copy()), dict[int, SubdomainRecord]()
         whole = self.settings.is_optimized and self.settings.ordering is not Ordering.PARALLEL
         for turn in self.turns:
             self.subdomains.begin(self.states, mesh)
@@ -197,7 +205,7 @@ class _Run:
                 window = self.subdomains.windows[k]
                 self.states[k] = outcome.solution.mesh
                 window.write(self.states[k], mesh, window.covered if whole else window.part.owned)
-                found[k] = _record(k, outcome)
+                found[k] = _record(k, outcome, found.get(k))
         self.records = tuple(found[k] for k in range(len(self.states)))
         self.stalls = [n + 1 if r.stalled else 0 for n, r in zip(self.stalls, self.records, strict=True)]
         self.rescues += any(record.classical for record in self.records)
@@ -243,7 +251,7 @@ class _Run:
         own = self.changes[self.since :]
         if len(self.setbacks) >= MOST_STALLS or self.rescues >= MOST_RESCUES:
             return True
-        if own and own[-1] < FALSE_FIXED_POINT * (self.mismatch - self.rounding):
+        if own and self.mismatch > SEEN * self.rounding and own[-1] < FALSE_FIXED_POINT * self.mismatch:
             return True
         if len(own) <= STALL_WINDOW or own[-1] <= self.rounding:
             return False
@@ -253,7 +261,26 @@ class _Run:
     def _may_fall_back(self) -> bool:
         return self.settings.fallback and self.settings.transmission != Optimized()
 
-    def _estimate(self) -> float:
+    @property
+    def _is_doubtful(self) -> bool:
+        """Whether errors may hide that neither sweeps nor iterations see: the equations are solved, but slowly."""
+        took = len(self.changes) - self.since
+        affordable = self.problem.grid.points <= MOST_FACTORISED and math.isfinite(self.corrected.deviation)
+        return affordable and (took > FEW or self.has_stepped)
+
+    def _test(self, start: Mesh) -> None:
+        """Go on from a Newton step on the whole grid, where that moves the mesh by more than the tolerance."""
+        *_, last = newton_steps(self.problem.equations(), self.mesh, most_steps=1, fast=True)
+        stepped = Mesh.of_unit_square(last.mesh.x, last.mesh.y)
+        moved = _distance(stepped, self.mesh)
+        self.estimate = max(self.estimate, moved)
+        if moved > self.enough:
+            self.mesh, self.global_step, self.changes[-1] = stepped, True, _distance(stepped, start)
+            self.anderson = None if self.anderson is None else Anderson()
+            if not self.settings.is_optimized:
+                self.states = [window.restrict(stepped) for window in self.subdomains.windows]
+
+    def _estimated(self) -> float:
         if self.accelerated or math.isnan(self.corrected.estimate):
             own = [math.nan, *self.changes[self.since :]]
             return estimated(own, self.rounding)
@@ -282,15 +309,25 @@ class _Run:
         self.traffic = 8 * (sum(self.subdomains.sent(k) for k in solved) + 6 * cuts * self.corrected.count)
 
 
-def _record(k: int, outcome: Outcome) -> SubdomainRecord:
+def _record(k: int, outcome: Outcome, earlier: SubdomainRecord | None) -> SubdomainRecord:
+    """The record of a solve, with what the subdomain did earlier in the iteration."""
     solution = outcome.solution
-    return SubdomainRecord(
+    record = SubdomainRecord(
         subdomain=k,
         newton_steps=0 if solution.swept else solution.steps,
         sweeps=solution.steps if solution.swept else 0,
         residual=solution.residual,
         stalled=not solution.converged,
         classical=outcome.classical,
+    )
+    if earlier is None:
+        return record
+    return replace(
+        record,
+        newton_steps=record.newton_steps + earlier.newton_steps,
+        sweeps=record.sweeps + earlier.sweeps,
+        stalled=record.stalled or earlier.stalled,
+        classical=record.classical or earlier.classical,
     )
 
 

@@ -23,7 +23,7 @@ from equimesh.iteration import Iteration
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.monitor import ArcLength
-from equimesh.nested import halved, nested_grids, prolong, refinement
+from equimesh.nested import distance, halved, is_refined, nested_grids, prolong, refinement
 from equimesh.problem import Problem
 from equimesh.quality import GAUSS_POINTS, Quality, measure
 from equimesh.rates import predicted_rate
@@ -121,9 +121,10 @@ class Solution:
 
     @property
     def rate(self) -> float | None:
-        """Observed factor by which the error (else the change) falls in one Schwarz iteration."""
-        floor = smallest_tolerance(self.problem.grid)
-        return observed_rate([i.change if i.error is None else i.error for i in self.iterations], floor)
+        """Observed factor by which the error (else the change) falls in one iteration, of the condition used last."""
+        floor = smallest_tolerance(self.problem)
+        same = [i for i in self.iterations if i.transmission == self.iterations[-1].transmission]
+        return observed_rate([i.change if i.error is None else i.error for i in same], floor)
 
     @property
     def predicted_rate(self) -> float | None:
@@ -216,7 +217,7 @@ def _check_mesh(problem: Problem, start: Mesh) -> None:
     if start.x.shape != problem.grid.shape:
         raise InputError(f"the mesh to start from has {start.grid} points, the grid {problem.grid}", field="initial")
     sides = start.x[0], start.x[-1] - 1.0, start.y[:, 0], start.y[:, -1] - 1.0
-    if start.is_folded or any(np.any(np.abs(side) > smallest_tolerance(problem.grid)) for side in sides):
+    if start.is_folded or any(np.any(np.abs(side) > smallest_tolerance(problem)) for side in sides):
         raise InputError(
             "the mesh to start from must be a valid one of the reference square: give the reference of a solution",
             field="initial",
@@ -308,10 +309,11 @@ def _schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, how: _
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
     to_discretization = schwarz.tolerance == "discretization"
     start, expected = initial if isinstance(initial, Mesh) else Mesh.uniform(problem.grid), math.nan
-    if initial is Initial.NESTED:
+    if initial is Initial.NESTED or to_discretization:
         mode = Mode.DISCRETIZATION if to_discretization else Mode.TIGHT
-        start, expected = _nested_start(problem, replace(how, mode=mode))
-    tolerance: float | None = None if schwarz.tolerance is None else smallest_tolerance(problem.grid)
+        nested, expected = _nested_start(problem, replace(how, mode=mode))
+        start = nested if initial is Initial.NESTED else start
+    tolerance: float | None = None if schwarz.tolerance is None else smallest_tolerance(problem)
     if isinstance(schwarz.tolerance, float | int):
         tolerance = float(schwarz.tolerance)
     elif to_discretization and math.isfinite(expected):
@@ -364,8 +366,20 @@ def _nested_start(problem: Problem, how: _How) -> tuple[Mesh, float]:
         how.observe(step)
         if step.converged or step.failed:
             solved = [*solved[-1:], step]
-    expected = solved[-1].discretization_error / refinement(problem.grid, coarser)
+    error = solved[-1].discretization_error
+    if how.mode is Mode.DISCRETIZATION and not math.isfinite(error):
+        error = _first_error(replace(problem, grid=coarser), solved[-1], how)
+    expected = error / refinement(problem.grid, coarser)
     return single_domain.guess_on(problem.grid, solved), expected
+
+
+def _first_error(problem: Problem, step: Step, how: _How) -> float:
+    """The error of the discretisation on a grid that has no coarser one, from one made for the purpose."""
+    coarser = halved(problem.grid)
+    other = _last_step(replace(problem, grid=coarser), Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    if not (step.is_exact and other.is_exact and is_refined(problem.grid, coarser)):
+        return math.nan
+    return distance(step.mesh, other.mesh) / (refinement(problem.grid, coarser) - 1.0)
 
 
 def _finished(
@@ -389,7 +403,7 @@ def _finished(
         status = Status.COMPLETED
     elif last.meets(tolerance):
         status = Status.CONVERGED
-        smallest = smallest_tolerance(problem.grid)
+        smallest = smallest_tolerance(problem)
         if tolerance < smallest:
             notes.insert(0, f"Rounding allows no tolerance below {smallest:.0e} on this grid; that was met.")
     else:
@@ -402,12 +416,12 @@ def _finished(
         mesh=last.mesh,
         reference=last.reference,
         status=_checked(status, last.mesh),
-        newton_steps=sum(r.newton_steps for record in records for r in record.subdomains),
+        newton_steps=sum(r.newton_steps + r.sweeps for record in records for r in record.subdomains),
         residual=max(r.residual for r in last.subdomains),
         iterations=tuple(records),
         detours=detours,
         note=" ".join(text for text in notes if text),
-        algebraic_error=_known(last.estimate),
+        algebraic_error=_known(max(last.estimate, smallest_tolerance(problem))),
     )
     return replace(solution, remedy=_remedy(solution, tolerance, nested=nested))
 
@@ -431,8 +445,8 @@ def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
     globally = [record.iteration for record in records if record.global_step]
     if globally:
         found.append(
-            f"In {len(globally)} iterations a subdomain stalled, and a Newton step was taken on the whole grid, first"
-            f" in iteration {globally[0]}."
+            f"In iteration {', '.join(map(str, globally))} a Newton step was taken on the whole grid, as a subdomain"
+            " had stalled, the merged mesh was folded, or the iteration was slow."
         )
     return found
 

@@ -92,6 +92,6 @@ def test_a_tolerance_below_rounding_is_met_as_far_as_it_can_be_and_said(conditio
     solution = em.solve(PAPER, settings)
     error = solution.iterations[-1].error
     assert error is not None
-    assert error < 2 * smallest_tolerance(PAPER.grid)
+    assert error < 2 * smallest_tolerance(PAPER)
     assert "Rounding allows no tolerance below 2e-12" in solution.message
     assert "Rounding" not in em.solve(PAPER, replace(settings, tolerance=1e-6)).message

@@ -316,3 +316,75 @@ def test_the_observed_rate_is_that_of_the_tail_above_rounding() -> None:
     assert observed_rate(errors, 1e-16) != pytest.approx(0.1, rel=0.3)  # what rounding leaves says nothing of a rate
     assert observed_rate([math.nan, 1e-3], 1e-13) is None
     assert observed_rate([math.nan, 0.0, 0.0], 1e-13) is None
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-8])
+def test_a_slow_iteration_is_tested_before_it_is_believed(tolerance: float) -> None:
+    """Some errors of this one hardly change from iteration to iteration, nor under line corrections."""
+    case = problem("sine", 33, a=1.0, b=0.0)
+    single = em.solve(case, mode=em.Mode.TIGHT)
+    solution = em.solve(case, em.Schwarz(subdomains=(2, 2), overlap=2, tolerance=tolerance))
+    assert solution.status is em.Status.CONVERGED
+    assert_same(solution, single, tolerance)
+    assert "a Newton step was taken on the whole grid" in solution.message
+
+
+def test_u_far_from_zero_has_the_accuracy_that_is_left() -> None:
+    """Large beside its variation; rounding is then no stall, and no reason to give way."""
+    case = replace(PAPER, monitor=em.ArcLength(u=em.Expression("1e6 + (1-exp(15*(x-1)))*sin(pi*y)")))
+    single = em.solve(PAPER, mode=em.Mode.TIGHT)
+    for condition in (em.Optimized(), em.LinearRobin()):
+        settings = em.Schwarz(overlap=8, transmission=condition, ordering=em.Ordering.ALTERNATING)
+        solution = em.solve(case, settings)
+        assert solution.status is em.Status.CONVERGED
+        assert {record.transmission for record in solution.iterations} == {condition.name}
+        assert solution.algebraic_error is not None
+        assert_same(solution, single, max(solution.algebraic_error, 1e-9))
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"transmission": "optimized"},
+        {"max_iterations": 2.5},
+        {"max_iterations": math.nan},
+        {"tolerance": True},
+        {"line_correction": 11},
+        {"line_correction": True},
+        {"acceleration": "newton", "line_correction": 1},
+        {"ordering": "backward"},
+    ],
+    ids=str,
+)
+def test_settings_of_the_wrong_kind_are_refused(bad: dict[str, object]) -> None:
+    with pytest.raises(em.InputError):
+        replace(em.Schwarz(), **bad)  # type: ignore[arg-type]
+
+
+def test_a_solve_may_start_from_a_mesh() -> None:
+    """That of a front a little before, with subdomains and without; another shape, or a folded one, is refused."""
+    before, now = (
+        em.Problem(
+            monitor=em.ArcLength(u=em.Expression("tanh(20*(x + y/2 - 0.75 - t))", t=t)), grid=em.Grid(n_xi=33, n_eta=33)
+        )
+        for t in (0.0, 1e-3)
+    )
+    start = em.solve(before, mode=em.Mode.TIGHT).reference
+    cold = em.solve(now, mode=em.Mode.TIGHT)
+    assert_same(em.solve(now, initial=start), cold, 1e-9)
+    warm = em.solve(now, em.Schwarz(subdomains=(3, 2)), initial=start)
+    assert_same(warm, cold, 1e-9)
+    assert len(warm.iterations) - 1 <= 3
+    for wrong in (em.solve(PAPER).reference, em.Mesh(start.x[::-1].copy(), start.y)):
+        with pytest.raises(em.InputError, match="the mesh to start from"):
+            em.solve(now, initial=wrong)
+
+
+@pytest.mark.parametrize("n", [17, 33, 65])
+def test_to_the_error_of_the_discretization(n: int) -> None:
+    case = problem("tanh20", n)
+    solution = em.solve(case, em.Schwarz(subdomains=(2, 2), tolerance="discretization"))
+    tight = em.solve(case, mode=em.Mode.TIGHT)
+    assert solution.discretization_error is not None
+    assert len(solution.iterations) - 1 <= 2
+    assert_same(solution, tight, 0.25 * solution.discretization_error)

@@ -121,11 +121,11 @@ def test_line_sums_make_the_count_independent_of_the_number_of_strips() -> None:
 
 
 def test_meshes_do_not_depend_on_the_number_of_threads() -> None:
-    case = Case.of("wave", 65)
+    case = Case.of("wave", 129)  # line corrections share out so many points
     for ordering in (em.Ordering.PARALLEL, em.Ordering.COLOURED):
         settings = em.Schwarz(subdomains=(3, 2), ordering=ordering)
         one, *others = (
-            list(itertools.islice(em.iterate(case.problem, settings, case.start, threads=threads), 3))[-1].reference
+            list(itertools.islice(em.iterate(case.problem, settings, case.start, threads=threads), 2))[-1].reference
             for threads in (1, 2, 5)
         )
         assert all(np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y) for other in others)
