@@ -27,7 +27,7 @@ Discretization: TypeAlias = Literal["discretization"]
 
 def smallest_tolerance(problem: Problem) -> float:
     """The error that rounding leaves; a smaller tolerance asks for no more than this."""
-    return max(problem.grid.shape) * (ROUNDING + CANCELLED * problem.metric.cancellation)
+    return max(problem.grid.shape) * (ROUNDING + CANCELLED * (problem.metric.cancellation - 1.0))
 
 
 class Ordering(StrEnum):
