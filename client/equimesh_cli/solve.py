@@ -107,6 +107,10 @@ def _failed(options: argparse.Namespace, solution: Solution) -> None:
         parts = {"certificate": solution.certificate.summary(), "convergence": solution.convergence()}
         print(json.dumps({**_said(solution), **parts, "files": files}, indent=2))
     elif not options.quiet:
+        if options.subdomains is not None:
+            from equimesh_client import Convergence
+
+            print(f"{Convergence.from_json(solution.convergence())}\n")
         for file in files:
             print(f"wrote {file}, a partial mesh")
 

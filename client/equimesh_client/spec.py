@@ -95,6 +95,15 @@ class Schwarz:
     max_iterations: int = 100
     compare_single_domain: bool = False
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.transmission, Transmission):
+            raise BadArgument(
+                f"transmission = {str(self.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
+                " NonlinearRobin()"
+            )
+        if not (isinstance(self.subdomains, tuple | list) and len(self.subdomains) == 2):
+            raise BadArgument(f"subdomains = {self.subdomains!r}: give a pair, (4, 1) or (2, 2) for instance")
+
     def json(self) -> Json:
         """The settings as the HTTP interface writes them."""
         return {

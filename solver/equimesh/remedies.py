@@ -13,7 +13,7 @@ from equimesh.interpolation import InterpolationError
 from equimesh.iteration import Iteration
 from equimesh.monitor import ArcLength
 from equimesh.problem import Problem
-from equimesh.schwarz import Schwarz, smallest_tolerance
+from equimesh.schwarz import Acceleration, Schwarz, smallest_tolerance
 from equimesh.status import Status
 from equimesh.transmission import Optimized, label
 
@@ -71,7 +71,7 @@ def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) ->
 
 
 def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, tolerance: float) -> str:
-    """For a Schwarz iteration that did not reach its ``tolerance``; ``rate`` is the observed one."""
+    """For a Schwarz iteration that did not reach its ``tolerance``, at a ``rate`` observed, or predicted if slower."""
     ideas = []
     left = max(last.estimate, last.mismatch / 2) / max(tolerance, smallest_tolerance(problem))
     if rate is None or last.iteration < FEWEST_SEEN:
@@ -85,8 +85,8 @@ def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: flo
         ideas.append(f"widen the overlap, to {wider} points for instance")
     if last.transmission != label(Optimized()):
         ideas.append("use the optimized transmission condition")
-    elif not schwarz.line_corrections:
-        ideas.append("allow line corrections")
+    if not schwarz.line_corrections and schwarz.accelerated_by is not Acceleration.NEWTON:
+        ideas.append("allow line corrections, 3 for instance")
     return _sentence(*ideas, "solve as a single domain")
 
 

@@ -94,6 +94,7 @@ class Schwarz:
     compare_single_domain: bool = False
 
     def __post_init__(self) -> None:
+        self._check_numbers()
         if not isinstance(self.transmission, TransmissionCondition):
             raise InputError(
                 f"transmission = {str(self.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
@@ -136,6 +137,16 @@ class Schwarz:
                 f'line_correction = {self.line_correction} with acceleration = "newton": must be 0, or "auto"',
                 field="schwarz.line_correction",
             )
+
+    def _check_numbers(self) -> None:
+        counts = self.subdomains
+        if not (isinstance(counts, tuple | list) and len(counts) == 2 and all(map(_is_whole, counts))):
+            raise InputError(
+                f"subdomains = {counts!r}: give two whole numbers, along xi and eta, (4, 1) or (2, 2) for instance",
+                field="schwarz.subdomains",
+            )
+        if not _is_whole(self.overlap):
+            raise InputError(f"overlap = {self.overlap!r}: a whole number of points", field="schwarz.overlap")
 
     def decompose(self, grid: Grid) -> Decomposition:
         """The subdomains on a grid; raises :class:`~equimesh.errors.DecompositionError` where they do not fit."""

@@ -36,6 +36,9 @@ from equimesh.transmission import label
 Event: TypeAlias = Step | Iteration
 Observer: TypeAlias = Callable[[Event], None]
 
+# A mesh to start from is near the solution if squared metric lengths deviate from the mean of their line by no more
+# than this share of it: a front may have moved by half a cell.
+NEAR = 0.25
 # A reference for the errors of a Schwarz iteration is solved to rounding, by a factorisation, up to so many points.
 MOST_POLISHED = 129 * 129
 
@@ -47,7 +50,7 @@ class Initial(StrEnum):
     UNIFORM = "uniform"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Solution:
     """A mesh of the physical domain, how it came about, and whether it is what was asked for.
 
@@ -74,6 +77,9 @@ class Solution:
     relaxed: tuple[Relaxed, ...] = ()
     algebraic_error: float | None = None
     discretization_error: float | None = None
+
+    def __repr__(self) -> str:
+        return f"<Solution: {self.problem.grid} points, {self.status}, {len(self.iterations)} iterations>"
 
     @property
     def message(self) -> str:
@@ -159,13 +165,13 @@ def solve(
 ) -> Solution:
     """The locally equidistributed mesh of ``problem``, by Schwarz iteration if ``schwarz`` is given.
 
-    ``initial`` may be a mesh of the reference square to start from, as the ``reference`` of a solution for a monitor
-    a time step earlier. ``mode`` says when a single-domain solve is done; a Schwarz iteration has a tolerance of its
-    own. Where no valid
-    mesh satisfies the equations, ``allow_relaxed`` accepts one of equations near them: its status is ``RELAXED``, and
-    its certificate says what was relaxed. ``threads`` share the work on large grids, by default one for every core; the
-    mesh does not depend on their number. ``observe`` is called with every step of a single-domain solve (also that of a
-    nested start) and with every Schwarz iteration.
+    ``initial`` may be a mesh of the reference square to start from, as the ``reference`` of a solution for a monitor a
+    time step earlier; the start is nested all the same where that is far from the solution. ``mode`` says when a
+    single-domain solve is done; a Schwarz iteration has a tolerance of its own. Where no valid mesh satisfies the
+    equations, ``allow_relaxed`` accepts one of equations near them: its status is ``RELAXED``, and its certificate says
+    what was relaxed. ``threads`` share the work on large grids, by default one for every core; the mesh does not depend
+    on their number. ``observe`` is called with every step of a single-domain solve (also that of a nested start) and
+    with every Schwarz iteration.
 
     Raises :class:`~equimesh.errors.SolveError`, which carries the partial solution, when the mesh is not what was asked
     for; with ``check=False`` the status says so instead. A folded mesh is never a success.
@@ -175,10 +181,16 @@ def solve(
     how = _How(mode, allow_relaxed, workers.checked(threads), observe if observe is not None else _ignore)
     _check_start(problem, initial)
     with np.errstate(all="ignore"):  # what is not finite is found where it matters
+        is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
+        initial = Initial.NESTED if is_far else initial
         if schwarz is None:
             solution = _single_domain(problem, initial, how)
         else:
             solution = _schwarz(problem, schwarz, initial, how)
+    if is_far:
+        detour = "The given mesh is too far from the solution to start from; the start was nested."
+        note = f"{detour} {solution.note}".strip()
+        solution = replace(solution, detours=(detour, *solution.detours), note=note)
     if check and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
@@ -211,6 +223,10 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
             " for so few points; add grid points",
             field="grid",
         )
+
+
+def _is_near(problem: Problem, start: Mesh) -> bool:
+    return chord.deviation(problem.metric, problem.boundary, start) <= NEAR
 
 
 def _check_mesh(problem: Problem, start: Mesh) -> None:
@@ -455,7 +471,9 @@ def _remedy(solution: Solution, tolerance: float | None, *, nested: bool) -> str
     """What to try after a Schwarz iteration."""
     problem, schwarz, last = solution.problem, solution.schwarz, solution.iterations[-1]
     if schwarz is not None and solution.status is Status.NOT_CONVERGED:
-        return remedies.after_schwarz(problem, schwarz, last, solution.rate, tolerance or 0.0)
+        rates = [rate for rate in (solution.rate, solution.predicted_rate) if rate is not None]
+        slowest = max(rates) if solution.rate is not None else None
+        return remedies.after_schwarz(problem, schwarz, last, slowest, tolerance or 0.0)
     if solution.status is Status.NEWTON_FAILED:
         return remedies.after_newton(problem, nested=nested)
     return remedies.after_folding(problem, schwarz, nested=nested) if solution.status is Status.FOLDED else ""

@@ -346,6 +346,9 @@ def test_u_far_from_zero_has_the_accuracy_that_is_left() -> None:
     "bad",
     [
         {"transmission": "optimized"},
+        {"subdomains": 4},
+        {"subdomains": (2.5, 1)},
+        {"overlap": 2.5},
         {"max_iterations": 2.5},
         {"max_iterations": math.nan},
         {"tolerance": True},
@@ -375,6 +378,10 @@ def test_a_solve_may_start_from_a_mesh() -> None:
     warm = em.solve(now, em.Schwarz(subdomains=(3, 2)), initial=start)
     assert_same(warm, cold, 1e-9)
     assert len(warm.iterations) - 1 <= 3
+    far = em.solve(now, em.Schwarz(subdomains=(3, 2)), initial=em.Mesh.uniform(now.grid))
+    assert_same(far, cold, 1e-9)
+    assert "too far from the solution to start from" in far.message
+    assert repr(far) == f"<Solution: 33 x 33 points, converged, {len(far.iterations)} iterations>"
     for wrong in (em.solve(PAPER).reference, em.Mesh(start.x[::-1].copy(), start.y)):
         with pytest.raises(em.InputError, match="the mesh to start from"):
             em.solve(now, initial=wrong)
