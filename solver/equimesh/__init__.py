@@ -11,6 +11,7 @@ The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistribut
 Decomposition*. Begin reading in ``schwarz_iteration.py``.
 """
 
+from equimesh.approach import Event, Initial
 from equimesh.boundary import Boundary
 from equimesh.certificate import Certificate, Relaxed
 from equimesh.curvature import Curvature
@@ -42,7 +43,8 @@ from equimesh.schwarz import Acceleration, LocalSolver, Ordering, Schwarz
 from equimesh.schwarz_iteration import iterate
 from equimesh.single_domain import Mode, Step
 from equimesh.smoothed import Smoothed
-from equimesh.solution import Event, Initial, Solution, solve
+from equimesh.solution import Solution
+from equimesh.solving import solve
 from equimesh.status import Status
 from equimesh.tensor import Tensor, Weight
 from equimesh.transmission import (
