@@ -42,7 +42,7 @@ def test_every_condition_goes_with_every_ordering(http: httpx.Client) -> None:
     for spec, mesh in zip(asked, posted, strict=True):
         done = http.get(mesh["links"]["self"], params={"wait": 30}).json()
         assert done["status"] == "succeeded", (spec, done["error"])
-        assert done["convergence"]["transmission"] == spec["schwarz"]["transmission"]["kind"]
+        assert done["convergence"]["transmission"].startswith(spec["schwarz"]["transmission"]["kind"])
 
 
 @pytest.mark.parametrize(
