@@ -32,6 +32,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 # two more than these are looked at. Fewer nodes than MANY are not worth a second thread. On FEW nodes u and its
 # gradient are evaluated everywhere at once, not on the sides apart.
 STRIP, FEWEST_ROWS, MANY, FEW = 32_768, 16, 16_384, 1_024
+# Moves of a coordinate that rounding alone causes, per point in a direction.
+ROUNDING = 1e-15
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,11 @@ def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
     """The largest relative difference of a squared metric length of a mesh from the mean of its grid line."""
     sweep = Sweep(metric, boundary, mesh.grid.shape, np.empty(needed(mesh.grid.shape)))
     return sweep.correct(mesh.x, mesh.y).deviation
+
+
+def smallest_move(shape: tuple[int, int]) -> float:
+    """The move of a coordinate that rounding alone causes in a sweep: smaller ones shrink no more."""
+    return ROUNDING * max(shape)
 
 
 def needed(shape: tuple[int, int]) -> int:

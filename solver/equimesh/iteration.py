@@ -48,12 +48,11 @@ class Iteration:
 
     ``transmission`` names the condition that was used, which is not the asked one after a fallback. ``global_step``
     says that a Newton step was taken on the whole grid, as a subdomain had stalled, the merged mesh folded, or a slow
-    iteration was to be tested; ``accelerated`` that the mesh is a
-    combination of several iterations, or a Newton step for their fixed point. ``failed`` ends the iteration: a
-    subdomain has stalled for good. ``work`` is how many nodes were corrected, counted as often as they were, and
-    ``traffic`` how many bytes the subdomains would send each other if each had a machine of its own. Neither counts
-    ``products``: those with the derivative of the iteration in a Newton step (RASPEN), each a solve with the factors of
-    every subdomain.
+    iteration was to be tested; ``accelerated`` that the mesh is a combination of several iterations, or a Newton step
+    for their fixed point. ``failed`` ends the iteration: a subdomain has stalled for good. ``work`` is how many nodes
+    were corrected, counted as often as they were, and ``traffic`` how many bytes the subdomains would send each other
+    if each had a machine of its own. Neither counts ``products``: those with the derivative of the iteration in a
+    Newton step (RASPEN), each a solve with the factors of every subdomain.
     """
 
     iteration: int

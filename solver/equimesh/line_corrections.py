@@ -15,8 +15,6 @@ from equimesh.problem import Problem
 
 # What later corrections shrink the moves by, if those seen so far shrink them by less: errors that last come last.
 USUAL_CONTRACTION = 0.5
-# Moves of the nodes that rounding alone causes, per point in a direction.
-ROUNDING = 1e-15
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class LineCorrections:
     def __init__(self, problem: Problem, threads: int) -> None:
         shape = problem.grid.shape
         self._sweep = chord.Sweep(problem.metric, problem.boundary, shape, np.empty(chord.needed(shape)), threads)
-        self._floor = ROUNDING * max(shape)
+        self._floor = chord.smallest_move(shape)
 
     def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> Corrected:
         """So many corrections of a valid mesh; fewer where one would fold it, or the error left is small ``enough``.

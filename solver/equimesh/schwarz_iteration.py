@@ -28,15 +28,15 @@ MOST_RESCUES = 3
 # In so many iterations in a row may a subdomain stall, or the merged mesh fold: then the fallback comes or, if Newton
 # steps on the whole grid do not lower the residual by this factor in that time, the end.
 MOST_STALLS, PROGRESS = 3, 0.9
-# An iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not
-# the solution.
-# A mismatch is one if it is so many times what rounding leaves.
+# An iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not the
+# solution; a mismatch is one if it is so many times what rounding leaves.
 FALSE_FIXED_POINT, SEEN = 1e-3, 100.0
 # Iterations are combined once squared metric lengths deviate from the mean of their line by no more than this of it.
 LINEAR = 0.1
 # An iteration that took more than so many, or Newton steps on the whole grid, is tested by one before it is believed.
 FEW = 8
-# Changes that fall by less than this factor over so many iterations are a stall, except where it is predicted.
+# Changes that fall by less than this factor over so many iterations are a stall; those with classical data, slow by
+# nature, only where they do not fall at all.
 SLOWEST, STALL_WINDOW = 0.75, 8
 
 
@@ -67,7 +67,8 @@ def iterate(
 
     Where a subdomain stalls, a Newton step is taken on the whole grid. Where a condition of the paper gives a
     subdomain no solution for good, or a fixed point on which the subdomains do not agree, or none at all, the
-    optimized condition takes over from the start, if the settings allow it; the records say so.
+    optimized condition takes over from the start, if the settings allow it; the records say so. An iteration that was
+    slow is tested by a Newton step on the whole grid before its estimate is believed.
     """
     run = _Run(problem, settings, start, threads)
     yield run.record(0, reference)
@@ -255,7 +256,7 @@ class _Run:
             return True
         if len(own) <= STALL_WINDOW or own[-1] <= self.rounding:
             return False
-        slowest = 1.0 if isinstance(self.settings.transmission, Classical) else SLOWEST  # it is slow by nature
+        slowest = 1.0 if isinstance(self.settings.transmission, Classical) else SLOWEST
         return own[-1] >= slowest**STALL_WINDOW * own[-1 - STALL_WINDOW]
 
     def _may_fall_back(self) -> bool:

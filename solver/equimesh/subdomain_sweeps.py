@@ -19,8 +19,6 @@ from equimesh.problem import Problem
 Array: TypeAlias = npt.NDArray[np.float64]
 Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 
-# Moves of the nodes that rounding alone causes, per point in a direction.
-ROUNDING = 1e-15
 # A sweep is halved for a valid mesh down to this share.
 SMALLEST_SHARE = 1 / 64
 
@@ -32,7 +30,7 @@ class SubdomainSweeps:
         self._sweep = chord.Sweep(
             problem.metric, problem.boundary, shape, np.empty(chord.needed(shape)), threads=1, frame=frame
         )
-        self._floor = ROUNDING * max(shape)
+        self._floor = chord.smallest_move(shape)
 
     def solve(
         self, start: Mesh, rest: Rest | None, *, accuracy: float, most: int, enough: float = 0.0
