@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy import (
     JSON,
+    BigInteger,
     Boolean,
     Column,
     Float,
@@ -19,12 +20,16 @@ from sqlalchemy import (
 
 metadata = MetaData()
 
+# Numbers that clients may send back, and sizes: 64 bits. SQLite's integers have them, and only count up as such.
+_Number = BigInteger().with_variant(Integer, "sqlite")
+
 # One row per mesh that was asked for. `attempt` counts claims and fences writers: a worker may write only
-# while the row still has the worker's attempt. `losses` counts the attempts whose worker was lost.
+# while the row still has the worker's attempt. `losses` counts the attempts whose worker was lost. `owner` is the
+# service that has claimed it. `key_id` is the API key that asked for it, "" where none is needed.
 meshes = Table(
     "meshes",
     metadata,
-    Column("number", Integer, primary_key=True, autoincrement=True),
+    Column("number", _Number, primary_key=True, autoincrement=True),
     Column("id", String(40), nullable=False, unique=True),
     Column("status", String(16), nullable=False),
     Column("label", Text),
@@ -41,12 +46,20 @@ meshes = Table(
     Column("losses", Integer, nullable=False, default=0),
     Column("owner", String(64)),
     Column("lease_until", Float),
-    Column("last_event", Integer, nullable=False, default=0),
+    Column("last_event", _Number, nullable=False, default=0),
     Column("progress", JSON(none_as_null=True)),
     Column("result", JSON(none_as_null=True)),
     Column("error", JSON(none_as_null=True)),
     Column("partial", Boolean, nullable=False, default=False),
+    Column("key_id", String(40), nullable=False, server_default=""),
+    Column("fingerprint", String(64)),  # the same for meshes that have the same points
+    Column("reused_from", String(40)),
+    Column("request_id", String(64)),
+    Column("trace", String(64)),  # the traceparent of the request (W3C Trace Context)
     Index("meshes_by_status", "status", "number"),
+    Index("meshes_by_key", "key_id", "number"),
+    Index("meshes_by_fingerprint", "fingerprint"),
+    Index("meshes_by_finish", "finished_at"),
     sqlite_autoincrement=True,
 )
 
@@ -55,7 +68,7 @@ events = Table(
     "events",
     metadata,
     Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
-    Column("number", Integer, nullable=False),
+    Column("number", _Number, nullable=False),
     Column("time", Float, nullable=False),
     Column("kind", String(16), nullable=False),
     Column("data", JSON, nullable=False),
@@ -69,7 +82,7 @@ artifacts = Table(
     Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
     Column("name", String(64), nullable=False),
     Column("sha256", String(64), nullable=False, index=True),
-    Column("size", Integer, nullable=False),
+    Column("size", _Number, nullable=False),
     PrimaryKeyConstraint("mesh_id", "name"),
 )
 
@@ -79,9 +92,19 @@ samples = Table(
     metadata,
     Column("id", String(80), primary_key=True),
     Column("sha256", String(64), nullable=False, index=True),
-    Column("size", Integer, nullable=False),
+    Column("size", _Number, nullable=False),
     Column("summary", JSON, nullable=False),
     Column("created_at", Float, nullable=False),
+    Column("used_at", Float, nullable=False, server_default="0"),  # when last a mesh was asked for with them
+)
+
+# Whose samples they are: the same upload of two keys is stored once, and is each one's own.
+samples_keys = Table(
+    "samples_keys",
+    metadata,
+    Column("samples_id", String(80), ForeignKey("samples.id", ondelete="CASCADE"), nullable=False),
+    Column("key_id", String(40), nullable=False),
+    PrimaryKeyConstraint("samples_id", "key_id"),
 )
 
 # Which samples a mesh uses.
@@ -93,11 +116,34 @@ mesh_samples = Table(
     PrimaryKeyConstraint("mesh_id", "samples_id"),
 )
 
-# Keys of requests that must not act twice.
+# Idempotency keys of requests that must not act twice; each API key has its own.
 idempotency = Table(
     "idempotency",
     metadata,
-    Column("key", String(255), primary_key=True),
+    Column("key_id", String(40), nullable=False, server_default=""),
+    Column("key", String(255), nullable=False),
     Column("fingerprint", String(64), nullable=False),
     Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
+    PrimaryKeyConstraint("key_id", "key"),
+)
+
+# Meshes and samples that were removed after their time: they answer 410, not 404.
+retired = Table(
+    "retired",
+    metadata,
+    Column("id", String(80), primary_key=True),
+    Column("key_id", String(40), nullable=False),
+    Column("retired_at", Float, nullable=False),
+)
+
+# API keys. The secret is not here: only the SHA-256 of it, which is 256 random bits long itself.
+keys = Table(
+    "keys",
+    metadata,
+    Column("id", String(40), primary_key=True),
+    Column("name", String(200), nullable=False),
+    Column("sha256", String(64), nullable=False, unique=True),
+    Column("scopes", JSON, nullable=False),
+    Column("created_at", Float, nullable=False),
+    Column("revoked_at", Float),
 )

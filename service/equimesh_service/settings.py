@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from equimesh.workers import available
@@ -46,6 +46,40 @@ class Settings(BaseSettings):
     lease: float = Field(15.0, gt=0, description="Seconds after which a silent service loses its meshes.")
     poll: float = Field(0.2, gt=0, le=5, description="Seconds between looks at the store for progress.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least level logged.")
+    log_format: Literal["text", "json"] = Field("text", description="Log lines for people, or as JSON objects.")
+    database_url: SecretStr = Field(
+        SecretStr(""),
+        description="Database as SQLAlchemy takes it, e.g. postgresql+psycopg://user:password@host/name; "
+        "empty: SQLite in the data folder.",
+    )
+    files_url: str = Field(
+        "", description="Where files are kept: s3://bucket/prefix; empty: the folder files in the data folder."
+    )
+    s3_endpoint: str = Field("", description="Address of an S3-compatible storage; empty: that of AWS.")
+    s3_region: str = Field("us-east-1", description="Region of the S3 storage.")
+    s3_access_key: SecretStr = Field(SecretStr(""), description="Access key of the S3 storage.")
+    s3_secret_key: SecretStr = Field(SecretStr(""), description="Secret key of the S3 storage.")
+    retention_days: float = Field(
+        30.0, ge=0, description="Days that a finished mesh and unused samples are kept; 0: until they are deleted."
+    )
+    reuse: bool = Field(True, description="Answer with a finished mesh of the same spec, samples and version.")
+    allow_anonymous: bool = Field(False, description="Serve an address of other machines although there is no API key.")
+    key_max_queued: int = Field(1000, ge=0, description="Most unfinished meshes of one key; 0: no limit.")
+    key_max_points: int = Field(50_000_000, ge=0, description="Most points of a key's unfinished meshes; 0: no limit.")
+    key_max_bytes: int = Field(
+        10_240 * MIB, ge=0, description="Most bytes of a key's stored files and samples; 0: no limit."
+    )
+    key_requests_per_minute: int = Field(
+        12_000, ge=0, description="Most requests of one key in a minute, for each service process; 0: no limit."
+    )
+    trusted_proxies: str = Field(
+        "127.0.0.1", description="Addresses of proxies whose X-Forwarded headers are believed, separated by commas."
+    )
+    root_path: str = Field("", description="Path under which a proxy serves this service, e.g. /meshes.")
+    metrics: bool = Field(True, description="Serve Prometheus metrics at /metrics.")
+    trace_endpoint: str = Field(
+        "", description="OTLP over HTTP address for OpenTelemetry traces, e.g. http://host:4318/v1/traces; empty: none."
+    )
 
     @property
     def worker_threads(self) -> int:
@@ -53,6 +87,6 @@ class Settings(BaseSettings):
         return self.threads or min(64, max(1, available() // self.workers))
 
     @property
-    def database_url(self) -> str:
-        """The address of the database, as SQLAlchemy takes it."""
-        return f"sqlite:///{self.data_dir / 'equimesh.sqlite3'}"
+    def database(self) -> str:
+        """The address of the database in use, as SQLAlchemy takes it."""
+        return self.database_url.get_secret_value() or f"sqlite:///{self.data_dir.resolve() / 'equimesh.sqlite3'}"

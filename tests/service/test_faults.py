@@ -266,7 +266,7 @@ def test_limits_and_a_stop_of_the_service(tmp_path: Path) -> None:
             assert http.post("/v1/meshes", json=small()).status_code == 202
         full = http.post("/v1/meshes", json=small())
         assert (full.status_code, full.json().get("type")) == (429, "/problems/queue-full")
-    store = Store(settings.database_url)
+    store = Store(settings.database)
     row = store.mesh(last["id"])
     store.close()
     assert row is not None
