@@ -172,7 +172,8 @@ def test_every_setting_is_documented_with_its_default() -> None:
     for (variable, option, default), (name, field) in zip(rows, Settings.model_fields.items(), strict=True):
         assert option == f"--{name.replace('_', '-')}", variable
         if field.default_factory is None:
-            assert str(field.default).removesuffix(".0") == default.strip("`"), variable
+            shown = str(field.default).lower() if isinstance(field.default, bool) else str(field.default)
+            assert (shown.removesuffix(".0") or "empty") == default.strip("`"), variable
 
 
 def test_every_setting_that_any_page_names_exists() -> None:
