@@ -94,7 +94,7 @@ class Admission:
 
     def stored(self, samples_id: str, pointer: str) -> SamplesRow:
         """Samples that were uploaded before."""
-        row = self.store.samples(samples_id)
+        row = self.store.samples.get(samples_id)
         if row is None:
             raise invalid(pointer, "there are no samples with this id; POST /v1/samples gives one")
         return row
@@ -117,7 +117,7 @@ class Admission:
     def _keep(self, path: Path, summary: dict[str, Any]) -> tuple[SamplesRow, bool]:
         file = self.files.seal(path)
         row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
-        new = self.store.add_samples(row, lambda: self.files.publish(path, file))
+        new = self.store.samples.add(row, lambda: self.files.publish(path, file))
         return (row, True) if new else (self.stored(row.id, ""), False)
 
     def _check(self, spec: MeshSpec, canonical: Mapping[str, Any] | None, paths: Mapping[str, Path]) -> None:

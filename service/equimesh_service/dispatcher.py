@@ -62,7 +62,7 @@ class Dispatcher:
 
     def start(self, *, alone: bool) -> None:
         """Begin. ``alone`` says that no other service uses this store: what is running there is left over."""
-        for claim in self._store.abandoned(owner_gone=self._owner if alone else None):
+        for claim in self._store.queue.abandoned(owner_gone=self._owner if alone else None):
             self._lost(claim, "the service stopped while a worker had this mesh")
         self._thread.start()
 
@@ -88,7 +88,7 @@ class Dispatcher:
         self._wake.set()
         self._thread.join()
         for claim, task in self._running.items():
-            if self._store.requeue(claim, "the service was stopped"):
+            if self._store.queue.requeue(claim, "the service was stopped"):
                 _log.info("mesh %s goes back into the queue", claim.mesh_id)
             self._engine.cancel(task)
 
@@ -110,7 +110,7 @@ class Dispatcher:
     def _fill(self) -> None:
         health = self._engine.health()
         while health.ready and len(self._running) < health.workers:
-            claim = self._store.claim(self._owner, self._rules.lease)
+            claim = self._store.queue.claim(self._owner, self._rules.lease)
             if claim is None:
                 return
             _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
@@ -118,7 +118,7 @@ class Dispatcher:
             task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
             self._running[claim] = task
             task.add_done_callback(partial(self._end, claim))
-            row = self._store.mesh(claim.mesh_id)
+            row = self._store.meshes.get(claim.mesh_id)
             if row is None or row.finished:
                 self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task
             self._notify(claim.mesh_id)
@@ -155,21 +155,21 @@ class Dispatcher:
                 _log.error("mesh %s: the worker failed", claim.mesh_id, exc_info=error)
                 problem = Problem("internal-error", f"The worker failed: {type(error).__name__}.")
         # When all went well the mesh is finished already, and this changes nothing.
-        if self._store.finish(claim, error=problem.body()):
+        if self._store.queue.finish(claim, error=problem.body()):
             _log.warning("mesh %s failed: %s", claim.mesh_id, problem)
 
     def _lost(self, claim: Claim, reason: str) -> None:
         most = self._rules.max_attempts
         problem = Problem("worker-lost", f"Given up after {most} attempts; at the last one {reason}.")
-        status = self._store.lose(claim, reason, most=most, error=problem.body())
+        status = self._store.queue.lose(claim, reason, most=most, error=problem.body())
         if status is not None:
             _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
             self._notify(claim.mesh_id)
 
     def _care(self) -> None:
-        held = self._store.renew(self._owner, self._rules.lease)
+        held = self._store.queue.renew(self._owner, self._rules.lease)
         for claim, task in list(self._running.items()):
             if claim not in held and not task.done():
                 self._engine.cancel(task)  # canceled, or taken over after a long silence of this service
-        for claim in self._store.abandoned():
+        for claim in self._store.queue.abandoned():
             self._lost(claim, "its service fell silent")

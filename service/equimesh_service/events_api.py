@@ -61,7 +61,7 @@ async def get_events(
     if last_event_id is not None and last_event_id.isascii() and last_event_id.isdigit():
         after = max(after, min(int(last_event_id[:19]), LARGEST))
     if kind == "json":
-        events = await run_in_threadpool(service.store.events, id, after=after)
+        events = await run_in_threadpool(service.store.meshes.events, id, after=after)
         last = events[-1].number if events else after
         items = [event_resource(event) for event in events]
         done = row.finished and last >= row.last_event
@@ -75,7 +75,7 @@ async def _stream(service: Service, mesh_id: str, after: int) -> AsyncIterator[b
     yield format_sse_event(retry=_RETRY_MILLISECONDS)
     quiet_since = time.monotonic()
     while not service.wakeups.closing:
-        events = await run_in_threadpool(service.store.events, mesh_id, after=after)
+        events = await run_in_threadpool(service.store.meshes.events, mesh_id, after=after)
         for event in events:
             yield _wire(event)
             after = event.number
@@ -86,7 +86,7 @@ async def _stream(service: Service, mesh_id: str, after: int) -> AsyncIterator[b
         elif time.monotonic() - quiet_since > _PING_SECONDS:
             quiet_since = time.monotonic()
             yield KEEPALIVE_COMMENT
-            if await run_in_threadpool(service.store.mesh, mesh_id) is None:
+            if await run_in_threadpool(service.store.meshes.get, mesh_id) is None:
                 return  # deleted
         await service.wakeups.wait(mesh_id, service.settings.poll)
 

@@ -29,7 +29,7 @@ def export(task: Export) -> Artifact | None:
         _write(task, path, store, files)
         file = files.seal(path)
         artifact = Artifact(task.name, file.sha256, file.size)
-        kept = store.add_artifact(task.mesh_id, artifact, lambda: files.publish(path, file))
+        kept = store.meshes.add_artifact(task.mesh_id, artifact, lambda: files.publish(path, file))
     return artifact if kept else None
 
 
@@ -66,7 +66,7 @@ def _write(task: Export, path: Path, store: Store, files: FileStore) -> None:
             else:
                 draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
         case _:
-            document = store.spec(task.mesh_id)
+            document = store.meshes.spec(task.mesh_id)
             mesh = load_npz(_path(task, MESH, store, files)).mesh
             problem = build_problem(read_spec(document), samples_of(store, files))
             uniform = mapped(equimesh.Mesh.uniform(problem.grid), problem.domain)
@@ -75,12 +75,12 @@ def _write(task: Export, path: Path, store: Store, files: FileStore) -> None:
 
 
 def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:
-    schwarz = build_schwarz(read_spec(store.spec(task.mesh_id)))
+    schwarz = build_schwarz(read_spec(store.meshes.spec(task.mesh_id)))
     return None if schwarz is None else schwarz.decompose(grid)
 
 
 def _path(task: Export, name: str, store: Store, files: FileStore) -> Path:
-    artifact = store.artifact(task.mesh_id, name)
+    artifact = store.meshes.artifact(task.mesh_id, name)
     if artifact is None:
         raise Problem("not-found", "The mesh is gone.")
     return files.path(artifact.sha256)

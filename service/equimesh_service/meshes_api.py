@@ -176,7 +176,7 @@ async def list_meshes(
     """A page of meshes; the header `Link` with rel="next" leads to the next one."""
     before = None if cursor is None else _position(cursor)
     rows = await run_in_threadpool(
-        lambda: service.store.meshes(status=status, label=label, before=before, limit=limit + 1)
+        lambda: service.store.meshes.page(status=status, label=label, before=before, limit=limit + 1)
     )
     following = f"{rows[limit - 1].number:x}" if len(rows) > limit else None
     if following is not None:
@@ -200,7 +200,7 @@ async def get_mesh(
 @router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 409))
 async def cancel(id: str, service: ServiceDependency) -> MeshResource:
     """Cancel a mesh that is not finished; a worker that computes it is stopped."""
-    if await run_in_threadpool(service.store.cancel, id):
+    if await run_in_threadpool(service.store.queue.cancel, id):
         service.dispatcher.cancel(id)
     row = await service.mesh(id)
     if row.status != CANCELED:
@@ -211,8 +211,8 @@ async def cancel(id: str, service: ServiceDependency) -> MeshResource:
 @router.delete("/{id}", summary="Delete a mesh", operation_id="deleteMesh", status_code=204, responses=problems(404))
 async def delete(id: str, service: ServiceDependency) -> None:
     """Delete the record and the files; a mesh that is not finished is canceled first."""
-    await run_in_threadpool(service.store.cancel, id)
-    if not await run_in_threadpool(service.store.delete_mesh, id, service.files.remove):
+    await run_in_threadpool(service.store.queue.cancel, id)
+    if not await run_in_threadpool(service.store.meshes.delete, id, service.files.remove):
         raise Problem("not-found", "There is no mesh with this id.")
     service.dispatcher.cancel(id)
 
@@ -226,7 +226,7 @@ async def delete(id: str, service: ServiceDependency) -> None:
 )
 async def get_spec(id: str, service: ServiceDependency) -> Response:
     """The spec as it was computed: posting it again gives the same mesh."""
-    spec = await run_in_threadpool(service.store.spec, id)
+    spec = await run_in_threadpool(service.store.meshes.spec, id)
     if spec is None:
         raise Problem("not-found", "There is no mesh with this id.")
     return JSONResponse(spec)

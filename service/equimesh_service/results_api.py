@@ -204,7 +204,7 @@ def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None
 async def _kept(service: Service, mesh_id: str, name: str) -> Artifact:
     """What the worker wrote of a mesh; of a failed one, as far as it came."""
     row = await service.mesh(mesh_id)
-    artifact = await run_in_threadpool(service.store.artifact, mesh_id, name)
+    artifact = await run_in_threadpool(service.store.meshes.artifact, mesh_id, name)
     if artifact is None:
         check_done(row, partial=False)
         raise Problem("not-found", "There is no mesh with this id.")

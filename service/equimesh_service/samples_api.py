@@ -77,7 +77,7 @@ async def get(
     format: Annotated[Literal["json", "npz"], Query(description="npz gives the samples themselves.")] = "json",
 ) -> Response:
     """What the samples are, or the samples as npz."""
-    row = await run_in_threadpool(service.store.samples, id)
+    row = await run_in_threadpool(service.store.samples.get, id)
     if row is None:
         raise Problem("not-found", "There are no samples with this id.")
     if format == "npz":
@@ -101,7 +101,7 @@ async def get(
 )
 async def delete(id: str, service: ServiceDependency) -> None:
     """Delete samples that no waiting or running mesh needs."""
-    done = await run_in_threadpool(service.store.delete_samples, id, service.files.remove)
+    done = await run_in_threadpool(service.store.samples.delete, id, service.files.remove)
     if done is None:
         raise Problem("not-found", "There are no samples with this id.")
     if not done:

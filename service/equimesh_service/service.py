@@ -77,7 +77,7 @@ class Service:
 
     async def mesh(self, mesh_id: str) -> MeshRow:
         """The mesh with this id; raises a 404 problem."""
-        row = await run_in_threadpool(self.store.mesh, mesh_id)
+        row = await run_in_threadpool(self.store.meshes.get, mesh_id)
         if row is None:
             raise Problem("not-found", "There is no mesh with this id.")
         return row
@@ -94,7 +94,7 @@ class Service:
 
     async def enqueue(self, admitted: Admitted, *, key: str | None, format: str | None) -> str:
         """Put an admitted spec into the queue; returns the id of its mesh."""
-        if await run_in_threadpool(self.store.queued) >= self.settings.max_queue:
+        if await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
         new = NewMesh(
             id=f"m-{secrets.token_hex(10)}",
@@ -104,7 +104,7 @@ class Service:
         )
         fingerprint = admitted.fingerprint(format)
         try:
-            mesh_id = await run_in_threadpool(self.store.add_mesh, new, key=key, fingerprint=fingerprint)
+            mesh_id = await run_in_threadpool(self.store.meshes.add, new, key=key, fingerprint=fingerprint)
         except KeyReusedError:
             raise Problem("idempotency-key-reused", "The key was used for another spec.") from None
         except SamplesGoneError:
@@ -114,7 +114,7 @@ class Service:
 
     async def artifact(self, mesh_id: str, name: str) -> Artifact:
         """A file of a finished mesh, made now if it is not there yet."""
-        found = await run_in_threadpool(self.store.artifact, mesh_id, name)
+        found = await run_in_threadpool(self.store.meshes.artifact, mesh_id, name)
         if found is not None:
             return found
         task = Export(self.place, mesh_id, name)
@@ -153,7 +153,7 @@ def open_service(settings: Settings) -> Service:
     lock = _lock(folder)
     place = Place(f"sqlite:///{folder / 'equimesh.sqlite3'}", folder)
     store, files = Store(place.database_url), place.files()
-    store.create_tables()
+    store.prepare()
     files.prepare()
     engine = PebbleEngine(settings.workers, memory_limit=settings.memory_limit, preload=PRELOAD, warm_up=worker.warm_up)
     desk = PebbleEngine(_DESK_WORKERS, memory_limit=settings.memory_limit, preload=PRELOAD)

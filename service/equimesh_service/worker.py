@@ -70,7 +70,7 @@ def samples_of(store: Store, files: FileStore) -> PathOf:
     """Where the samples of specs are."""
 
     def path(samples_id: str) -> Path:
-        row = store.samples(samples_id)
+        row = store.samples.get(samples_id)
         if row is None:
             raise Problem("conflict", "The samples of this mesh were deleted.")
         return files.path(row.sha256)
@@ -81,13 +81,13 @@ def samples_of(store: Store, files: FileStore) -> PathOf:
 def _solve(job: Job) -> None:
     started = time.perf_counter()
     store, files = open_store(job.place), job.place.files()
-    document, row = store.spec(job.claim.mesh_id), store.mesh(job.claim.mesh_id)
+    document, row = store.meshes.spec(job.claim.mesh_id), store.meshes.get(job.claim.mesh_id)
     if document is None or row is None:
         raise AttemptLostError
     spec = read_spec(document)
     problem = build_problem(spec, samples_of(store, files))
     schwarz = build_schwarz(spec)
-    reporter = Reporter(schwarz, lambda told: store.progress(job.claim, told))
+    reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
     solution = equimesh.solve(
         problem,
         schwarz,
@@ -116,7 +116,7 @@ def _solve(job: Job) -> None:
                     file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
                 )
         timings = {"solve": solved - started, "write": time.perf_counter() - solved}
-        store.finish(
+        store.queue.finish(
             job.claim,
             error=None if solution.status.succeeded else _problem(solution).body(),
             result={

@@ -71,24 +71,24 @@ def die_once(marker: str, url: str, claim: Claim) -> None:
     if not Path(marker).exists():
         die(marker)
     store = Store(url)
-    store.finish(claim)
+    store.queue.finish(claim)
     store.close()
 
 
 def test_a_killed_worker_does_not_lose_its_mesh(tmp_path: Path) -> None:
     store, engine = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}"), PebbleEngine(1, preload=PRELOAD)
-    store.create_tables()
+    store.prepare()
     url = f"sqlite:///{tmp_path / 'a.sqlite3'}"
     marker = str(tmp_path / "marker")
     dispatcher = Dispatcher(
         "me", store, engine, lambda claim: (die_once, (marker, url, claim)), Rules(), lambda _: None
     )
-    store.add_mesh(NewMesh(id="a", spec=SPEC))
+    store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)
     try:
-        row = until(lambda: (row := store.mesh("a")) and row.finished and row)
+        row = until(lambda: (row := store.meshes.get("a")) and row.finished and row)
         assert (row.status, row.attempt) == ("succeeded", 2)
-        story = [(event.kind, event.data.get("status"), event.data.get("reason")) for event in store.events("a")]
+        story = [(event.kind, event.data.get("status"), event.data.get("reason")) for event in store.meshes.events("a")]
         assert story[2] == ("status", "queued", "the worker process died")
     finally:
         dispatcher.stop()
@@ -98,13 +98,13 @@ def test_a_killed_worker_does_not_lose_its_mesh(tmp_path: Path) -> None:
 
 def test_a_mesh_that_kills_its_workers_fails_after_three(tmp_path: Path) -> None:
     store, engine = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}"), PebbleEngine(1, preload=PRELOAD)
-    store.create_tables()
+    store.prepare()
     marker = tmp_path / "marker"
     dispatcher = Dispatcher("me", store, engine, lambda _: (die, (str(marker),)), Rules(), lambda _: None)
-    store.add_mesh(NewMesh(id="a", spec=SPEC))
+    store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)
     try:
-        row = until(lambda: (row := store.mesh("a")) and row.finished and row)
+        row = until(lambda: (row := store.meshes.get("a")) and row.finished and row)
         assert row.status == "failed"
         assert row.error["type"] == "/problems/worker-lost"
         assert "3 attempts" in row.error["detail"]
@@ -124,7 +124,7 @@ class Sluggish:
 
     def submit(self, function: Any, *arguments: Any, time_limit: float | None = None) -> Future[Any]:
         assert (function, arguments, time_limit) == (add, (1, 1), 300.0)
-        assert self.store.cancel("a")
+        assert self.store.queue.cancel("a")
         return Future()
 
     def cancel(self, task: Future[Any]) -> None:
@@ -141,9 +141,9 @@ class Sluggish:
 
 def test_a_cancel_between_claim_and_submission_is_seen(tmp_path: Path) -> None:
     store = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}")
-    store.create_tables()
+    store.prepare()
     engine = Sluggish(store)
-    store.add_mesh(NewMesh(id="a", spec=SPEC))
+    store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher = Dispatcher("me", store, engine, lambda _: (add, (1, 1)), Rules(), lambda _: None)
     dispatcher.start(alone=True)
     try:
@@ -236,13 +236,13 @@ def test_a_job_that_breaks_a_limit_fails_and_says_so(
 ) -> None:
     store = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}")
     engine = PebbleEngine(1, memory_limit=64, preload=PRELOAD)
-    store.create_tables()
+    store.prepare()
     rules = Rules(time_limit=0.4, memory_limit=64)
     dispatcher = Dispatcher("me", store, engine, lambda _: (function, arguments), rules, lambda _: None)
-    store.add_mesh(NewMesh(id="a", spec=SPEC))
+    store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)
     try:
-        row = until(lambda: (row := store.mesh("a")) and row.finished and row)
+        row = until(lambda: (row := store.meshes.get("a")) and row.finished and row)
         assert (row.status, row.error["type"], row.attempt) == ("failed", f"/problems/{name}", 1)
     finally:
         dispatcher.stop()
@@ -267,7 +267,7 @@ def test_limits_and_a_stop_of_the_service(tmp_path: Path) -> None:
         full = http.post("/v1/meshes", json=small())
         assert (full.status_code, full.json().get("type")) == (429, "/problems/queue-full")
     store = Store(settings.database)
-    row = store.mesh(last["id"])
+    row = store.meshes.get(last["id"])
     store.close()
     assert row is not None
     assert (row.status, row.attempt) == ("queued", 1)

@@ -35,23 +35,23 @@ def clock() -> Clock:
 @pytest.fixture
 def store(tmp_path: Path, clock: Clock) -> Iterator[Store]:
     store = Store(f"sqlite:///{tmp_path / 'test.sqlite3'}", clock=clock)
-    store.create_tables()
+    store.prepare()
     yield store
     store.close()
 
 
 def add(store: Store, mesh_id: str, **more: object) -> str:
-    return store.add_mesh(NewMesh(id=mesh_id, spec={**SPEC, **more}))
+    return store.meshes.add(NewMesh(id=mesh_id, spec={**SPEC, **more}))
 
 
 def claimed(store: Store, owner: str = "me") -> Claim:
-    claim = store.claim(owner, 10.0)
+    claim = store.queue.claim(owner, 10.0)
     assert claim is not None
     return claim
 
 
 def status(store: Store, mesh_id: str) -> str:
-    row = store.mesh(mesh_id)
+    row = store.meshes.get(mesh_id)
     assert row is not None
     return row.status
 
@@ -59,7 +59,7 @@ def status(store: Store, mesh_id: str) -> str:
 def test_oldest_mesh_is_claimed_first_and_only_once(store: Store) -> None:
     add(store, "a")
     add(store, "b")
-    assert [store.claim("me", 10.0), store.claim("me", 10.0), store.claim("me", 10.0)] == [
+    assert [store.queue.claim("me", 10.0), store.queue.claim("me", 10.0), store.queue.claim("me", 10.0)] == [
         Claim("a", 1),
         Claim("b", 1),
         None,
@@ -72,7 +72,7 @@ def test_concurrent_claims_never_share_a_mesh(store: Store) -> None:
     claims: list[Claim | None] = []
 
     def take() -> None:
-        claims.extend(store.claim(threading.current_thread().name, 10.0) for _ in range(5))
+        claims.extend(store.queue.claim(threading.current_thread().name, 10.0) for _ in range(5))
 
     threads = [threading.Thread(target=take) for _ in range(4)]
     for thread in threads:
@@ -85,24 +85,24 @@ def test_concurrent_claims_never_share_a_mesh(store: Store) -> None:
 def test_events_are_numbered_without_gaps_and_tell_the_story(store: Store) -> None:
     add(store, "a")
     claim = claimed(store)
-    assert store.progress(claim, {"fraction": 0.5})
-    assert store.finish(claim, result={"quality": None})
-    events = store.events("a")
+    assert store.queue.progress(claim, {"fraction": 0.5})
+    assert store.queue.finish(claim, result={"quality": None})
+    events = store.meshes.events("a")
     assert [event.number for event in events] == [1, 2, 3, 4]
     assert [event.kind for event in events] == ["status", "status", "progress", "done"]
-    assert [event.number for event in store.events("a", after=2)] == [3, 4]
+    assert [event.number for event in store.meshes.events("a", after=2)] == [3, 4]
 
 
 def test_a_lost_attempt_cannot_write(store: Store) -> None:
     add(store, "a")
     old = claimed(store)
-    assert store.lose(old, "gone", most=3, error=ERROR) == "queued"
+    assert store.queue.lose(old, "gone", most=3, error=ERROR) == "queued"
     new = claimed(store)
-    assert not store.progress(old, {"fraction": 0.9})
-    assert not store.finish(old, files=[Artifact("mesh", "0" * 64, 1)])
-    assert store.artifact("a", "mesh") is None
+    assert not store.queue.progress(old, {"fraction": 0.9})
+    assert not store.queue.finish(old, files=[Artifact("mesh", "0" * 64, 1)])
+    assert store.meshes.artifact("a", "mesh") is None
     assert status(store, "a") == "running"
-    assert store.finish(new)
+    assert store.queue.finish(new)
     assert status(store, "a") == "succeeded"
 
 
@@ -110,8 +110,8 @@ def test_publishing_happens_only_for_the_attempt_that_counts(store: Store) -> No
     add(store, "a")
     claim = claimed(store)
     published: list[str] = []
-    store.cancel("a")
-    assert not store.finish(claim, publish=lambda: published.append("late"))
+    store.queue.cancel("a")
+    assert not store.queue.finish(claim, publish=lambda: published.append("late"))
     assert published == []
 
 
@@ -123,16 +123,16 @@ def test_a_failed_publication_leaves_the_mesh_running(store: Store) -> None:
         raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
-        store.finish(claim, files=[Artifact("mesh", "0" * 64, 1)], publish=fail)
+        store.queue.finish(claim, files=[Artifact("mesh", "0" * 64, 1)], publish=fail)
     assert status(store, "a") == "running"
-    assert store.artifact("a", "mesh") is None
+    assert store.meshes.artifact("a", "mesh") is None
 
 
 def test_a_mesh_fails_when_its_workers_are_lost_too_often(store: Store) -> None:
     add(store, "a")
-    outcomes = [store.lose(claimed(store), "gone", most=3, error=ERROR) for _ in range(3)]
+    outcomes = [store.queue.lose(claimed(store), "gone", most=3, error=ERROR) for _ in range(3)]
     assert outcomes == ["queued", "queued", "failed"]
-    row = store.mesh("a")
+    row = store.meshes.get("a")
     assert row is not None
     assert (row.attempt, row.error) == (3, ERROR)
 
@@ -140,46 +140,46 @@ def test_a_mesh_fails_when_its_workers_are_lost_too_often(store: Store) -> None:
 def test_a_stop_of_the_service_does_not_count_as_a_loss(store: Store) -> None:
     add(store, "a")
     for _ in range(5):
-        assert store.requeue(claimed(store), "stopped")
-    assert store.lose(claimed(store), "gone", most=3, error=ERROR) == "queued"
+        assert store.queue.requeue(claimed(store), "stopped")
+    assert store.queue.lose(claimed(store), "gone", most=3, error=ERROR) == "queued"
 
 
 def test_leases_run_out_unless_they_are_renewed(store: Store, clock: Clock) -> None:
     add(store, "a")
     claim = claimed(store)
     clock.now += 9.0
-    assert store.abandoned() == []
-    assert store.renew("me", 10.0) == {claim}
+    assert store.queue.abandoned() == []
+    assert store.queue.renew("me", 10.0) == {claim}
     clock.now += 9.0
-    assert store.abandoned() == []
+    assert store.queue.abandoned() == []
     clock.now += 2.0
-    assert store.abandoned() == [claim]
+    assert store.queue.abandoned() == [claim]
 
 
 def test_a_new_owner_sees_what_another_one_left(store: Store) -> None:
     add(store, "a")
     claim = claimed(store, "old")
-    assert store.abandoned(owner_gone="old") == []
-    assert store.abandoned(owner_gone="new") == [claim]
+    assert store.queue.abandoned(owner_gone="old") == []
+    assert store.queue.abandoned(owner_gone="new") == [claim]
 
 
 def test_cancel_works_until_the_end(store: Store) -> None:
     add(store, "a")
-    assert store.cancel("a")
-    assert not store.cancel("a")
-    assert not store.cancel("nothing")
-    assert store.events("a")[-1].data == {"status": "canceled"}
+    assert store.queue.cancel("a")
+    assert not store.queue.cancel("a")
+    assert not store.queue.cancel("nothing")
+    assert store.meshes.events("a")[-1].data == {"status": "canceled"}
 
 
 def test_the_same_key_gives_the_same_mesh(store: Store) -> None:
-    first = store.add_mesh(NewMesh(id="a", spec=SPEC), key="k", fingerprint="f")
-    again = store.add_mesh(NewMesh(id="b", spec=SPEC), key="k", fingerprint="f")
+    first = store.meshes.add(NewMesh(id="a", spec=SPEC), key="k", fingerprint="f")
+    again = store.meshes.add(NewMesh(id="b", spec=SPEC), key="k", fingerprint="f")
     assert (first, again) == ("a", "a")
-    assert store.mesh("b") is None
+    assert store.meshes.get("b") is None
     with pytest.raises(KeyReusedError):
-        store.add_mesh(NewMesh(id="c", spec=SPEC), key="k", fingerprint="other")
-    store.delete_mesh("a", lambda _: None)
-    assert store.add_mesh(NewMesh(id="d", spec=SPEC), key="k", fingerprint="f") == "d"
+        store.meshes.add(NewMesh(id="c", spec=SPEC), key="k", fingerprint="other")
+    store.meshes.delete("a", lambda _: None)
+    assert store.meshes.add(NewMesh(id="d", spec=SPEC), key="k", fingerprint="f") == "d"
 
 
 def test_the_same_key_at_the_same_moment_gives_one_mesh(store: Store) -> None:
@@ -188,7 +188,7 @@ def test_the_same_key_at_the_same_moment_gives_one_mesh(store: Store) -> None:
 
     def ask(number: int) -> None:
         barrier.wait()
-        found.append(store.add_mesh(NewMesh(id=f"m{number}", spec=SPEC), key="k", fingerprint="f"))
+        found.append(store.meshes.add(NewMesh(id=f"m{number}", spec=SPEC), key="k", fingerprint="f"))
 
     threads = [threading.Thread(target=ask, args=(number,)) for number in range(6)]
     for thread in threads:
@@ -197,49 +197,49 @@ def test_the_same_key_at_the_same_moment_gives_one_mesh(store: Store) -> None:
         thread.join()
     assert len(found) == 6
     assert len(set(found)) == 1
-    assert len(store.meshes()) == 1
+    assert len(store.meshes.page()) == 1
 
 
 def test_list_filters_and_pages(store: Store) -> None:
     for number in range(5):
         add(store, f"m{number}", label="odd" if number % 2 else "even")
-    assert [row.id for row in store.meshes(limit=2)] == ["m4", "m3"]
-    assert [row.id for row in store.meshes(before=store.meshes(limit=2)[-1].number)] == ["m2", "m1", "m0"]
-    assert [row.id for row in store.meshes(label="odd")] == ["m3", "m1"]
-    store.cancel("m0")
-    assert [row.id for row in store.meshes(status="canceled")] == ["m0"]
+    assert [row.id for row in store.meshes.page(limit=2)] == ["m4", "m3"]
+    assert [row.id for row in store.meshes.page(before=store.meshes.page(limit=2)[-1].number)] == ["m2", "m1", "m0"]
+    assert [row.id for row in store.meshes.page(label="odd")] == ["m3", "m1"]
+    store.queue.cancel("m0")
+    assert [row.id for row in store.meshes.page(status="canceled")] == ["m0"]
 
 
 def test_a_file_goes_with_the_last_mesh_that_has_it(store: Store) -> None:
     shared, own = "1" * 64, "2" * 64
     for mesh_id, files in (("a", [Artifact("mesh", shared, 1), Artifact("quality", own, 1)]), ("b", [])):
         add(store, mesh_id)
-        store.finish(claimed(store), files=[*files, Artifact("convergence", shared, 1)])
+        store.queue.finish(claimed(store), files=[*files, Artifact("convergence", shared, 1)])
     removed: list[str] = []
-    assert store.delete_mesh("a", removed.append)
+    assert store.meshes.delete("a", removed.append)
     assert removed == [own]
-    assert store.delete_mesh("b", removed.append)
+    assert store.meshes.delete("b", removed.append)
     assert removed == [own, shared]
-    assert not store.delete_mesh("b", removed.append)
+    assert not store.meshes.delete("b", removed.append)
 
 
 def test_samples_that_a_waiting_mesh_needs_stay(store: Store) -> None:
     row = SamplesRow("s-1", "3" * 64, 10, {"kind": "grid"}, 1.0)
-    assert store.add_samples(row)
-    assert not store.add_samples(row)
-    store.add_mesh(NewMesh(id="a", spec=SPEC, samples=("s-1",)))
+    assert store.samples.add(row)
+    assert not store.samples.add(row)
+    store.meshes.add(NewMesh(id="a", spec=SPEC, samples=("s-1",)))
     removed: list[str] = []
-    assert store.delete_samples("s-1", removed.append) is False
-    store.cancel("a")
-    assert store.delete_samples("s-1", removed.append) is True
+    assert store.samples.delete("s-1", removed.append) is False
+    store.queue.cancel("a")
+    assert store.samples.delete("s-1", removed.append) is True
     assert removed == ["3" * 64]
-    assert store.delete_samples("s-1", removed.append) is None
+    assert store.samples.delete("s-1", removed.append) is None
     with pytest.raises(SamplesGoneError):
-        store.add_mesh(NewMesh(id="b", spec=SPEC, samples=("s-1",)))
+        store.meshes.add(NewMesh(id="b", spec=SPEC, samples=("s-1",)))
 
 
 def test_sqlite_writes_ahead_and_to_disk(store: Store) -> None:
-    with store._read() as connection:
+    with store.database.read() as connection:
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
         assert connection.execute(text("PRAGMA synchronous")).scalar() == 2
         assert connection.execute(text("PRAGMA foreign_keys")).scalar() == 1
@@ -268,18 +268,18 @@ def test_what_a_crash_left_unfinished_is_cleared(tmp_path: Path) -> None:
 
 def test_every_sample_of_a_mesh_is_kept_until_it_is_finished(store: Store) -> None:
     for name in ("s-1", "s-2", "s-3"):
-        store.add_samples(SamplesRow(name, name, 1, {}, 0.0))
-    store.add_mesh(NewMesh(id="a", spec=SPEC, samples=("s-1", "s-2")))
+        store.samples.add(SamplesRow(name, name, 1, {}, 0.0))
+    store.meshes.add(NewMesh(id="a", spec=SPEC, samples=("s-1", "s-2")))
     add(store, "old")
-    with store._write() as connection:  # as version 0.1 wrote it
+    with store.database.write() as connection:  # as version 0.1 wrote it
         connection.execute(text("UPDATE meshes SET samples_id = 's-3' WHERE id = 'old'"))
     gone: list[str] = []
-    assert [store.delete_samples(name, gone.append) for name in ("s-1", "s-2", "s-3")] == [False] * 3
-    store.cancel("a")
-    assert store.delete_samples("s-2", gone.append) is True
-    assert store.delete_mesh("a", gone.append)
-    assert store.delete_samples("s-1", gone.append) is True
-    assert store.delete_samples("s-3", gone.append) is False
+    assert [store.samples.delete(name, gone.append) for name in ("s-1", "s-2", "s-3")] == [False] * 3
+    store.queue.cancel("a")
+    assert store.samples.delete("s-2", gone.append) is True
+    assert store.meshes.delete("a", gone.append)
+    assert store.samples.delete("s-1", gone.append) is True
+    assert store.samples.delete("s-3", gone.append) is False
     assert gone == ["s-2", "s-1"]
 
 
@@ -294,8 +294,8 @@ def test_a_spec_of_the_first_release_is_read(store: Store) -> None:
         "cells": "quad",
         "label": None,
     }
-    store.add_mesh(NewMesh(id="a", spec=old))
-    spec = read_spec(store.spec("a"))
+    store.meshes.add(NewMesh(id="a", spec=old))
+    spec = read_spec(store.meshes.spec("a"))
     assert (spec.mode, spec.allow_relaxed, spec.monitor.smoothing) == ("discretization", True, 0.0)
     canonical = spec.canonical()
     assert {key: canonical[key] for key in old if key != "monitor"} == {k: v for k, v in old.items() if k != "monitor"}

@@ -1,0 +1,179 @@
+"""SQL of the queue: who computes which mesh, and how it ends.
+
+A mesh goes ``queued -> running -> succeeded | failed | canceled``; a lost worker takes it back to ``queued``.
+Every change of a mesh is one transaction that also adds an event, so the events tell the whole story.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from sqlalchemy import Connection, func, insert, or_, select, update
+from sqlalchemy.sql.elements import ColumnElement
+
+from equimesh_service.artifacts_store import insert_artifact
+from equimesh_service.database import Database
+from equimesh_service.rows import CANCELED, FAILED, QUEUED, RUNNING, SUCCEEDED, Artifact, Claim
+from equimesh_service.schema import events, meshes
+
+
+def _nothing() -> None:
+    pass
+
+
+class QueueStore:
+    """Waiting and running meshes: the dispatcher's and the workers' side of the store."""
+
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+        self._read, self._write = database.read, database.write
+        self._clock = clock
+
+    def waiting(self) -> int:
+        """Number of waiting meshes."""
+        query = select(func.count()).select_from(meshes).where(meshes.c.status == QUEUED)
+        with self._read() as connection:
+            return int(connection.execute(query).scalar_one())
+
+    def cancel(self, mesh_id: str) -> bool:
+        """Cancel a mesh that is not finished; False when it is."""
+        with self._write() as connection:
+            here = [meshes.c.id == mesh_id, meshes.c.status.in_((QUEUED, RUNNING))]
+            change = {"status": CANCELED, "finished_at": self._clock(), "owner": None, "lease_until": None}
+            return self._append(connection, here, change, "done", {"status": CANCELED})
+
+    def claim(self, owner: str, lease: float) -> Claim | None:
+        """Take the oldest waiting mesh for ``owner``, for ``lease`` seconds."""
+        with self._write() as connection:
+            query = select(meshes.c.id).where(meshes.c.status == QUEUED).order_by(meshes.c.number).limit(1)
+            mesh_id = connection.execute(query.with_for_update(skip_locked=True)).scalar()
+            if mesh_id is None:
+                return None
+            now = self._clock()
+            change = {
+                "status": RUNNING,
+                "attempt": meshes.c.attempt + 1,
+                "owner": owner,
+                "lease_until": now + lease,
+                "started_at": now,
+                "progress": None,
+            }
+            here = [meshes.c.id == mesh_id, meshes.c.status == QUEUED]
+            query = select(meshes.c.attempt).where(meshes.c.id == mesh_id)
+            attempt = int(connection.execute(query).scalar_one()) + 1
+            data = {"status": RUNNING, "attempt": attempt}
+            return Claim(mesh_id, attempt) if self._append(connection, here, change, "status", data) else None
+
+    def renew(self, owner: str, lease: float) -> set[Claim]:
+        """Extend the leases of ``owner``; returns what it still holds."""
+        mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
+        with self._write() as connection:
+            connection.execute(update(meshes).where(mine).values(lease_until=self._clock() + lease))
+            rows = connection.execute(select(meshes.c.id, meshes.c.attempt).where(mine))
+            return {Claim(row.id, row.attempt) for row in rows}
+
+    def abandoned(self, *, owner_gone: str | None = None) -> list[Claim]:
+        """Running meshes whose lease has run out; with ``owner_gone``, all that another owner holds."""
+        late = meshes.c.lease_until < self._clock()
+        if owner_gone is not None:
+            late = or_(late, meshes.c.owner != owner_gone)
+        query = select(meshes.c.id, meshes.c.attempt).where(meshes.c.status == RUNNING, late)
+        with self._read() as connection:
+            return [Claim(row.id, row.attempt) for row in connection.execute(query)]
+
+    def requeue(self, claim: Claim, reason: str) -> bool:
+        """Put a running mesh back into the queue, as if it had not been claimed."""
+        with self._write() as connection:
+            return self._back(connection, claim, reason, 0)
+
+    def lose(self, claim: Claim, reason: str, *, most: int, error: Mapping[str, Any]) -> str | None:
+        """Note that the worker of a running mesh is lost: it waits again, or fails when ``most`` were lost.
+
+        Returns the new status, or None when the claim no longer holds.
+        """
+        with self._write() as connection:
+            query = select(meshes.c.losses).where(meshes.c.id == claim.mesh_id)
+            losses = int(connection.execute(query).scalar() or 0) + 1
+            if losses < most:
+                return QUEUED if self._back(connection, claim, reason, 1) else None
+            change = {
+                "status": FAILED,
+                "finished_at": self._clock(),
+                "owner": None,
+                "lease_until": None,
+                "losses": losses,
+                "error": dict(error),
+            }
+            data = {"status": FAILED, "error": dict(error)}
+            return FAILED if self._append(connection, _held(claim), change, "done", data) else None
+
+    def progress(self, claim: Claim, data: Mapping[str, Any]) -> bool:
+        """Note how far a running mesh is; False when the claim no longer holds."""
+        with self._write() as connection:
+            return self._append(connection, _held(claim), {"progress": dict(data)}, "progress", data)
+
+    def finish(
+        self,
+        claim: Claim,
+        *,
+        error: Mapping[str, Any] | None = None,
+        result: Mapping[str, Any] | None = None,
+        files: Sequence[Artifact] = (),
+        partial: bool = False,
+        publish: Callable[[], None] = _nothing,
+    ) -> bool:
+        """End a running mesh: succeeded, or failed with ``error``; False when the claim no longer holds.
+
+        ``publish`` gives ``files`` their names, inside the transaction.
+        """
+        status = SUCCEEDED if error is None else FAILED
+        data: dict[str, Any] = {"status": status}
+        if error is not None:
+            data["error"] = dict(error)
+        with self._write() as connection:
+            change = {
+                "status": status,
+                "finished_at": self._clock(),
+                "owner": None,
+                "lease_until": None,
+                "error": None if error is None else dict(error),
+                "result": None if result is None else dict(result),
+                "partial": partial,
+            }
+            if not self._append(connection, _held(claim), change, "done", data):
+                return False
+            for file in files:
+                insert_artifact(connection, claim.mesh_id, file)
+            publish()
+            return True
+
+    def _back(self, connection: Connection, claim: Claim, reason: str, lost: int) -> bool:
+        change = {
+            "status": QUEUED,
+            "owner": None,
+            "lease_until": None,
+            "progress": None,
+            "losses": meshes.c.losses + lost,
+        }
+        return self._append(connection, _held(claim), change, "status", {"status": QUEUED, "reason": reason})
+
+    def _append(
+        self,
+        connection: Connection,
+        here: Sequence[ColumnElement[bool]],
+        change: Mapping[str, Any],
+        kind: str,
+        data: Mapping[str, Any],
+    ) -> bool:
+        """Change the one mesh ``here`` and add an event that says so; False when there is none."""
+        statement = update(meshes).where(*here).values(**change, last_event=meshes.c.last_event + 1)
+        row = connection.execute(statement.returning(meshes.c.id, meshes.c.last_event)).first()
+        if row is None:
+            return False
+        added = {"mesh_id": row.id, "number": row.last_event, "time": self._clock(), "kind": kind, "data": dict(data)}
+        connection.execute(insert(events).values(added))
+        return True
+
+
+def _held(claim: Claim) -> list[ColumnElement[bool]]:
+    return [meshes.c.id == claim.mesh_id, meshes.c.attempt == claim.attempt, meshes.c.status == RUNNING]
