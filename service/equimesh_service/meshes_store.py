@@ -142,6 +142,8 @@ class MeshesStore:
             "cells": new.spec["cells"],
             "format": new.format,
             "created_at": now,
+            "request_id": new.request_id,
+            "trace": new.trace,
             "last_event": 1,
         }
         connection.execute(insert(meshes).values(row))

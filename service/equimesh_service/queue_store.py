@@ -7,15 +7,18 @@ Every change of a mesh is one transaction that also adds an event, so the events
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, or_, select, update
+from sqlalchemy import Connection, Row, func, insert, or_, select, update
 from sqlalchemy.sql.elements import ColumnElement
 
 from equimesh_service.artifacts_store import insert_artifact
 from equimesh_service.database import Database
-from equimesh_service.rows import CANCELED, FAILED, QUEUED, RUNNING, SUCCEEDED, Artifact, Claim
+from equimesh_service.rows import CANCELED, FAILED, QUEUED, RUNNING, STATUSES, SUCCEEDED, Artifact, Census, Claim
 from equimesh_service.schema import events, meshes
+
+_CLAIMED = [meshes.c.id, meshes.c.attempt, meshes.c.request_id, meshes.c.key_id, meshes.c.trace]
 
 
 def _nothing() -> None:
@@ -35,6 +38,16 @@ class QueueStore:
         with self._read() as connection:
             return int(connection.execute(query).scalar_one())
 
+    def census(self) -> Census:
+        """How many meshes there are, and how long the oldest waiting one has waited."""
+        query = select(meshes.c.status, func.count()).group_by(meshes.c.status)
+        oldest = select(meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number).limit(1)
+        with self._read() as connection:
+            counted = {status: int(count) for status, count in connection.execute(query)}
+            since = connection.execute(oldest).scalar()
+        waited = 0.0 if since is None else max(0.0, self._clock() - since)
+        return Census(meshes={status: counted.get(status, 0) for status in STATUSES}, oldest_wait=waited)
+
     def cancel(self, mesh_id: str) -> bool:
         """Cancel a mesh that is not finished; False when it is."""
         with self._write() as connection:
@@ -45,9 +58,9 @@ class QueueStore:
     def claim(self, owner: str, lease: float) -> Claim | None:
         """Take the oldest waiting mesh for ``owner``, for ``lease`` seconds."""
         with self._write() as connection:
-            query = select(meshes.c.id).where(meshes.c.status == QUEUED).order_by(meshes.c.number).limit(1)
-            mesh_id = connection.execute(query.with_for_update(skip_locked=True)).scalar()
-            if mesh_id is None:
+            query = select(*_CLAIMED, meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number)
+            row = connection.execute(query.limit(1).with_for_update(skip_locked=True)).first()
+            if row is None:
                 return None
             now = self._clock()
             change = {
@@ -58,11 +71,12 @@ class QueueStore:
                 "started_at": now,
                 "progress": None,
             }
-            here = [meshes.c.id == mesh_id, meshes.c.status == QUEUED]
-            query = select(meshes.c.attempt).where(meshes.c.id == mesh_id)
-            attempt = int(connection.execute(query).scalar_one()) + 1
-            data = {"status": RUNNING, "attempt": attempt}
-            return Claim(mesh_id, attempt) if self._append(connection, here, change, "status", data) else None
+            here = [meshes.c.id == row.id, meshes.c.status == QUEUED]
+            data = {"status": RUNNING, "attempt": row.attempt + 1}
+            if not self._append(connection, here, change, "status", data):
+                return None
+            waited = max(0.0, now - row.created_at)
+            return replace(_claim(row), attempt=row.attempt + 1, claimed_at=now, waited=waited)
 
     def renew(self, owner: str, lease: float) -> set[Claim]:
         """Extend the leases of ``owner``; returns what it still holds."""
@@ -77,9 +91,9 @@ class QueueStore:
         late = meshes.c.lease_until < self._clock()
         if owner_gone is not None:
             late = or_(late, meshes.c.owner != owner_gone)
-        query = select(meshes.c.id, meshes.c.attempt).where(meshes.c.status == RUNNING, late)
+        query = select(*_CLAIMED).where(meshes.c.status == RUNNING, late)
         with self._read() as connection:
-            return [Claim(row.id, row.attempt) for row in connection.execute(query)]
+            return [_claim(row) for row in connection.execute(query)]
 
     def requeue(self, claim: Claim, reason: str) -> bool:
         """Put a running mesh back into the queue, as if it had not been claimed."""
@@ -173,6 +187,10 @@ class QueueStore:
         added = {"mesh_id": row.id, "number": row.last_event, "time": self._clock(), "kind": kind, "data": dict(data)}
         connection.execute(insert(events).values(added))
         return True
+
+
+def _claim(row: Row[Any]) -> Claim:
+    return Claim(row.id, row.attempt, request_id=row.request_id, key_id=row.key_id, trace=row.trace)
 
 
 def _held(claim: Claim) -> list[ColumnElement[bool]]:

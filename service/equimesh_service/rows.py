@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED = "queued", "running", "succeeded", "failed", "canceled"
@@ -27,6 +27,8 @@ class NewMesh:
     spec: Mapping[str, Any]
     samples: tuple[str, ...] = ()
     format: str | None = None
+    request_id: str | None = None
+    trace: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +71,27 @@ class EventRow:
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to compute a mesh, until another attempt begins."""
+    """The right to compute a mesh, until another attempt begins.
+
+    Beside it, whence the mesh comes: when it was claimed, how many seconds it had waited until then, and the request,
+    key and trace that it belongs to.
+    """
 
     mesh_id: str
     attempt: int
+    claimed_at: float = field(default=0.0, compare=False)
+    waited: float = field(default=0.0, compare=False)
+    request_id: str | None = field(default=None, compare=False)
+    key_id: str = field(default="", compare=False)
+    trace: str | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Census:
+    """How many meshes there are of each status, and for how many seconds the oldest waiting one has waited."""
+
+    meshes: Mapping[str, int]
+    oldest_wait: float
 
 
 @dataclass(frozen=True)
