@@ -8,13 +8,14 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from equimesh_cli import bench, check, demo, generate, serve, solve
+from equimesh_cli import bench, check, demo, generate, keys, serve, solve
 from equimesh_cli.exits import EPILOG, Exit, code_of
 
 EXAMPLES = """\
 examples:
   equimesh demo                                           see it work, from nothing to files
   equimesh serve --port 8000                              run a service
+  equimesh keys create --name ada --scope write           an API key for it
   equimesh generate 'tanh(20*(x-y))' -n 65 -o mesh.vtu    a mesh from a service
   equimesh solve 'tanh(20*(x-y))' -n 65 -o mesh.vtu       a mesh without a service
   equimesh check 'sin(pi*x'                               what is wrong with an expression
@@ -40,7 +41,7 @@ def build_parser(command: str = "") -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     demo.add_parser(commands)
     serve.add_parser(commands, full=command == "serve")
-    for module in (generate, solve, check, bench):
+    for module in (keys, generate, solve, check, bench):
         module.add_parser(commands)
     return parser
 

@@ -54,10 +54,7 @@ def add_parser(commands: Any, *, full: bool) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the service in this process."""
     try:
-        from pydantic import ValidationError
-
         import equimesh_service
-        from equimesh_service.settings import Settings
     except ImportError as error:
         raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
     given = {
@@ -65,10 +62,7 @@ def run(options: argparse.Namespace) -> int:
         for name, value in vars(options).items()
         if name.startswith("setting_") and value is not None
     }
-    try:
-        settings = Settings(**given)
-    except ValidationError as error:
-        raise Refused("\n".join(map(_complaint, error.errors()))) from None
+    settings = chosen(given)
     try:
         equimesh_service.run(settings)
     except KeyboardInterrupt:
@@ -76,6 +70,18 @@ def run(options: argparse.Namespace) -> int:
     except OSError as error:
         raise Refused(cannot_serve(settings, error)) from error
     return Exit.DONE
+
+
+def chosen(given: dict[str, str]) -> Settings:
+    """The settings of options that were given and of the environment; raises :class:`Refused` for bad ones."""
+    from pydantic import ValidationError
+
+    from equimesh_service.settings import Settings
+
+    try:
+        return Settings(**given)  # type: ignore[arg-type]
+    except ValidationError as error:
+        raise Refused("\n".join(map(_complaint, error.errors()))) from None
 
 
 def cannot_serve(settings: Settings, error: OSError) -> str:

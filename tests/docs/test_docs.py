@@ -142,15 +142,23 @@ def row_names(text: str) -> list[str]:
 
 
 def flags(name: str) -> set[str]:
+    """The options of a command, and of the actions below it."""
     subparsers = next(
         action for action in build_parser(name)._actions if isinstance(action, argparse._SubParsersAction)
     )
-    return {flag for action in subparsers.choices[name]._actions for flag in action.option_strings}
+    return options_of(subparsers.choices[name])
+
+
+def options_of(parser: argparse.ArgumentParser) -> set[str]:
+    own = {flag for action in parser._actions for flag in action.option_strings}
+    below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return own.union(*(options_of(child) for action in below for child in action.choices.values()))
 
 
 def test_every_flag_is_documented_and_exists() -> None:
     text = page("cli")
-    known = {"--version"}.union(*(flags(name) for name in ("demo", "serve", "generate", "solve", "check", "bench")))
+    commands = ("demo", "serve", "keys", "generate", "solve", "check", "bench")
+    known = {"--version"}.union(*(flags(name) for name in commands))
     told = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
     assert {flag for flag in known if flag not in told} == set()
     assert {flag for flag in told if flag.startswith("--") and flag not in known} == set()

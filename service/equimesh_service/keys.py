@@ -1,0 +1,55 @@
+"""API keys: their secrets, how they are told apart, and what they allow."""
+
+from __future__ import annotations
+
+import hmac
+import re
+import secrets
+from collections.abc import Iterable
+from dataclasses import dataclass
+from hashlib import sha256
+
+READ, WRITE, ADMIN = "read", "write", "admin"
+SCOPES = (READ, WRITE, ADMIN)
+# What a scope allows beside itself.
+_INCLUDED = {READ: {READ}, WRITE: {READ, WRITE}, ADMIN: {READ, WRITE, ADMIN}}
+_SECRET = re.compile(r"em_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyRow:
+    """A key as it is stored: without its secret, of which only the hash is kept."""
+
+    id: str
+    name: str
+    sha256: str
+    scopes: tuple[str, ...]
+    created_at: float
+    revoked_at: float | None = None
+
+    def opened_by(self, secret: str) -> bool:
+        """Whether this is the key of ``secret``, and still in force."""
+        # Both sides are hashes, and the comparison takes the same time wherever they differ.
+        return hmac.compare_digest(self.sha256, digest(secret)) and self.revoked_at is None
+
+
+def new_secret() -> tuple[str, str]:
+    """A new id and the secret that it is part of: 256 random bits, so that a plain hash of it hides it."""
+    key_id = secrets.token_hex(6)
+    return key_id, f"em_{key_id}_{secrets.token_urlsafe(32)}"
+
+
+def id_of(secret: str) -> str | None:
+    """The id that a secret names, None for what cannot be a secret."""
+    match = _SECRET.fullmatch(secret)
+    return None if match is None else match[1]
+
+
+def digest(secret: str) -> str:
+    """The SHA-256 of a secret, as it is stored."""
+    return sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def allowed(scopes: Iterable[str]) -> frozenset[str]:
+    """All that these scopes allow: write includes read, admin includes both."""
+    return frozenset[str]().union(*(_INCLUDED[scope] for scope in scopes))
