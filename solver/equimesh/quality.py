@@ -26,7 +26,7 @@ from equimesh.monitor import Monitor
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
-GAUSS_POINTS = ((4096, 8), (100_000, 4))
+GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most so many cells."""
 GAUSS_POINTS_BEYOND = 2
 """On larger meshes, whose cells see hardly any of the monitor's variation."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ from scipy.interpolate import CloughTocher2DInterpolator, RBFInterpolator, RectB
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from equimesh.arrays import counted, real_array
+from equimesh.bicubic import Bicubic
 from equimesh.domain import UNIT, Box, check_extent, pair
 from equimesh.errors import SamplesError
 from equimesh.vocabulary import LIMITS
@@ -26,8 +27,6 @@ SMALLEST_RESAMPLING, LARGEST_RESAMPLING = 16, 1025
 # Scattered samples are extended to the sides from this many on; between these multiples of their own distances.
 FEWEST_EXTENDED = 32
 NEAREST_EXTENDED, FURTHEST_EXTENDED = 0.25, 4.0
-PARTIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-COUNT = {0: 1, 1: 3, 2: 6}  # how many of them up to each order
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
@@ -47,7 +46,7 @@ class GridSamples:
     y: Array
     values: Array
     box: Box
-    _splines: tuple[Any, Any, Any] = field(repr=False)  # u, u_x, u_y
+    _spline: Bicubic = field(repr=False)
 
     def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike, box: Box | None = None) -> None:
         asked = _Asked.of(box)
@@ -65,9 +64,8 @@ class GridSamples:
             _check_reach(axis, name, asked, number, _ends(axes["x"], axes["y"]))
         _check_size(table)
         spline = _bicubic(axes["x"], axes["y"], table)
-        splines = (spline, spline.partial_derivative(1, 0), spline.partial_derivative(0, 1))
-        _check_slopes(splines[1], splines[2], axes)
-        for name, value in {**axes, "values": table, "box": asked.box, "_splines": splines}.items():
+        _check_slopes(spline, axes)
+        for name, value in {**axes, "values": table, "box": asked.box, "_spline": Bicubic.of(spline)}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -75,9 +73,7 @@ class GridSamples:
 
         Outside the samples the nearest point of their rectangle is used.
         """
-        first = [spline(x, y, grid=False) for spline in self._splines[: COUNT[min(order, 1)]]]
-        second = PARTIALS[COUNT[1] : COUNT[order]]
-        return (*first, *(self._splines[0](x, y, dx=dx, dy=dy, grid=False) for dx, dy in second))
+        return self._spline.evaluate(x, y, order)
 
     def __repr__(self) -> str:
         return f"GridSamples({self.x.size} x {self.y.size})"
@@ -255,9 +251,9 @@ def _check_size(values: Array) -> None:
         )
 
 
-def _check_slopes(along_x: Any, along_y: Any, axes: dict[str, Array]) -> None:
+def _check_slopes(spline: RectBivariateSpline, axes: dict[str, Array]) -> None:
     """Refuse samples so close that the slope between them is too large; coefficients of a spline bound it."""
-    for name, slope in (("x", along_x), ("y", along_y)):
+    for name, slope in (("x", spline.partial_derivative(1, 0)), ("y", spline.partial_derivative(0, 1))):
         if not np.abs(slope.get_coeffs()).max() <= LIMITS.magnitude:
             i = int(np.diff(axes[name]).argmin())
             raise SamplesError(

@@ -70,9 +70,8 @@ class Solution:
     def interpolation(self) -> InterpolationError | None:
         """How well the mesh interpolates u, beside the uniform mesh; ``None`` where there is no u."""
         u = self.problem.monitor.u
-        if (
-            u is None or self.problem.grid.cells <= GAUSS_POINTS[-1][0]
-        ):  # few cells need a rule that sees what is in each
+        # Few cells need a rule that sees what is in each.
+        if u is None or "quality" in vars(self) or self.problem.grid.cells <= GAUSS_POINTS[-1][0]:
             return self.quality.interpolation_error
         return interpolation_errors(self.mesh, u, self._uniform)
 
