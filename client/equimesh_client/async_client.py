@@ -9,6 +9,7 @@ from typing import Any
 
 from equimesh_client import flows, protocol
 from equimesh_client.async_mesh import AsyncMesh
+from equimesh_client.authorization import with_key
 from equimesh_client.client import URL
 from equimesh_client.domains import Domain, domain_json
 from equimesh_client.errors import DeadlineExceeded
@@ -27,8 +28,11 @@ class AsyncClient:
     """A service of adaptive meshes; an asynchronous context manager.
 
     ``timeout``: seconds that a single answer may take. ``retries``: further attempts after a lost
-    connection, 429, 502, 503 or 504, or a :class:`RetryPolicy`. ``headers``: sent with every request, e.g.
-    for authorisation.
+    connection, 429, 502, 503 or 504, or a :class:`RetryPolicy`. ``key``: the API key, that of the environment variable
+    EQUIMESH_KEY unless given, ``""`` for none. ``headers``: sent with every request.
+
+    Whatever waits for the service takes a ``deadline`` in seconds, after which it raises :class:`DeadlineExceeded`;
+    unless given it is ``timeout`` for each attempt.
     """
 
     def __init__(
@@ -37,10 +41,11 @@ class AsyncClient:
         *,
         timeout: float = 30.0,
         retries: int | RetryPolicy = 5,
+        key: str | None = None,
         headers: Mapping[str, str] | None = None,
     ) -> None:
         settings = Settings(url=base_url(url), timeout=timeout, policy=policy_of(retries))
-        self._session = AsyncSession(settings, headers or {})
+        self._session = AsyncSession(settings, with_key(headers, key))
         self.meshes = AsyncMeshes(self._session)
         self.samples = AsyncSamplesStore(self._session)
 
@@ -68,6 +73,7 @@ class AsyncClient:
         parameters: Mapping[str, float] | None = None,
         t: float | None = None,
         n_samples: int = 129,
+        reuse: bool = True,
         deadline: float = DEADLINE,
         progress: bool | None = None,
     ) -> AsyncMesh:
@@ -82,7 +88,8 @@ class AsyncClient:
 
         ``mode="tight"`` solves the equations to rounding, not just to the error of the grid. Where they cannot be
         solved as asked the mesh is for a weaker monitor, ``mesh.relaxed``; ``allow_relaxed=False`` fails instead.
-        ``progress``: a bar, True, False, or None: on a terminal.
+        With ``reuse`` the service may answer at once with a mesh of the same request that it has, which
+        ``mesh.reused_from`` names. ``progress``: a bar, True, False, or None: on a terminal.
 
         When the deadline (seconds) passes or the wait is interrupted, the mesh is canceled. Raises
         :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
@@ -105,6 +112,7 @@ class AsyncClient:
             parameters=parameters,
             t=t,
             n_samples=n_samples,
+            reuse=reuse,
         )
         mesh = None
         settings = self._session.settings
@@ -128,17 +136,18 @@ class AsyncClient:
         parameters: Mapping[str, float] | None = None,
         t: float | None = None,
         domain: Domain | Mapping[str, Any] | None = None,
+        deadline: float | None = None,
     ) -> dict[str, Any]:
         """What the service finds in an expression on ``domain``, the unit square unless given; raises
         :class:`InvalidInput` with the position of a fault.
         """
         where = None if domain is None else domain_json(domain)
         call = protocol.check_expression(expression, parameters, t, where)
-        return await self._session.run(flows.fetch(call, self._session.settings))
+        return await self._session.fetch(call, deadline)
 
-    async def capabilities(self) -> dict[str, Any]:
+    async def capabilities(self, *, deadline: float | None = None) -> dict[str, Any]:
         """Formats, limits, functions and transmission conditions of the service."""
-        return await self._session.run(flows.fetch(protocol.capabilities(), self._session.settings))
+        return await self._session.fetch(protocol.capabilities(), deadline)
 
     async def close(self) -> None:
         """Close all connections."""
@@ -165,30 +174,41 @@ class AsyncMeshes:
         *,
         samples: object = None,
         idempotency_key: str | None = None,
+        reuse: bool = True,
         wait: int = 0,
+        deadline: float | None = None,
     ) -> AsyncMesh:
         """The mesh that is asked for by a whole spec of the HTTP interface; does not wait for it to be
         finished, but for ``wait`` seconds. ``samples`` are uploaded for ``{"samples": "upload"}`` in its monitor.
+        The same ``idempotency_key`` gives the same mesh, however often it is sent.
         """
-        made = order_of_spec(spec, samples, idempotency_key)
+        made = order_of_spec(spec, samples, idempotency_key, reuse=reuse)
         settings = self._session.settings
-        deadline = Deadline.after(settings.deadline().seconds + wait)
-        flow = flows.create(made, settings, wait=wait, deadline=deadline)
+        limit = settings.deadline(settings.attempts + wait if deadline is None else deadline)
+        flow = flows.create(made, settings, wait=wait, deadline=limit)
         return AsyncMesh(self._session, await self._session.run(flow))
 
-    async def get(self, mesh_id: str) -> AsyncMesh:
+    async def get(self, mesh_id: str, *, deadline: float | None = None) -> AsyncMesh:
         """The mesh of that id; raises :class:`NotFound`."""
-        record = await self._session.run(flows.fetch(protocol.get_mesh(mesh_id), self._session.settings))
+        record = await self._session.fetch(protocol.get_mesh(mesh_id), deadline)
         return AsyncMesh(self._session, record)
 
     async def list(
-        self, *, status: str | None = None, label: str | None = None, limit: int | None = None
+        self,
+        *,
+        status: str | None = None,
+        label: str | None = None,
+        limit: int | None = None,
+        deadline: float | None = None,
     ) -> AsyncIterator[AsyncMesh]:
-        """The meshes, newest first, at most ``limit``; fetched page by page as they are iterated over."""
+        """The meshes, newest first, at most ``limit``; fetched page by page as they are iterated over;
+        the deadline is that of a page.
+        """
         left, cursor = limit, None
         while left is None or left > 0:
             size = 100 if left is None else min(left, 100)
-            page = flows.pages(self._session.settings, status=status, label=label, cursor=cursor, limit=size)
+            limited = self._session.settings.deadline(deadline)
+            page = flows.pages(self._session.settings, limited, status=status, label=label, cursor=cursor, limit=size)
             items, cursor = await self._session.run(page)
             items = items[:left]
             for item in items:
@@ -205,19 +225,27 @@ class AsyncSamplesStore:
         self._session = session
 
     async def upload(
-        self, u: object, *, n_samples: int = 129, domain: Domain | Mapping[str, Any] | None = None
+        self,
+        u: object,
+        *,
+        n_samples: int = 129,
+        domain: Domain | Mapping[str, Any] | None = None,
+        deadline: float | None = None,
     ) -> StoredSamples:
         """Samples stored once, for any number of meshes: arrays, a callable, or a ``pathlib.Path`` of a
         file. A callable, or an array of values alone, is taken on the box of ``domain``, the unit square unless given.
         """
-        return stored(await self._session.run(flows.upload(u, n_samples, domain, self._session.settings)))
+        settings = self._session.settings
+        flow = flows.upload(u, n_samples, domain, settings, settings.deadline(deadline))
+        return stored(await self._session.run(flow))
 
-    async def get(self, samples_id: str) -> StoredSamples:
+    async def get(self, samples_id: str, *, deadline: float | None = None) -> StoredSamples:
         """The stored samples of that id."""
-        return stored(await self._session.run(flows.fetch(protocol.stored_samples(samples_id), self._session.settings)))
+        return stored(await self._session.fetch(protocol.stored_samples(samples_id), deadline))
 
-    async def delete(self, samples: str | StoredSamples) -> None:
+    async def delete(self, samples: str | StoredSamples, *, deadline: float | None = None) -> None:
         """Delete stored samples."""
         name = samples if isinstance(samples, str) else samples.id
         call = protocol.stored_samples(name, method="DELETE")
-        await self._session.run(flows.delete(call, self._session.settings))
+        settings = self._session.settings
+        await self._session.run(flows.delete(call, settings, settings.deadline(deadline)))

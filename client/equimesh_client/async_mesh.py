@@ -8,8 +8,8 @@ from typing import Any
 
 from equimesh_client import flows, protocol
 from equimesh_client.archives import unpack_xdmf
+from equimesh_client.downloads import PartFile
 from equimesh_client.errors import DeadlineExceeded
-from equimesh_client.files import PendingFile
 from equimesh_client.flows import Deadline
 from equimesh_client.orders import DEADLINE, meshio_mesh, settled
 from equimesh_client.pictures import Plot, plot_format
@@ -29,9 +29,9 @@ class AsyncMesh(MeshState):
         self._quality: Quality | None = None
         self._convergence: Convergence | None = None
 
-    async def refresh(self) -> AsyncMesh:
+    async def refresh(self, *, deadline: float | None = None) -> AsyncMesh:
         """The mesh itself, after asking the service for its present state."""
-        self.record = await self._fetch(protocol.get_mesh(self.id))
+        self.record = await self._session.fetch(protocol.get_mesh(self.id), deadline)
         return self
 
     async def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE) -> AsyncMesh:
@@ -52,34 +52,40 @@ class AsyncMesh(MeshState):
         """
         return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
 
-    async def cancel(self) -> AsyncMesh:
+    async def cancel(self, *, deadline: float | None = None) -> AsyncMesh:
         """The mesh itself, canceled or about to be; raises :class:`Conflict` when it had finished."""
-        self.record = await self._session.run(flows.cancel(self.id, self._session.settings))
+        settings = self._session.settings
+        self.record = await self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
         return self
 
-    async def delete(self) -> None:
+    async def delete(self, *, deadline: float | None = None) -> None:
         """Delete the mesh and its files at the service."""
-        await self._session.run(flows.delete(protocol.delete_mesh(self.id), self._session.settings))
+        settings = self._session.settings
+        flow = flows.delete(protocol.delete_mesh(self.id), settings, settings.deadline(deadline))
+        await self._session.run(flow)
 
-    async def quality(self) -> Quality:
+    async def quality(self, *, deadline: float | None = None) -> Quality:
         """All quality measures; ``print(await mesh.quality())`` shows a table."""
         if self._quality is None:
-            self._quality = Quality.from_json(await self._fetch(protocol.mesh_part(self.id, "quality")))
+            call = protocol.mesh_part(self.id, "quality")
+            self._quality = Quality.from_json(await self._session.fetch(call, deadline))
         return self._quality
 
-    async def quality_of_cells(self) -> Quality:
+    async def quality_of_cells(self, *, deadline: float | None = None) -> Quality:
         """All quality measures with their values per cell, ``quality.q_eq.cells`` and so on; fetched each time."""
-        return Quality.from_json(await self._fetch(protocol.mesh_part(self.id, "quality", arrays="true")))
+        call = protocol.mesh_part(self.id, "quality", arrays="true")
+        return Quality.from_json(await self._session.fetch(call, deadline))
 
-    async def convergence(self) -> Convergence:
+    async def convergence(self, *, deadline: float | None = None) -> Convergence:
         """The Schwarz iteration; ``print(await mesh.convergence())`` shows a table."""
         if self._convergence is None:
-            self._convergence = Convergence.from_json(await self._fetch(protocol.mesh_part(self.id, "convergence")))
+            call = protocol.mesh_part(self.id, "convergence")
+            self._convergence = Convergence.from_json(await self._session.fetch(call, deadline))
         return self._convergence
 
-    async def spec(self) -> dict[str, Any]:
+    async def spec(self, *, deadline: float | None = None) -> dict[str, Any]:
         """The spec with all defaults filled in; creating it again gives the same mesh."""
-        return await self._fetch(protocol.mesh_part(self.id, "spec"))
+        return await self._session.fetch(protocol.mesh_part(self.id, "spec"), deadline)
 
     async def download(
         self,
@@ -94,7 +100,9 @@ class AsyncMesh(MeshState):
 
         A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
 
-        The file is complete and has the checksum that the service announced, or does not appear at all.
+        The file is complete and has the checksum that the service announced, or does not appear at all. A transfer
+        that breaks is gone on with where it ended, also by the next download to this name, for which what has arrived
+        stays beside it, as ``.NAME.SHA256.part``.
         ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
         ``partial`` takes the mesh of a failed solve, too, if it is not folded.
         """
@@ -102,8 +110,8 @@ class AsyncMesh(MeshState):
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(await self._session.run(flows.verified(call, settings, limit)), path)
-        with PendingFile(path) as sink:
-            await self._session.run(flows.download(call, settings, limit, sink))
+        with PartFile(path) as part:
+            await self._session.run(flows.save(call, settings, limit, part))
         return Path(path)
 
     async def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:
@@ -113,27 +121,31 @@ class AsyncMesh(MeshState):
             self._arrays = arrays_of(await self._session.run(flow))
         return self._arrays
 
-    async def to_meshio(self) -> Any:
+    async def to_meshio(self, *, deadline: float = DEADLINE) -> Any:
         """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
-        return meshio_mesh(await self.arrays())
+        return meshio_mesh(await self.arrays(deadline=deadline))
 
-    async def plot(self, path: str | Path | None = None, kind: str = "mesh", *, format: str | None = None) -> Plot:
+    async def plot(
+        self,
+        path: str | Path | None = None,
+        kind: str = "mesh",
+        *,
+        format: str | None = None,
+        deadline: float | None = None,
+    ) -> Plot:
         """A picture drawn by the service: ``mesh``, ``quality`` or ``convergence``; written to ``path`` if
         given.
 
         svg, unless the suffix or ``format`` says png. Shows itself in a notebook.
         """
         chosen = plot_format(path, format)
-        reply = await self._session.run(
-            flows.request(protocol.mesh_plot(self.id, kind, chosen), self._session.settings)
-        )
+        settings = self._session.settings
+        flow = flows.request(protocol.mesh_plot(self.id, kind, chosen), settings, settings.deadline(deadline))
+        reply = await self._session.run(flow)
         plot = Plot(data=reply.body, format=chosen)
         if path is not None:
             plot.save(path)
         return plot
-
-    async def _fetch(self, call: protocol.Call) -> dict[str, Any]:
-        return await self._session.run(flows.fetch(call, self._session.settings))
 
     async def _wait(self, deadline: Deadline, watch: Watch) -> None:
         def report(record: Mapping[str, Any]) -> None:

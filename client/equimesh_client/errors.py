@@ -9,11 +9,16 @@
     ├── DownloadDamaged      a file that does not have the checksum the service announced
     ├── ProblemError         the service answered with an error: status, type, title, detail, errors
     │   ├── InvalidInput     422: something in the request cannot be used; says where
-    │   ├── NotFound         404, 410: no such mesh, or no longer
+    │   ├── Unauthorized     401: the service asks for a key, and knows none like this
+    │   ├── Forbidden        403: the key does not allow this
+    │   ├── NotFound         404: no such mesh or samples
+    │   │   └── Gone         410: no longer; the service kept it for as long as it does
     │   ├── Conflict         409: not in the state that this needs
     │   ├── TooLarge         413: over a limit of the service
     │   ├── RateLimited      429: too many requests, and waiting did not help
+    │   │   └── QuotaExceeded  more than one key may have at a time
     │   └── ServerError      500 and above
+    │       └── StorageFull  507: the service has no room left
     ├── MeshFailed           the mesh was computed and failed; carries mesh and problem
     └── MeshCanceled         the mesh was canceled; carries mesh
 """
@@ -22,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
     from equimesh_client.records import MeshState
@@ -90,8 +95,11 @@ class ProblemError(EquimeshClientError):
 
     ``status`` is the HTTP status, ``type`` the stable name of the problem, ``title`` and ``detail`` say it in
     words, ``errors`` what is wrong with the input, ``problem`` the document as it came, ``retry_after`` the
-    seconds after which the service said to come back.
+    seconds after which the service said to come back. ``advice`` is what the user of a client can do about it,
+    where that is not what the service says.
     """
+
+    advice: ClassVar[str] = ""
 
     def __init__(
         self,
@@ -119,8 +127,11 @@ class ProblemError(EquimeshClientError):
         lines = [f"{words or 'the service answered with an error'} (HTTP {self.status})"]
         for error in self.errors:
             lines += ["  " + line for line in str(error).splitlines()]
-        if not self.errors and self.problem.get("remedy"):
-            lines.append(str(self.problem["remedy"]))
+        remedy = self.advice or str(self.problem.get("remedy") or "")
+        if not self.errors and remedy:
+            lines.append(remedy)
+        if self.retry_after:
+            lines.append(f"The service says to come back in {self.retry_after:g} s.")
         return "\n".join(lines)
 
 
@@ -128,8 +139,29 @@ class InvalidInput(ProblemError, ValueError):
     """422: something in the request cannot be used; ``errors`` says what and where."""
 
 
+class Unauthorized(ProblemError):
+    """401: the service answers only those who send a key, and none that it knows was sent."""
+
+    advice = (
+        "Give a key that the service knows: key=... in Python, --key or the environment variable EQUIMESH_KEY; "
+        "who runs the service makes one with `equimesh keys create`."
+    )
+
+
+class Forbidden(ProblemError):
+    """403: the key is known, and does not allow this; the detail names the scope that is missing."""
+
+    advice = "Use a key that has this scope; who runs the service makes one with `equimesh keys create`."
+
+
 class NotFound(ProblemError, LookupError):
-    """404 or 410: there is no such mesh, file or samples, or no longer."""
+    """404: there is no such mesh, file or samples; or, as :class:`Gone`, no longer."""
+
+
+class Gone(NotFound):
+    """410: the mesh was there, and the service has kept it for as long as it keeps meshes."""
+
+    advice = "Ask for the mesh again: the same request computes it anew."
 
 
 class Conflict(ProblemError):
@@ -144,8 +176,20 @@ class RateLimited(ProblemError):
     """429: too many requests; ``retry_after`` says when to come back."""
 
 
+class QuotaExceeded(RateLimited):
+    """429: more unfinished meshes, points or stored bytes than one key may have; the detail says which."""
+
+    advice = "Wait until meshes of this key are finished, cancel some, or delete what is not needed any more."
+
+
 class ServerError(ProblemError):
     """500 and above: the service failed, not the request."""
+
+
+class StorageFull(ServerError):
+    """507: the service has no room left for what was asked. Not tried again: waiting makes no room."""
+
+    advice = "Nothing is wrong with the request: delete meshes that are not needed, or tell who runs the service."
 
 
 class MeshFailed(EquimeshClientError):
@@ -171,15 +215,19 @@ class MeshCanceled(EquimeshClientError):
 
 
 BY_STATUS: Mapping[int, type[ProblemError]] = {
+    401: Unauthorized,
+    403: Forbidden,
     404: NotFound,
     409: Conflict,
-    410: NotFound,
+    410: Gone,
     413: TooLarge,
     422: InvalidInput,
     429: RateLimited,
+    507: StorageFull,
 }
+BY_TYPE: Mapping[str, type[ProblemError]] = {"/problems/quota-exceeded": QuotaExceeded}
 
 
-def error_class(status: int) -> type[ProblemError]:
-    """The exception for an HTTP status."""
-    return BY_STATUS.get(status, ServerError if status >= 500 else ProblemError)
+def error_class(status: int, type: str = "") -> type[ProblemError]:
+    """The exception for an HTTP status and the type of a problem, where one status has several."""
+    return BY_TYPE.get(type) or BY_STATUS.get(status, ServerError if status >= 500 else ProblemError)

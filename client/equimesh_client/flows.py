@@ -7,14 +7,14 @@ Retries, waiting and deadlines live here, once, for :class:`Client` and :class:`
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, TypeVar
 
 from equimesh_client import protocol
 from equimesh_client.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
+from equimesh_client.downloads import Download, PartFile
 from equimesh_client.errors import (
     BadArgument,
     Conflict,
@@ -22,9 +22,11 @@ from equimesh_client.errors import (
     DownloadDamaged,
     EquimeshClientError,
     NotFound,
+    ProblemError,
+    RateLimited,
+    ServerError,
     ServiceUnreachable,
 )
-from equimesh_client.files import PendingFile
 from equimesh_client.orders import Order, Wish
 from equimesh_client.protocol import Call, Reply
 from equimesh_client.records import FINISHED
@@ -70,9 +72,14 @@ class Settings:
     timeout: float
     policy: RetryPolicy
 
-    def deadline(self) -> Deadline:
-        """The deadline of a plain request: time for every attempt."""
-        return Deadline.after(self.timeout * (self.policy.retries + 1))
+    @property
+    def attempts(self) -> float:
+        """Seconds that are enough for every attempt at a request."""
+        return self.timeout * (self.policy.retries + 1)
+
+    def deadline(self, seconds: float | None = None) -> Deadline:
+        """The deadline of a plain request, ``seconds`` from now; unless given, there is time for every attempt."""
+        return Deadline.after(self.attempts if seconds is None else seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +91,7 @@ class Send:
     call: Call
     timeout: float
     deadline: Deadline
-    sink: PendingFile | None = None
+    sink: Download | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,15 +120,25 @@ Outcome: TypeAlias = Reply | Disconnected | None
 Flow: TypeAlias = Generator[Step, Outcome, T]
 
 
-def persist(call: Call, settings: Settings, deadline: Deadline, sink: PendingFile | None = None) -> Flow[Reply]:
-    """The first answer that is not worth a retry, success or not; raises when there is none in time."""
-    attempt = 0
+def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download | None = None) -> Flow[Reply]:
+    """The first answer that is not worth a retry, success or not; raises when there is none in time.
+
+    Each attempt at a download asks for what is missing in the ``sink``. One that got further than all before it was a
+    good one: only failures in a row count.
+    """
+    attempt, furthest = 0, 0
     while True:
         if deadline.left <= 0:
             raise deadline.exceeded(f"{call.method} {call.path}")
         timeout = min(settings.timeout + call.patience, deadline.left)
-        outcome = yield Send(call=call, timeout=timeout, deadline=deadline, sink=sink)
+        asked = call if sink is None else replace(call, headers={**call.headers, **sink.headers})
+        outcome = yield Send(call=asked, timeout=timeout, deadline=deadline, sink=sink)
         assert outcome is not None
+        if sink is not None and isinstance(outcome, Disconnected):
+            if sink.whole:
+                return Reply(status=200, headers={})  # the line broke after the last byte
+            if sink.received > furthest:
+                attempt, furthest = 0, sink.received
         if isinstance(outcome, Reply):
             status: int | None = outcome.status
             after = retry_after_of(outcome.headers)
@@ -155,9 +172,9 @@ def request(call: Call, settings: Settings, deadline: Deadline | None = None) ->
     return protocol.checked(reply, call)
 
 
-def fetch(call: Call, settings: Settings) -> Flow[dict[str, Any]]:
+def fetch(call: Call, settings: Settings, deadline: Deadline | None = None) -> Flow[dict[str, Any]]:
     """The JSON object that a call is answered with."""
-    return protocol.json_of((yield from request(call, settings)))
+    return protocol.json_of((yield from request(call, settings, deadline)))
 
 
 def prepared(wish: Wish, settings: Settings, deadline: Deadline) -> Flow[Order]:
@@ -186,7 +203,7 @@ def box_of(domain: Domain | Mapping[str, Any], settings: Settings, deadline: Dea
 def create(made: Order, settings: Settings, *, wait: int, deadline: Deadline) -> Flow[dict[str, Any]]:
     """The resource of a new mesh."""
     upload = made.uploads[0] if made.uploads else None
-    call = protocol.create_mesh(made.spec, upload, wait=wait, key=made.key)
+    call = protocol.create_mesh(made.spec, upload, wait=wait, key=made.key, reuse=made.reuse)
     return protocol.mesh_of((yield from request(call, settings, deadline)))
 
 
@@ -240,9 +257,9 @@ def cancel(mesh_id: str, settings: Settings, deadline: Deadline | None = None) -
     return protocol.mesh_of(reply)
 
 
-def delete(call: Call, settings: Settings) -> Flow[None]:
+def delete(call: Call, settings: Settings, deadline: Deadline) -> Flow[None]:
     """Nothing. That it is gone already is an error only when no earlier attempt can have removed it."""
-    flow = persist(call, settings, settings.deadline())
+    flow = persist(call, settings, deadline)
     sends, outcome = 0, None
     try:
         while True:
@@ -258,33 +275,45 @@ def delete(call: Call, settings: Settings) -> Flow[None]:
             raise
 
 
-def download(call: Call, settings: Settings, deadline: Deadline, sink: PendingFile) -> Flow[None]:
-    """Nothing; the file has its name afterwards. Bytes that do not match the ETag are fetched a second
-    time.
-    """
+def download(call: Call, settings: Settings, deadline: Deadline, into: Download) -> Flow[None]:
+    """Nothing; ``into`` is whole afterwards. Bytes that do not match the ETag are fetched a second time."""
     for attempt in (1, 2):
-        reply = yield from persist(call, settings, deadline, sink)
-        protocol.checked(reply, call)
+        if not into.whole:
+            reply = yield from persist(call, settings, deadline, into)
+            if reply.status == 416 and attempt == 1:  # what is there is no part of this file
+                into.restart()
+                continue
+            protocol.checked(reply, call)
         try:
-            sink.commit(protocol.sha256_of(reply.headers))
-            return
+            return into.check()
         except DownloadDamaged:
+            into.restart()
             if attempt == 2:
                 raise
 
 
+def save(call: Call, settings: Settings, deadline: Deadline, part: PartFile) -> Flow[None]:
+    """Nothing; the file has its name afterwards. What has arrived when the line or the time ends stays beside it, for
+    another call to go on with.
+    """
+    try:
+        yield from download(call, settings, deadline, part)
+    except (DownloadDamaged, ProblemError) as error:
+        if not isinstance(error, ServerError | RateLimited):
+            part.discard()
+        raise
+    part.commit()
+
+
 def verified(call: Call, settings: Settings, deadline: Deadline) -> Flow[bytes]:
-    """The body of a file, checked against its ETag; fetched a second time if it does not match."""
-    for _ in range(2):
-        reply = yield from request(call, settings, deadline)
-        announced = protocol.sha256_of(reply.headers)
-        if announced in (None, hashlib.sha256(reply.body).hexdigest()):
-            return reply.body
-    raise DownloadDamaged(f"{call.path}: the bytes received do not have the checksum that the service announced")
+    """The body of a file, checked against its ETag."""
+    into = Download()
+    yield from download(call, settings, deadline, into)
+    return into.body()
 
 
 def upload(
-    u: object, n_samples: int, domain: Domain | Mapping[str, Any] | None, settings: Settings
+    u: object, n_samples: int, domain: Domain | Mapping[str, Any] | None, settings: Settings, deadline: Deadline
 ) -> Flow[dict[str, Any]]:
     """The record of samples that are stored, sampled on the box of ``domain`` where they are a callable or an array."""
     box: Box | None = UNIT_BOX
@@ -292,16 +321,17 @@ def upload(
         known = read_domain(domain) if isinstance(domain, Mapping) else domain
         box = known.box
         if box is None:
-            box = yield from box_of(domain, settings, settings.deadline())
+            box = yield from box_of(domain, settings, deadline)
     call = protocol.upload_samples(upload_of(u, n_samples=n_samples, box=box or UNIT_BOX))
-    return (yield from fetch(call, settings))
+    return (yield from fetch(call, settings, deadline))
 
 
 def pages(
-    settings: Settings, *, status: str | None, label: str | None, cursor: str | None, limit: int
+    settings: Settings, deadline: Deadline, *, status: str | None, label: str | None, cursor: str | None, limit: int
 ) -> Flow[tuple[list[dict[str, Any]], str | None]]:
     """One page of meshes and the cursor of the next."""
-    answer = yield from fetch(protocol.list_meshes(status=status, label=label, limit=limit, cursor=cursor), settings)
+    call = protocol.list_meshes(status=status, label=label, limit=limit, cursor=cursor)
+    answer = yield from fetch(call, settings, deadline)
     return list(answer.get("items") or []), answer.get("next_cursor")
 
 
@@ -328,21 +358,32 @@ def streams(head: Reply, call: Call, position: StreamPosition) -> bool:
 
 
 def reconnect_pause(
-    position: StreamPosition, settings: Settings, deadline: Deadline, *, reason: str, lived: float
+    position: StreamPosition,
+    call: Call,
+    settings: Settings,
+    deadline: Deadline,
+    *,
+    ending: Reply | Disconnected,
+    lived: float,
 ) -> float:
-    """Seconds until an event stream that ended early is opened again; raises when that is pointless or too
+    """Seconds until an event stream that had this ``ending`` is opened again; raises when that is pointless or too
     late.
 
     A connection that ``lived`` some seconds, or brought an event, was a good one: only failures in a row
     count.
     """
-    if lived > 5.0:
+    refused = isinstance(ending, Reply) and ending.status in RETRIED
+    if lived > 5.0 and not refused:
         position.failures = 0
-    pause = pause_before_retry(settings.policy, position.failures, status=None)
+    status = ending.status if isinstance(ending, Reply) and refused else None
+    after = retry_after_of(ending.headers) if isinstance(ending, Reply) else None
+    pause = pause_before_retry(settings.policy, position.failures, status=status, retry_after=after)
+    if deadline.left <= (pause or 0.0):
+        raise deadline.exceeded("waiting for events")
     if pause is None:
+        if isinstance(ending, Reply):
+            protocol.checked(ending, call)
+        reason = ending.reason if isinstance(ending, Disconnected) else "closed by the service"
         raise unreachable(settings.url, f"the event stream ended early, {reason}")
     position.failures += 1
-    pause = max(pause, position.retry)
-    if pause >= deadline.left:
-        raise deadline.exceeded("waiting for events")
-    return pause
+    return max(pause, min(position.retry, deadline.left))

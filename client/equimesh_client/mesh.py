@@ -8,8 +8,8 @@ from typing import Any
 
 from equimesh_client import flows, protocol
 from equimesh_client.archives import unpack_xdmf
+from equimesh_client.downloads import PartFile
 from equimesh_client.errors import DeadlineExceeded
-from equimesh_client.files import PendingFile
 from equimesh_client.flows import Deadline
 from equimesh_client.orders import DEADLINE, meshio_mesh, settled
 from equimesh_client.pictures import Plot, plot_format
@@ -29,9 +29,9 @@ class Mesh(MeshState):
         self._quality: Quality | None = None
         self._convergence: Convergence | None = None
 
-    def refresh(self) -> Mesh:
+    def refresh(self, *, deadline: float | None = None) -> Mesh:
         """The mesh itself, after asking the service for its present state."""
-        self.record = self._fetch(protocol.get_mesh(self.id))
+        self.record = self._session.fetch(protocol.get_mesh(self.id), deadline)
         return self
 
     def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE) -> Mesh:
@@ -52,36 +52,40 @@ class Mesh(MeshState):
         """
         return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
 
-    def cancel(self) -> Mesh:
+    def cancel(self, *, deadline: float | None = None) -> Mesh:
         """The mesh itself, canceled or about to be; raises :class:`Conflict` when it had finished."""
-        self.record = self._session.run(flows.cancel(self.id, self._session.settings))
+        settings = self._session.settings
+        self.record = self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
         return self
 
-    def delete(self) -> None:
+    def delete(self, *, deadline: float | None = None) -> None:
         """Delete the mesh and its files at the service."""
-        self._session.run(flows.delete(protocol.delete_mesh(self.id), self._session.settings))
+        settings = self._session.settings
+        flow = flows.delete(protocol.delete_mesh(self.id), settings, settings.deadline(deadline))
+        self._session.run(flow)
 
     @property
     def quality(self) -> Quality:
         """All quality measures; ``print(mesh.quality)`` shows a table."""
         if self._quality is None:
-            self._quality = Quality.from_json(self._fetch(protocol.mesh_part(self.id, "quality")))
+            self._quality = Quality.from_json(self._session.fetch(protocol.mesh_part(self.id, "quality")))
         return self._quality
 
-    def quality_of_cells(self) -> Quality:
+    def quality_of_cells(self, *, deadline: float | None = None) -> Quality:
         """All quality measures with their values per cell, ``quality.q_eq.cells`` and so on; fetched each time."""
-        return Quality.from_json(self._fetch(protocol.mesh_part(self.id, "quality", arrays="true")))
+        call = protocol.mesh_part(self.id, "quality", arrays="true")
+        return Quality.from_json(self._session.fetch(call, deadline))
 
     @property
     def convergence(self) -> Convergence:
         """The Schwarz iteration; ``print(mesh.convergence)`` shows a table."""
         if self._convergence is None:
-            self._convergence = Convergence.from_json(self._fetch(protocol.mesh_part(self.id, "convergence")))
+            self._convergence = Convergence.from_json(self._session.fetch(protocol.mesh_part(self.id, "convergence")))
         return self._convergence
 
-    def spec(self) -> dict[str, Any]:
+    def spec(self, *, deadline: float | None = None) -> dict[str, Any]:
         """The spec with all defaults filled in; creating it again gives the same mesh."""
-        return self._fetch(protocol.mesh_part(self.id, "spec"))
+        return self._session.fetch(protocol.mesh_part(self.id, "spec"), deadline)
 
     def download(
         self,
@@ -96,7 +100,9 @@ class Mesh(MeshState):
 
         A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
 
-        The file is complete and has the checksum that the service announced, or does not appear at all.
+        The file is complete and has the checksum that the service announced, or does not appear at all. A transfer
+        that breaks is gone on with where it ended, also by the next download to this name, for which what has arrived
+        stays beside it, as ``.NAME.SHA256.part``.
         ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
         ``partial`` takes the mesh of a failed solve, too, if it is not folded.
         """
@@ -104,8 +110,8 @@ class Mesh(MeshState):
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(self._session.run(flows.verified(call, settings, limit)), path)
-        with PendingFile(path) as sink:
-            self._session.run(flows.download(call, settings, limit, sink))
+        with PartFile(path) as part:
+            self._session.run(flows.save(call, settings, limit, part))
         return Path(path)
 
     def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:
@@ -145,25 +151,31 @@ class Mesh(MeshState):
         """The values of u at the nodes, shape ``(n_xi, n_eta)``; None where the monitor has no u."""
         return self.arrays().u
 
-    def to_meshio(self) -> Any:
+    def to_meshio(self, *, deadline: float = DEADLINE) -> Any:
         """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
-        return meshio_mesh(self.arrays())
+        return meshio_mesh(self.arrays(deadline=deadline))
 
-    def plot(self, path: str | Path | None = None, kind: str = "mesh", *, format: str | None = None) -> Plot:
+    def plot(
+        self,
+        path: str | Path | None = None,
+        kind: str = "mesh",
+        *,
+        format: str | None = None,
+        deadline: float | None = None,
+    ) -> Plot:
         """A picture drawn by the service: ``mesh``, ``quality`` or ``convergence``; written to ``path`` if
         given.
 
         svg, unless the suffix or ``format`` says png. Shows itself in a notebook.
         """
         chosen = plot_format(path, format)
-        reply = self._session.run(flows.request(protocol.mesh_plot(self.id, kind, chosen), self._session.settings))
+        settings = self._session.settings
+        flow = flows.request(protocol.mesh_plot(self.id, kind, chosen), settings, settings.deadline(deadline))
+        reply = self._session.run(flow)
         plot = Plot(data=reply.body, format=chosen)
         if path is not None:
             plot.save(path)
         return plot
-
-    def _fetch(self, call: protocol.Call) -> dict[str, Any]:
-        return self._session.run(flows.fetch(call, self._session.settings))
 
     def _wait(self, deadline: Deadline, watch: Watch) -> None:
         def report(record: Mapping[str, Any]) -> None:

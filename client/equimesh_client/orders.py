@@ -26,12 +26,14 @@ UPLOAD = "upload"
 class Order:
     """One logical request for a mesh. ``uploads`` are the files that go with it, of which the spec speaks as
     ``{"samples": "upload"}``, or while there are several as ``"upload:0"``, ``"upload:1"`` and so on. ``key`` stays the
-    same over all retries, so that one mesh comes of it.
+    same over all retries, so that one mesh comes of it. Without ``reuse`` the mesh is computed even if the service has
+    the same one.
     """
 
     spec: dict[str, Any]
     uploads: tuple[Upload, ...]
     key: str
+    reuse: bool = True
 
     def stored(self, names: Sequence[str]) -> Order:
         """The same order for samples that the service keeps under ``names``."""
@@ -59,6 +61,7 @@ class Wish:
     parameters: Mapping[str, float] | None
     t: float | None
     n_samples: int
+    reuse: bool
 
     def box(self) -> Box | None:
         """The box on which functions are sampled; None where only the service knows it, and it is needed."""
@@ -108,7 +111,7 @@ class Wish:
             cells=self.cells,
             label=self.label,
         )
-        return Order(spec=spec, uploads=tuple(uploads), key=str(uuid.uuid4()))
+        return Order(spec=spec, uploads=tuple(uploads), key=str(uuid.uuid4()), reuse=self.reuse)
 
     def _monitor(self, read: Read) -> dict[str, Any]:
         if self.monitor is None:
@@ -118,7 +121,7 @@ class Wish:
         return monitor_json(self.monitor, read, self.u)
 
 
-def order_of_spec(spec: Mapping[str, Any], samples: object, key: str | None) -> Order:
+def order_of_spec(spec: Mapping[str, Any], samples: object, key: str | None, *, reuse: bool = True) -> Order:
     """The request for a complete spec; ``samples`` go with ``{"samples": "upload"}`` in its monitor.
 
     Raises :class:`BadArgument` when one of the two is missing.
@@ -128,7 +131,7 @@ def order_of_spec(spec: Mapping[str, Any], samples: object, key: str | None) -> 
     if _wants_upload(spec.get("monitor")) != (samples is not None):
         raise BadArgument('samples go with a spec whose monitor has "u": {"samples": "upload"}, and only with it')
     uploads = () if samples is None else (upload_of(samples),)
-    return Order(spec=dict(spec), uploads=uploads, key=key or str(uuid.uuid4()))
+    return Order(spec=dict(spec), uploads=uploads, key=key or str(uuid.uuid4()), reuse=reuse)
 
 
 def _wants_upload(monitor: object) -> bool:

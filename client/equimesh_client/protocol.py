@@ -46,8 +46,10 @@ class Reply:
     body: bytes = b""
 
 
-def create_mesh(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str) -> Call:
-    """Ask for a mesh. ``key`` makes repeated calls the same request; ``wait`` is in seconds, 0 for none."""
+def create_mesh(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str, reuse: bool = True) -> Call:
+    """Ask for a mesh. ``key`` makes repeated calls the same request; ``wait`` is in seconds, 0 for none; without
+    ``reuse`` it is computed even if the service has the same one.
+    """
     headers = {"Accept": "application/json", "Idempotency-Key": key}
     if wait:
         headers["Prefer"] = f"wait={wait}"
@@ -57,7 +59,16 @@ def create_mesh(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, ke
     else:
         part = Upload(filename="", data=body, media_type="application/json")
         headers["Content-Type"], body = multipart({"spec": part, "samples": upload})
-    return Call(method="POST", path="/v1/meshes", headers=headers, body=body, sent=dict(spec), patience=float(wait))
+    query = {} if reuse else {"reuse": "false"}
+    return Call(
+        method="POST",
+        path="/v1/meshes",
+        query=query,
+        headers=headers,
+        body=body,
+        sent=dict(spec),
+        patience=float(wait),
+    )
 
 
 def list_meshes(*, status: str | None, label: str | None, limit: int, cursor: str | None) -> Call:
@@ -94,7 +105,9 @@ def mesh_file(mesh_id: str, format: str, *, cells: str | None = None, partial: b
         query["cells"] = cells
     if partial:
         query["partial"] = "true"
-    return Call(method="GET", path=_mesh(mesh_id, "file"), query=query, headers={"Accept": "*/*"})
+    # as it is: the parts of a file that a proxy compresses do not fit together
+    headers = {"Accept": "*/*", "Accept-Encoding": "identity"}
+    return Call(method="GET", path=_mesh(mesh_id, "file"), query=query, headers=headers)
 
 
 def mesh_part(mesh_id: str, part: str, **query: str) -> Call:
@@ -245,9 +258,10 @@ def problem_of(reply: Reply, call: Call) -> ProblemError:
     detail = document.get("detail", "")
     if not detail and 300 <= reply.status < 400:
         detail = f"the service is at another address: {reply.headers.get('location', 'not named')}"
-    return error_class(reply.status)(
+    kind = str(document.get("type", "about:blank"))
+    return error_class(reply.status, kind)(
         status=reply.status,
-        type=str(document.get("type", "about:blank")),
+        type=kind,
         title=str(document.get("title") or phrase),
         detail=detail if isinstance(detail, str) else json.dumps(detail),
         errors=[_input_problem(error, call.sent) for error in _objects(document.get("errors"))],
@@ -293,6 +307,18 @@ def sha256_of(headers: Mapping[str, str]) -> str | None:
     """The sha256 in the ETag of a file, None when the ETag holds none."""
     found = re.search(r"(?<![0-9a-f])[0-9a-f]{64}(?![0-9a-f])", headers.get("etag", "").lower())
     return found.group() if found else None
+
+
+def continues(reply: Reply, sha256: str | None, start: int) -> bool:
+    """Whether a 206 is what comes after the first ``start`` bytes of the file with this sha256."""
+    found = re.match(r"bytes (\d+)-\d+/", reply.headers.get("content-range", ""))
+    return found is not None and int(found[1]) == start and resumable(reply) and sha256_of(reply.headers) == sha256
+
+
+def resumable(reply: Reply) -> bool:
+    """Whether the rest of this file can be asked for later: a strong ETag names these very bytes."""
+    plain = reply.headers.get("content-encoding", "identity") == "identity"
+    return plain and reply.headers.get("etag", "").startswith('"') and sha256_of(reply.headers) is not None
 
 
 def format_of(path: str, format: str | None = None) -> str:

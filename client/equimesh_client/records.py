@@ -85,6 +85,12 @@ class MeshState:
         return self.record.get("error")
 
     @property
+    def reused_from(self) -> str | None:
+        """The mesh that this one has its files from, when the service had computed the same before; else None."""
+        found = self.record.get("reused_from")
+        return None if found is None else str(found)
+
+    @property
     def certificate(self) -> Certificate | None:
         """How well it solves what was asked, once it is finished: ``print(mesh.certificate)``."""
         found = self.record.get("certificate")

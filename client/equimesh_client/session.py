@@ -8,7 +8,8 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from typing import Any, TypeAlias, TypeVar
 
 from equimesh_client import flows, protocol
-from equimesh_client.flows import Deadline, Flow, Outcome, Pause, Report, Send, Settings
+from equimesh_client.flows import Deadline, Disconnected, Flow, Outcome, Pause, Report, Send, Settings
+from equimesh_client.protocol import Call, Reply
 from equimesh_client.stream import Event, StreamPosition
 from equimesh_client.transport import AsyncTransport, Dropped, SyncTransport
 
@@ -42,13 +43,19 @@ class Session:
                     if report is not None:
                         report(record)
 
+    def fetch(self, call: Call, deadline: float | None = None) -> dict[str, Any]:
+        """The JSON object that a call is answered with, within ``deadline`` seconds."""
+        return self.run(flows.fetch(call, self.settings, self.settings.deadline(deadline)))
+
     def follow(self, mesh_id: str, position: StreamPosition, deadline: Deadline) -> Iterator[Event]:
         """The events of a mesh over as many connections as it takes."""
         while not position.done:
-            opened, reason = deadline.clock(), "closed by the service"
+            opened = deadline.clock()
             call = protocol.events(mesh_id, position)
+            ending: Reply | Disconnected = Disconnected(reason="closed by the service")
             try:
-                with self._transport.stream(call, flows.silence(self.settings, deadline)) as (head, chunks):
+                silence = flows.silence(self.settings, deadline)
+                with self._transport.stream(call, silence, deadline) as (head, chunks):
                     if flows.streams(head, call, position):
                         position.connected()
                         for chunk in chunks:
@@ -56,12 +63,12 @@ class Session:
                             if position.done or deadline.left <= 0:
                                 break
                     else:
-                        reason = f"HTTP {head.status}"
+                        ending = head
             except Dropped as error:
-                reason = str(error)
+                ending = Disconnected(reason=str(error))
             if not position.done:
                 lived = deadline.clock() - opened
-                time.sleep(flows.reconnect_pause(position, self.settings, deadline, reason=reason, lived=lived))
+                time.sleep(flows.reconnect_pause(position, call, self.settings, deadline, ending=ending, lived=lived))
 
     def close(self) -> None:
         """Close all connections."""
@@ -94,16 +101,19 @@ class AsyncSession:
                     if report is not None:
                         report(record)
 
+    async def fetch(self, call: Call, deadline: float | None = None) -> dict[str, Any]:
+        """The JSON object that a call is answered with, within ``deadline`` seconds."""
+        return await self.run(flows.fetch(call, self.settings, self.settings.deadline(deadline)))
+
     async def follow(self, mesh_id: str, position: StreamPosition, deadline: Deadline) -> AsyncIterator[Event]:
         """The events of a mesh over as many connections as it takes."""
         while not position.done:
-            opened, reason = deadline.clock(), "closed by the service"
+            opened = deadline.clock()
             call = protocol.events(mesh_id, position)
+            ending: Reply | Disconnected = Disconnected(reason="closed by the service")
             try:
-                async with self._transport.stream(call, flows.silence(self.settings, deadline)) as (
-                    head,
-                    chunks,
-                ):
+                silence = flows.silence(self.settings, deadline)
+                async with self._transport.stream(call, silence, deadline) as (head, chunks):
                     if flows.streams(head, call, position):
                         position.connected()
                         async for chunk in chunks:
@@ -112,12 +122,12 @@ class AsyncSession:
                             if position.done or deadline.left <= 0:
                                 break
                     else:
-                        reason = f"HTTP {head.status}"
+                        ending = head
             except Dropped as error:
-                reason = str(error)
+                ending = Disconnected(reason=str(error))
             if not position.done:
                 lived = deadline.clock() - opened
-                pause = flows.reconnect_pause(position, self.settings, deadline, reason=reason, lived=lived)
+                pause = flows.reconnect_pause(position, call, self.settings, deadline, ending=ending, lived=lived)
                 await asyncio.sleep(pause)
 
     async def close(self) -> None:

@@ -1,7 +1,12 @@
-"""The only module that knows httpx: sends one request, once, and turns its failures into values."""
+"""The only module that knows httpx: sends one request, once, and turns its failures into values.
+
+A timeout of httpx starts anew with every byte. What holds a request to its deadline is `asyncio.timeout` here, and for
+the blocking client the connections of `punctual`.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
@@ -10,8 +15,11 @@ from typing import Any
 import httpx
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.flows import Disconnected, Send
+from equimesh_client.flows import Deadline, Disconnected, Send
 from equimesh_client.protocol import Call, Reply
+from equimesh_client.punctual import Punctual
+
+LATE = "the answer did not arrive in time"
 
 
 class Dropped(Exception):
@@ -52,8 +60,9 @@ def _request(client: httpx.Client | httpx.AsyncClient, call: Call, timeout: floa
     )
 
 
-def _head(response: httpx.Response) -> dict[str, str]:
-    return {name.lower(): value for name, value in response.headers.items()}
+def _head(response: httpx.Response, body: bytes = b"") -> Reply:
+    headers = {name.lower(): value for name, value in response.headers.items()}
+    return Reply(status=response.status_code, headers=headers, body=body)
 
 
 def _reason(error: Exception) -> str:
@@ -66,12 +75,13 @@ def _reason(error: Exception) -> str:
 class _Body:
     """Collects a body, into memory or the sink of a successful answer, as long as the deadline allows."""
 
-    def __init__(self, step: Send, status: int) -> None:
+    def __init__(self, step: Send, head: Reply) -> None:
         self._step = step
-        self._sink = step.sink if status == 200 else None
+        self._head = head
+        self._sink = step.sink if head.status in (200, 206) else None
         self._chunks: list[bytes] = []
-        if self._sink is not None:
-            self._sink.restart()
+        if self._sink is not None and not self._sink.begin(head):
+            raise Dropped("the part of the file that came is not the one asked for")
 
     def add(self, chunk: bytes) -> None:
         if self._sink is not None:
@@ -79,10 +89,10 @@ class _Body:
         else:
             self._chunks.append(chunk)
         if self._step.deadline.left <= 0:
-            raise Dropped("the answer did not arrive in time")
+            raise Dropped(LATE)
 
-    def bytes(self) -> bytes:
-        return b"".join(self._chunks)
+    def reply(self) -> Reply:
+        return Reply(status=self._head.status, headers=self._head.headers, body=b"".join(self._chunks))
 
 
 class SyncTransport:
@@ -90,38 +100,53 @@ class SyncTransport:
 
     def __init__(self, url: str, headers: Mapping[str, str]) -> None:
         self._client = httpx.Client(**_options(url, headers))
+        self._punctual = Punctual()
+        # httpx has no way to say it: its transports, that of a proxy among them, each have a pool of httpcore.
+        for transport in (self._client._transport, *self._client._mounts.values()):
+            if isinstance(transport, httpx.HTTPTransport):
+                transport._pool._network_backend = self._punctual.over(transport._pool._network_backend)
 
     def send(self, step: Send) -> Reply | Disconnected:
         """The answer, or why there is none."""
         try:
-            response = self._client.send(_request(self._client, step.call, step.timeout), stream=True)
-            try:
-                body = _Body(step, response.status_code)
-                for chunk in response.iter_bytes():
-                    body.add(chunk)
-                return Reply(status=response.status_code, headers=_head(response), body=body.bytes())
-            finally:
-                response.close()
+            with self._punctual.until(step.deadline):
+                response = self._client.send(_request(self._client, step.call, step.timeout), stream=True)
+                try:
+                    body = _Body(step, _head(response))
+                    for chunk in response.iter_bytes():
+                        body.add(chunk)
+                    return body.reply()
+                finally:
+                    response.close()
         except (httpx.RequestError, Dropped) as error:
             return Disconnected(reason=_reason(error))
 
     @contextmanager
-    def stream(self, call: Call, timeout: float) -> Iterator[tuple[Reply, Iterator[bytes]]]:
+    def stream(self, call: Call, timeout: float, deadline: Deadline) -> Iterator[tuple[Reply, Iterator[bytes]]]:
         """The head of an answer and its chunks; the body of a failure is in the reply. Raises
         :class:`Dropped`.
         """
         try:
-            response = self._client.send(_request(self._client, call, timeout), stream=True)
+            with self._punctual.until(deadline):
+                response = self._client.send(_request(self._client, call, timeout), stream=True)
             try:
-                body = response.read() if response.status_code != 200 else b""
-                yield (
-                    Reply(status=response.status_code, headers=_head(response), body=body),
-                    iter(()) if body else response.iter_bytes(),
-                )
+                with self._punctual.until(deadline):
+                    body = response.read() if response.status_code != 200 else b""
+                yield _head(response, body), iter(()) if body else self._chunks(response, deadline)
             finally:
                 response.close()
         except httpx.RequestError as error:
             raise Dropped(_reason(error)) from error
+
+    def _chunks(self, response: httpx.Response, deadline: Deadline) -> Iterator[bytes]:
+        chunks = response.iter_bytes()
+        while True:
+            # not around the yield: between two chunks the same thread may send other requests
+            with self._punctual.until(deadline):
+                chunk = next(chunks, None)
+            if chunk is None:
+                return
+            yield chunk
 
     def close(self) -> None:
         """Close all connections."""
@@ -137,34 +162,50 @@ class AsyncTransport:
     async def send(self, step: Send) -> Reply | Disconnected:
         """The answer, or why there is none."""
         try:
-            response = await self._client.send(_request(self._client, step.call, step.timeout), stream=True)
-            try:
-                body = _Body(step, response.status_code)
-                async for chunk in response.aiter_bytes():
-                    body.add(chunk)
-                return Reply(status=response.status_code, headers=_head(response), body=body.bytes())
-            finally:
-                await response.aclose()
+            async with asyncio.timeout(step.deadline.left):
+                response = await self._client.send(_request(self._client, step.call, step.timeout), stream=True)
+                try:
+                    body = _Body(step, _head(response))
+                    async for chunk in response.aiter_bytes():
+                        body.add(chunk)
+                    return body.reply()
+                finally:
+                    await response.aclose()
+        except TimeoutError:
+            return Disconnected(reason=LATE)
         except (httpx.RequestError, Dropped) as error:
             return Disconnected(reason=_reason(error))
 
     @asynccontextmanager
-    async def stream(self, call: Call, timeout: float) -> AsyncIterator[tuple[Reply, AsyncIterator[bytes]]]:
+    async def stream(
+        self, call: Call, timeout: float, deadline: Deadline
+    ) -> AsyncIterator[tuple[Reply, AsyncIterator[bytes]]]:
         """The head of an answer and its chunks; the body of a failure is in the reply. Raises
         :class:`Dropped`.
         """
         try:
-            response = await self._client.send(_request(self._client, call, timeout), stream=True)
+            async with asyncio.timeout(deadline.left):
+                response = await self._client.send(_request(self._client, call, timeout), stream=True)
             try:
-                body = await response.aread() if response.status_code != 200 else b""
-                yield (
-                    Reply(status=response.status_code, headers=_head(response), body=body),
-                    response.aiter_bytes(),
-                )
+                async with asyncio.timeout(deadline.left):
+                    body = await response.aread() if response.status_code != 200 else b""
+                yield _head(response, body), self._chunks(response, deadline)
             finally:
                 await response.aclose()
+        except TimeoutError:
+            raise Dropped(LATE) from None
         except httpx.RequestError as error:
             raise Dropped(_reason(error)) from error
+
+    @staticmethod
+    async def _chunks(response: httpx.Response, deadline: Deadline) -> AsyncIterator[bytes]:
+        chunks = response.aiter_bytes()
+        while True:
+            async with asyncio.timeout(deadline.left):
+                chunk = await anext(chunks, None)
+            if chunk is None:
+                return
+            yield chunk
 
     async def close(self) -> None:
         """Close all connections."""

@@ -14,6 +14,8 @@ from equimesh_client import (
     BadArgument,
     Classical,
     Convergence,
+    Forbidden,
+    Gone,
     InputProblem,
     InvalidInput,
     LinearRobin,
@@ -21,9 +23,13 @@ from equimesh_client import (
     Optimized,
     ProblemError,
     Quality,
+    QuotaExceeded,
+    RateLimited,
     Schwarz,
     ServerError,
+    StorageFull,
     TooLarge,
+    Unauthorized,
     Upload,
 )
 from equimesh_client.errors import EquimeshClientError, caret
@@ -149,14 +155,26 @@ def test_the_calls_of_a_create() -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "kind"), [(404, NotFound), (410, NotFound), (413, TooLarge), (422, InvalidInput), (599, ServerError)]
+    ("status", "kind"),
+    [
+        *((401, Unauthorized), (403, Forbidden), (404, NotFound), (410, Gone), (413, TooLarge)),
+        *((422, InvalidInput), (429, RateLimited), (507, StorageFull), (599, ServerError)),
+    ],
 )
 def test_each_status_has_its_exception(status: int, kind: type[ProblemError]) -> None:
     error = problem_of(reply(status, {"type": "/problems/p", "title": "T", "detail": "D.", "remedy": "R."}), CALL)
     assert type(error) is kind
     assert isinstance(error, EquimeshClientError)
     assert (error.status, error.type, error.title, error.detail) == (status, "/problems/p", "T", "D.")
-    assert str(error) == f"T: D (HTTP {status})\nR."
+    assert str(error) == f"T: D (HTTP {status})\n{kind.advice or 'R.'}"
+
+
+def test_a_quota_is_known_by_its_type_and_says_when_to_come_back() -> None:
+    body = {"type": "/problems/quota-exceeded", "title": "T", "detail": "D"}
+    error = problem_of(reply(429, body, **{"retry-after": "7"}), CALL)
+    assert isinstance(error, QuotaExceeded)
+    assert isinstance(error, RateLimited)
+    assert str(error).splitlines()[-1] == "The service says to come back in 7 s."
 
 
 @pytest.mark.parametrize("body", [b"<html>", b"", b"[]", b"null", b"\xff", b'{"errors": 3, "detail": [1]}'])

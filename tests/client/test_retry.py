@@ -33,7 +33,7 @@ def test_what_is_repeated(status: int | None) -> None:
     assert pause_before_retry(policy(), 3, status=status) is None
 
 
-@pytest.mark.parametrize("status", [400, 401, 404, 409, 410, 413, 415, 422, 500, 501])
+@pytest.mark.parametrize("status", [400, 401, 403, 404, 409, 410, 413, 415, 422, 500, 501, 507])
 def test_what_is_not_repeated(status: int) -> None:
     assert pause_before_retry(policy(), 0, status=status) is None
 
