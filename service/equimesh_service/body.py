@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass
 from email.message import Message
 
-from starlette.datastructures import Headers, UploadFile
+from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import Request
 
@@ -58,6 +58,13 @@ async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) ->
         form = await parser.parse()
     except (MultiPartException, KeyError, LookupError, UnicodeError) as error:
         raise Problem("malformed-body", f"The multipart body cannot be read: {str(error).rstrip('.')}.") from None
+    try:
+        return await _read_form(form, allowed)
+    finally:
+        await form.close()
+
+
+async def _read_form(form: FormData, allowed: tuple[str, ...]) -> Mapping[str, Part]:
     parts: dict[str, Part] = {}
     for name, value in form.multi_items():
         if name not in allowed:
@@ -69,7 +76,6 @@ async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) ->
             parts[name] = Part(await value.read(), value.filename or "", kind)
         else:
             parts[name] = Part(value.encode("utf-8", "surrogatepass"), "", "")
-    await form.close()
     return parts
 
 

@@ -16,13 +16,23 @@ from starlette.responses import Response
 from equimesh_service.negotiation import chosen
 from equimesh_service.problems import Problem
 from equimesh_service.resources import MeshEvents, event_resource
-from equimesh_service.routing import LARGEST, ServiceDependency, problems
+from equimesh_service.callers import Caller
+from equimesh_service.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, problems
 from equimesh_service.rows import EventRow
 from equimesh_service.service import Service
 
-router = APIRouter(prefix="/v1/meshes/{id}", tags=["meshes"])
+router = APIRouter(prefix="/v1/meshes/{id}", tags=["meshes"], responses=KEY_PROBLEMS)
 
 _OFFERS = {"stream": "text/event-stream", "json": "application/json"}
+_EVENT = {
+    "type": "object",
+    "required": ["id", "event", "data"],
+    "properties": {
+        "id": {"type": "string", "pattern": "^[0-9]+$"},
+        "event": {"type": "string", "enum": ["status", "progress", "done"]},
+        "data": {"type": "string", "contentMediaType": "application/json"},
+    },
+}
 _PING_SECONDS = 15.0
 _RETRY_MILLISECONDS = 1000
 
@@ -36,7 +46,7 @@ _RETRY_MILLISECONDS = 1000
         200: {
             "description": "Events `status`, `progress` and `done`; their ids are 1, 2, 3, …",
             "content": {
-                "text/event-stream": {"schema": {"type": "string"}},
+                "text/event-stream": {"itemSchema": _EVENT},
                 "application/json": {"schema": {"$ref": "#/components/schemas/MeshEvents"}},
             },
         },
@@ -48,6 +58,7 @@ async def get_events(
     id: str,
     request: Request,
     service: ServiceDependency,
+    caller: Reader,
     after: Annotated[int, Query(ge=0, le=LARGEST, description="Only events with larger ids.")] = 0,
     last_event_id: Annotated[
         str | None, Header(description="As `after`; sent by browsers when they connect again.")
@@ -57,7 +68,7 @@ async def get_events(
     kind = chosen(request.headers.get("accept"), _OFFERS)
     if kind is None:
         raise Problem("not-acceptable", "Events are text/event-stream or application/json.")
-    row = await service.mesh(id)
+    row = await service.mesh(id, caller)
     if last_event_id is not None and last_event_id.isascii() and last_event_id.isdigit():
         after = max(after, min(int(last_event_id[:19]), LARGEST))
     if kind == "json":
@@ -68,13 +79,13 @@ async def get_events(
         return JSONResponse(MeshEvents(items=items, last=last, done=done).model_dump(mode="json"))
     if row.finished and after >= row.last_event:
         return Response(status_code=204)  # tells a browser not to connect again
-    return EventSourceResponse(_stream(service, id, after), headers={"Cache-Control": "no-store"})
+    return EventSourceResponse(_stream(service, id, after, caller), headers={"Cache-Control": "no-store"})
 
 
-async def _stream(service: Service, mesh_id: str, after: int) -> AsyncIterator[bytes]:
+async def _stream(service: Service, mesh_id: str, after: int, caller: Caller) -> AsyncIterator[bytes]:
     yield format_sse_event(retry=_RETRY_MILLISECONDS)
     quiet_since = time.monotonic()
-    while not service.wakeups.closing:
+    while not service.wakeups.closing and await service.callers.stands(caller):
         events = await run_in_threadpool(service.store.meshes.events, mesh_id, after=after)
         for event in events:
             yield _wire(event)
