@@ -30,7 +30,8 @@ class PebbleEngine:
     """A pool of ``workers`` processes; ``memory_limit`` is in MiB for each, over what it needs to start.
 
     ``preload`` names modules that are imported once, before the workers are forked off, and ``warm_up`` runs
-    in each worker before its first task. A worker that dies is replaced; a pool that breaks, too.
+    in each worker before its first task, after ``prepare``, which gives the process what is not a task's: its log.
+    A worker that dies is replaced; a pool that breaks, too.
     """
 
     def __init__(
@@ -40,12 +41,13 @@ class PebbleEngine:
         memory_limit: int | None = None,
         preload: Sequence[str] = (),
         warm_up: Callable[[], None] | None = None,
+        prepare: Callable[[], None] | None = None,
     ) -> None:
         self._workers = workers
         self._context = _context(preload)
         # Workers hold the reading end: it tells them when this process is gone, however it went.
         reader, self._lifeline = self._context.Pipe(duplex=False)
-        self._start = (memory_limit, warm_up, reader)
+        self._start = (memory_limit, prepare, warm_up, reader)
         self._lock = threading.Lock()
         self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
         self._closed = False
@@ -176,10 +178,17 @@ def _warm_up_seconds() -> float:
     return _warmed_up
 
 
-def _initialize(memory_limit: int | None, warm_up: Callable[[], None] | None, lifeline: Connection[Any, Any]) -> None:
+def _initialize(
+    memory_limit: int | None,
+    prepare: Callable[[], None] | None,
+    warm_up: Callable[[], None] | None,
+    lifeline: Connection[Any, Any],
+) -> None:
     # Pebble stops a worker by SIGTERM and waits for Python code to notice; a factorisation never would.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_die_with_service, args=(lifeline,), daemon=True).start()
+    if prepare is not None:
+        prepare()
     if warm_up is not None:
         global _warmed_up
         began = time.perf_counter()

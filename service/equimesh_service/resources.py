@@ -37,6 +37,7 @@ class ProblemDetails(BaseModel):
     detail: str
     remedy: str = Field(description="What to try.")
     status: int | None = Field(None, description="HTTP status; absent in the error of a mesh.")
+    request_id: str | None = Field(None, description="Of a 5xx: what the service's log calls this request.")
     errors: list[InputComplaint] | None = None
 
 

@@ -11,12 +11,12 @@ from contextlib import contextmanager
 
 import uvicorn
 
+from equimesh_service import logs
 from equimesh_service.app import create_app
 from equimesh_service.service import check_folder
 from equimesh_service.settings import Settings
 
 _log = logging.getLogger(__name__)
-_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 _START_SECONDS, _GRACE_SECONDS = 300.0, 5  # the first start on a machine compiles the kernels
 
 
@@ -36,7 +36,7 @@ def run(settings: Settings) -> None:
     Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses the data folder, and
     OSError when the address cannot be used.
     """
-    logging.basicConfig(level=settings.log_level.upper(), format=_FORMAT)
+    logs.configure(settings.log_level, settings.log_format)
     server = _server(settings)
     listener = _opened(settings)
     _log.info("listening on %s", _url(settings, listener))
@@ -69,7 +69,7 @@ def _server(settings: Settings) -> _Server:
         create_app(settings),
         log_config=None,
         log_level=settings.log_level,
-        access_log=settings.log_level == "debug",
+        access_log=False,  # ours says more, and nothing of what a client put into a path
         timeout_graceful_shutdown=_GRACE_SECONDS,
         lifespan="on",
         server_header=False,
