@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from starlette.concurrency import run_in_threadpool
 
@@ -21,10 +21,11 @@ _REMEMBERED = 1000
 
 @dataclass(frozen=True)
 class Caller:
-    """Who asks: the id of an API key ("" where none is asked for), and all that it allows."""
+    """Who asks: the id of an API key ("" where none is asked for), all that it allows, and the hash of its secret."""
 
     key_id: str
     scopes: frozenset[str]
+    mark: str = field(default="", repr=False)
 
     @property
     def admin(self) -> bool:
@@ -51,43 +52,44 @@ class Callers:
         self._store = store
         self._clock = clock
         self._known: OrderedDict[str, tuple[Caller | None, float]] = OrderedDict()  # by the hashes of secrets
-        self._needed = False
-        self._asked_at = float("-inf")
+        self._exist = False
+        self._looked_at = float("-inf")
 
     async def identify(self, secret: str | None) -> Caller:
         """The caller with this secret; raises a 401 problem. While no key was ever created, anyone."""
-        if secret is None:
-            if await self._keys_needed():
-                raise _unauthorized("This needs an API key.")
+        key_id = None if secret is None else id_of(secret)
+        caller = None if secret is None or key_id is None else await self._known_as(key_id, digest(secret))
+        if caller is not None:
+            return caller
+        if not await self._needed():
             return ANYONE
-        key_id = id_of(secret)
-        caller = None if key_id is None else await self._remembered(key_id, secret)
-        if caller is None:
-            raise _unauthorized("This API key is not known, or was revoked.")
-        return caller
+        detail = "This needs an API key." if secret is None else "This API key is not known, or was revoked."
+        raise Problem("unauthorized", detail, headers={"WWW-Authenticate": "Bearer"})
 
-    async def _keys_needed(self) -> bool:
+    async def stands(self, caller: Caller) -> bool:
+        """Whether a caller of a while ago would still be let in."""
+        if caller.key_id:
+            return await self._known_as(caller.key_id, caller.mark) is not None
+        return not await self._needed()
+
+    async def _needed(self) -> bool:
         now = self._clock()
-        if not self._needed and now - self._asked_at >= _REMEMBERED_SECONDS:
-            self._needed = await run_in_threadpool(self._store.exist)  # once true it stays so
-            self._asked_at = now
-        return self._needed
+        if not self._exist and now - self._looked_at >= _REMEMBERED_SECONDS:
+            self._exist = await run_in_threadpool(self._store.exist)  # once true it stays so
+            self._looked_at = now
+        return self._exist
 
-    async def _remembered(self, key_id: str, secret: str) -> Caller | None:
-        mark, now = digest(secret), self._clock()
+    async def _known_as(self, key_id: str, mark: str) -> Caller | None:
+        """The caller with this key, if its hash is this one and it is in force; in most cases without a look."""
+        now = self._clock()
         found = self._known.get(mark)
         if found is not None and now < found[1]:
             return found[0]
         row = await run_in_threadpool(self._store.get, key_id)
-        good = row is not None and row.opened_by(secret)
-        caller = Caller(key_id, allowed(row.scopes)) if good and row is not None else None
-        # The time counts from before the look: a key that is revoked after it is in force no longer than that.
+        caller = Caller(key_id, allowed(row.scopes), mark) if row is not None and row.opened_by(mark) else None
+        # The time counts from before the look: a key that is revoked after it is let in no longer than that.
         self._known[mark] = (caller, now + _REMEMBERED_SECONDS)
         self._known.move_to_end(mark)
         while len(self._known) > _REMEMBERED:
             self._known.popitem(last=False)
         return caller
-
-
-def _unauthorized(detail: str) -> Problem:
-    return Problem("unauthorized", detail, headers={"WWW-Authenticate": "Bearer"})

@@ -20,7 +20,7 @@ from equimesh_service.document import parse
 from equimesh_service.exports import PICTURES, PLOTS
 from equimesh_service.problems import Problem
 from equimesh_service.resources import DomainReport, ExpressionReport, Range
-from equimesh_service.routing import ServiceDependency, problems
+from equimesh_service.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.spec import MODE_USES, read_expression_check
 
 router = APIRouter(prefix="/v1", tags=["checks"])
@@ -41,10 +41,10 @@ _BODY = {
     "/expressions/check",
     summary="Check an expression",
     operation_id="checkExpression",
-    responses=problems(400, 413, 415, 422),
+    responses={**problems(400, 413, 415, 422), **KEY_PROBLEMS},
     openapi_extra={"requestBody": _BODY},
 )
-async def check(request: Request, service: ServiceDependency) -> ExpressionReport:
+async def check(request: Request, service: ServiceDependency, caller: Reader) -> ExpressionReport:  # noqa: ARG001
     """Parse the expression and evaluate it on the domain, the unit square unless given.
 
     A 422 says what is wrong, and at which column.

@@ -27,10 +27,10 @@ class KeyRow:
     created_at: float
     revoked_at: float | None = None
 
-    def opened_by(self, secret: str) -> bool:
-        """Whether this is the key of ``secret``, and still in force."""
-        # Both sides are hashes, and the comparison takes the same time wherever they differ.
-        return hmac.compare_digest(self.sha256, digest(secret)) and self.revoked_at is None
+    def opened_by(self, mark: str) -> bool:
+        """Whether this is the key of the secret with this hash, and still in force."""
+        # The comparison takes the same time wherever they differ.
+        return hmac.compare_digest(self.sha256, mark) and self.revoked_at is None
 
 
 def new_secret() -> tuple[str, str]:

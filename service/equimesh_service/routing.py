@@ -4,24 +4,33 @@ from __future__ import annotations
 
 from typing import Annotated, Any, cast
 
-from fastapi import Depends, Request
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer, SecurityScopes
 
-from equimesh_service.problems import MEDIA_TYPE
+from equimesh_service.callers import Caller
+from equimesh_service.keys import ADMIN, READ, WRITE
+from equimesh_service.problems import MEDIA_TYPE, Problem
+from equimesh_service.security_headers import add_headers
 from equimesh_service.service import Service
 
 LARGEST = 2**62
 
 _MEANINGS = {
     400: "The body or a header cannot be read.",
+    401: "An API key is needed, or this one is not in force.",
+    403: "The API key does not allow this.",
     404: "There is no such thing.",
     406: "No such format.",
+    408: "The body did not come in time.",
     409: "The mesh is not in a state for this.",
+    412: "If-Match names another file.",
     413: "The body is too large.",
     415: "The body's type is not supported.",
     416: "The file ends before the range.",
     422: "The input cannot be used: `errors` says where and what.",
-    429: "Too many meshes are waiting.",
+    429: "Too many requests, or too many meshes: see Retry-After.",
     503: "The service cannot do this now.",
+    507: "The service has no room left.",
 }
 
 
@@ -41,3 +50,39 @@ def _service(request: Request) -> Service:
 
 
 ServiceDependency = Annotated[Service, Depends(_service)]
+
+# What every route with a caller may answer.
+KEY_PROBLEMS = problems(401, 403, 429)
+_bearer = HTTPBearer(
+    auto_error=False,
+    scheme_name="ApiKey",
+    bearerFormat="em_<id>_<secret>",
+    description="An API key that `equimesh keys create` printed. None is asked for while none was ever created.",
+)
+
+
+async def secret_of(given: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]) -> str | None:
+    """The secret of the request's API key."""
+    return None if given is None else given.credentials
+
+
+async def _caller(
+    request: Request,
+    scopes: SecurityScopes,
+    service: ServiceDependency,
+    secret: Annotated[str | None, Depends(secret_of)],
+) -> Caller:
+    """Who asks; raises a 401, 403 or 429 problem for those who may not."""
+    caller = await service.callers.identify(secret)
+    add_headers(request, service.quotas.count_request(caller))
+    missing = set(scopes.scopes) - caller.scopes
+    if missing:
+        needed, held = ", ".join(sorted(missing)), ", ".join(sorted(caller.scopes))
+        raise Problem("forbidden", f"This needs a key with the scope {needed}; this one has {held}.")
+    return caller
+
+
+# The caller, who may at least this.
+Reader = Annotated[Caller, Security(_caller, scopes=[READ])]
+Writer = Annotated[Caller, Security(_caller, scopes=[WRITE])]
+Admin = Annotated[Caller, Security(_caller, scopes=[ADMIN])]

@@ -1,0 +1,75 @@
+"""Headers that every answer has: what a browser may do with it, and what a request's own work adds."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+
+from starlette.datastructures import MutableHeaders
+from starlette.requests import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+_EXTRA = "equimesh.headers"
+
+# Answers for programs: nothing in them is to be run, loaded or framed.
+_NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+# Pictures drawn by matplotlib: styles on every line, and pixels inside where there are many cells.
+_PICTURE = f"{_NOTHING}; style-src 'unsafe-inline'; img-src data:; sandbox"
+_ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+_POLICY = "Content-Security-Policy"
+
+
+class SecurityHeaders:
+    """An ASGI application with the headers on all its answers. Streams stay streams: no body is touched."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        extra: dict[str, str] = {}
+        scope[_EXTRA] = extra
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                _complete(MutableHeaders(scope=message), extra)
+            await send(message)
+
+        await self._app(scope, receive, send_with_headers)
+
+
+def add_headers(request: Request, headers: Mapping[str, str]) -> None:
+    """Have the answer to a request carry these headers, whatever it will be."""
+    request.scope.setdefault(_EXTRA, {}).update(headers)
+
+
+def page_policy(*, scripts: str = "'none'", styles: Iterable[str] = (), connects: str = "'none'") -> str:
+    """The policy of a page for people: ``styles`` are the texts of its style elements."""
+    allowed = " ".join(["'self'", *(f"'sha256-{_hash(text)}'" for text in styles)])
+    return (
+        f"{_NOTHING}; script-src {scripts}; style-src {allowed}; img-src 'self' data:; font-src 'self'; "
+        f"connect-src {connects}"
+    )
+
+
+def _complete(headers: MutableHeaders, extra: Mapping[str, str]) -> None:
+    for name, value in _ALWAYS.items():
+        headers.setdefault(name, value)
+    if _POLICY not in headers:
+        headers[_POLICY] = _PICTURE if headers.get("content-type", "").startswith("image/svg") else _NOTHING
+    headers.setdefault("Cache-Control", "no-store")
+    for name, value in extra.items():
+        headers.setdefault(name, value)
+
+
+def _hash(text: str) -> str:
+    return b64encode(sha256(text.encode()).digest()).decode()
