@@ -1,29 +1,57 @@
-"""A database behind a URL: connections and transactions. SQLite is used in WAL mode, by many processes."""
+"""A database behind a URL: connections and transactions.
+
+SQLite is used in WAL mode, by many processes; PostgreSQL with "read committed" transactions: a writer that must not be
+overtaken locks the rows that it relies on, or takes a lock by name.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from hashlib import sha256
 from typing import Any
 
-from sqlalchemy import Connection, create_engine, event
+from sqlalchemy import Connection, Table, create_engine, event, func, select
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import ArgumentError
+
+_POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
+# Seconds until a server that does not answer counts as down.
+_CONNECT_SECONDS = 5
+
+
+class DatabaseURLError(ValueError):
+    """An address that is not that of a database which the service can use; the message does not repeat it."""
 
 
 class Database:
     """Reading and writing transactions, for all threads of a process.
 
     ``durable`` asks that every commit be on disk when it returns; without it a crash of the machine, but not
-    one of the process, may undo the last commits.
+    one of the process, may undo the last commits. Raises :class:`DatabaseURLError`.
     """
 
     def __init__(self, url: str, *, durable: bool) -> None:
-        sqlite = url.startswith("sqlite")
-        arguments = {"timeout": 30.0, "check_same_thread": False} if sqlite else {}
-        self._engine = create_engine(url, connect_args=arguments, json_serializer=to_json, pool_size=8, max_overflow=64)
-        if sqlite:
+        address = _address(url)
+        if address.get_backend_name() == "sqlite":
+            arguments: dict[str, Any] = {"timeout": 30.0, "check_same_thread": False}
+            self._engine = create_engine(
+                address, connect_args=arguments, json_serializer=to_json, pool_size=8, max_overflow=64
+            )
             event.listen(self._engine, "connect", _prepare_sqlite(durable))
             event.listen(self._engine, "begin", _begin_sqlite)
+        else:
+            options = str(address.query.get("options", "")) + ("" if durable else " -c synchronous_commit=off")
+            self._engine = create_engine(
+                address,
+                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": options},
+                json_serializer=to_json,
+                pool_size=8,
+                max_overflow=8,
+                pool_pre_ping=True,  # a connection from before a restart of the server is replaced, not used
+            )
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -42,9 +70,37 @@ class Database:
         self._engine.dispose()
 
 
+def lock(connection: Connection, names: Iterable[str]) -> None:
+    """Keep all others who ask for one of ``names`` waiting until the end of this writing transaction."""
+    if connection.dialect.name == "postgresql":  # a writer of SQLite is alone anyway
+        for name in sorted(set(names)):  # in order, so that no two wait for each other
+            number = int.from_bytes(sha256(name.encode()).digest()[:8], "big", signed=True)
+            connection.execute(select(func.pg_advisory_xact_lock(number)))
+
+
+def insert_new(connection: Connection, table: Table, row: Mapping[str, Any]) -> bool:
+    """Insert a row; False when there is one with its key, which stays as it is."""
+    make = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    statement = make(table).values(dict(row)).on_conflict_do_nothing().returning(*table.primary_key)
+    return connection.execute(statement).first() is not None
+
+
 def to_json(value: Any) -> str:
     """Compact JSON; raises ValueError for what JSON cannot carry."""
     return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+
+
+def _address(url: str) -> URL:
+    try:
+        address = make_url(url)
+    except ArgumentError:
+        raise DatabaseURLError("this is not the address of a database") from None
+    if address.drivername in _POSTGRES:
+        return address.set(drivername="postgresql+psycopg")
+    if address.drivername != "sqlite":
+        message = "the service keeps its data in PostgreSQL (postgresql+psycopg://user:password@host/name) or in SQLite"
+        raise DatabaseURLError(f"{message}, not in {address.drivername}")
+    return address
 
 
 def _prepare_sqlite(durable: bool) -> Callable[[Any, Any], None]:

@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sqlalchemy import Connection, Row, func, insert, or_, select, update
+from sqlalchemy import Connection, func, insert, or_, select, update
 from sqlalchemy.sql.elements import ColumnElement
 
-from equimesh_service.artifacts_store import insert_artifact
+from equimesh_service.artifacts_store import insert_artifacts
 from equimesh_service.database import Database
 from equimesh_service.rows import CANCELED, FAILED, QUEUED, RUNNING, STATUSES, SUCCEEDED, Artifact, Census, Claim
 from equimesh_service.schema import events, meshes
@@ -156,8 +156,7 @@ class QueueStore:
             }
             if not self._append(connection, _held(claim), change, "done", data):
                 return False
-            for file in files:
-                insert_artifact(connection, claim.mesh_id, file)
+            insert_artifacts(connection, claim.mesh_id, files)
             publish()
             return True
 
@@ -189,7 +188,7 @@ class QueueStore:
         return True
 
 
-def _claim(row: Row[Any]) -> Claim:
+def _claim(row: Any) -> Claim:
     return Claim(row.id, row.attempt, request_id=row.request_id, key_id=row.key_id, trace=row.trace)
 
 

@@ -27,8 +27,14 @@ class NewMesh:
     spec: Mapping[str, Any]
     samples: tuple[str, ...] = ()
     format: str | None = None
+    key_id: str = ""
     request_id: str | None = None
     trace: str | None = None
+
+    @property
+    def points(self) -> int:
+        """How many points it has."""
+        return int(self.spec["grid"]["n_xi"]) * int(self.spec["grid"]["n_eta"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +58,7 @@ class MeshRow:
     result: dict[str, Any] | None
     error: dict[str, Any] | None
     partial: bool
+    key_id: str
 
     @property
     def finished(self) -> bool:

@@ -1,18 +1,15 @@
-"""SQL of samples that were uploaded."""
+"""SQL of samples that were uploaded: stored once, whoever sends them, and seen by those who did."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from sqlalchemy import delete, insert, or_, select
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy import ColumnElement, Select, delete, select
 
 from equimesh_service.artifacts_store import remove_unused
-from equimesh_service.database import Database
+from equimesh_service.database import Database, insert_new, lock
 from equimesh_service.rows import QUEUED, RUNNING, SamplesRow
-from equimesh_service.schema import mesh_samples, meshes, samples
-
-_SHOWN = [samples.c[name] for name in SamplesRow.__dataclass_fields__]
+from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
 
 
 def _nothing() -> None:
@@ -20,40 +17,73 @@ def _nothing() -> None:
 
 
 class SamplesStore:
-    """Samples of functions, stored once under the id that their content gives them."""
+    """Samples of functions, stored once under the id that their content gives them.
+
+    ``key_id`` is the API key that asks; None asks for all keys.
+    """
 
     def __init__(self, database: Database, clock: Callable[[], float]) -> None:
-        self._read, self._write = database.read, database.write
+        self._database = database
         self._clock = clock
 
-    def add(self, row: SamplesRow, publish: Callable[[], None] = _nothing) -> bool:
-        """Keep samples; False when they were there already."""
-        try:
-            with self._write() as connection:
-                connection.execute(insert(samples).values(vars(row)))
+    def add(self, row: SamplesRow, publish: Callable[[], None] = _nothing, *, key_id: str = "") -> bool:
+        """Keep samples, and let the key see them; False when it did already."""
+        with self._database.write() as connection:
+            lock(connection, [row.sha256])
+            if insert_new(connection, samples, {**vars(row), "used_at": self._clock()}):
                 publish()
-        except IntegrityError:
-            return False
-        return True
+            connection.execute(delete(retired).where(retired.c.id == row.id, retired.c.key_id == key_id))
+            owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}
+            return insert_new(connection, samples_keys, owned)
 
-    def get(self, samples_id: str) -> SamplesRow | None:
-        """The samples with this id."""
-        with self._read() as connection:
-            row = connection.execute(select(*_SHOWN).where(samples.c.id == samples_id)).first()
+    def get(self, samples_id: str, key_id: str | None = None) -> SamplesRow | None:
+        """The samples with this id; None also when the key has not sent them."""
+        with self._database.read() as connection:
+            row = connection.execute(_of(samples_id, key_id)).first()
         return None if row is None else SamplesRow(**row._mapping)
 
-    def delete(self, samples_id: str, remove_file: Callable[[str], None]) -> bool | None:
-        """Delete samples. None when there are none, False when a mesh that is not finished needs them."""
-        with self._write() as connection:
-            sha256 = connection.execute(select(samples.c.sha256).where(samples.c.id == samples_id)).scalar()
+    def delete(self, samples_id: str, remove_file: Callable[[str], None], key_id: str | None = None) -> bool | None:
+        """Delete samples: what the key sees, and the rest when no other key has sent them.
+
+        None when there are none, False when a mesh that is not finished needs them.
+        """
+        with self._database.write() as connection:
+            here = samples.c.id == samples_id
+            sha256 = connection.execute(select(samples.c.sha256).where(here)).scalar()
             if sha256 is None:
                 return None
-            open_meshes = meshes.c.status.in_((QUEUED, RUNNING))
-            uses = select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples_id)
-            needs = or_(meshes.c.samples_id == samples_id, meshes.c.id.in_(uses))
-            query = select(meshes.c.id).where(needs, open_meshes).limit(1)
-            if connection.execute(query).first() is not None:
+            lock(connection, [sha256])  # against those who add them, and the rows against meshes that need them
+            connection.execute(select(samples.c.id).where(here).with_for_update())
+            if connection.execute(_of(samples_id, key_id)).first() is None:
+                return None
+            owned = samples_keys.c.samples_id == samples_id
+            others = select(samples_keys.c.key_id).where(owned, samples_keys.c.key_id != key_id)
+            shared = key_id is not None and connection.execute(others.limit(1)).first() is not None
+            query = needing(samples_id)
+            if connection.execute(query.where(meshes.c.key_id == key_id) if shared else query).first() is not None:
                 return False
-            connection.execute(delete(samples).where(samples.c.id == samples_id))
-            remove_unused(connection, {sha256}, remove_file)
-            return True
+            connection.execute(delete(samples_keys).where(owned, *_key_is(key_id)))
+            if not shared:
+                connection.execute(delete(samples).where(here))
+        remove_unused(self._database, () if shared else (sha256,), remove_file)
+        return True
+
+
+def needing(samples_id: str) -> Select[tuple[str]]:
+    """The query for unfinished meshes that need samples."""
+    uses = select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples_id)
+    return select(meshes.c.id).where(meshes.c.id.in_(uses), meshes.c.status.in_((QUEUED, RUNNING))).limit(1)
+
+
+def _of(samples_id: str, key_id: str | None) -> Select[tuple[object, ...]]:
+    """The query for samples as a key knows them: since when, too, is a matter between the two."""
+    names = SamplesRow.__dataclass_fields__
+    if key_id is None:
+        return select(*(samples.c[name] for name in names)).where(samples.c.id == samples_id)
+    columns = [(samples_keys if name == "created_at" else samples).c[name] for name in names]
+    joined = samples.join(samples_keys, samples_keys.c.samples_id == samples.c.id)
+    return select(*columns).select_from(joined).where(samples.c.id == samples_id, samples_keys.c.key_id == key_id)
+
+
+def _key_is(key_id: str | None) -> list[ColumnElement[bool]]:
+    return [] if key_id is None else [samples_keys.c.key_id == key_id]

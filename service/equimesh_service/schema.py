@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -16,12 +18,24 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    TypeDecorator,
 )
 
 metadata = MetaData()
 
 # Numbers that clients may send back, and sizes: 64 bits. SQLite's integers have them, and only count up as such.
 _Number = BigInteger().with_variant(Integer, "sqlite")
+
+
+class _Id(TypeDecorator[str]):
+    """Ids. What a client names may hold U+0000, which PostgreSQL refuses to compare: no id has it."""
+
+    impl = String
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Any) -> str | None:  # noqa: ARG002
+        return None if value is None else value.replace("\x00", "\ufffd")
+
 
 # One row per mesh that was asked for. `attempt` counts claims and fences writers: a worker may write only
 # while the row still has the worker's attempt. `losses` counts the attempts whose worker was lost. `owner` is the
@@ -30,11 +44,10 @@ meshes = Table(
     "meshes",
     metadata,
     Column("number", _Number, primary_key=True, autoincrement=True),
-    Column("id", String(40), nullable=False, unique=True),
+    Column("id", _Id(40), nullable=False, unique=True),
     Column("status", String(16), nullable=False),
     Column("label", Text),
     Column("spec", Text, nullable=False),
-    Column("samples_id", String(80)),  # of meshes from version 0.1; newer ones are in mesh_samples
     Column("n_xi", Integer, nullable=False),
     Column("n_eta", Integer, nullable=False),
     Column("cells", String(16), nullable=False),
@@ -51,12 +64,13 @@ meshes = Table(
     Column("result", JSON(none_as_null=True)),
     Column("error", JSON(none_as_null=True)),
     Column("partial", Boolean, nullable=False, default=False),
-    Column("key_id", String(40), nullable=False, server_default=""),
+    Column("key_id", _Id(40), nullable=False, server_default=""),
     Column("fingerprint", String(64)),  # the same for meshes that have the same points
     Column("reused_from", String(40)),
-    Column("request_id", String(64)),
+    Column("request_id", _Id(64)),
     Column("trace", String(64)),  # the traceparent of the request (W3C Trace Context)
-    Index("meshes_by_status", "status", "number"),
+    # With all that is asked of waiting meshes: their rows are long where samples stand in the spec.
+    Index("meshes_by_status", "status", "number", "key_id", "n_xi", "n_eta"),
     Index("meshes_by_key", "key_id", "number"),
     Index("meshes_by_fingerprint", "fingerprint"),
     Index("meshes_by_finish", "finished_at"),
@@ -67,7 +81,7 @@ meshes = Table(
 events = Table(
     "events",
     metadata,
-    Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
+    Column("mesh_id", _Id(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
     Column("number", _Number, nullable=False),
     Column("time", Float, nullable=False),
     Column("kind", String(16), nullable=False),
@@ -79,7 +93,7 @@ events = Table(
 artifacts = Table(
     "artifacts",
     metadata,
-    Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
+    Column("mesh_id", _Id(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
     Column("name", String(64), nullable=False),
     Column("sha256", String(64), nullable=False, index=True),
     Column("size", _Number, nullable=False),
@@ -90,7 +104,7 @@ artifacts = Table(
 samples = Table(
     "samples",
     metadata,
-    Column("id", String(80), primary_key=True),
+    Column("id", _Id(80), primary_key=True),
     Column("sha256", String(64), nullable=False, index=True),
     Column("size", _Number, nullable=False),
     Column("summary", JSON, nullable=False),
@@ -102,17 +116,19 @@ samples = Table(
 samples_keys = Table(
     "samples_keys",
     metadata,
-    Column("samples_id", String(80), ForeignKey("samples.id", ondelete="CASCADE"), nullable=False),
-    Column("key_id", String(40), nullable=False),
+    Column("samples_id", _Id(80), ForeignKey("samples.id", ondelete="CASCADE"), nullable=False),
+    Column("key_id", _Id(40), nullable=False),
+    Column("created_at", Float, nullable=False),
     PrimaryKeyConstraint("samples_id", "key_id"),
+    Index("samples_by_key", "key_id"),
 )
 
 # Which samples a mesh uses.
 mesh_samples = Table(
     "mesh_samples",
     metadata,
-    Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
-    Column("samples_id", String(80), nullable=False, index=True),
+    Column("mesh_id", _Id(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
+    Column("samples_id", _Id(80), nullable=False, index=True),
     PrimaryKeyConstraint("mesh_id", "samples_id"),
 )
 
@@ -120,10 +136,10 @@ mesh_samples = Table(
 idempotency = Table(
     "idempotency",
     metadata,
-    Column("key_id", String(40), nullable=False, server_default=""),
+    Column("key_id", _Id(40), nullable=False, server_default=""),
     Column("key", String(255), nullable=False),
     Column("fingerprint", String(64), nullable=False),
-    Column("mesh_id", String(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
+    Column("mesh_id", _Id(40), ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
     PrimaryKeyConstraint("key_id", "key"),
 )
 
@@ -131,16 +147,18 @@ idempotency = Table(
 retired = Table(
     "retired",
     metadata,
-    Column("id", String(80), primary_key=True),
-    Column("key_id", String(40), nullable=False),
+    Column("id", _Id(80), nullable=False),
+    Column("key_id", _Id(40), nullable=False),
     Column("retired_at", Float, nullable=False),
+    PrimaryKeyConstraint("id", "key_id"),
+    Index("retired_by_time", "retired_at"),
 )
 
 # API keys. The secret is not here: only the SHA-256 of it, which is 256 random bits long itself.
 keys = Table(
     "keys",
     metadata,
-    Column("id", String(40), primary_key=True),
+    Column("id", _Id(40), primary_key=True),
     Column("name", String(200), nullable=False),
     Column("sha256", String(64), nullable=False, unique=True),
     Column("scopes", JSON, nullable=False),

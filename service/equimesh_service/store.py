@@ -7,12 +7,14 @@ from collections.abc import Callable
 
 from sqlalchemy import func, select
 
+from equimesh_service import migration
 from equimesh_service.database import Database
 from equimesh_service.key_store import KeyStore
 from equimesh_service.meshes_store import MeshesStore
 from equimesh_service.queue_store import QueueStore
+from equimesh_service.quota_store import QuotaStore
 from equimesh_service.samples_store import SamplesStore
-from equimesh_service.schema import metadata, samples
+from equimesh_service.schema import samples
 
 
 class Store:
@@ -28,11 +30,14 @@ class Store:
         self.queue = QueueStore(self.database, clock)
         self.samples = SamplesStore(self.database, clock)
         self.keys = KeyStore(self.database, clock)
+        self.quotas = QuotaStore(self.database)
 
     def prepare(self) -> None:
-        """Make the tables that are not there yet."""
-        with self.database.write() as connection:
-            metadata.create_all(connection)
+        """Make the tables, or bring those of an older release up to this one.
+
+        Raises :class:`~equimesh_service.migration.NewerDatabaseError`.
+        """
+        migration.prepare(self.database)
 
     def close(self) -> None:
         """Close all connections."""

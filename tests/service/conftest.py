@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
 from equimesh_service import Settings, running
+from service.databases import Postgres, database, postgres_server
 
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 # A solve that takes many seconds: nothing it does ends it early, and every iteration factorises.
@@ -40,6 +42,20 @@ def until(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
             return value
         time.sleep(0.02)
     raise AssertionError(f"not within {seconds} s")
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    """A PostgreSQL server."""
+    with postgres_server() as server:
+        yield server
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    """The address of an empty database; what asks for it is tested with SQLite and with PostgreSQL."""
+    with database(request.param, tmp_path, request) as url:
+        yield url
 
 
 @pytest.fixture(scope="session")
