@@ -79,7 +79,7 @@ def _here(options: argparse.Namespace) -> dict[str, Any]:
 def _there(options: argparse.Namespace) -> dict[str, Any]:
     from equimesh_client import Client
 
-    with Client(options.url or DEFAULT_URL, retries=2) as client:
+    with Client(options.url or DEFAULT_URL, key=options.key, retries=2) as client:
         return client.check(options.u, parameters=dict(options.parameter), t=options.t, domain=options.domain)
 
 

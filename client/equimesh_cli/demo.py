@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
             except RuntimeError as error:
                 raise Refused(f"the service cannot be started: {error}", Exit.UNREACHABLE) from error
             output.mkdir(parents=True, exist_ok=True)
-            client = stack.enter_context(Client(url))
+            client = stack.enter_context(Client(url, key=""))
             print(f"It answers at {url}.", flush=True)
             written = [*paper(client, output), *ring(client, output)]
     print(f"\nFiles in {output}:")

@@ -7,7 +7,7 @@ import json
 import os
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit
+from equimesh_cli.exits import EPILOG, Exit, Refused
 from equimesh_cli.monitors import monitor_of
 from equimesh_cli.options import add_mesh_options, check_options, schwarz_of
 
@@ -42,37 +42,48 @@ def add_parser(commands: Any) -> None:
     add_url(service, default=DEFAULT_URL)
     service.add_argument("--deadline", metavar="SECONDS", type=float, default=600.0, help="(600)")
     service.add_argument("--label", help="free text, for the service's list of meshes")
+    service.add_argument(
+        "--no-reuse", action="store_true", help="compute it, even if the service has the mesh of the same request"
+    )
     parser.set_defaults(run=run)
 
 
 def add_url(parser: Any, *, default: str | None) -> None:
-    """Add --url, which EQUIMESH_URL also sets."""
+    """Add --url and --key, which EQUIMESH_URL and EQUIMESH_KEY also set."""
     said = f" ({default})" if default else ""
     parser.add_argument(
         "--url",
         default=os.environ.get("EQUIMESH_URL") or default,
         help=f"address of the service; also EQUIMESH_URL{said}",
     )
+    parser.add_argument(
+        "--key", help="API key; better in EQUIMESH_KEY, since other users of this machine can read options"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Ask, wait, download, report."""
     check_options(options, SUFFIXES)
-    from equimesh_client import Client, MeshFailed
+    from equimesh_client import Client, DeadlineExceeded, MeshFailed
 
     quiet = options.quiet or None
-    with Client(options.url) as client:
+    with Client(options.url, key=options.key) as client:
         try:
             mesh = _generated(client, options, progress=False if quiet else None)
         except MeshFailed as error:
             _failed(client, options, error.mesh.record)
             raise
+        except DeadlineExceeded as error:
+            advice = "The mesh was canceled; give it more time with --deadline, or ask for fewer points."
+            raise Refused(f"{error}\n{advice}", Exit.DEADLINE) from error
         files = _write(mesh, options)
         if options.json:
             parts = {"quality": mesh.quality.record, "convergence": mesh.convergence.record}
             print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
         elif not options.quiet:
             print(f"mesh {mesh.id} of {client.url}")
+            if mesh.reused_from is not None:
+                print(f"made before, as mesh {mesh.reused_from}; --no-reuse computes it anew")
             print(f"{options.n_xi} x {_n_eta(options)} points: {mesh.record['convergence']['message']}")
             if mesh.certificate is not None:
                 print(mesh.certificate)
@@ -104,9 +115,9 @@ def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) ->
     """Write the asked files and return their names."""
     files = []
     if options.output is not None:
-        files.append(str(mesh.download(options.output, partial=partial)))
+        files.append(str(mesh.download(options.output, partial=partial, deadline=options.deadline)))
     if options.plot is not None:
-        mesh.plot(options.plot, options.plot_kind)
+        mesh.plot(options.plot, options.plot_kind, deadline=options.deadline)
         files.append(str(options.plot))
     return files
 
@@ -126,6 +137,7 @@ def _generated(client: Client, options: argparse.Namespace, *, progress: bool | 
         label=options.label,
         parameters=dict(options.parameter),
         t=options.t,
+        reuse=not options.no_reuse,
         deadline=options.deadline,
         progress=progress,
     )
