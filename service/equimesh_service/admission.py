@@ -7,7 +7,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -16,8 +16,9 @@ from typing import Any, TypeVar
 
 from equimesh_service import intake
 from equimesh_service.assembly import build_grid, build_schwarz, check_problem, pointing
+from equimesh_service.callers import Caller
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
-from equimesh_service.files import FileStore
+from equimesh_service.files import Files
 from equimesh_service.monitors import AnyMonitor, ArcLengthSpec, sources_of, with_samples
 from equimesh_service.problems import Problem, invalid
 from equimesh_service.rows import SamplesRow
@@ -60,11 +61,11 @@ class Admission:
 
     settings: Settings
     store: Store
-    files: FileStore
+    files: Files
     desk: Engine
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
-    def admit(self, document: Any, upload: Upload | None) -> Admitted:
+    def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
         """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
         spec = read_spec(document)
         self._check_limits(spec)
@@ -77,32 +78,31 @@ class Admission:
         if upload is not None and not wanting:
             raise invalid(next(iter(sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
         build_schwarz(spec)
-        rows = {name: self.stored(name, f"{at}/samples") for at, name in stored.items() if name != UPLOAD}
-        paths = {name: self.files.path(row.sha256) for name, row in rows.items()}
+        rows = {name: self.stored(name, f"{at}/samples", caller) for at, name in stored.items() if name != UPLOAD}
         canonical = spec.canonical()
         if upload is None:
-            self._check(spec, canonical, paths)
+            self._check(spec, canonical, rows, {})
         else:
             # The numbers first: an upload is not kept for a spec that is refused.
             with self._converted(upload, wanting[0]) as (path, summary):
-                self._check(spec, None, {**paths, UPLOAD: path})
-                row, _ = self._keep(path, summary)
+                self._check(spec, None, rows, {UPLOAD: path})
+                row, _ = self._keep(path, summary, caller)
             rows[row.id] = row
             with_samples(canonical["monitor"], UPLOAD, row.id)
             self._remember(_mark(canonical))
         return Admitted(canonical, tuple(rows))
 
-    def stored(self, samples_id: str, pointer: str) -> SamplesRow:
-        """Samples that were uploaded before."""
-        row = self.store.samples.get(samples_id)
+    def stored(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
+        """Samples that the caller has uploaded before; raises a 422 problem."""
+        row = self.store.samples.get(samples_id, caller.only)
         if row is None:
             raise invalid(pointer, "there are no samples with this id; POST /v1/samples gives one")
         return row
 
-    def keep(self, upload: Upload) -> tuple[SamplesRow, bool]:
+    def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and keep them; the second value tells whether they are new."""
         with self._converted(upload, "") as (path, summary):
-            return self._keep(path, summary)
+            return self._keep(path, summary, caller)
 
     @contextmanager
     def _converted(self, upload: Upload, pointer: str) -> Iterator[tuple[Path, dict[str, Any]]]:
@@ -114,13 +114,19 @@ class Admission:
             self._check_samples(math.prod(summary["shape"]), pointer)
             yield path, summary
 
-    def _keep(self, path: Path, summary: dict[str, Any]) -> tuple[SamplesRow, bool]:
+    def _keep(self, path: Path, summary: dict[str, Any], caller: Caller) -> tuple[SamplesRow, bool]:
         file = self.files.seal(path)
         row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
-        new = self.store.samples.add(row, lambda: self.files.publish(path, file))
-        return (row, True) if new else (self.stored(row.id, ""), False)
+        new = self.store.samples.add(row, lambda: self.files.publish(path, file), key_id=caller.key_id)
+        return (row, True) if new else (self.stored(row.id, "", caller), False)
 
-    def _check(self, spec: MeshSpec, canonical: Mapping[str, Any] | None, paths: Mapping[str, Path]) -> None:
+    def _check(
+        self,
+        spec: MeshSpec,
+        canonical: Mapping[str, Any] | None,
+        rows: Mapping[str, SamplesRow],
+        paths: Mapping[str, Path],
+    ) -> None:
         """See that the monitor can be used on the domain; what takes long is a worker's work, and is done once."""
         if _is_quick(spec.monitor):
             check_problem(spec, paths)
@@ -129,7 +135,12 @@ class Admission:
         if mark in self.known:
             build_grid(spec)
             return
-        self._work("", check_problem, spec, paths)
+        with ExitStack() as stack:
+            try:
+                stored = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
+            except FileNotFoundError:
+                raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
+            self._work("", check_problem, spec, {**stored, **paths})
         if mark is not None:
             self._remember(mark)
 

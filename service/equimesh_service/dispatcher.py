@@ -12,9 +12,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from equimesh_service import trail
 from equimesh_service.engine import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.job import Ending
+from equimesh_service.metrics import Metrics
 from equimesh_service.problems import Problem
-from equimesh_service.rows import Claim
+from equimesh_service.rows import FAILED, Claim
+from equimesh_service.storage_faults import storage_problem
 from equimesh_service.store import Store
 
 _log = logging.getLogger(__name__)
@@ -47,6 +51,7 @@ class Dispatcher:
         run: Callable[[Claim], tuple[Callable[..., None], tuple[Any, ...]]],
         rules: Rules,
         notify: Callable[[str], None],
+        metrics: Metrics | None = None,
     ) -> None:
         self._owner = owner
         self._store = store
@@ -54,8 +59,9 @@ class Dispatcher:
         self._run = run
         self._rules = rules
         self._notify = notify
-        self._running: dict[Claim, Future[None]] = {}
-        self._ended: queue.SimpleQueue[tuple[Claim, Future[None]]] = queue.SimpleQueue()
+        self._metrics = metrics or Metrics()
+        self._running: dict[Claim, Future[Any]] = {}
+        self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
         self._wake = threading.Event()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._loop, name="equimesh-dispatcher", daemon=True)
@@ -102,8 +108,9 @@ class Dispatcher:
                     self._care()
                     next_care = time.monotonic() + self._rules.lease / 3
                 self._fill()
-            except Exception:
-                _log.exception("the dispatcher failed; it goes on")
+            except Exception as error:
+                if storage_problem(error) is None:  # which says itself what it is
+                    _log.exception("the dispatcher failed; it goes on")
                 self._stopping.wait(1.0)
             self._wake.wait(self._rules.poll)
 
@@ -113,7 +120,9 @@ class Dispatcher:
             claim = self._store.queue.claim(self._owner, self._rules.lease)
             if claim is None:
                 return
-            _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
+            self._metrics.began(claim.waited)
+            with trail.follow(trail.of(claim)):
+                _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
             function, arguments = self._run(claim)
             task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
             self._running[claim] = task
@@ -123,7 +132,7 @@ class Dispatcher:
                 self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task
             self._notify(claim.mesh_id)
 
-    def _end(self, claim: Claim, task: Future[None]) -> None:
+    def _end(self, claim: Claim, task: Future[Any]) -> None:
         self._notify(claim.mesh_id)  # at once: the worker has written its result already
         self._ended.put((claim, task))
         self._wake.set()
@@ -131,8 +140,15 @@ class Dispatcher:
     def _settle(self) -> None:
         while not self._ended.empty():
             claim, task = self._ended.get()
+            try:
+                with trail.follow(trail.of(claim)):
+                    self._conclude(claim, task.exception())
+            except Exception:
+                self._ended.put((claim, task))  # the store did not take it: once more, later
+                raise
             self._running.pop(claim, None)
-            self._conclude(claim, task.exception())
+            if task.exception() is None and isinstance(ending := task.result(), Ending):
+                self._metrics.ended(ending)
             self._notify(claim.mesh_id)
 
     def _conclude(self, claim: Claim, error: BaseException | None) -> None:
@@ -143,12 +159,16 @@ class Dispatcher:
             case CancelledError():
                 return
             case WorkerLostError():
+                self._metrics.worker_lost()
                 self._lost(claim, "the worker process died")
                 return
             case TimeLimitError():
                 problem = Problem("time-limit", f"The mesh was not finished within {rules.time_limit:g} s.")
             case MemoryLimitError():
                 problem = Problem("memory-limit", f"The mesh needs more than {rules.memory_limit} MiB of memory.")
+            case Problem(name="unavailable"):
+                self._lost(claim, "files or database could not be reached")
+                return
             case Problem():
                 problem = error
             case _:
@@ -156,14 +176,17 @@ class Dispatcher:
                 problem = Problem("internal-error", f"The worker failed: {type(error).__name__}.")
         # When all went well the mesh is finished already, and this changes nothing.
         if self._store.queue.finish(claim, error=problem.body()):
-            _log.warning("mesh %s failed: %s", claim.mesh_id, problem)
+            self._metrics.ended(Ending(status=FAILED, reason=problem.name))
+            _log.warning("mesh %s failed: %s", claim.mesh_id, problem.name)
 
     def _lost(self, claim: Claim, reason: str) -> None:
         most = self._rules.max_attempts
         problem = Problem("worker-lost", f"Given up after {most} attempts; at the last one {reason}.")
         status = self._store.queue.lose(claim, reason, most=most, error=problem.body())
         if status is not None:
-            _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
+            self._metrics.lost(status)
+            with trail.follow(trail.of(claim)):
+                _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
             self._notify(claim.mesh_id)
 
     def _care(self) -> None:

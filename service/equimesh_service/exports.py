@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 
 import equimesh
 from equimesh.domain import mapped
 from equimesh.io import CELLS, FORMATS, load_npz, write_mesh
+from equimesh_service import tracing, trail
 from equimesh_service.assembly import build_problem, build_schwarz
-from equimesh_service.files import FileStore
+from equimesh_service.files import Files
 from equimesh_service.job import Export
 from equimesh_service.problems import Problem
 from equimesh_service.rows import Artifact
 from equimesh_service.spec import read_spec
+from equimesh_service.storage_faults import storage_faults
 from equimesh_service.store import Store
 from equimesh_service.worker import CONVERGENCE, MESH, open_store, samples_of
 
@@ -24,9 +27,16 @@ PICTURES = {"svg": "image/svg+xml", "png": "image/png"}
 
 def export(task: Export) -> Artifact | None:
     """Make the file and give it to the mesh; None when the mesh is gone."""
+    here = trail.Trail(request_id=task.request_id, mesh_id=task.mesh_id)
+    with trail.follow(here), tracing.follow("export", task.trace), storage_faults():
+        return _export(task)
+
+
+def _export(task: Export) -> Artifact | None:
     store, files = open_store(task.place), task.place.files()
     with files.unfinished(_suffix(task.name)) as path:
-        _write(task, path, store, files)
+        with ExitStack() as sources:
+            _write(task, path, store, files, sources)
         file = files.seal(path)
         artifact = Artifact(task.name, file.sha256, file.size)
         kept = store.meshes.add_artifact(task.mesh_id, artifact, lambda: files.publish(path, file))
@@ -48,27 +58,30 @@ def _suffix(name: str) -> str:
             return ".json"
 
 
-def _write(task: Export, path: Path, store: Store, files: FileStore) -> None:
+def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitStack) -> None:
+    def source(name: str) -> Path:
+        return sources.enter_context(files.local(_artifact(task, name, store).sha256))
+
     match task.name.split(":"):
         case ["file", format, asked]:
             cells = next(known for known in CELLS if known == asked)
-            write_mesh(path, load_npz(_path(task, MESH, store, files)), format=format, cells=cells)
+            write_mesh(path, load_npz(source(MESH)), format=format, cells=cells)
         case ["plot", "convergence", _]:
             from equimesh.plot import draw_convergence
 
-            draw_convergence(json.loads(_path(task, CONVERGENCE, store, files).read_bytes()), path)
+            draw_convergence(json.loads(source(CONVERGENCE).read_bytes()), path)
         case ["plot", kind, _]:
             from equimesh.plot import draw_mesh, draw_quality
 
-            data = load_npz(_path(task, MESH, store, files))
+            data = load_npz(source(MESH))
             if kind == "quality":
                 draw_quality(data, path)
             else:
                 draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
         case _:
             document = store.meshes.spec(task.mesh_id)
-            mesh = load_npz(_path(task, MESH, store, files)).mesh
-            problem = build_problem(read_spec(document), samples_of(store, files))
+            mesh = load_npz(source(MESH)).mesh
+            problem = build_problem(read_spec(document), samples_of(store, files, sources))
             uniform = mapped(equimesh.Mesh.uniform(problem.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
@@ -79,8 +92,8 @@ def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.
     return None if schwarz is None else schwarz.decompose(grid)
 
 
-def _path(task: Export, name: str, store: Store, files: FileStore) -> Path:
+def _artifact(task: Export, name: str, store: Store) -> Artifact:
     artifact = store.meshes.artifact(task.mesh_id, name)
     if artifact is None:
         raise Problem("not-found", "The mesh is gone.")
-    return files.path(artifact.sha256)
+    return artifact

@@ -1,14 +1,25 @@
-"""Files on disk: written once, named by their content, never changed."""
+"""The files port: where bytes are kept under their SHA-256, written once, never changed.
+
+An implementation passes ``check_files`` of the service's tests. There are two: a folder
+(:mod:`equimesh_service.folder_files`) and S3-compatible storage (:mod:`equimesh_service.s3_files`).
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import re
+from collections.abc import AsyncGenerator, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
+
+SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+class FilesError(OSError):
+    """The storage of files cannot be used; the message says which, why, and what to do."""
 
 
 @dataclass(frozen=True)
@@ -20,72 +31,83 @@ class StoredFile:
 
 
 @dataclass(frozen=True)
-class FileStore:
-    """A folder of files under their SHA-256; safe for many processes, and after a crash.
+class ListedFile:
+    """A file that is there: its SHA-256, its size in bytes, and the seconds since it was written."""
 
-    A file appears under its name only when it is whole and on disk: it is written under a temporary name,
-    synced, then renamed.
+    sha256: str
+    size: int
+    age: float
+
+
+class Files(Protocol):
+    """Files under the SHA-256 of their bytes; safe for many processes, and after a crash.
+
+    A file is written to a local temporary file first (:meth:`unfinished`), then sealed, then published inside the
+    transaction that names it. Nobody ever sees half a file. Every method raises :class:`OSError` when the storage
+    fails, :class:`FilesError` when it cannot be reached or used, and :class:`FileNotFoundError` for a file that is
+    not there.
     """
 
-    folder: Path
+    def prepare(self, *, alone: bool) -> None:
+        """Make what is needed, see that files can be written and read, and clear what a crash left unfinished.
 
-    def prepare(self) -> None:
-        """Make the folders, and clear what a crash left unfinished."""
-        self._unfinished.mkdir(parents=True, exist_ok=True)
-        for left in self._unfinished.iterdir():
-            if left.is_file():
-                left.unlink(missing_ok=True)
+        ``alone`` says that no other service uses this folder: all that is unfinished is left over.
+        """
+        ...
 
-    def path(self, sha256: str) -> Path:
-        """Where the file with this content is, or would be."""
-        return self.folder / sha256[:2] / sha256
+    def unfinished(self, suffix: str) -> AbstractContextManager[Path]:
+        """A local temporary file; whatever is left there at the end is removed."""
+        ...
 
     def seal(self, path: Path) -> StoredFile:
-        """Bring a finished file of :meth:`unfinished` to disk; it still has its temporary name."""
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            size = file.tell()
-            os.fsync(file.fileno())
-        return StoredFile(digest, size)
+        """Bring a finished file of :meth:`unfinished` to where it is safe; nothing refers to it yet.
+
+        A file that is sealed and never published is left over, and stays in :meth:`listing` if it is there at all.
+        """
+        ...
 
     def publish(self, path: Path, file: StoredFile) -> None:
         """Give a sealed file its name. Done inside the transaction that first refers to it, so that nobody
         who removes the same content for another mesh can remove it in between."""
-        target = self.path(file.sha256)
-        target.parent.mkdir(exist_ok=True)
-        os.replace(path, target)
-        _sync_folder(target.parent)
+        ...
 
-    @contextmanager
-    def unfinished(self, suffix: str) -> Iterator[Path]:
-        """A temporary name in the same file system; whatever is left there at the end is removed."""
-        number, name = tempfile.mkstemp(suffix=suffix, dir=self._unfinished)
-        os.close(number)
-        path = Path(name)
-        try:
-            yield path
-        finally:
-            path.unlink(missing_ok=True)
+    def local(self, sha256: str) -> AbstractContextManager[Path]:
+        """The file as one that can be opened here, for the length of a ``with``; it must not be changed."""
+        ...
+
+    def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
+        """The bytes from ``start`` up to ``end``, which is left out, in pieces of :data:`PIECE` at most."""
+        ...
 
     def remove(self, sha256: str) -> None:
-        """Remove a file that nothing refers to any more."""
-        self.path(sha256).unlink(missing_ok=True)
+        """Remove a file that nothing refers to any more, if it is there."""
+        ...
+
+    def listing(self) -> Iterator[ListedFile]:
+        """All files that are there, in no order."""
+        ...
 
     def check(self) -> None:
-        """Raise :class:`OSError` when files cannot be written."""
-        with self.unfinished(".probe") as path:
-            path.write_bytes(b"ok")
-
-    @property
-    def _unfinished(self) -> Path:
-        return self.folder / "unfinished"
+        """Raise :class:`OSError` when files cannot be written and read now."""
+        ...
 
 
-def _sync_folder(folder: Path) -> None:
-    if os.name == "nt":  # pragma: no cover - folders cannot be opened there
-        return
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
+# Bytes that a download keeps in memory at a time.
+PIECE = 1024 * 1024
+
+
+def key_of(sha256: str) -> str:
+    """The name of a file inside a folder or bucket; raises :class:`ValueError` for what is no SHA-256."""
+    if not SHA256.fullmatch(sha256):
+        raise ValueError(f"{sha256[:80]!r} is not a SHA-256 in hexadecimal")
+    return f"{sha256[:2]}/{sha256}"
+
+
+def digest_of(path: Path, *, sync: bool = False) -> StoredFile:
+    """What a finished file is; with ``sync`` it is on disk then."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        size = file.tell()
+        if sync:
+            os.fsync(file.fileno())
+    return StoredFile(digest, size)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 
-from equimesh_service.files import FileStore
+from equimesh_service.files import Files
+from equimesh_service.files_address import FilesAddress
 from equimesh_service.rows import Claim
 from equimesh_service.store import Store
 
@@ -15,15 +15,15 @@ class Place:
     """Where a service keeps its database and its files."""
 
     database_url: str
-    folder: Path
+    address: FilesAddress
 
     def store(self) -> Store:
         """The database, as a worker opens it."""
         return Store(self.database_url, durable=False)
 
-    def files(self) -> FileStore:
+    def files(self) -> Files:
         """The files."""
-        return FileStore(self.folder / "files")
+        return self.address.open()
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,16 @@ class Job:
     threads: int = 1
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How a mesh ended: its status, and for a failed one the name of the problem; what it cost, where that is known."""
+
+    status: str
+    reason: str = ""
+    points: int = 0
+    solve_seconds: float | None = None
+
+
 @dataclass(frozen=True)
 class Export:
     """A file to be made of a mesh that is done: ``name`` as in :mod:`equimesh_service.names`."""
@@ -42,3 +52,5 @@ class Export:
     place: Place
     mesh_id: str
     name: str
+    request_id: str = field(default="", compare=False)  # that which asked first, for log lines
+    trace: str | None = field(default=None, compare=False)

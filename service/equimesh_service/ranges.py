@@ -1,37 +1,50 @@
-"""Byte ranges (RFC 9110, section 14), as far as they must be judged before a file is sent."""
+"""Byte ranges (RFC 9110, section 14): what a request asks for of a file."""
 
 from __future__ import annotations
 
 import re
-
-from starlette.requests import Request
+from dataclasses import dataclass
+from itertools import pairwise
 
 from equimesh_service.problems import Problem
 
 _SPAN = r"\s*(?:\d+-\d*|-\d+)\s*"
 _RANGES = re.compile(rf"bytes=({_SPAN}(?:,{_SPAN})*)", re.ASCII | re.IGNORECASE)
 _DIGITS = 18  # of a position in a file; more are past its end
+# Most ranges of one answer; a request for more gets the whole file, as one for ranges that overlap.
+_MOST = 16
 
 
-def settle_range(request: Request, size: int) -> None:
-    """Leave in the request's Range header only what a file of ``size`` bytes has.
+@dataclass(frozen=True)
+class Span:
+    """Bytes of a file from ``start`` up to ``end``, which is left out."""
+
+    start: int
+    end: int
+
+    def content_range(self, size: int) -> str:
+        """The value of Content-Range."""
+        return f"bytes {self.start}-{self.end - 1}/{size}"
+
+
+def asked(header: str | None, size: int) -> tuple[Span, ...]:
+    """The parts of a file of ``size`` bytes that a Range header asks for; none for the whole file.
 
     A header that is no range of bytes is ignored; nothing but ranges past the end are a 416 problem.
     """
-    header = request.headers.get("range")
-    if header is None:
-        return
-    match = _RANGES.fullmatch(header.strip())
-    spans = [span.strip() for span in match[1].split(",")] if match else []
-    if not spans or any(_is_backward(span) for span in spans):
-        _replace(request, None)
-        return
-    there = [span for span in spans if _is_inside(span, size)]
-    if there:
-        _replace(request, "bytes=" + ",".join(there))
-    elif "if-range" not in request.headers:
+    match = _RANGES.fullmatch((header or "").strip())
+    if match is None:
+        return ()
+    written = [span.strip() for span in match[1].split(",")]
+    if any(_is_backward(span) for span in written):
+        return ()
+    there = [found for span in written if (found := _within(span, size))]
+    if not there:
         extent = {"Content-Range": f"bytes */{size}"}
         raise Problem("range-not-satisfiable", f"The file has {size} bytes.", headers=extent)
+    in_order = sorted(there, key=lambda span: span.start)
+    overlap = any(before.end > after.start for before, after in pairwise(in_order))
+    return () if overlap or len(there) > _MOST else tuple(there)
 
 
 def _is_backward(span: str) -> bool:
@@ -39,15 +52,12 @@ def _is_backward(span: str) -> bool:
     return bool(first and last) and _number(first) > _number(last)
 
 
-def _is_inside(span: str, size: int) -> bool:
+def _within(span: str, size: int) -> Span | None:
     first, _, last = span.partition("-")
-    return _number(first) < size if first else _number(last) > 0
+    start = _number(first) if first else max(0, size - _number(last))
+    end = min(size, _number(last) + 1) if first and last else size
+    return Span(start, end) if start < end else None
 
 
-def _number(digits: str) -> float:
-    return int(digits) if len(digits) <= _DIGITS else float("inf")
-
-
-def _replace(request: Request, header: str | None) -> None:
-    others = [pair for pair in request.scope["headers"] if pair[0] != b"range"]
-    request.scope["headers"] = others if header is None else [*others, (b"range", header.encode())]
+def _number(digits: str) -> int:
+    return int(digits) if len(digits) <= _DIGITS else 10**_DIGITS

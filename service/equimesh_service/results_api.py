@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 
 from equimesh.io import FORMATS
+from equimesh_service.callers import Caller
 from equimesh_service.convergence import ConvergenceHistory, table
 from equimesh_service.exports import ARRAYS, PICTURES, plot_name
+from equimesh_service.files import StoredFile
 from equimesh_service.negotiation import chosen
 from equimesh_service.problems import Problem
-from equimesh_service.ranges import settle_range
-from equimesh_service.routing import ServiceDependency, problems
+from equimesh_service.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
+from equimesh_service.sending import send_file
 from equimesh_service.service import Service
 from equimesh_service.worker import CONVERGENCE, MESH, QUALITY, file_name
 
-router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"])
+router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"], responses=KEY_PROBLEMS)
 
 _TEXT = {"type": "string"}
 _FILES: dict[int | str, dict[str, Any]] = {
@@ -33,9 +34,12 @@ _FILES: dict[int | str, dict[str, Any]] = {
     },
     206: {"description": "The part that Range asks for."},
     304: {"description": "If-None-Match names the same bytes."},
-    **problems(404, 406, 409, 416, 422, 503),
+    **problems(404, 406, 409, 412, 416, 422, 503, 507),
 }
-_FORMAT = Query(description=f"One of {', '.join(FORMATS)}; it wins over Accept. Default vtu.")
+_FORMAT = Query(
+    description=f"One of {', '.join(FORMATS)}; it wins over Accept. Default vtu.",
+    json_schema_extra={"enum": [*FORMATS]},
+)
 _CELLS = Query(description="Cells of the file; by default as the spec says.")
 _PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
 
@@ -44,19 +48,20 @@ _PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
     "/file",
     summary="Download the mesh",
     operation_id="getMeshFile",
-    response_class=FileResponse,
+    response_class=Response,
     responses=_FILES,
 )
 async def get_file(
     id: str,
     request: Request,
     service: ServiceDependency,
+    caller: Reader,
     format: Annotated[str | None, _FORMAT] = None,
     cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
     partial: Annotated[bool, _PARTIAL] = False,
 ) -> Response:
     """The mesh in a format that a solver reads; made on the first request, then kept."""
-    row = await service.mesh(id)
+    row = await service.mesh(id, caller)
     name = mesh_format(format) if format is not None else _accepted(request)
     check_done(row, partial=partial)
     return await mesh_file(request, service, row, name, cells or row.cells)
@@ -73,39 +78,41 @@ async def head_file(
     id: str,
     request: Request,
     service: ServiceDependency,
+    caller: Reader,
     format: Annotated[str | None, _FORMAT] = None,
     cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
     partial: Annotated[bool, _PARTIAL] = False,
 ) -> Response:
     """As GET, without the bytes."""
-    return await get_file(id, request, service, format, cells, partial)
+    return await get_file(id, request, service, caller, format, cells, partial)
 
 
 @router.get(
     "/quality",
     summary="Quality of the mesh",
     operation_id="getMeshQuality",
-    response_class=FileResponse,
+    response_class=Response,
     responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422, 503)},
 )
 async def get_quality(
     id: str,
     request: Request,
     service: ServiceDependency,
+    caller: Reader,
     arrays: Annotated[bool, Query(description="With `cells`, the values per cell, xi first.")] = False,
 ) -> Response:
     """All measures with maximum, minimum, mean and root mean square over the cells; also of a partial mesh."""
-    artifact = await _kept(service, id, QUALITY)
+    artifact = await _kept(service, caller, id, QUALITY)
     if arrays:
         artifact = await service.artifact(id, ARRAYS)
-    return _send(request, service, artifact, "application/json")
+    return await _send(request, service, artifact, "application/json")
 
 
 @router.get(
     "/convergence",
     summary="The Schwarz iteration",
     operation_id="getMeshConvergence",
-    response_class=FileResponse,
+    response_class=Response,
     responses={
         200: {"model": ConvergenceHistory, "content": {"application/json": {}, "text/csv": {}}},
         **problems(404, 406, 409, 422),
@@ -115,17 +122,18 @@ async def get_convergence(
     id: str,
     request: Request,
     service: ServiceDependency,
+    caller: Reader,
     format: Annotated[Literal["json", "csv"] | None, Query(description="It wins over Accept.")] = None,
 ) -> Response:
     """Each iteration: change, error, work, traffic, and what every subdomain did; iteration 0 is the start."""
-    artifact = await _kept(service, id, CONVERGENCE)
+    artifact = await _kept(service, caller, id, CONVERGENCE)
     offers = {"json": "application/json", "csv": "text/csv"}
     name = format or chosen(request.headers.get("accept"), offers)
     if name is None:
         raise Problem("not-acceptable", "Convergence is application/json or text/csv.")
     if name == "json":
-        return _send(request, service, artifact, "application/json")
-    text = await run_in_threadpool(lambda: table(json.loads(service.file(artifact).read_bytes())))
+        return await _send(request, service, artifact, "application/json")
+    text = await run_in_threadpool(_csv, service, artifact)
     return Response(text, media_type="text/csv", headers={"Vary": "Accept"})
 
 
@@ -133,7 +141,7 @@ async def get_convergence(
     "/plot",
     summary="A picture",
     operation_id="getMeshPlot",
-    response_class=FileResponse,
+    response_class=Response,
     responses={
         200: {"content": {media: {} for media in PICTURES.values()}},
         **problems(404, 406, 409, 422, 503),
@@ -143,6 +151,7 @@ async def get_plot(
     id: str,
     request: Request,
     service: ServiceDependency,
+    caller: Reader,
     kind: Annotated[Literal["mesh", "convergence", "quality"], Query(description="What to draw.")] = "mesh",
     format: Annotated[Literal["svg", "png"] | None, Query(description="It wins over Accept.")] = None,
 ) -> Response:
@@ -150,9 +159,9 @@ async def get_plot(
     name = format or chosen(request.headers.get("accept"), PICTURES)
     if name is None:
         raise Problem("not-acceptable", f"Pictures are {', '.join(PICTURES.values())}.")
-    await _kept(service, id, CONVERGENCE if kind == "convergence" else MESH)
+    await _kept(service, caller, id, CONVERGENCE if kind == "convergence" else MESH)
     artifact = await service.artifact(id, plot_name(kind, name))
-    return _send(request, service, artifact, PICTURES[name])
+    return await _send(request, service, artifact, PICTURES[name])
 
 
 async def mesh_file(
@@ -169,7 +178,8 @@ async def mesh_file(
     artifact = await service.artifact(row.id, file_name(format, cells))
     form = FORMATS[format]
     name = f"equimesh-{row.id}{form.suffix}"
-    return _send(request, service, artifact, form.media_type, filename=name, headers=headers, status=status)
+    file = StoredFile(artifact.sha256, artifact.size)
+    return await send_file(request, service.files, file, form.media_type, filename=name, headers=headers, status=status)
 
 
 def mesh_format(name: str) -> str:
@@ -201,9 +211,9 @@ def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None
     raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
 
 
-async def _kept(service: Service, mesh_id: str, name: str) -> Artifact:
+async def _kept(service: Service, caller: Caller, mesh_id: str, name: str) -> Artifact:
     """What the worker wrote of a mesh; of a failed one, as far as it came."""
-    row = await service.mesh(mesh_id)
+    row = await service.mesh(mesh_id, caller)
     artifact = await run_in_threadpool(service.store.meshes.artifact, mesh_id, name)
     if artifact is None:
         check_done(row, partial=False)
@@ -211,31 +221,11 @@ async def _kept(service: Service, mesh_id: str, name: str) -> Artifact:
     return artifact
 
 
-def _send(
-    request: Request,
-    service: Service,
-    artifact: Artifact,
-    media_type: str,
-    *,
-    filename: str | None = None,
-    headers: Mapping[str, str] | None = None,
-    status: int = 200,
-) -> Response:
-    """The bytes of an artifact, with what caches need: they never change under their ETag."""
-    etag = f'"{artifact.sha256}"'
-    shared = {**(headers or {}), "ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept"}
-    if status == 200 and _matches(request.headers.get("if-none-match"), etag):
-        return Response(status_code=304, headers=shared)
-    path = service.file(artifact)
-    try:
-        stat = os.stat(path)
-    except FileNotFoundError:
-        raise Problem("not-found", "The mesh was deleted.") from None
-    if status == 200:
-        settle_range(request, stat.st_size)
-    return FileResponse(path, status, shared, media_type, filename=filename, stat_result=stat)
+def _csv(service: Service, artifact: Artifact) -> str:
+    with service.files.local(artifact.sha256) as path:
+        return table(json.loads(path.read_bytes()))
 
 
-def _matches(header: str | None, etag: str) -> bool:
-    named = [name.strip().removeprefix("W/") for name in (header or "").split(",")]
-    return "*" in named or etag in named
+async def _send(request: Request, service: Service, artifact: Artifact, media_type: str) -> Response:
+    file = StoredFile(artifact.sha256, artifact.size)
+    return await send_file(request, service.files, file, media_type)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 
 from equimesh_service.body import read_upload
+from equimesh_service.files import StoredFile
 from equimesh_service.problems import Problem
-from equimesh_service.ranges import settle_range
 from equimesh_service.resources import SamplesResource, samples_resource
-from equimesh_service.routing import ServiceDependency, problems
+from equimesh_service.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
+from equimesh_service.sending import send_file
 
-router = APIRouter(prefix="/v1/samples", tags=["samples"])
+router = APIRouter(prefix="/v1/samples", tags=["samples"], responses=KEY_PROBLEMS)
 
 _BINARY = {"type": "string", "contentMediaType": "application/octet-stream"}
 _BODY = {
@@ -45,22 +45,27 @@ _BODY = {
     response_model=SamplesResource,
     responses={
         200: {"description": "They were here already.", "model": SamplesResource},
-        **problems(400, 413, 415, 422),
+        **problems(400, 413, 415, 422, 503, 507),
     },
     openapi_extra={"requestBody": _BODY},
 )
 async def create(
     request: Request,
     service: ServiceDependency,
+    caller: Writer,
     filename: Annotated[
         str | None, Query(max_length=200, description="Its suffix tells the format of a raw body.")
     ] = None,
 ) -> Response:
     """Samples of a function as npz, npy, csv, json, vtu or vtk; the same samples give the same id."""
     upload = await read_upload(request, service.settings.max_body, filename)
-    row, new = await service.check(service.admission.keep, upload)
-    headers = {"Location": f"/v1/samples/{row.id}"}
-    return JSONResponse(samples_resource(row).model_dump(mode="json"), 201 if new else 200, headers)
+    await service.quotas.check_bytes(caller, len(upload.data))
+    row, new = await service.check(service.admission.keep, upload, caller)
+    service.metrics.uploaded()
+    headers = {"Location": f"{service.settings.root}/v1/samples/{row.id}"}
+    return JSONResponse(
+        samples_resource(row, service.settings.root).model_dump(mode="json"), 201 if new else 200, headers
+    )
 
 
 @router.get(
@@ -68,28 +73,23 @@ async def create(
     summary="Look at samples",
     operation_id="getSamples",
     response_model=SamplesResource,
-    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 416, 422)},
+    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 412, 416, 422, 503)},
 )
 async def get(
     id: str,
     request: Request,
     service: ServiceDependency,
+    caller: Reader,
     format: Annotated[Literal["json", "npz"], Query(description="npz gives the samples themselves.")] = "json",
 ) -> Response:
     """What the samples are, or the samples as npz."""
-    row = await run_in_threadpool(service.store.samples.get, id)
+    row = await run_in_threadpool(service.store.samples.get, id, caller.only)
     if row is None:
         raise Problem("not-found", "There are no samples with this id.")
     if format == "npz":
-        path = service.files.path(row.sha256)
-        headers = {"ETag": f'"{row.sha256}"'}
-        try:
-            stat = os.stat(path)
-        except FileNotFoundError:
-            raise Problem("not-found", "The samples were deleted.") from None
-        settle_range(request, stat.st_size)
-        return FileResponse(path, 200, headers, "application/x-npz", filename=f"{row.id}.npz", stat_result=stat)
-    return JSONResponse(samples_resource(row).model_dump(mode="json"))
+        file = StoredFile(row.sha256, row.size)
+        return await send_file(request, service.files, file, "application/x-npz", filename=f"{row.id}.npz")
+    return JSONResponse(samples_resource(row, service.settings.root).model_dump(mode="json"))
 
 
 @router.delete(
@@ -99,9 +99,9 @@ async def get(
     status_code=204,
     responses=problems(404, 409),
 )
-async def delete(id: str, service: ServiceDependency) -> None:
+async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     """Delete samples that no waiting or running mesh needs."""
-    done = await run_in_threadpool(service.store.samples.delete, id, service.files.remove)
+    done = await run_in_threadpool(service.store.samples.delete, id, service.files.remove, caller.only)
     if done is None:
         raise Problem("not-found", "There are no samples with this id.")
     if not done:

@@ -15,24 +15,28 @@ import numpy as np
 
 import equimesh
 from equimesh.io import write_mesh
+from equimesh_service import tracing, trail
 from equimesh_service.assembly import PathOf, build_problem, build_schwarz
-from equimesh_service.files import FileStore, StoredFile
-from equimesh_service.job import Job, Place
+from equimesh_service.files import Files, StoredFile
+from equimesh_service.job import Ending, Job, Place
 from equimesh_service.problems import Problem
 from equimesh_service.reporter import AttemptLostError, Reporter
-from equimesh_service.rows import Artifact
+from equimesh_service.rows import FAILED, SUCCEEDED, Artifact
 from equimesh_service.spec import read_spec
+from equimesh_service.storage_faults import storage_faults
 from equimesh_service.store import Store
 
 MESH, QUALITY, CONVERGENCE = "mesh", "quality", "convergence"
 
 
-def solve_mesh(job: Job) -> None:
-    """Compute the mesh of ``job`` and finish it in the store, unless the attempt has been lost meanwhile."""
-    try:
-        _solve(job)
-    except AttemptLostError:
-        return
+def solve_mesh(job: Job) -> Ending | None:
+    """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile."""
+    with trail.follow(trail.of(job.claim)), tracing.attempt(job.claim):
+        try:
+            with storage_faults():
+                return _solve(job)
+        except AttemptLostError:
+            return None
 
 
 def warm_up() -> None:
@@ -66,42 +70,44 @@ def open_store(place: Place) -> Store:
     return place.store()
 
 
-def samples_of(store: Store, files: FileStore) -> PathOf:
-    """Where the samples of specs are."""
+def samples_of(store: Store, files: Files, stack: ExitStack) -> PathOf:
+    """Where the samples of specs are, as long as ``stack`` is open."""
 
     def path(samples_id: str) -> Path:
         row = store.samples.get(samples_id)
         if row is None:
             raise Problem("conflict", "The samples of this mesh were deleted.")
-        return files.path(row.sha256)
+        return stack.enter_context(files.local(row.sha256))
 
     return path
 
 
-def _solve(job: Job) -> None:
+def _solve(job: Job) -> Ending | None:
     started = time.perf_counter()
     store, files = open_store(job.place), job.place.files()
     document, row = store.meshes.spec(job.claim.mesh_id), store.meshes.get(job.claim.mesh_id)
     if document is None or row is None:
         raise AttemptLostError
     spec = read_spec(document)
-    problem = build_problem(spec, samples_of(store, files))
+    with ExitStack() as samples:
+        problem = build_problem(spec, samples_of(store, files, samples))
     schwarz = build_schwarz(spec)
     reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
-    solution = equimesh.solve(
-        problem,
-        schwarz,
-        initial=equimesh.Initial(spec.initial),
-        mode=equimesh.Mode(spec.mode),
-        allow_relaxed=spec.allow_relaxed,
-        threads=job.threads,
-        observe=reporter,
-        check=False,
-    )
+    with tracing.span("solve"):
+        solution = equimesh.solve(
+            problem,
+            schwarz,
+            initial=equimesh.Initial(spec.initial),
+            mode=equimesh.Mode(spec.mode),
+            allow_relaxed=spec.allow_relaxed,
+            threads=job.threads,
+            observe=reporter,
+            check=False,
+        )
     solved = time.perf_counter()
     reporter.writing()
     usable = not solution.mesh.is_folded
-    with ExitStack() as stack:
+    with tracing.span("write"), ExitStack() as stack:
         output = _Output(files, stack)
         output.json(CONVERGENCE, solution.convergence())
         quality = None
@@ -116,9 +122,10 @@ def _solve(job: Job) -> None:
                     file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
                 )
         timings = {"solve": solved - started, "write": time.perf_counter() - solved}
-        store.queue.finish(
+        failure = None if solution.status.succeeded else _problem(solution)
+        kept = store.queue.finish(
             job.claim,
-            error=None if solution.status.succeeded else _problem(solution).body(),
+            error=None if failure is None else failure.body(),
             result={
                 "solution": _summary(solution),
                 "quality": quality,
@@ -129,6 +136,14 @@ def _solve(job: Job) -> None:
             partial=usable and not solution.status.succeeded,
             publish=output.publish,
         )
+    if not kept:
+        return None
+    return Ending(
+        status=SUCCEEDED if failure is None else FAILED,
+        reason="" if failure is None else failure.name,
+        points=row.n_xi * row.n_eta,
+        solve_seconds=timings["solve"],
+    )
 
 
 def file_name(format: str, cells: str) -> str:
@@ -139,7 +154,7 @@ def file_name(format: str, cells: str) -> str:
 class _Output:
     """Files that are written but not yet published."""
 
-    def __init__(self, files: FileStore, stack: ExitStack) -> None:
+    def __init__(self, files: Files, stack: ExitStack) -> None:
         self._files = files
         self._stack = stack
         self._sealed: list[tuple[Path, StoredFile]] = []

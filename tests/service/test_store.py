@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from equimesh_service.folder_files import FolderFiles
 from equimesh_service.rows import Artifact, Claim, KeyReusedError, NewMesh, SamplesGoneError, SamplesRow
 from equimesh_service.schema import metadata
 from equimesh_service.spec import read_spec

@@ -1,0 +1,37 @@
+"""Temporary files: everything is written here first, and what a crash leaves is cleared."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+# Seconds after which a file here is left over, where other services may be writing theirs.
+_LEFT_OVER = 6 * 3600.0
+
+
+def clear(folder: Path, *, alone: bool) -> None:
+    """Make the folder, and remove what was left there: all of it when ``alone``, else what is hours old."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for left in folder.iterdir():
+        try:
+            old = alone or time.time() - left.stat().st_mtime > _LEFT_OVER
+        except FileNotFoundError:
+            continue  # another service was done with it
+        if old and left.is_file():
+            left.unlink(missing_ok=True)
+
+
+@contextmanager
+def temporary(folder: Path, suffix: str) -> Iterator[Path]:
+    """A new empty file; whatever is left there at the end is removed."""
+    number, name = tempfile.mkstemp(suffix=suffix, dir=folder)
+    os.close(number)
+    path = Path(name)
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
