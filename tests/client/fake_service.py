@@ -37,11 +37,14 @@ class Fault:
     """What goes wrong with the next request that matches, ``times`` times."""
 
     pattern: str
-    action: str = "drop"  # drop: no answer; lose: done, but no answer; status; half: body cut; damage: wrong bytes
+    # drop: no answer; lose: done, but no answer; status; half: body cut; cut: after so many bytes; damage: wrong bytes;
+    # longer, shorter: a lie about the length; elsewhere: a 206 of other bytes than those asked for
+    action: str = "drop"
     status: int = 503
     headers: dict[str, str] = field(default_factory=dict)
     body: dict[str, Any] | None = None
     times: int = 1
+    cut: int = 0
 
 
 @dataclass
@@ -98,6 +101,9 @@ class FakeService:
         ]
         self.events += [("progress", {"fraction": 0.75, "word": "größer"}), ("done", {"status": "succeeded"})]
         self.cuts: list[int] = []  # after so many bytes, the k-th event stream is cut
+        self.file: bytes | None = None  # the file of every mesh, in place of its own
+        self.ranges = True  # whether Range is heeded
+        self.etags = '"{}"'  # how an ETag is written
         self.lock = threading.Lock()
         handler = type("Handler", (_Handler,), {"service": self})
         self.server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
@@ -156,6 +162,13 @@ class _Handler(BaseHTTPRequestHandler):
                 self._hang_up()
             elif fault is not None and fault.action == "half":
                 self._send(status, headers, data, cut=len(data) // 2)
+            elif fault is not None and fault.action == "cut":
+                self._send(status, headers, data, cut=fault.cut)
+            elif fault is not None and fault.action in ("longer", "shorter"):
+                lie = len(data) + (10 if fault.action == "longer" else -10)
+                self._send(status, {**headers, "Content-Length": str(lie)}, data, cut=min(lie, len(data)))
+            elif fault is not None and fault.action == "elsewhere":
+                self._send(206, {**headers, "Content-Range": f"bytes 1-{len(data) - 1}/{len(data)}"}, data[1:])
             elif fault is not None and fault.action == "damage":
                 self._send(status, headers, bytes([data[0] ^ 1]) + data[1:])
             elif fault is not None and fault.action == "late":
@@ -176,7 +189,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_response(status)
             for name, value in headers.items():
                 self.send_header(name, value)
-            if status != 204:
+            if status != 204 and "Content-Length" not in headers:
                 self.send_header("Content-Length", str(len(data)))
             self.end_headers()
             self.wfile.write(data if cut is None else data[:cut])
@@ -248,10 +261,10 @@ class _Handler(BaseHTTPRequestHandler):
             return _json(200, _public(mesh))
         if part == "file":
             grid = mesh["spec"]["grid"]
-            data = mesh_file(grid["n_xi"], grid["n_eta"])
+            data = self.service.file or mesh_file(grid["n_xi"], grid["n_eta"])
             if request.query["format"] == "xdmf":
                 data = archive()
-            return 200, {"Content-Type": "x/y", "ETag": f'"{hashlib.sha256(data).hexdigest()}"'}, data
+            return self._range(request, data)
         if part == "quality":
             return _json(200, {"q_eq": {"max": 1.5, "min": 0.5, "mean": 1.0, "rms": 1.1}, "min_jacobian": 0.25})
         if part == "convergence":
@@ -263,6 +276,18 @@ class _Handler(BaseHTTPRequestHandler):
             kind = request.query["format"]
             return 200, {"Content-Type": request.headers["accept"]}, b"<svg/>" if kind == "svg" else b"\x89PNG"
         return _problem(404, "There is nothing here")
+
+    def _range(self, request: Request, data: bytes) -> tuple[int, dict[str, str], bytes]:
+        etag = self.service.etags.format(hashlib.sha256(data).hexdigest())
+        headers = {"Content-Type": "x/y", "ETag": etag}
+        asked = re.fullmatch(r"bytes=(\d+)-", request.headers.get("range", ""))
+        if asked is None or not self.service.ranges or request.headers.get("if-range") != etag:
+            return 200, headers, data
+        start = int(asked[1])
+        if start >= len(data):
+            return _problem(416, "The file ends before this range")
+        extent = f"bytes {start}-{len(data) - 1}/{len(data)}"
+        return 206, {**headers, "Content-Range": extent}, data[start:]
 
     def _create(self, request: Request) -> tuple[int, dict[str, str], bytes]:
         spec, key = json.loads(parts_of(request)["spec"][1]), request.headers["idempotency-key"]

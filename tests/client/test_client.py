@@ -261,7 +261,7 @@ def test_events_come_once_each_over_dropped_connections(connect: Any, service: A
     assert len(asked) == 4
 
 
-@pytest.mark.parametrize("cut", range(0, 420, 9))
+@pytest.mark.parametrize("cut", range(0, 420, 29))
 def test_events_survive_a_cut_anywhere(connect: Any, service: Any, cut: int) -> None:
     mesh = connect(service.url).meshes.create(spec())
     service.cuts = [cut]

@@ -1,0 +1,171 @@
+"""Downloads over lines that break, from services that lie: whole, checked, and no byte fetched twice."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from equimesh_client import Client, DeadlineExceeded, DownloadDamaged, NotFound, RetryPolicy, ServiceUnreachable
+
+DATA = bytes(range(251)) * 400  # longer than a socket's pieces, and no two parts alike
+
+
+@pytest.fixture
+def mesh(connect: Any, service: Any) -> Any:
+    service.file = DATA
+    return connect(service.url, retries=RetryPolicy(retries=2, first=0.001)).generate("x", 5)
+
+
+def part(folder: Path, data: bytes = DATA, name: str = "m.vtu") -> Path:
+    return folder / f".{name}.{hashlib.sha256(data).hexdigest()}.part"
+
+
+def asked(service: Any) -> list[str | None]:
+    """The ranges that were asked for."""
+    return [request.headers.get("range") for request in service.seen("GET", "file")]
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_every_attempt_asks_for_the_rest_only(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
+    # five breaks and two retries: an attempt that brings something is none of the failures in a row
+    service.faults = [fault("file", "cut", cut=cut) for cut in (1000, 1, 20_000, 7, 70_000)]
+    assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
+    assert asked(service) == [None, *(f"bytes={at}-" for at in (1000, 1001, 21_001, 21_008, 91_008))]
+    etag = f'"{hashlib.sha256(DATA).hexdigest()}"'
+    assert [r.headers.get("if-range") for r in service.seen("GET", "file")] == [None, *[etag] * 5]
+    assert {r.headers["accept-encoding"] for r in service.seen("GET", "file")} == {"identity"}
+    assert names(tmp_path) == ["m.vtu"]
+
+
+def test_arrays_go_on_in_memory(connect: Any, service: Any, fault: Any) -> None:
+    mesh = connect(service.url).generate("x", 5)
+    service.faults = [fault("file", "cut", cut=100), fault("file", "cut", cut=200)]
+    assert mesh.x.shape == (5, 5)
+    assert asked(service) == [None, "bytes=100-", "bytes=300-"]
+
+
+def test_a_file_that_changes_in_between_begins_anew(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
+    service.faults = [fault("file", "cut", cut=5000), fault("file", "status")]
+    flow = iter([DATA, DATA, DATA[::-1]])
+    real = service.fault
+
+    def change(method: str, path: str) -> Any:
+        if path.endswith("/file"):
+            service.file = next(flow)
+        return real(method, path)
+
+    service.fault = change
+    assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA[::-1]
+    assert asked(service) == [None, "bytes=5000-", "bytes=5000-"]
+    assert names(tmp_path) == ["m.vtu"]
+
+
+@pytest.mark.parametrize(
+    ("action", "ranges"),
+    [
+        ("longer", [None]),  # all bytes are there, by the checksum, when the line breaks
+        ("shorter", [None, None]),  # seems whole, and is not: what is there cannot be told from damage
+        ("elsewhere", [None, None]),
+        ("damage", [None, None]),
+    ],
+)
+def test_a_lie_does_not_get_into_the_file(
+    mesh: Any, service: Any, fault: Any, tmp_path: Path, action: str, ranges: list[str | None]
+) -> None:
+    service.faults = [fault("file", action)]
+    assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
+    assert asked(service) == ranges
+    assert names(tmp_path) == ["m.vtu"]
+
+
+def test_a_206_of_other_bytes_is_not_appended(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
+    service.faults = [fault("file", "cut", cut=5000), fault("file", "elsewhere")]
+    assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
+    assert asked(service) == [None, "bytes=5000-", None]
+
+
+@pytest.mark.parametrize(("ranges", "etags"), [(False, '"{}"'), (True, 'W/"{}"')])
+def test_a_service_without_ranges_gets_no_endless_retries(
+    mesh: Any, service: Any, fault: Any, tmp_path: Path, ranges: bool, etags: str
+) -> None:
+    service.ranges, service.etags = ranges, etags
+    service.faults = [fault("file", "cut", cut=5000)]
+    assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
+    service.faults = [fault("file", "cut", cut=5000, times=99)]
+    service.requests.clear()
+    with pytest.raises(ServiceUnreachable):
+        mesh.download(tmp_path / "m.vtu")
+    assert len(service.requests) == 3
+
+
+def test_what_an_earlier_program_left_is_gone_on_with(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
+    service.faults = [fault("file", "cut", cut=5000), fault("file", times=99)]
+    with pytest.raises(ServiceUnreachable):
+        mesh.download(tmp_path / "m.vtu")
+    assert names(tmp_path) == [part(tmp_path).name]
+    service.faults, service.requests[:] = [], []
+    assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
+    assert asked(service) == ["bytes=5000-"]
+    assert names(tmp_path) == ["m.vtu"]
+    # one that is whole needs no request; one of other bytes, or longer than the file, is thrown away
+    part(tmp_path).write_bytes(DATA)
+    assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
+    assert len(asked(service)) == 1
+    for wrong in (DATA + b"more", b"wrong" * 1000):
+        part(tmp_path).write_bytes(wrong)
+        part(tmp_path, b"another").write_bytes(b"old")
+        part(tmp_path, name="other.vtu").write_bytes(b"not ours")
+        assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
+        assert names(tmp_path) == [part(tmp_path, name="other.vtu").name, "m.vtu"]
+
+
+def test_a_deadline_leaves_the_part(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
+    service.faults = [fault("file", "cut", cut=5000), fault("file", "late", times=9)]
+    with pytest.raises(DeadlineExceeded):
+        mesh.download(tmp_path / "m.vtu", deadline=0.3)
+    assert part(tmp_path).read_bytes() == DATA[:5000]
+    service.faults = [fault("file", "status", status=404)]
+    with pytest.raises(NotFound):
+        mesh.download(tmp_path / "m.vtu")
+    assert names(tmp_path) == []  # nothing will ever come of it
+
+
+def test_damage_leaves_nothing(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
+    service.faults = [fault("file", "damage", times=9)]
+    with pytest.raises(DownloadDamaged):
+        mesh.download(tmp_path / "m.vtu")
+    assert names(tmp_path) == []
+
+
+def test_a_killed_program_and_two_at_the_same_time(service: Any, fault: Any, tmp_path: Path) -> None:
+    service.file, path = DATA, tmp_path / "m.vtu"
+    code = (
+        f"import equimesh_client as e; e.Client({service.url!r}, retries=99).meshes.get('m0').download({str(path)!r})"
+    )
+    with Client(service.url, retries=0) as client:
+        mesh = client.generate("x", 5)
+        service.faults = [fault("file", "cut", cut=60_000), fault("file", "late")]
+        with subprocess.Popen([sys.executable, "-c", code]) as other:
+            try:
+                while len(asked(service)) < 2:
+                    assert other.poll() is None
+                    time.sleep(0.02)
+                # the other program holds its part: this one fetches all of it, and leaves that part alone
+                assert mesh.download(path).read_bytes() == DATA
+                assert asked(service)[-1] is None
+                assert names(tmp_path) == [part(tmp_path).name, "m.vtu"]
+            finally:
+                other.kill()
+        path.unlink()
+        assert mesh.download(path).read_bytes() == DATA
+        assert str(asked(service)[-1]).startswith("bytes=")
+        assert names(tmp_path) == ["m.vtu"]
