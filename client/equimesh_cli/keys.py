@@ -110,6 +110,7 @@ def _opened(options: argparse.Namespace, *, new: bool = False) -> Iterator[KeySt
     try:
         from sqlalchemy.exc import SQLAlchemyError
 
+        from equimesh_service.database import UnusableDatabaseError
         from equimesh_service.store import Store
     except ImportError as error:
         raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
@@ -123,13 +124,13 @@ def _opened(options: argparse.Namespace, *, new: bool = False) -> Iterator[KeySt
         raise Refused(f"there is no database in {settings.data_dir}; name the data folder with --data-dir")
     try:
         store = Store(settings.database)
-    except (SQLAlchemyError, ImportError) as error:
-        raise Refused(
-            f"the database cannot be used ({type(error).__name__}); is EQUIMESH_DATABASE_URL right?"
-        ) from None
+    except UnusableDatabaseError as error:
+        raise Refused(str(error)) from None
     try:
         store.prepare()
         yield store.keys
+    except UnusableDatabaseError as error:
+        raise Refused(str(error)) from None
     except SQLAlchemyError as error:
         # The text of the error may name the address with its password.
         where = f"in {settings.data_dir}" if inside else "of the given address"

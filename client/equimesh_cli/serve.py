@@ -55,6 +55,8 @@ def run(options: argparse.Namespace) -> int:
     """Run the service in this process."""
     try:
         import equimesh_service
+        from equimesh_service.database import UnusableDatabaseError
+        from equimesh_service.exposure import ExposedError
     except ImportError as error:
         raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
     given = {
@@ -67,6 +69,8 @@ def run(options: argparse.Namespace) -> int:
         equimesh_service.run(settings)
     except KeyboardInterrupt:
         pass  # the way to stop it
+    except (ExposedError, UnusableDatabaseError) as error:
+        raise Refused(str(error)) from None
     except OSError as error:
         raise Refused(cannot_serve(settings, error)) from error
     return Exit.DONE
@@ -85,8 +89,12 @@ def chosen(given: dict[str, str]) -> Settings:
 
 
 def cannot_serve(settings: Settings, error: OSError) -> str:
-    """Why a service does not start: its folder, or its address."""
+    """Why a service does not start: its folder, its storage, or its address."""
+    from equimesh_service.files import FilesError
+
     said = error.strerror or str(error)
+    if isinstance(error, FilesError):
+        return said
     if error.filename is not None:
         return f"cannot use the data folder {settings.data_dir} ({error.filename}: {said}); choose one with --data-dir"
     if error.errno == errno.EADDRINUSE:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import re
+import sqlite3
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
@@ -12,18 +12,22 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic.json_schema import models_json_schema
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from equimesh_service import checks_api, events_api, meshes_api, operations_api, results_api, samples_api
+from equimesh_service import checks_api, events_api, meshes_api, operations_api, pages, results_api, samples_api
+from equimesh_service.metrics import Metrics
+from equimesh_service.observation import Observation
 from equimesh_service.problems import Problem, problem_of
 from equimesh_service.resources import MeshEvents, ProblemDetails
+from equimesh_service.security_headers import SecurityHeaders
 from equimesh_service.service import open_service
 from equimesh_service.settings import Settings
 from equimesh_service.spec import ExpressionCheck, MeshSpec
-
-_log = logging.getLogger(__name__)
+from equimesh_service.storage_faults import storage_problem
+from equimesh_service.tracing import open_tracer
 
 _DESCRIPTION = """Adaptive 2D meshes for PDE solvers: send a monitor function, get a mesh.
 
@@ -45,15 +49,19 @@ _TAGS = [
 def create_app(settings: Settings) -> FastAPI:
     """The application; its service opens with the server's lifespan and closes with it."""
 
+    metrics, tracer = Metrics(), open_tracer(settings.trace_endpoint, "service")
+
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        service = open_service(settings)
+        service = open_service(settings, metrics)
         app.state.service = service
         try:
             yield
         finally:
             service.wakeups.close()
             await run_in_threadpool(service.close)
+            if tracer is not None:
+                await run_in_threadpool(tracer.close)
 
     app = FastAPI(
         title="equimesh",
@@ -67,13 +75,16 @@ def create_app(settings: Settings) -> FastAPI:
         redoc_url=None,
         swagger_ui_oauth2_redirect_url=None,
     )
-    for part in (meshes_api, events_api, results_api, samples_api, checks_api, operations_api):
+    for part in (meshes_api, events_api, results_api, samples_api, checks_api, operations_api, pages):
         app.include_router(part.router)
-    operations_api.add_pages(app)
     for kind in (Problem, RequestValidationError, HTTPException):
         app.add_exception_handler(kind, _answer_problem)
-    app.add_exception_handler(Exception, _answer_failure)
+    for fault in (OSError, SQLAlchemyError, sqlite3.Error):
+        app.add_exception_handler(fault, _answer_fault)
+    app.add_middleware(Observation, metrics=metrics, tracer=tracer)  # last: it goes around all others
     _complete_schema(app)
+    build = app.build_middleware_stack
+    app.build_middleware_stack = lambda: SecurityHeaders(build())  # type: ignore[method-assign]
     return app
 
 
@@ -81,6 +92,13 @@ async def _answer_problem(request: Request, error: Exception) -> Response:
     if isinstance(error, HTTPException) and error.status_code == 405:
         error.headers = {**(error.headers or {}), "Allow": ", ".join(_methods(request))}
     return problem_of(error).response()
+
+
+async def _answer_fault(_: Request, error: Exception) -> Response:
+    problem = storage_problem(error)
+    if problem is None:
+        raise error
+    return problem.response()
 
 
 def _methods(request: Request) -> list[str]:
@@ -91,11 +109,6 @@ def _methods(request: Request) -> list[str]:
         if re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", template), request.url.path):
             taken |= {method.upper() for method in operations}
     return sorted(taken) or ["GET"]
-
-
-async def _answer_failure(request: Request, error: Exception) -> Response:
-    _log.error("%s %s failed", request.method, request.url.path, exc_info=error)
-    return problem_of(error).response()
 
 
 def _complete_schema(app: FastAPI) -> None:

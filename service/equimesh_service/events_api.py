@@ -13,10 +13,10 @@ from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from equimesh_service.callers import Caller
 from equimesh_service.negotiation import chosen
 from equimesh_service.problems import Problem
 from equimesh_service.resources import MeshEvents, event_resource
-from equimesh_service.callers import Caller
 from equimesh_service.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, problems
 from equimesh_service.rows import EventRow
 from equimesh_service.service import Service

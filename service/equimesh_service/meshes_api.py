@@ -13,16 +13,17 @@ from equimesh.io import FORMATS
 from equimesh_service import body as bodies
 from equimesh_service.admission import Upload
 from equimesh_service.document import parse
+from equimesh_service.job import Ending
 from equimesh_service.negotiation import explicit, preferred_wait
 from equimesh_service.problems import Problem, invalid
 from equimesh_service.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.results_api import check_done, mesh_file, mesh_format
-from equimesh_service.routing import LARGEST, ServiceDependency, problems
+from equimesh_service.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, Writer, problems
 from equimesh_service.rows import CANCELED, MeshRow
 from equimesh_service.service import Service
 from equimesh_service.spec import MeshSpec
 
-router = APIRouter(prefix="/v1/meshes", tags=["meshes"])
+router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
 
 EXAMPLES: dict[str, Any] = {
     "single domain": {
@@ -119,21 +120,30 @@ _LOCATION = {"Location": {"description": "The mesh.", "schema": {"type": "string
             "content": _MESH_FILES,
         },
         202: {"description": "It waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
-        **problems(400, 406, 409, 413, 415, 422, 429),
+        **problems(400, 406, 409, 413, 415, 422, 429, 503, 507),
     },
     openapi_extra={"requestBody": _BODY},
 )
 async def create(
     request: Request,
     service: ServiceDependency,
+    caller: Writer,
     format: Annotated[
-        str | None, Query(description="Answer with the mesh file in this format, when it finishes in time.")
+        str | None,
+        Query(
+            description="Answer with the mesh file in this format, when it finishes in time.",
+            json_schema_extra={"enum": [*FORMATS]},
+        ),
     ] = None,
     prefer: Annotated[
         str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")
     ] = None,
     idempotency_key: Annotated[
-        str | None, Header(description="A repeated request with the same key gives the same mesh.")
+        str | None,
+        Header(
+            description="A repeated request with the same key gives the same mesh.",
+            json_schema_extra={"minLength": 1, "maxLength": 255},
+        ),
     ] = None,
 ) -> Response:
     """Ask for a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
@@ -145,20 +155,20 @@ async def create(
     name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), _media_types())
     key = _checked_key(idempotency_key)
     document, upload = await _read(request, service)
-    admitted = await service.check(service.admission.admit, document, upload)
-    mesh_id = await service.enqueue(admitted, key=key, format=name)
-    headers = {"Location": f"/v1/meshes/{mesh_id}"}
+    admitted = await service.check(service.admission.admit, document, upload, caller)
+    mesh_id = await service.enqueue(admitted, caller, key=key, format=name)
+    headers = {"Location": f"{service.settings.root}/v1/meshes/{mesh_id}"}
     asked = preferred_wait(prefer)
     seconds = min(asked or 0, int(service.settings.max_wait))
     if asked is not None:
         headers["Preference-Applied"] = f"wait={seconds}"
-    row = await service.finished(mesh_id, seconds)
+    row = await service.finished(mesh_id, seconds, caller)
     if row.finished and name is not None:
         check_done(row, partial=False, headers=headers)
         return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)
     if not row.finished:
         headers["Retry-After"] = "1"
-    return _answer(row, 201 if row.finished else 202, headers)
+    return _answer(service, row, 201 if row.finished else 202, headers)
 
 
 @router.get("", summary="List meshes, newest first", operation_id="listMeshes", responses=problems(422))
@@ -166,6 +176,7 @@ async def list_meshes(
     request: Request,
     response: Response,
     service: ServiceDependency,
+    caller: Reader,
     status: Annotated[
         Literal["queued", "running", "succeeded", "failed", "canceled"] | None, Query(description="Only these.")
     ] = None,
@@ -176,42 +187,49 @@ async def list_meshes(
     """A page of meshes; the header `Link` with rel="next" leads to the next one."""
     before = None if cursor is None else _position(cursor)
     rows = await run_in_threadpool(
-        lambda: service.store.meshes.page(status=status, label=label, before=before, limit=limit + 1)
+        lambda: service.store.meshes.page(
+            key_id=caller.only, status=status, label=label, before=before, limit=limit + 1
+        )
     )
     following = f"{rows[limit - 1].number:x}" if len(rows) > limit else None
     if following is not None:
         url = request.url.include_query_params(cursor=following)
         response.headers["Link"] = f'<{url.path}?{url.query}>; rel="next"'
-    return MeshList(items=[mesh_resource(row) for row in rows[:limit]], next_cursor=following)
+    return MeshList(items=[mesh_resource(row, service.settings.root) for row in rows[:limit]], next_cursor=following)
 
 
 @router.get("/{id}", summary="Look at a mesh", operation_id="getMesh", responses=problems(404, 422))
 async def get_mesh(
     id: str,
     service: ServiceDependency,
+    caller: Reader,
     wait: Annotated[
         float, Query(ge=0, le=3600, allow_inf_nan=False, description="Seconds to wait for it to finish.")
     ] = 0.0,
 ) -> MeshResource:
     """State, progress, quality, and links; also of a mesh that failed, whose `error` says why."""
-    return mesh_resource(await service.finished(id, wait))
+    return mesh_resource(await service.finished(id, wait, caller), service.settings.root)
 
 
 @router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 409))
-async def cancel(id: str, service: ServiceDependency) -> MeshResource:
+async def cancel(id: str, service: ServiceDependency, caller: Writer) -> MeshResource:
     """Cancel a mesh that is not finished; a worker that computes it is stopped."""
+    await service.mesh(id, caller)
     if await run_in_threadpool(service.store.queue.cancel, id):
+        service.metrics.ended(Ending(status=CANCELED))
         service.dispatcher.cancel(id)
-    row = await service.mesh(id)
+    row = await service.mesh(id, caller)
     if row.status != CANCELED:
         raise Problem("conflict", f"The mesh has {row.status} already.")
-    return mesh_resource(row)
+    return mesh_resource(row, service.settings.root)
 
 
 @router.delete("/{id}", summary="Delete a mesh", operation_id="deleteMesh", status_code=204, responses=problems(404))
-async def delete(id: str, service: ServiceDependency) -> None:
+async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     """Delete the record and the files; a mesh that is not finished is canceled first."""
-    await run_in_threadpool(service.store.queue.cancel, id)
+    await service.mesh(id, caller)
+    if await run_in_threadpool(service.store.queue.cancel, id):
+        service.metrics.ended(Ending(status=CANCELED))
     if not await run_in_threadpool(service.store.meshes.delete, id, service.files.remove):
         raise Problem("not-found", "There is no mesh with this id.")
     service.dispatcher.cancel(id)
@@ -224,8 +242,9 @@ async def delete(id: str, service: ServiceDependency) -> None:
     response_model=MeshSpec,
     responses=problems(404),
 )
-async def get_spec(id: str, service: ServiceDependency) -> Response:
+async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Response:
     """The spec as it was computed: posting it again gives the same mesh."""
+    await service.mesh(id, caller)
     spec = await run_in_threadpool(service.store.meshes.spec, id)
     if spec is None:
         raise Problem("not-found", "There is no mesh with this id.")
@@ -249,8 +268,8 @@ async def _read(request: Request, service: Service) -> tuple[Any, Upload | None]
     return await service.check(parse, data), upload
 
 
-def _answer(row: MeshRow, status: int, headers: dict[str, str]) -> Response:
-    return JSONResponse(mesh_resource(row).model_dump(mode="json"), status, headers)
+def _answer(service: Service, row: MeshRow, status: int, headers: dict[str, str]) -> Response:
+    return JSONResponse(mesh_resource(row, service.settings.root).model_dump(mode="json"), status, headers)
 
 
 def _media_types() -> dict[str, str]:

@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from equimesh.errors import ExpressionError, InputError
+from equimesh_service.trail import current
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -36,12 +37,26 @@ KINDS: Mapping[str, Kind] = {
     for kind in (
         Kind("malformed-body", 400, "The body cannot be read", "Send one UTF-8 JSON object, or multipart parts."),
         Kind("malformed-header", 400, "A header cannot be used", "Correct the header that the detail names."),
+        Kind(
+            "unauthorized",
+            401,
+            "A key is needed",
+            "Send the header 'Authorization: Bearer em_...'; `equimesh keys create` makes a key.",
+        ),
+        Kind("forbidden", 403, "The key does not allow this", "Use a key with the scope that the detail names."),
         Kind("not-found", 404, "There is nothing here", "Check the path and the id; see /docs for all paths."),
         Kind("method-not-allowed", 405, "This path does not take this method", "See the Allow header."),
         Kind("not-acceptable", 406, "No such format", "Ask for one of the formats in /v1/capabilities."),
+        Kind("request-timeout", 408, "The body did not come in time", "Send it again, over a faster connection."),
         Kind("conflict", 409, "Not in this state", "Read the mesh's status first."),
         Kind("not-finished", 409, "The mesh is not finished", "Wait with GET /v1/meshes/{id}?wait=30."),
         Kind("canceled", 409, "The mesh was canceled", "Post its spec again to compute it."),
+        Kind(
+            "precondition-failed",
+            412,
+            "The file is another one",
+            "Ask without If-Match, and start from its first byte.",
+        ),
         Kind("body-too-large", 413, "The body is too large", "Send fewer samples, or samples as npz."),
         Kind("unsupported-media-type", 415, "The body's type is not supported", "Send the type the detail names."),
         Kind("range-not-satisfiable", 416, "The file ends before this range", "Ask for bytes below the file's size."),
@@ -53,8 +68,21 @@ KINDS: Mapping[str, Kind] = {
             "Use a new key for a new request, or repeat the first request exactly.",
         ),
         Kind("queue-full", 429, "Too many meshes are waiting", "Try again after the Retry-After time."),
+        Kind(
+            "quota-exceeded",
+            429,
+            "The key has as much as it may have",
+            "Wait until meshes are finished, or delete what is no longer needed; the detail says which limit it is.",
+        ),
+        Kind("rate-limited", 429, "Too many requests", "Try again after the Retry-After time."),
         Kind("internal-error", 500, "The service made a mistake", "Report it, with the request that caused it."),
         Kind("unavailable", 503, "The service cannot do this now", "Try again; see /readyz for what is wrong."),
+        Kind(
+            "storage-full",
+            507,
+            "The service has no room left",
+            "Delete meshes and samples that are no longer needed, or give the service more room; then try again.",
+        ),
         # Endings of a solve: they stand in the mesh's `error`, and answer requests for its file.
         Kind(
             "not-converged",
@@ -148,7 +176,10 @@ class Problem(Exception):
 
 def answer(body: Mapping[str, Any], status: int, headers: Mapping[str, str] | None = None) -> Response:
     """The response that carries a problem's body; any text is safe in it, lone surrogates included."""
-    content = json.dumps({**body, "status": status}, allow_nan=False).encode()
+    told = {**body, "status": status}
+    if status >= 500 and (request_id := current().request_id):
+        told["request_id"] = request_id  # by which the log is searched
+    content = json.dumps(told, allow_nan=False).encode()
     return Response(content, status, dict(headers or {}), media_type=MEDIA_TYPE)
 
 

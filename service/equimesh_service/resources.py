@@ -205,9 +205,9 @@ class ExpressionReport(BaseModel):
     domain: DomainReport
 
 
-def mesh_resource(row: MeshRow) -> MeshResource:
-    """The mesh as clients see it."""
-    here = f"/v1/meshes/{row.id}"
+def mesh_resource(row: MeshRow, root: str) -> MeshResource:
+    """The mesh as clients see it; ``root`` is what all addresses begin with."""
+    here = f"{root}/v1/meshes/{row.id}"
     result = row.result or {}
     parts = ("events", "cancel", "file", "quality", "convergence", "plot", "spec")
     started = row.started_at
@@ -241,9 +241,9 @@ def event_resource(row: EventRow) -> MeshEvent:
     return MeshEvent(id=row.number, time=_moment(row.time), event=row.kind, data=row.data)  # type: ignore[arg-type]
 
 
-def samples_resource(row: SamplesRow) -> SamplesResource:
-    """Samples as clients see them."""
-    here = f"/v1/samples/{row.id}"
+def samples_resource(row: SamplesRow, root: str) -> SamplesResource:
+    """Samples as clients see them; ``root`` is what all addresses begin with."""
+    here = f"{root}/v1/samples/{row.id}"
     links = {"self": here, "file": f"{here}?format=npz"}
     return SamplesResource(id=row.id, size=row.size, created_at=_moment(row.created_at), links=links, **row.summary)
 

@@ -13,11 +13,16 @@ import uvicorn
 
 from equimesh_service import logs
 from equimesh_service.app import create_app
-from equimesh_service.service import check_folder
+from equimesh_service.exposure import check_exposure
+from equimesh_service.service import check_database, check_files, check_folder
 from equimesh_service.settings import Settings
 
 _log = logging.getLogger(__name__)
 _START_SECONDS, _GRACE_SECONDS = 300.0, 5  # the first start on a machine compiles the kernels
+# Longer than proxies keep their connections to a service (nginx: 60), so that none is closed as they use it.
+_KEEP_ALIVE_SECONDS = 75
+# Request line and headers.
+_MOST_HEADER_BYTES = 32 * 1024
 
 
 class _Server(uvicorn.Server):
@@ -33,8 +38,10 @@ class _Server(uvicorn.Server):
 def run(settings: Settings) -> None:
     """Serve until the process is told to stop (SIGINT or SIGTERM).
 
-    Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses the data folder, and
-    OSError when the address cannot be used.
+    Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses the data folder,
+    :class:`~equimesh_service.database.UnusableDatabaseError` when the database cannot be worked with,
+    :class:`~equimesh_service.exposure.ExposedError` when others could use it without a key, and OSError when the
+    address cannot be used.
     """
     logs.configure(settings.log_level, settings.log_format)
     server = _server(settings)
@@ -49,7 +56,8 @@ def running(settings: Settings) -> Iterator[str]:
 
     The main module of a program that uses it must be guarded by ``if __name__ == "__main__"``, as worker
     processes import it. Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses
-    the data folder, and :class:`RuntimeError` when the service does not start.
+    the data folder, :class:`~equimesh_service.exposure.ExposedError` when others could use it without a key, and
+    :class:`RuntimeError` when the service does not start.
     """
     server = _server(settings)
     listener = _opened(settings)
@@ -73,6 +81,11 @@ def _server(settings: Settings) -> _Server:
         timeout_graceful_shutdown=_GRACE_SECONDS,
         lifespan="on",
         server_header=False,
+        proxy_headers=True,
+        forwarded_allow_ips=settings.trusted_proxies,
+        root_path=settings.root,
+        timeout_keep_alive=_KEEP_ALIVE_SECONDS,
+        h11_max_incomplete_event_size=_MOST_HEADER_BYTES,
     )
     return _Server(config)
 
@@ -82,7 +95,10 @@ def _opened(settings: Settings) -> socket.socket:
     listener = _listen(settings)
     try:
         check_folder(settings)
-    except OSError:
+        check_files(settings)
+        check_database(settings)
+        check_exposure(settings)
+    except BaseException:
         listener.close()
         raise
     return listener

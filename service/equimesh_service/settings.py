@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from equimesh.workers import available
@@ -75,16 +76,34 @@ class Settings(BaseSettings):
     trusted_proxies: str = Field(
         "127.0.0.1", description="Addresses of proxies whose X-Forwarded headers are believed, separated by commas."
     )
-    root_path: str = Field("", description="Path under which a proxy serves this service, e.g. /meshes.")
+    root_path: str = Field(
+        "",
+        pattern=r"^(/[A-Za-z0-9._~-]+)*/?$",
+        description="Path under which a proxy serves this service, e.g. /meshes.",
+    )
     metrics: bool = Field(True, description="Serve Prometheus metrics at /metrics.")
     trace_endpoint: str = Field(
         "", description="OTLP over HTTP address for OpenTelemetry traces, e.g. http://host:4318/v1/traces; empty: none."
     )
 
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _are_addresses(cls, value: str) -> str:
+        # The server would take a word that is no address for the name of a host that never comes.
+        for part in filter(None, map(str.strip, value.split(","))):
+            if part != "*":
+                ip_network(part)
+        return value
+
     @property
     def worker_threads(self) -> int:
         """Threads of one worker, at least 1."""
         return self.threads or min(64, max(1, available() // self.workers))
+
+    @property
+    def root(self) -> str:
+        """What the addresses of this service begin with: the root path without a slash at its end."""
+        return self.root_path.rstrip("/")
 
     @property
     def database(self) -> str:
