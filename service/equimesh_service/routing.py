@@ -7,6 +7,7 @@ from typing import Annotated, Any, cast
 from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer, SecurityScopes
 
+from equimesh_service import trail
 from equimesh_service.callers import Caller
 from equimesh_service.keys import ADMIN, READ, WRITE
 from equimesh_service.problems import MEDIA_TYPE, Problem
@@ -74,6 +75,7 @@ async def _caller(
 ) -> Caller:
     """Who asks; raises a 401, 403 or 429 problem for those who may not."""
     caller = await service.callers.identify(secret)
+    trail.current().key_id = caller.key_id
     add_headers(request, service.quotas.count_request(caller))
     missing = set(scopes.scopes) - caller.scopes
     if missing:
