@@ -10,6 +10,8 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from hashlib import sha256
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Table, create_engine, event, func, select
@@ -17,20 +19,21 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
+_KNOWN = "addresses are postgresql+psycopg://user:password@host/name and sqlite:////path/of/a/file"
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
 # Seconds until a server that does not answer counts as down.
 _CONNECT_SECONDS = 5
 
 
-class DatabaseURLError(ValueError):
-    """An address that is not that of a database which the service can use; the message does not repeat it."""
+class UnusableDatabaseError(Exception):
+    """A database that the service cannot work with; the message says why and what to do, without the address."""
 
 
 class Database:
     """Reading and writing transactions, for all threads of a process.
 
     ``durable`` asks that every commit be on disk when it returns; without it a crash of the machine, but not
-    one of the process, may undo the last commits. Raises :class:`DatabaseURLError`.
+    one of the process, may undo the last commits. Raises :class:`UnusableDatabaseError`.
     """
 
     def __init__(self, url: str, *, durable: bool) -> None:
@@ -43,6 +46,10 @@ class Database:
             event.listen(self._engine, "connect", _prepare_sqlite(durable))
             event.listen(self._engine, "begin", _begin_sqlite)
         else:
+            if find_spec("psycopg") is None:
+                raise UnusableDatabaseError(
+                    "PostgreSQL needs psycopg; install it with: pip install 'equimesh[postgres]'"
+                )
             options = str(address.query.get("options", "")) + ("" if durable else " -c synchronous_commit=off")
             self._engine = create_engine(
                 address,
@@ -85,6 +92,12 @@ def insert_new(connection: Connection, table: Table, row: Mapping[str, Any]) -> 
     return connection.execute(statement).first() is not None
 
 
+def sqlite_file(url: str) -> Path | None:
+    """The file of an SQLite database; None for PostgreSQL. Raises :class:`UnusableDatabaseError`."""
+    address = _address(url)
+    return Path(address.database or "") if address.get_backend_name() == "sqlite" else None
+
+
 def to_json(value: Any) -> str:
     """Compact JSON; raises ValueError for what JSON cannot carry."""
     return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
@@ -93,13 +106,12 @@ def to_json(value: Any) -> str:
 def _address(url: str) -> URL:
     try:
         address = make_url(url)
-    except ArgumentError:
-        raise DatabaseURLError("this is not the address of a database") from None
+    except (ArgumentError, ValueError):
+        raise UnusableDatabaseError(f"this is not the address of a database; {_KNOWN}") from None
     if address.drivername in _POSTGRES:
         return address.set(drivername="postgresql+psycopg")
-    if address.drivername != "sqlite":
-        message = "the service keeps its data in PostgreSQL (postgresql+psycopg://user:password@host/name) or in SQLite"
-        raise DatabaseURLError(f"{message}, not in {address.drivername}")
+    if address.drivername != "sqlite" or address.database in (None, "", ":memory:"):
+        raise UnusableDatabaseError(f"a service cannot keep its data in {address.drivername}; {_KNOWN}")
     return address
 
 

@@ -6,7 +6,7 @@ import logging
 
 from sqlalchemy import Column, Connection, MetaData, String, Table, insert, inspect, select
 
-from equimesh_service.database import Database, lock
+from equimesh_service.database import Database, UnusableDatabaseError, lock
 from equimesh_service.schema import artifacts, meshes, metadata
 
 # The revision of the tables in `schema`, which is that of the last step in `migrations`.
@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 _version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
 
 
-class NewerDatabaseError(RuntimeError):
+class NewerDatabaseError(UnusableDatabaseError):
     """A database that a newer release has changed: this one would not understand it."""
 
 
@@ -72,8 +72,8 @@ def _revision(connection: Connection) -> str | None:
     found = connection.execute(select(_version.c.version_num)).scalar()
     if found is None or str(found) > LATEST:
         raise NewerDatabaseError(
-            f"The database is of revision {found}, of a newer release of equimesh; this one knows {LATEST}. "
-            "Install the newer release again, or restore a backup from before it."
+            f"the database is of revision {found}, of a newer release of equimesh; this one knows {LATEST}: "
+            "install the newer release again, or restore a backup from before it"
         )
     return str(found)
 

@@ -1,0 +1,170 @@
+"""Databases of older releases are brought up to this one with all that is in them, and newer ones are left alone."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Engine, create_engine, insert, inspect, text
+
+from equimesh_service import Settings, running
+from equimesh_service.database import UnusableDatabaseError
+from equimesh_service.migration import LATEST, NewerDatabaseError, current, upgrade
+from equimesh_service.schema import metadata
+from equimesh_service.store import Store
+
+FIRST = import_module("equimesh_service.migrations.versions.r0001_first_release").tables()
+SPEC = {
+    "monitor": {"kind": "arc_length", "u": {"expression": "x*y", "parameters": {}, "t": 0.0}, "a": 0.7, "b": 0.05},
+    "domain": {"kind": "rectangle", "x": [0.0, 1.0], "y": [0.0, 1.0]},
+    "grid": {"n_xi": 8, "n_eta": 8},
+    "boundary": "trace",
+    "initial": "nested",
+    "schwarz": None,
+    "cells": "quad",
+    "label": "old",
+}
+MESH = {
+    "spec": json.dumps(SPEC),
+    "label": "old",
+    "n_xi": 8,
+    "n_eta": 8,
+    "cells": "quad",
+    "created_at": 1.0,
+    "attempt": 1,
+    "losses": 0,
+    "last_event": 1,
+    "partial": False,
+}
+
+
+@pytest.fixture
+def engine(database_url: str) -> Iterator[Engine]:
+    engine = create_engine(database_url)
+    yield engine
+    engine.dispose()
+
+
+def fill(engine: Engine, sha256: str, size: int) -> None:
+    """A database as release 0.1 left it: a finished mesh with a file, one that waits, samples, a key."""
+    FIRST.create_all(engine)
+    rows: dict[str, list[dict[str, Any]]] = {
+        "meshes": [
+            {**MESH, "id": "m-1", "status": "succeeded", "finished_at": 2.0, "result": {"quality": None}},
+            {**MESH, "id": "m-2", "status": "queued", "samples_id": "s-1"},
+        ],
+        "events": [
+            {"mesh_id": name, "number": 1, "time": 1.0, "kind": "status", "data": {"status": "queued"}}
+            for name in ("m-1", "m-2")
+        ],
+        "artifacts": [{"mesh_id": "m-1", "name": "mesh", "sha256": sha256, "size": size}],
+        "samples": [{"id": "s-1", "sha256": "5" * 64, "size": 7, "summary": {"kind": "grid"}, "created_at": 3.0}],
+        "idempotency": [{"key": "k", "fingerprint": "f", "mesh_id": "m-1"}],
+    }
+    with engine.begin() as connection:
+        for name, members in rows.items():
+            for row in members:
+                connection.execute(insert(FIRST.tables[name]).values(row))
+
+
+def test_a_database_of_the_first_release_is_brought_up_to_date(database_url: str, engine: Engine) -> None:
+    fill(engine, "4" * 64, 9)
+    assert current(database_url) == "0001"
+    assert upgrade(database_url) == current(database_url) == LATEST
+    with engine.connect() as connection:
+        # SQLite does not tell a default as it was given.
+        defaults = connection.dialect.name == "postgresql"
+        context = MigrationContext.configure(connection, opts={"compare_server_default": defaults})
+        assert compare_metadata(context, metadata) == []
+        assert connection.execute(text("SELECT samples_id, key_id, created_at FROM samples_keys")).all() == [
+            ("s-1", "", 3.0)
+        ]
+        assert connection.execute(text("SELECT key_id, key, mesh_id FROM idempotency")).all() == [("", "k", "m-1")]
+        assert connection.execute(text("SELECT used_at FROM samples")).scalar() == 3.0
+    store = Store(database_url)
+    assert [(row.id, row.status, row.key_id) for row in store.meshes.page(key_id="")] == [
+        ("m-2", "queued", ""),
+        ("m-1", "succeeded", ""),
+    ]
+    assert store.samples.delete("s-1", lambda _: None, "") is False  # m-2 named them in its row
+    assert [event.number for event in store.meshes.events("m-1")] == [1]
+    assert store.meshes.delete("m-1", lambda _: None)
+    store.close()
+
+
+def test_a_new_database_is_what_all_steps_together_make(database_url: str, engine: Engine) -> None:
+    assert current(database_url) is None
+    upgrade(database_url)
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+        assert inspect(connection).get_columns("alembic_version")[0]["name"] == "version_num"
+    folder = Path(str(import_module("equimesh_service.migrations").__file__)).parent
+    assert ScriptDirectory(str(folder)).get_heads() == [LATEST]
+
+
+@pytest.mark.parametrize("old", [False, True], ids=["new", "old"])
+def test_services_that_start_together_change_it_once(database_url: str, engine: Engine, old: bool) -> None:
+    if old:
+        fill(engine, "4" * 64, 9)
+    stores, barrier, failed = [Store(database_url) for _ in range(3)], threading.Barrier(3), []
+
+    def start(store: Store) -> None:
+        barrier.wait()
+        try:
+            store.prepare()
+        except Exception as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=start, args=(store,)) for store in stores]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for store in stores:
+        store.close()
+    assert failed == []
+    assert current(database_url) == LATEST
+    with engine.connect() as connection:
+        assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
+
+
+def test_a_database_of_a_newer_release_is_refused(database_url: str, engine: Engine, tmp_path: Path) -> None:
+    upgrade(database_url)
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '0099'"))
+    with pytest.raises(NewerDatabaseError, match=r"revision 0099, of a newer release .* restore a backup"):
+        upgrade(database_url)
+    settings = Settings(data_dir=tmp_path, database_url=database_url, port=0)  # type: ignore[arg-type]
+    with pytest.raises(NewerDatabaseError), running(settings):
+        raise AssertionError
+
+
+def test_a_failed_change_leaves_the_old_database(database_url: str, engine: Engine) -> None:
+    fill(engine, "4" * 64, 9)
+    with engine.begin() as connection:
+        connection.execute(text("CREATE TABLE retired (id INTEGER)"))  # in the way of the last steps
+    with pytest.raises(Exception, match="retired"):
+        upgrade(database_url)
+    assert current(database_url) == "0001"
+    with engine.connect() as connection:
+        assert {column["name"] for column in inspect(connection).get_columns("meshes")} == set(
+            FIRST.tables["meshes"].columns.keys()
+        )
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["", "nonsense", "mysql://u:hunter2@h/n", "sqlite://", "postgresql://u:hunter2@h:port/n"],
+)
+def test_an_address_that_cannot_be_used_is_told_without_its_password(url: str) -> None:
+    with pytest.raises(UnusableDatabaseError, match="addresses are") as caught:
+        Store(url)
+    assert "hunter2" not in str(caught.value)
