@@ -10,21 +10,29 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
 from io import TextIOWrapper
-from pathlib import Path
 from typing import Any, TypeVar
 
 from anyio import CapacityLimiter, to_thread
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service import exports, worker
+from equimesh_service import exports, tracing, trail, worker
 from equimesh_service.admission import Admission, Admitted
+from equimesh_service.callers import Caller, Callers
+from equimesh_service.database import UnusableDatabaseError, sqlite_file
 from equimesh_service.dispatcher import Dispatcher, Rules
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
-from equimesh_service.files import FileStore
-from equimesh_service.job import Export, Job, Place
+from equimesh_service.files import Files
+from equimesh_service.files_address import files_address
+from equimesh_service.job import Ending, Export, Job, Place
+from equimesh_service.metrics import Glance, Metrics
 from equimesh_service.pebble_engine import PebbleEngine
+from equimesh_service.preparation import Preparation
 from equimesh_service.problems import Problem
-from equimesh_service.rows import Artifact, KeyReusedError, MeshRow, NewMesh, SamplesGoneError
+from equimesh_service.quota_store import QuotaError
+from equimesh_service.quotas import Quotas, exceeded
+from equimesh_service.readiness import OK, Readiness
+from equimesh_service.rows import Artifact, Claim, Hold, KeyReusedError, MeshRow, NewMesh, Order, SamplesGoneError
 from equimesh_service.settings import Settings
 from equimesh_service.store import Store
 from equimesh_service.wakeups import Wakeups
@@ -50,6 +58,14 @@ class FolderInUseError(OSError):
     """Another service works in the same data folder."""
 
 
+@dataclass(frozen=True)
+class Asked:
+    """A mesh that is in the store, and the work on it where that has begun already."""
+
+    mesh_id: str
+    task: Future[Any] | None = None
+
+
 @dataclass(kw_only=True)
 class Service:
     """The four rooms, opened. ``engine`` solves, ``desk`` makes files and pictures, and reads samples."""
@@ -57,14 +73,18 @@ class Service:
     settings: Settings
     place: Place
     store: Store
-    files: FileStore
+    files: Files
     engine: Engine
     desk: Engine
     dispatcher: Dispatcher
     wakeups: Wakeups
     admission: Admission
-    lock: TextIOWrapper
+    callers: Callers
+    quotas: Quotas
+    lock: TextIOWrapper | None
     checkers: CapacityLimiter
+    metrics: Metrics
+    readiness: Readiness
     exporting: dict[Export, Future[Artifact | None]] = field(default_factory=dict)
 
     async def check(self, function: Callable[..., Checked], *arguments: Any) -> Checked:
@@ -75,49 +95,100 @@ class Service:
         """
         return await to_thread.run_sync(function, *arguments, limiter=self.checkers)
 
-    async def mesh(self, mesh_id: str) -> MeshRow:
-        """The mesh with this id; raises a 404 problem."""
+    async def mesh(self, mesh_id: str, caller: Caller) -> MeshRow:
+        """The mesh with this id; raises a 404 problem, also when it is not the caller's to see."""
         row = await run_in_threadpool(self.store.meshes.get, mesh_id)
-        if row is None:
+        if row is None or not caller.sees(row.key_id):
             raise Problem("not-found", "There is no mesh with this id.")
         return row
 
-    async def finished(self, mesh_id: str, seconds: float) -> MeshRow:
+    async def finished(self, mesh_id: str, seconds: float, caller: Caller) -> MeshRow:
         """The mesh, once it is finished or after so many seconds; raises a 404 problem."""
         deadline = time.monotonic() + min(seconds, self.settings.max_wait)
         while True:
-            row = await self.mesh(mesh_id)
+            row = await self.mesh(mesh_id, caller)
             left = deadline - time.monotonic()
             if row.finished or left <= 0 or self.wakeups.closing:
                 return row
             await self.wakeups.wait(mesh_id, min(left, self.settings.poll))
 
-    async def enqueue(self, admitted: Admitted, *, key: str | None, format: str | None) -> str:
-        """Put an admitted spec into the queue; returns the id of its mesh."""
-        if await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
+    async def ask(
+        self, admitted: Admitted, caller: Caller, *, key: str | None, format: str | None, soon: bool
+    ) -> Asked:
+        """Put an admitted spec into the queue or, where somebody waits for it, straight to a worker that is free.
+
+        Raises 409, 422 and 429 problems.
+        """
+        await self.quotas.check_bytes(caller)
+        hold = self.dispatcher.hold if soon and self.dispatcher.reserve() else None
+        try:
+            asked = await self._add(admitted, caller, key, format, hold)
+        except BaseException:
+            if hold is not None:
+                self.dispatcher.release()
+            raise
+        trail.current().mesh_id = asked.mesh_id
+        return asked
+
+    async def _add(
+        self, admitted: Admitted, caller: Caller, key: str | None, format: str | None, hold: Hold | None
+    ) -> Asked:
+        if hold is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
         new = NewMesh(
             id=f"m-{secrets.token_hex(10)}",
             spec=admitted.spec,
-            samples=admitted.samples,
+            samples=tuple(admitted.samples),
             format=format,
+            key_id=caller.key_id,
+            request_id=trail.current().request_id or None,
+            trace=tracing.traceparent(),
         )
         fingerprint = admitted.fingerprint(format)
         try:
-            mesh_id = await run_in_threadpool(self.store.meshes.add, new, key=key, fingerprint=fingerprint)
+            with tracing.span("enqueue"):
+                mesh_id = await run_in_threadpool(
+                    self.store.meshes.add,
+                    new,
+                    key=key,
+                    fingerprint=fingerprint,
+                    quota=self.quotas.for_mesh(caller),
+                    hold=hold,
+                )
         except KeyReusedError:
             raise Problem("idempotency-key-reused", "The key was used for another spec.") from None
+        except QuotaError as error:
+            raise exceeded(error) from None
         except SamplesGoneError:
             raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
-        self.dispatcher.wake()
-        return mesh_id
+        if hold is None:
+            self.dispatcher.wake()
+            return Asked(mesh_id)
+        if mesh_id != new.id:  # an older one of the same key
+            self.dispatcher.release()
+            return Asked(mesh_id)
+        order = Order(spec=admitted.spec, samples=admitted.samples, format=format)
+        claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
+        return Asked(mesh_id, self.dispatcher.begin(claim, order))
+
+    async def ending(self, asked: Asked, seconds: float) -> Ending | None:
+        """How a mesh ended that went straight to a worker; None where it did not, or has not after so many seconds."""
+        if asked.task is None:
+            return None
+        task = asyncio.ensure_future(asyncio.wrap_future(asked.task))
+        deadline = time.monotonic() + min(seconds, self.settings.max_wait)
+        while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
+            await asyncio.wait({task}, timeout=min(left, self.settings.poll))
+        if not task.done() or task.cancelled() or task.exception() is not None:
+            return None  # the store tells, or will
+        return task.result() if isinstance(task.result(), Ending) else None
 
     async def artifact(self, mesh_id: str, name: str) -> Artifact:
         """A file of a finished mesh, made now if it is not there yet."""
         found = await run_in_threadpool(self.store.meshes.artifact, mesh_id, name)
         if found is not None:
             return found
-        task = Export(self.place, mesh_id, name)
+        task = Export(self.place, mesh_id, name, trail.current().request_id, tracing.traceparent())
         future = self.exporting.get(task)
         if future is None:
             future = self.desk.submit(exports.export, task, time_limit=self.settings.time_limit)
@@ -133,30 +204,31 @@ class Service:
             raise Problem("not-found", "There is no mesh with this id.")
         return made
 
-    def file(self, artifact: Artifact) -> Path:
-        """Where the bytes of an artifact are."""
-        return self.files.path(artifact.sha256)
-
     def close(self) -> None:
         """Stop the work and close the rooms; what was running goes back into the queue."""
         self.dispatcher.stop()
         self.engine.close()
         self.desk.close()
         self.store.close()
-        self.lock.close()
+        if self.lock is not None:
+            self.lock.close()
 
 
-def open_service(settings: Settings) -> Service:
+def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     """Open all rooms, in a running event loop. Raises :class:`FolderInUseError`."""
+    metrics = metrics or Metrics()
     folder = settings.data_dir.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    lock = _lock(folder)
-    place = Place(f"sqlite:///{folder / 'equimesh.sqlite3'}", folder)
+    lock = _lock(settings)
+    place = Place(settings.database, files_address(settings))
     store, files = Store(place.database_url), place.files()
     store.prepare()
-    files.prepare()
-    engine = PebbleEngine(settings.workers, memory_limit=settings.memory_limit, preload=PRELOAD, warm_up=worker.warm_up)
-    desk = PebbleEngine(_DESK_WORKERS, memory_limit=settings.memory_limit, preload=PRELOAD)
+    files.prepare(alone=lock is not None and not settings.files_url)
+    limit, prepare = settings.memory_limit, Preparation.of(settings)
+    engine = PebbleEngine(
+        settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=worker.warm_up
+    )
+    desk = PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare)
     wakeups = Wakeups()
     rules = Rules(
         time_limit=settings.time_limit,
@@ -170,11 +242,13 @@ def open_service(settings: Settings) -> Service:
         owner,
         store,
         engine,
-        lambda claim: (worker.solve_mesh, (Job(place, claim, settings.worker_threads),)),
+        lambda claim, order: (worker.solve_mesh, (Job(place, claim, settings.worker_threads, order),)),
         rules,
         wakeups.announce,
+        metrics,
     )
-    dispatcher.start(alone=True)
+    metrics.look(lambda: _glance(store, settings.workers))
+    dispatcher.start(alone=lock is not None)
     _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
     return Service(
         settings=settings,
@@ -186,19 +260,76 @@ def open_service(settings: Settings) -> Service:
         dispatcher=dispatcher,
         wakeups=wakeups,
         admission=Admission(settings, store, files, desk),
+        callers=Callers(store.keys),
+        quotas=Quotas(settings, store.quotas),
         lock=lock,
         checkers=CapacityLimiter(_CHECKERS),
+        metrics=metrics,
+        readiness=Readiness(
+            {
+                "store": lambda: store.check() or OK,
+                "files": lambda: files.check() or OK,
+                "engine": lambda: _health(engine),
+                "exports": lambda: _health(desk),
+                "dispatcher": lambda: OK if dispatcher.alive() else "stopped",
+            }
+        ),
     )
+
+
+def _health(engine: Engine) -> str:
+    health = engine.health()
+    return OK if health.ready else health.detail
+
+
+def _glance(store: Store, workers: int) -> Glance:
+    try:
+        census = store.queue.census()
+    except SQLAlchemyError:
+        census = None  # a scrape says so, and the rest of it is of use
+    return Glance(workers={"solve": workers, "files": _DESK_WORKERS}, census=census)
+
+
+def check_files(settings: Settings) -> None:
+    """Raise OSError when files cannot be kept where the settings say."""
+    files_address(settings).open().prepare(alone=False)
 
 
 def check_folder(settings: Settings) -> None:
     """Raise :class:`FolderInUseError` when another service uses the data folder, and OSError without access."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    _lock(settings.data_dir.resolve()).close()
+    lock = _lock(settings)
+    if lock is not None:
+        lock.close()
 
 
-def _lock(folder: Path) -> TextIOWrapper:
-    """Hold the folder for this process alone; the system lets go of it however the process ends."""
+def check_database(settings: Settings) -> None:
+    """Bring the database up to this release; raises :class:`UnusableDatabaseError` when that cannot be done."""
+    store = Store(settings.database)
+    try:
+        store.prepare()
+    except DBAPIError as error:
+        file = sqlite_file(settings.database)
+        if file is not None:
+            raise UnusableDatabaseError(f"the database {file} cannot be used: {error.orig}") from None
+        # What the driver says may name the address.
+        raise UnusableDatabaseError(
+            f"the database does not answer ({type(error.orig).__name__}): see that EQUIMESH_DATABASE_URL is right and "
+            "that its server runs"
+        ) from None
+    finally:
+        store.close()
+
+
+def _lock(settings: Settings) -> TextIOWrapper | None:
+    """Hold a database in a folder for this process alone; the system lets go of it however the process ends.
+
+    None for a database server, which any number of services share.
+    """
+    place = sqlite_file(settings.database)
+    if place is None:
+        return None
+    folder = place.resolve().parent
     file = (folder / "service.lock").open("w")
     try:
         import fcntl
