@@ -37,6 +37,8 @@ from equimesh_client.stream import StreamPosition
 T = TypeVar("T")
 LONG_POLL = 20
 """Seconds that the service is asked to hold an answer back while nobody watches the progress."""
+FAREWELL = 2.0
+"""Seconds for canceling a mesh that nobody waits for any more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,11 +210,11 @@ def create(made: Order, settings: Settings, *, wait: int, deadline: Deadline) ->
 
 
 def abandon(made: Order, mesh_id: str | None, settings: Settings) -> Flow[None]:
-    """Nothing. Cancels, as well as can be done in two seconds, a mesh that nobody waits for any more.
+    """Nothing. Cancels, as well as can be done in a short time, a mesh that nobody waits for any more.
 
     When its id is not known, because the answer to the request has not arrived, the same key tells it.
     """
-    deadline = Deadline.after(2.0)
+    deadline = Deadline.after(FAREWELL)
     try:
         if mesh_id is None:
             mesh_id = str((yield from create(made, settings, wait=0, deadline=deadline))["id"])
