@@ -25,6 +25,7 @@ FLAGS = [
     "--disable-component-update",
     "--disable-sync",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+    "--enable-logging=stderr",
     "--virtual-time-budget=20000",
     "--window-size=1200,2000",
 ]
@@ -38,17 +39,33 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture
 def rendered(tmp_path: Path) -> Callable[[str], str]:
-    """The document of a page after its scripts have run."""
+    """The document of a page after its scripts have run, without a word of complaint in the console."""
 
     def page(address: str) -> str:
         command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path}", "--dump-dom", address]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+        assert complaints(done.stderr) == []
+        return done.stdout
 
     return page
 
 
+def complaints(log: str) -> list[str]:
+    """What pages wrote to the console: violations of their policy, errors of their scripts."""
+    return [line for line in log.splitlines() if ":CONSOLE" in line]
+
+
+def test_a_violation_of_the_policy_is_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    policy = '<meta http-equiv="Content-Security-Policy" content="script-src \'none\'">'
+    page.write_text(f"{policy}<script>document.title = 'run'</script>")
+    command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path}", "--dump-dom", page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert any("Content Security Policy" in line for line in complaints(done.stderr))
+
+
 def test_the_interactive_documentation_works_offline(url: str, rendered: Callable[[str], str]) -> None:
-    document = rendered(f"{url}/docs")
+    document = rendered(f"{url}/docs#/meshes/createMesh")
     described = httpx.get(f"{url}/openapi.json").json()
     operations = [
         method
@@ -58,6 +75,8 @@ def test_the_interactive_documentation_works_offline(url: str, rendered: Callabl
     ]
     assert document.count('class="opblock opblock-') == len(operations)
     assert described["info"]["title"] in document
+    assert 'class="btn authorize unlocked"' in document  # keys can be given
+    assert "is-open" in document  # and the operation of the address is unfolded, with its form
     assert "Failed to load" not in document
     assert "Unable to render" not in document
 
