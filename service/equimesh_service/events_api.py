@@ -79,6 +79,7 @@ async def get_events(
         return JSONResponse(MeshEvents(items=items, last=last, done=done).model_dump(mode="json"))
     if row.finished and after >= row.last_event:
         return Response(status_code=204)  # tells a browser not to connect again
+    after = min(after, row.last_event)  # after an event that never was, the stream would not end
     return EventSourceResponse(_stream(service, id, after, caller), headers={"Cache-Control": "no-store"})
 
 
