@@ -10,6 +10,7 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
 from time import time
 from typing import Any, TypeVar
@@ -44,14 +45,23 @@ class Upload:
 
 @dataclass(frozen=True)
 class Admitted:
-    """A spec that will be solved: canonical, with the ids of the stored samples that it uses."""
+    """A spec that will be solved: canonical, with the stored samples that it uses, from their ids to their files."""
 
     spec: Mapping[str, Any]
-    samples: tuple[str, ...]
+    samples: Mapping[str, str]
 
     def fingerprint(self, format: str | None) -> str:
         """The same for requests that ask for the same."""
         text = json.dumps([self.spec, format], sort_keys=True, allow_nan=False)
+        return sha256(text.encode()).hexdigest()
+
+    def points_fingerprint(self) -> str:
+        """The same for meshes that have the same points and come from the same release.
+
+        The ids of samples in the spec come from their content; label and cells change nothing.
+        """
+        spec = {key: value for key, value in self.spec.items() if key not in ("label", "cells")}
+        text = json.dumps([spec, version("equimesh")], sort_keys=True, allow_nan=False)
         return sha256(text.encode()).hexdigest()
 
 
@@ -90,7 +100,7 @@ class Admission:
             rows[row.id] = row
             with_samples(canonical["monitor"], UPLOAD, row.id)
             self._remember(_mark(canonical))
-        return Admitted(canonical, tuple(rows))
+        return Admitted(canonical, {row.id: row.sha256 for row in rows.values()})
 
     def stored(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
         """Samples that the caller has uploaded before; raises a 422 problem."""

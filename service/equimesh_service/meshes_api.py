@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request
@@ -17,11 +18,12 @@ from equimesh_service.job import Ending
 from equimesh_service.negotiation import explicit, preferred_wait
 from equimesh_service.problems import Problem, invalid
 from equimesh_service.resources import MeshList, MeshResource, mesh_resource
-from equimesh_service.results_api import check_done, mesh_file, mesh_format
+from equimesh_service.results_api import check_done, mesh_bytes, mesh_file, mesh_format
 from equimesh_service.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, Writer, problems
 from equimesh_service.rows import CANCELED, MeshRow
 from equimesh_service.service import Service
 from equimesh_service.spec import MeshSpec
+from equimesh_service.worker import file_name
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
 
@@ -104,6 +106,12 @@ _BODY = {
 }
 _MESH_FILES: dict[str, Any] = {form.media_type: {} for form in FORMATS.values()}
 _LOCATION = {"Location": {"description": "The mesh.", "schema": {"type": "string"}}}
+_REUSED = {
+    "Equimesh-Reused": {
+        "description": "The earlier mesh whose points and files these are; absent if the mesh was computed.",
+        "schema": {"type": "string"},
+    }
+}
 
 
 @router.post(
@@ -116,11 +124,11 @@ _LOCATION = {"Location": {"description": "The mesh.", "schema": {"type": "string
         201: {
             "description": "The finished mesh; its file, when a mesh format was asked for.",
             "model": MeshResource,
-            "headers": _LOCATION,
+            "headers": {**_LOCATION, **_REUSED},
             "content": _MESH_FILES,
         },
         202: {"description": "It waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
-        **problems(400, 406, 409, 413, 415, 422, 429, 503, 507),
+        **problems(400, 406, 408, 409, 413, 415, 422, 429, 503, 507),
     },
     openapi_extra={"requestBody": _BODY},
 )
@@ -145,24 +153,36 @@ async def create(
             json_schema_extra={"minLength": 1, "maxLength": 255},
         ),
     ] = None,
+    reuse: Annotated[
+        bool, Query(description="Answer with a finished mesh of the same spec and samples, where there is one.")
+    ] = True,
 ) -> Response:
     """Ask for a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
 
     With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip. A mesh that fails in this
     time answers 201, too, with status `failed` and the reason in `error`; where its file was asked for, it answers
     with the problem, as the request for the file would.
+
+    Where the same mesh has been computed before, the answer is at once a mesh of its own with the same points and
+    files; `reused_from` and the header `Equimesh-Reused` name the earlier one, and `reuse=false` declines.
     """
     name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), _media_types())
     key = _checked_key(idempotency_key)
     document, upload = await _read(request, service)
     admitted = await service.check(service.admission.admit, document, upload, caller)
-    mesh_id = await service.enqueue(admitted, caller, key=key, format=name)
-    headers = {"Location": f"{service.settings.root}/v1/meshes/{mesh_id}"}
-    asked = preferred_wait(prefer)
-    seconds = min(asked or 0, int(service.settings.max_wait))
-    if asked is not None:
+    wanted = preferred_wait(prefer)
+    seconds = min(wanted or 0, int(service.settings.max_wait))
+    asked = await service.ask(admitted, caller, key=key, format=name, soon=seconds > 0, reuse=reuse)
+    headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
+    if wanted is not None:
         headers["Preference-Applied"] = f"wait={seconds}"
-    row = await service.finished(mesh_id, seconds, caller)
+    began = time.monotonic()
+    ending = await service.ending(asked, seconds)
+    if ending is not None and name is not None and (file := ending.file(file_name(name, admitted.spec["cells"]))):
+        return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
+    row = await service.finished(asked.mesh_id, seconds - (time.monotonic() - began), caller)
+    if row.reused_from is not None:
+        headers["Equimesh-Reused"] = row.reused_from
     if row.finished and name is not None:
         check_done(row, partial=False, headers=headers)
         return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)

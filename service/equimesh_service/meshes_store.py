@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from sqlalchemy import Connection, Row, delete, insert, select, update
@@ -12,7 +12,19 @@ from sqlalchemy.exc import IntegrityError
 from equimesh_service.artifacts_store import insert_artifacts, remove_unused
 from equimesh_service.database import Database, to_json
 from equimesh_service.quota_store import Quota, take
-from equimesh_service.rows import QUEUED, Artifact, EventRow, KeyReusedError, MeshRow, NewMesh, SamplesGoneError
+from equimesh_service.rows import (
+    QUEUED,
+    RUNNING,
+    SUCCEEDED,
+    Artifact,
+    EventRow,
+    Hold,
+    KeyReusedError,
+    MeshRow,
+    NewMesh,
+    Order,
+    SamplesGoneError,
+)
 from equimesh_service.schema import artifacts, events, idempotency, mesh_samples, meshes, samples
 
 # How exactly it is noted when samples were last used.
@@ -32,30 +44,59 @@ class MeshesStore:
         self._read, self._write = database.read, database.write
         self._clock = clock
 
-    def add(self, new: NewMesh, *, key: str | None = None, fingerprint: str = "", quota: Quota | None = None) -> str:
+    def add(
+        self,
+        new: NewMesh,
+        *,
+        key: str | None = None,
+        fingerprint: str = "",
+        quota: Quota | None = None,
+        hold: Hold | None = None,
+    ) -> str:
         """Put a mesh into the queue and return its id: an older one's when ``key`` was seen before.
+
+        With ``hold`` it does not wait there: it is claimed from the start, at its first attempt.
 
         Raises :class:`KeyReusedError` when the key came with another ``fingerprint``,
         :class:`SamplesGoneError` when the samples were deleted, and
         :class:`~equimesh_service.quota_store.QuotaError` when it is one too many.
         """
-        known = self._known(new.key_id, key, fingerprint)
-        if known is not None:
-            return known
-        try:
-            with self._write() as connection:
-                if quota is not None:
-                    take(connection, new.key_id, new.points, quota)
-                self._insert(connection, new)
-                if key is not None:
-                    row = {"key_id": new.key_id, "key": key, "fingerprint": fingerprint, "mesh_id": new.id}
-                    connection.execute(insert(idempotency).values(row))
-        except IntegrityError:
-            known = self._known(new.key_id, key, fingerprint)  # the same key came at the same moment
-            if known is None:
-                raise
-            return known
-        return new.id
+
+        def put(connection: Connection) -> bool:
+            if quota is not None:
+                take(connection, new.key_id, new.points, quota)
+            self._insert_waiting(connection, new, hold)
+            return True
+
+        added = self._once(new, key, fingerprint, put)
+        assert added is not None
+        return added
+
+    def reuse(self, new: NewMesh, *, key: str | None = None, fingerprint: str = "") -> str | None:
+        """Make the mesh of one that has succeeded, with the same ``new.fingerprint`` and for the same API key.
+
+        It is a mesh of its own, and shares the files. Returns its id, or an older one's as :meth:`add` does; None when
+        there is nothing to make it of. Raises as :meth:`add`.
+        """
+        query = (
+            select(meshes.c.id, meshes.c.result)
+            .where(meshes.c.fingerprint == new.fingerprint, meshes.c.key_id == new.key_id)
+            .where(meshes.c.status == SUCCEEDED)
+            .order_by(meshes.c.number)
+            .limit(1)
+        )
+
+        def put(connection: Connection) -> bool:
+            # Locked, so that its files are not removed before they have a second owner.
+            source = connection.execute(query.with_for_update(read=True, key_share=True)).first()
+            if source is not None:
+                self._insert_reused(connection, new, source.id, source.result)
+            return source is not None
+
+        with self._read() as connection:
+            if new.fingerprint is None or connection.execute(query).first() is None:
+                return None
+        return self._once(new, key, fingerprint, put)
 
     def get(self, mesh_id: str) -> MeshRow | None:
         """The mesh with this id."""
@@ -68,6 +109,18 @@ class MeshesStore:
         with self._read() as connection:
             text = connection.execute(select(meshes.c.spec).where(meshes.c.id == mesh_id)).scalar()
         return None if text is None else json.loads(text)
+
+    def order(self, mesh_id: str) -> Order | None:
+        """What a worker needs to know of a mesh."""
+        asked = select(meshes.c.spec, meshes.c.format).where(meshes.c.id == mesh_id)
+        joined = mesh_samples.join(samples, samples.c.id == mesh_samples.c.samples_id)
+        files = select(samples.c.id, samples.c.sha256).select_from(joined).where(mesh_samples.c.mesh_id == mesh_id)
+        with self._read() as connection:
+            row = connection.execute(asked).first()
+            if row is None:
+                return None
+            held = {used.id: used.sha256 for used in connection.execute(files)}
+        return Order(spec=json.loads(row.spec), format=row.format, samples=held)
 
     def page(
         self,
@@ -127,6 +180,25 @@ class MeshesStore:
             publish()
             return True
 
+    def _once(self, new: NewMesh, key: str | None, fingerprint: str, put: Callable[[Connection], bool]) -> str | None:
+        """The id of a new mesh, or of the one that the key stands for; None when there was none to ``put``."""
+        known = self._known(new.key_id, key, fingerprint)
+        if known is not None:
+            return known
+        try:
+            with self._write() as connection:
+                if not put(connection):
+                    return None
+                if key is not None:
+                    row = {"key_id": new.key_id, "key": key, "fingerprint": fingerprint, "mesh_id": new.id}
+                    connection.execute(insert(idempotency).values(row))
+        except IntegrityError:
+            known = self._known(new.key_id, key, fingerprint)  # the same key came at the same moment
+            if known is None:
+                raise
+            return known
+        return new.id
+
     def _known(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
         if key is None:
             return None
@@ -140,19 +212,38 @@ class MeshesStore:
             raise KeyReusedError(key)
         return str(row.mesh_id)
 
-    def _insert(self, connection: Connection, new: NewMesh) -> None:
+    def _insert_waiting(self, connection: Connection, new: NewMesh, hold: Hold | None) -> None:
         now = self._clock()
-        for name in sorted(new.samples):
-            # Locked, so that they are not deleted before this mesh is there to need them.
-            query = select(samples.c.used_at).where(samples.c.id == name).with_for_update(read=True, key_share=True)
-            used_at = connection.execute(query).scalar()
-            if used_at is None:
-                raise SamplesGoneError(name)
-            if used_at < now - _USED_SECONDS:
-                connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
+        if hold is None:
+            self._insert(connection, new, now, {"status": QUEUED}, [("status", {"status": QUEUED})])
+            return
+        state = {"attempt": 1, "owner": hold.owner, "lease_until": now + hold.lease, "started_at": now}
+        began: dict[str, Any] = {"status": RUNNING, "attempt": 1}
+        story = [("status", {"status": QUEUED}), ("status", began)]
+        self._insert(connection, new, now, {"status": RUNNING, **state}, story)
+
+    def _insert_reused(self, connection: Connection, new: NewMesh, source: str, result: Mapping[str, Any]) -> None:
+        now = self._clock()
+        told = {key: value for key, value in (result or {}).items() if key != "timings"}  # which were another's
+        state = {"status": SUCCEEDED, "finished_at": now, "result": told, "reused_from": source}
+        done = {"status": SUCCEEDED, "reused_from": source}
+        self._insert(connection, new, now, state, [("done", done)])
+        columns = (artifacts.c.name, artifacts.c.sha256, artifacts.c.size)
+        files = connection.execute(select(*columns).where(artifacts.c.mesh_id == source)).all()
+        insert_artifacts(connection, new.id, [Artifact(*file) for file in files])
+
+    def _insert(
+        self,
+        connection: Connection,
+        new: NewMesh,
+        now: float,
+        state: Mapping[str, Any],
+        story: Sequence[tuple[str, Mapping[str, Any]]],
+    ) -> None:
+        """Insert a mesh in a state, and the events that tell how it came there."""
+        _use_samples(connection, new.samples, now)
         row = {
             "id": new.id,
-            "status": QUEUED,
             "label": new.spec["label"],
             "spec": to_json(new.spec),
             "n_xi": new.spec["grid"]["n_xi"],
@@ -160,16 +251,32 @@ class MeshesStore:
             "cells": new.spec["cells"],
             "format": new.format,
             "key_id": new.key_id,
+            "fingerprint": new.fingerprint,
             "created_at": now,
             "request_id": new.request_id,
             "trace": new.trace,
-            "last_event": 1,
+            "last_event": len(story),
+            **state,
         }
-        connection.execute(insert(meshes).values(row))
-        for name in new.samples:
-            connection.execute(insert(mesh_samples).values(mesh_id=new.id, samples_id=name))
-        first = {"mesh_id": new.id, "number": 1, "time": now, "kind": "status", "data": {"status": QUEUED}}
-        connection.execute(insert(events).values(first))
+        connection.execute(insert(meshes), row)
+        if new.samples:
+            connection.execute(insert(mesh_samples), [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
+        told = [
+            {"mesh_id": new.id, "number": number, "time": now, "kind": kind, "data": dict(data)}
+            for number, (kind, data) in enumerate(story, start=1)
+        ]
+        connection.execute(insert(events), told)
+
+
+def _use_samples(connection: Connection, names: Sequence[str], now: float) -> None:
+    """Keep samples from being deleted before the mesh is there that needs them, and note that they are in use."""
+    for name in sorted(names):
+        query = select(samples.c.used_at).where(samples.c.id == name).with_for_update(read=True, key_share=True)
+        used_at = connection.execute(query).scalar()
+        if used_at is None:
+            raise SamplesGoneError(name)
+        if used_at < now - _USED_SECONDS:
+            connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
 
 
 def delete_mesh(connection: Connection, mesh_id: str) -> set[str] | None:

@@ -140,6 +140,7 @@ class MeshResource(BaseModel):
     timings: Timings
     error: ProblemDetails | None = Field(description="Why it failed.")
     partial: bool = Field(description="Whether a mesh that failed downloads with ?partial=true.")
+    reused_from: str | None = Field(description="The earlier mesh whose points and files these are; null if computed.")
     links: dict[str, str]
 
 
@@ -232,6 +233,7 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
         ),
         error=None if row.error is None else ProblemDetails(**row.error),
         partial=row.partial,
+        reused_from=row.reused_from,
         links={"self": here, **{part: f"{here}/{part}" for part in parts}},
     )
 

@@ -30,6 +30,7 @@ class NewMesh:
     key_id: str = ""
     request_id: str | None = None
     trace: str | None = None
+    fingerprint: str | None = None  # the same for meshes that have the same points
 
     @property
     def points(self) -> int:
@@ -59,6 +60,7 @@ class MeshRow:
     error: dict[str, Any] | None
     partial: bool
     key_id: str
+    reused_from: str | None
 
     @property
     def finished(self) -> bool:
@@ -94,11 +96,28 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Order:
+    """What a worker needs to know of a mesh: its spec, the files of the samples in it, and the file asked for first."""
+
+    spec: Mapping[str, Any]
+    samples: Mapping[str, str]  # from the ids of samples to the SHA-256 of their files
+    format: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Census:
     """How many meshes there are of each status, and for how many seconds the oldest waiting one has waited."""
 
     meshes: Mapping[str, int]
     oldest_wait: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """Who claims a mesh, and for how many seconds until the claim is to be renewed."""
+
+    owner: str
+    lease: float
 
 
 @dataclass(frozen=True)

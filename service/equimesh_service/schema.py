@@ -72,7 +72,7 @@ meshes = Table(
     # With all that is asked of waiting meshes: their rows are long where samples stand in the spec.
     Index("meshes_by_status", "status", "number", "key_id", "n_xi", "n_eta"),
     Index("meshes_by_key", "key_id", "number"),
-    Index("meshes_by_fingerprint", "fingerprint"),
+    Index("meshes_by_fingerprint", "fingerprint", "key_id", "number"),
     Index("meshes_by_finish", "finished_at"),
     sqlite_autoincrement=True,
 )

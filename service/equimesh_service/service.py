@@ -6,8 +6,9 @@ import asyncio
 import logging
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import TextIOWrapper
 from typing import Any, TypeVar
@@ -113,16 +114,26 @@ class Service:
             await self.wakeups.wait(mesh_id, min(left, self.settings.poll))
 
     async def ask(
-        self, admitted: Admitted, caller: Caller, *, key: str | None, format: str | None, soon: bool
+        self, admitted: Admitted, caller: Caller, *, key: str | None, format: str | None, soon: bool, reuse: bool
     ) -> Asked:
         """Put an admitted spec into the queue or, where somebody waits for it, straight to a worker that is free.
 
-        Raises 409, 422 and 429 problems.
+        With ``reuse`` a finished mesh of the same spec is taken instead, where there is one. Raises 409, 422 and 429
+        problems.
         """
         await self.quotas.check_bytes(caller)
+        new = _new_mesh(admitted, caller, format)
+        if reuse and self.settings.reuse:
+            with _refusals():
+                again = await run_in_threadpool(
+                    self.store.meshes.reuse, new, key=key, fingerprint=admitted.fingerprint(format)
+                )
+            if again is not None:
+                trail.current().mesh_id = again
+                return Asked(again)
         hold = self.dispatcher.hold if soon and self.dispatcher.reserve() else None
         try:
-            asked = await self._add(admitted, caller, key, format, hold)
+            asked = await self._add(admitted, caller, new, key, hold)
         except BaseException:
             if hold is not None:
                 self.dispatcher.release()
@@ -130,44 +141,25 @@ class Service:
         trail.current().mesh_id = asked.mesh_id
         return asked
 
-    async def _add(
-        self, admitted: Admitted, caller: Caller, key: str | None, format: str | None, hold: Hold | None
-    ) -> Asked:
+    async def _add(self, admitted: Admitted, caller: Caller, new: NewMesh, key: str | None, hold: Hold | None) -> Asked:
         if hold is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
-        new = NewMesh(
-            id=f"m-{secrets.token_hex(10)}",
-            spec=admitted.spec,
-            samples=tuple(admitted.samples),
-            format=format,
-            key_id=caller.key_id,
-            request_id=trail.current().request_id or None,
-            trace=tracing.traceparent(),
-        )
-        fingerprint = admitted.fingerprint(format)
-        try:
-            with tracing.span("enqueue"):
-                mesh_id = await run_in_threadpool(
-                    self.store.meshes.add,
-                    new,
-                    key=key,
-                    fingerprint=fingerprint,
-                    quota=self.quotas.for_mesh(caller),
-                    hold=hold,
-                )
-        except KeyReusedError:
-            raise Problem("idempotency-key-reused", "The key was used for another spec.") from None
-        except QuotaError as error:
-            raise exceeded(error) from None
-        except SamplesGoneError:
-            raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
+        with tracing.span("enqueue"), _refusals():
+            mesh_id = await run_in_threadpool(
+                self.store.meshes.add,
+                new,
+                key=key,
+                fingerprint=admitted.fingerprint(new.format),
+                quota=self.quotas.for_mesh(caller),
+                hold=hold,
+            )
         if hold is None:
             self.dispatcher.wake()
             return Asked(mesh_id)
         if mesh_id != new.id:  # an older one of the same key
             self.dispatcher.release()
             return Asked(mesh_id)
-        order = Order(spec=admitted.spec, samples=admitted.samples, format=format)
+        order = Order(spec=admitted.spec, samples=admitted.samples, format=new.format)
         claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
         return Asked(mesh_id, self.dispatcher.begin(claim, order))
 
@@ -275,6 +267,32 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
             }
         ),
     )
+
+
+def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh:
+    return NewMesh(
+        id=f"m-{secrets.token_hex(10)}",
+        spec=admitted.spec,
+        samples=tuple(admitted.samples),
+        format=format,
+        key_id=caller.key_id,
+        request_id=trail.current().request_id or None,
+        trace=tracing.traceparent(),
+        fingerprint=admitted.points_fingerprint(),
+    )
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Raise what keeps a mesh out of the store as problems."""
+    try:
+        yield
+    except KeyReusedError:
+        raise Problem("idempotency-key-reused", "The key was used for another spec.") from None
+    except QuotaError as error:
+        raise exceeded(error) from None
+    except SamplesGoneError:
+        raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
 
 
 def _health(engine: Engine) -> str:

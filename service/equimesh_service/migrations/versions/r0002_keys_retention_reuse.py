@@ -54,7 +54,7 @@ def _meshes() -> None:
     op.drop_index("meshes_by_status", "meshes")
     op.create_index("meshes_by_status", "meshes", ["status", "number", "key_id", "n_xi", "n_eta"])
     op.create_index("meshes_by_key", "meshes", ["key_id", "number"])
-    op.create_index("meshes_by_fingerprint", "meshes", ["fingerprint"])
+    op.create_index("meshes_by_fingerprint", "meshes", ["fingerprint", "key_id", "number"])
     op.create_index("meshes_by_finish", "meshes", ["finished_at"])
     # The samples of meshes from the first days of 0.1 stood in the mesh itself.
     op.execute(
