@@ -27,11 +27,14 @@ def configure(level: str, format: str) -> None:
 
     What is there already stays: a program that runs a service has the last word on its log.
     """
+    root = logging.getLogger()
+    if root.handlers:
+        return
     handler = logging.StreamHandler()
     handler.setFormatter(formatter(format))
     logging.basicConfig(level=level.upper(), handlers=[handler])
     for name in _TALKATIVE:
-        logging.getLogger(name).setLevel(max(logging.WARNING, logging.getLogger().level))
+        logging.getLogger(name).setLevel(max(logging.WARNING, root.level))
 
 
 def formatter(format: str) -> logging.Formatter:

@@ -20,9 +20,9 @@ _PATIENCE_SECONDS = 5.0
 
 
 class Readiness:
-    """Tries ``checks``, by name. Each gives "ok" or a sentence, and may raise and block."""
+    """Tries ``checks``, by name. Each gives None, "ok" or what is wrong, and may raise and block."""
 
-    def __init__(self, checks: Mapping[str, Callable[[], str]], *, patience: float = _PATIENCE_SECONDS) -> None:
+    def __init__(self, checks: Mapping[str, Callable[[], str | None]], *, patience: float = _PATIENCE_SECONDS) -> None:
         self._checks = checks
         self._patience = patience
         self._lock = asyncio.Lock()
@@ -40,10 +40,11 @@ class Readiness:
                 self._at = time.monotonic()
             return self._found
 
-    async def _try(self, name: str, check: Callable[[], str]) -> str:
+    async def _try(self, name: str, check: Callable[[], str | None]) -> str:
         with move_on_after(self._patience):
             try:
-                return await to_thread.run_sync(check, abandon_on_cancel=True, limiter=self._limiter)
+                said = await to_thread.run_sync(check, abandon_on_cancel=True, limiter=self._limiter)
+                return OK if said is None else said
             except Exception as error:
                 problem = storage_problem(error)
                 if problem is not None:

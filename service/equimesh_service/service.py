@@ -259,8 +259,8 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         metrics=metrics,
         readiness=Readiness(
             {
-                "store": lambda: store.check() or OK,
-                "files": lambda: files.check() or OK,
+                "store": store.check,
+                "files": files.check,
                 "engine": lambda: _health(engine),
                 "exports": lambda: _health(desk),
                 "dispatcher": lambda: OK if dispatcher.alive() else "stopped",

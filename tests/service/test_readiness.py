@@ -1,0 +1,104 @@
+"""/readyz is true: what does not work is named, without its address; and probes cannot hurt."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+
+from equimesh_service import Settings
+from equimesh_service.app import create_app
+from equimesh_service.folder_files import FolderFiles
+from equimesh_service.pebble_engine import PebbleEngine
+from equimesh_service.readiness import OK, Readiness
+from equimesh_service.service import PRELOAD, _health
+from equimesh_service.store import Store
+from service.check_engine import own_pid
+from service.conftest import until
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+def test_a_service_that_works_is_ready(http: httpx.Client) -> None:
+    answer = http.get("/readyz")
+    assert (answer.status_code, answer.json()["status"]) == (200, "ok")
+    assert set(answer.json()["checks"]) == {"store", "files", "engine", "exports", "dispatcher"}
+    for path in ("/readyz", "/livez"):
+        head = http.head(path)
+        assert (head.status_code, head.content) == (200, b"")
+
+
+@pytest.mark.anyio
+async def test_what_does_not_work_is_named_without_its_address(tmp_path: Path) -> None:
+    store, files = Store(f"sqlite:///{tmp_path / 'no' / 'such.sqlite3'}"), FolderFiles(tmp_path / "gone")
+    app = create_app(Settings(data_dir=tmp_path))
+    checks: dict[str, Any] = {"store": store.check, "files": files.check, "engine": lambda: "workers are starting"}
+    app.state.service = SimpleNamespace(readiness=Readiness(checks))
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://here") as http:
+        answer = await http.get("/readyz")
+        assert (await http.head("/readyz")).status_code == answer.status_code == 503
+    store.close()
+    assert answer.json() == {
+        "status": "unavailable",
+        "checks": {
+            "store": "The database cannot be used now.",
+            "files": answer.json()["checks"]["files"],
+            "engine": "workers are starting",
+        },
+    }
+    assert answer.json()["checks"]["files"] != OK
+    assert str(tmp_path) not in answer.text
+    assert "such.sqlite3" not in answer.text
+
+
+@pytest.mark.anyio
+async def test_probes_share_a_look() -> None:
+    looks: list[int] = []
+
+    def slow() -> None:
+        time.sleep(0.1)
+        looks.append(1)
+
+    readiness = Readiness({"slow": slow})
+    said = await asyncio.gather(*(readiness.look() for _ in range(20)))
+    assert said == [{"slow": OK}] * 20
+    assert len(looks) == 1
+    await asyncio.sleep(1.0)
+    await readiness.look()
+    assert len(looks) == 2
+
+
+@pytest.mark.anyio
+async def test_a_room_that_hangs_is_not_ready() -> None:
+    free = threading.Event()
+    readiness = Readiness({"store": lambda: free.wait(10) and None, "files": lambda: None}, patience=0.2)
+    began = time.monotonic()
+    assert await readiness.look() == {"store": "no answer within 0.2 s", "files": OK}
+    assert time.monotonic() - began < 2
+    free.set()
+
+
+def test_an_engine_whose_workers_were_killed_says_so_and_recovers() -> None:
+    engine = PebbleEngine(1, preload=PRELOAD)
+    try:
+        assert engine.wait_until_ready(60.0)
+        assert _health(engine) == OK
+        os.kill(engine.submit(own_pid).result(20.0), signal.SIGKILL)
+        assert until(lambda: _health(engine) != OK and _health(engine)) in (
+            "the worker pool is down",
+            "workers are starting",
+        )
+        assert engine.wait_until_ready(60.0)
+    finally:
+        engine.close()

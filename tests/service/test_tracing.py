@@ -1,0 +1,72 @@
+"""Traces: one from the request into the worker, over a real receiver of OTLP; and nothing where they are off."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import httpx
+import pytest
+
+from equimesh_service import tracing
+from equimesh_service.rows import Claim
+from service.conftest import small, until
+from service.observed import Observed
+
+SPEC = small(grid={"n_xi": 8, "n_eta": 11})  # nobody else's, so that it is solved and not reused
+FILE = "GET /v1/meshes/{id}/file"
+TRACE, CALLER = "0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331"
+
+
+def test_one_trace_from_the_client_to_the_solve_and_the_export(observed: Observed) -> None:
+    headers = {"traceparent": f"00-{TRACE}-{CALLER}-01"}
+    with httpx.Client(base_url=observed.url, headers=headers, timeout=60.0) as http:
+        mesh = http.post("/v1/meshes", json=SPEC, headers={"Prefer": "wait=30"}).json()
+        assert mesh["status"] == "succeeded"
+        assert http.get(mesh["links"]["file"], params={"format": "msh"}).status_code == 200
+    wanted = {"POST /v1/meshes", "enqueue", "queue wait", "attempt", "solve", "write", FILE, "export"}
+    spans = until(lambda: wanted <= set(found := observed.trace(TRACE)) and found)
+    request, attempt, solve = spans["POST /v1/meshes"], spans["attempt"], spans["solve"]
+    assert request.parent == CALLER
+    assert {spans[name].parent for name in ("enqueue", "queue wait", "attempt")} == {request.id}
+    assert {spans[name].parent for name in ("solve", "write")} == {attempt.id}
+    assert spans["export"].parent == spans[FILE].id
+    assert (request.part, solve.part, spans["export"].part) == ("service", "worker", "worker")
+    assert len({request.pid, solve.pid, spans["export"].pid}) == 3
+    assert attempt.told == {"equimesh.mesh.id": mesh["id"], "equimesh.mesh.attempt": 1}
+    assert (request.told["http.route"], request.told["http.response.status_code"]) == ("/v1/meshes", 201)
+    assert request.start <= spans["queue wait"].start <= spans["queue wait"].end <= solve.start <= solve.end
+    assert not any(span.failed for span in spans.values())
+
+
+def test_a_request_without_a_parent_begins_a_trace_of_its_own(observed: Observed) -> None:
+    for parent in ({}, {"traceparent": "nonsense"}):
+        before = len(observed.spans)
+        assert httpx.get(f"{observed.url}/v1/meshes", headers=parent).status_code == 200
+        span = until(lambda before=before: next((s for s in observed.spans[before:] if "GET" in s.name), None))
+        assert (span.name, span.parent) == ("GET /v1/meshes", "")
+        assert span.trace != TRACE
+
+
+def test_off_they_load_nothing_and_do_nothing() -> None:
+    code = (
+        "import sys\n"
+        "from equimesh_service import Settings, tracing\n"
+        "from equimesh_service.app import create_app\n"
+        "create_app(Settings())\n"
+        "assert tracing.span('a') is tracing.span('b') is tracing.follow('c', '00-0-0-01')\n"
+        "assert tracing.traceparent() is None\n"
+        "print([name for name in sys.modules if name.startswith(('opentelemetry.sdk', 'opentelemetry.exporter'))])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr
+    with tracing.attempt(Claim("m-1", 1)):
+        pass
+
+
+def test_a_missing_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "equimesh_service.spans", raising=False)
+    monkeypatch.setitem(sys.modules, "opentelemetry.sdk.trace", None)
+    assert tracing.open_tracer("", "service") is None
+    with pytest.raises(tracing.TracingMissingError, match=r"pip install 'equimesh\[tracing\]', or leave"):
+        tracing.open_tracer("http://127.0.0.1:1/v1/traces", "service")
