@@ -1,13 +1,10 @@
-"""Samples out of an uploaded file: npz, npy, csv, json, vtu or vtk."""
+"""Samples out of an uploaded file: npz, npy, csv, json, vtu, vtk or xdmf."""
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import re
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from pathlib import PurePath
 from typing import Any, Final, TypeAlias
@@ -19,6 +16,8 @@ from equimesh.domain import Box
 from equimesh.errors import SamplesError
 from equimesh.samples import UNIT_BOX, GridSamples, ScatteredSamples
 from equimesh.vtk_points import read_legacy_vtk, read_vtu
+from equimesh.xdmf_points import read_xdmf
+from equimesh.zip_members import open_zip
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Samples: TypeAlias = GridSamples | ScatteredSamples
@@ -48,9 +47,10 @@ def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box:
     csv       rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
     json      ``{"grid": {...}}`` or ``{"scattered": {...}}`` with the keys of the npz, or these keys alone
     vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
+    xdmf, zip the same: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone with its numbers as text
     ========= ==========================================================================================
 
-    The points of a csv, vtu or vtk file that fill a rectilinear grid become :class:`GridSamples`, others
+    The points of a csv, vtu, vtk or xdmf file that fill a rectilinear grid become :class:`GridSamples`, others
     :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
     unpacked. Raises :class:`~equimesh.errors.SamplesError`, which says what to change.
     """
@@ -85,16 +85,9 @@ def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
 
 
 def _read_npz(data: bytes, max_bytes: int) -> dict[str, Any]:
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-            keys = _choose(list(members))
-            if sum(members[key].file_size for key in keys) > max_bytes:
-                raise SamplesError(f"the npz file unpacks to more than the {max_bytes} bytes allowed")
-            arrays = {key: _parse_npy(archive.read(members[key]), key) for key in keys}
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise SamplesError(f"the npz file cannot be unpacked: {error}; write it with numpy.savez") from error
-    return arrays
+    with open_zip(data, "npz", max_bytes, "write it with numpy.savez") as members:
+        files = {name.removesuffix(".npy"): name for name in members.names}
+        return {key: _parse_npy(members.read(files[key]), key) for key in _choose(list(files))}
 
 
 def _read_npy(data: bytes, _: int) -> dict[str, Any]:
@@ -120,7 +113,10 @@ def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
         raise SamplesError(f"{key} is not a plain npy array: {header.strip()[:80]!r} describes it", field=key)
     if descr[1] not in NPY_TYPES:
         raise SamplesError(f"{key} holds data of type {descr[1]!r}: only real numbers are allowed", field=key)
-    dtype, shape = np.dtype(descr[1]), tuple(int(n) for n in extents[1].split(",") if n.strip())
+    sizes = [n.strip() for n in extents[1].split(",") if n.strip()]
+    if not all(n.isdecimal() for n in sizes):
+        raise SamplesError(f"{key} is not a plain npy array: {header.strip()[:80]!r} describes it", field=key)
+    dtype, shape = np.dtype(descr[1]), tuple(map(int, sizes))
     if math.prod(shape) * dtype.itemsize != len(data) - start:
         raise SamplesError(f"{key} has {len(data) - start} bytes, not those of shape {shape}", field=key)
     return np.frombuffer(data, dtype, offset=start).reshape(shape, order="F" if order[1] == "True" else "C")
@@ -210,6 +206,10 @@ def _read_vtk(data: bytes, _: int) -> dict[str, Any]:
     return _from_cloud(*read_legacy_vtk(data))
 
 
+def _read_xdmf(data: bytes, max_bytes: int) -> dict[str, Any]:
+    return _from_cloud(*read_xdmf(data, max_bytes=max_bytes))
+
+
 def _from_cloud(points: Array, fields: dict[str, Array]) -> dict[str, Any]:
     if "u" not in fields and len(fields) != 1:
         found = ", ".join(sorted(fields)) or "none"
@@ -245,4 +245,6 @@ READERS: Final[dict[str, Callable[[bytes, int], dict[str, Any]]]] = {
     "json": _read_json,
     "vtu": _read_vtu,
     "vtk": _read_vtk,
+    "xdmf": _read_xdmf,
+    "zip": _read_xdmf,
 }

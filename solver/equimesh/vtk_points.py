@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import SamplesError
+from equimesh.xml_tree import parse_xml
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]
@@ -59,7 +60,6 @@ def read_vtu(data: bytes, *, max_bytes: int) -> Cloud:
             ]
             fields.append({a.get("Name", ""): reader.array(a, count) for a in scalars})
     except (
-        ElementTree.ParseError,
         KeyError,
         ValueError,
         binascii.Error,
@@ -80,9 +80,7 @@ class _VtuReader:
 
     def __init__(self, data: bytes, max_bytes: int) -> None:
         head, tag, tail = data.partition(b"<AppendedData")
-        if b"<!ENTITY" in head or b"<!DOCTYPE" in head:
-            raise SamplesError("the vtu file declares entities: save it again without a document type")
-        self.root = ElementTree.fromstring(head + b"</VTKFile>" if tag else data)
+        self.root = parse_xml(head + b"</VTKFile>" if tag else data, "vtu")
         if self.root.tag != "VTKFile":
             raise SamplesError(f"the vtu file starts with <{self.root.tag}>, not with <VTKFile>")
         self.budget = max_bytes

@@ -1,0 +1,49 @@
+"""The tree of an XML file that somebody sends: no document type, no entities, nothing from elsewhere."""
+
+from __future__ import annotations
+
+from typing import Final, NoReturn
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from equimesh.errors import SamplesError
+
+MOST_LEVELS: Final = 50
+
+
+def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
+    """The root of the tree of ``data``; ``kind`` is what to call the file in messages.
+
+    The parser itself is told to stop at a document type, so that none gets past in another encoding.
+    Raises :class:`~equimesh.errors.SamplesError`.
+    """
+    builder = ElementTree.TreeBuilder()
+    depth = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MOST_LEVELS:
+            raise SamplesError(f"the {kind} file is nested more than {MOST_LEVELS} levels deep")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: object) -> NoReturn:
+        raise SamplesError(f"the {kind} file declares entities: save it again without a document type")
+
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = builder.data
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:  # the latter two for unknown encodings
+        if isinstance(error, SamplesError):
+            raise
+        raise SamplesError(f"the {kind} file cannot be read: {error}") from error
+    return builder.close()

@@ -1,0 +1,73 @@
+"""The members of a zip file that somebody sends, never more of them than asked for and allowed."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Final
+
+from equimesh.errors import SamplesError
+
+MOST_MEMBERS: Final = 1000
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_BROKEN = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    OSError,
+    ValueError,
+    LookupError,
+    OverflowError,
+    NotImplementedError,
+    RuntimeError,
+)
+
+
+@dataclass
+class Members:
+    """The names in a zip file, in its order, and the bytes of those that are read: at most ``budget`` in all."""
+
+    archive: zipfile.ZipFile
+    kind: str
+    budget: int
+    names: list[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.names = self.archive.namelist()
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a member, which is never written anywhere, whatever its name is."""
+        member = self.archive.getinfo(name)
+        if member.compress_type not in _METHODS:
+            raise SamplesError(f"{name!r} in the {self.kind} file is packed in an unusual way: use deflate")
+        if member.file_size > self.budget:
+            raise SamplesError(f"the {self.kind} file unpacks to more than the bytes allowed")
+        self.budget -= member.file_size
+        with self.archive.open(member) as stream:
+            found = stream.read(member.file_size + 1)
+        if len(found) != member.file_size:
+            raise SamplesError(f"{name!r} in the {self.kind} file is not as long as it says")
+        return found
+
+
+@contextmanager
+def open_zip(data: bytes, kind: str, max_bytes: int, remedy: str) -> Iterator[Members]:
+    """The members of the zip file ``data``; ``kind`` is what to call it in messages, ``remedy`` how to write one.
+
+    Raises :class:`~equimesh.errors.SamplesError` for whatever is wrong with it, also where it is used.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if len(archive.infolist()) > MOST_MEMBERS:
+                raise SamplesError(f"the {kind} file has more than {MOST_MEMBERS} members")
+            yield Members(archive, kind, max_bytes)
+    except SamplesError:
+        raise
+    except _BROKEN as error:
+        raise SamplesError(f"the {kind} file cannot be unpacked: {error}; {remedy}") from error
