@@ -20,7 +20,7 @@ ALLOWED = {
     "weight": ("rho", "smoothing"),
     "tensor": ("m11", "m12", "m22", "smoothing"),
 }
-SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk")
+SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
 
 
 def add_monitor_options(parser: argparse.ArgumentParser) -> None:

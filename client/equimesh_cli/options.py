@@ -40,7 +40,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "--samples",
         metavar="FILE",
         type=Path,
-        help="samples of u instead of U: npz, npy, csv, json, vtu or vtk",
+        help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf",
     )
     parser.add_argument(
         "--parameter",
