@@ -51,7 +51,7 @@ _RETRY_MILLISECONDS = 1000
             },
         },
         204: {"description": "The mesh is finished and there is nothing after Last-Event-ID."},
-        **problems(404, 406, 422),
+        **problems(404, 410, 406, 422),
     },
 )
 async def get_events(

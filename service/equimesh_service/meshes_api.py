@@ -96,7 +96,7 @@ _BODY = {
                     "samples": {
                         "type": "string",
                         "contentMediaType": "application/octet-stream",
-                        "description": "npz, npy, csv, json, vtu or vtk, for {'samples': 'upload'} in the monitor.",
+                        "description": "npz, npy, csv, json, vtu, vtk or xdmf, for {'samples': 'upload'} in the monitor.",
                     },
                 },
             },
@@ -218,7 +218,7 @@ async def list_meshes(
     return MeshList(items=[mesh_resource(row, service.settings.root) for row in rows[:limit]], next_cursor=following)
 
 
-@router.get("/{id}", summary="Look at a mesh", operation_id="getMesh", responses=problems(404, 422))
+@router.get("/{id}", summary="Look at a mesh", operation_id="getMesh", responses=problems(404, 410, 422))
 async def get_mesh(
     id: str,
     service: ServiceDependency,
@@ -231,7 +231,7 @@ async def get_mesh(
     return mesh_resource(await service.finished(id, wait, caller), service.settings.root)
 
 
-@router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 409))
+@router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 410, 409))
 async def cancel(id: str, service: ServiceDependency, caller: Writer) -> MeshResource:
     """Cancel a mesh that is not finished; a worker that computes it is stopped."""
     await service.mesh(id, caller)
@@ -244,7 +244,9 @@ async def cancel(id: str, service: ServiceDependency, caller: Writer) -> MeshRes
     return mesh_resource(row, service.settings.root)
 
 
-@router.delete("/{id}", summary="Delete a mesh", operation_id="deleteMesh", status_code=204, responses=problems(404))
+@router.delete(
+    "/{id}", summary="Delete a mesh", operation_id="deleteMesh", status_code=204, responses=problems(404, 410)
+)
 async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     """Delete the record and the files; a mesh that is not finished is canceled first."""
     await service.mesh(id, caller)
@@ -260,7 +262,7 @@ async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     summary="The spec with all defaults",
     operation_id="getMeshSpec",
     response_model=MeshSpec,
-    responses=problems(404),
+    responses=problems(404, 410),
 )
 async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Response:
     """The spec as it was computed: posting it again gives the same mesh."""

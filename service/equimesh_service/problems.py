@@ -51,6 +51,7 @@ KINDS: Mapping[str, Kind] = {
         Kind("conflict", 409, "Not in this state", "Read the mesh's status first."),
         Kind("not-finished", 409, "The mesh is not finished", "Wait with GET /v1/meshes/{id}?wait=30."),
         Kind("canceled", 409, "The mesh was canceled", "Post its spec again to compute it."),
+        Kind("gone", 410, "It was removed after its time", "Post the spec, or the samples, again."),
         Kind(
             "precondition-failed",
             412,

@@ -8,11 +8,10 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 
 from equimesh.io import FORMATS
-from equimesh_service.callers import Caller
-from equimesh_service.convergence import ConvergenceHistory, table
+from equimesh_service.convergence import NO_ITERATIONS, ConvergenceHistory, table
 from equimesh_service.exports import ARRAYS, PICTURES, plot_name
 from equimesh_service.files import StoredFile
 from equimesh_service.negotiation import chosen
@@ -21,7 +20,7 @@ from equimesh_service.routing import KEY_PROBLEMS, Reader, ServiceDependency, pr
 from equimesh_service.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
 from equimesh_service.sending import send_file
 from equimesh_service.service import Service
-from equimesh_service.worker import CONVERGENCE, MESH, QUALITY, file_name
+from equimesh_service.worker import CONVERGENCE, file_name
 
 router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"], responses=KEY_PROBLEMS)
 
@@ -34,7 +33,7 @@ _FILES: dict[int | str, dict[str, Any]] = {
     },
     206: {"description": "The part that Range asks for."},
     304: {"description": "If-None-Match names the same bytes."},
-    **problems(404, 406, 409, 412, 416, 422, 503, 507),
+    **problems(404, 410, 406, 409, 412, 416, 422, 503, 507),
 }
 _FORMAT = Query(
     description=f"One of {', '.join(FORMATS)}; it wins over Accept. Default vtu.",
@@ -92,7 +91,7 @@ async def head_file(
     summary="Quality of the mesh",
     operation_id="getMeshQuality",
     response_class=Response,
-    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422, 503)},
+    responses={200: {"content": {"application/json": {}}}, **problems(404, 410, 409, 422, 503)},
 )
 async def get_quality(
     id: str,
@@ -102,10 +101,14 @@ async def get_quality(
     arrays: Annotated[bool, Query(description="With `cells`, the values per cell, xi first.")] = False,
 ) -> Response:
     """All measures with maximum, minimum, mean and root mean square over the cells; also of a partial mesh."""
-    artifact = await _kept(service, caller, id, QUALITY)
+    row = await service.mesh(id, caller)
+    quality = (row.result or {}).get("quality")
+    if quality is None:
+        check_done(row, partial=False)
+        raise Problem("not-found", "There is no mesh with this id.")
     if arrays:
-        artifact = await service.artifact(id, ARRAYS)
-    return await _send(request, service, artifact, "application/json")
+        return await _send(request, service, await service.artifact(id, ARRAYS), "application/json")
+    return JSONResponse(quality)
 
 
 @router.get(
@@ -115,7 +118,7 @@ async def get_quality(
     response_class=Response,
     responses={
         200: {"model": ConvergenceHistory, "content": {"application/json": {}, "text/csv": {}}},
-        **problems(404, 406, 409, 422),
+        **problems(404, 410, 406, 409, 422),
     },
 )
 async def get_convergence(
@@ -126,15 +129,21 @@ async def get_convergence(
     format: Annotated[Literal["json", "csv"] | None, Query(description="It wins over Accept.")] = None,
 ) -> Response:
     """Each iteration: change, error, work, traffic, and what every subdomain did; iteration 0 is the start."""
-    artifact = await _kept(service, caller, id, CONVERGENCE)
+    row = await service.mesh(id, caller)
+    artifact = await run_in_threadpool(service.store.meshes.artifact, id, CONVERGENCE)
+    if artifact is None and row.result is None:
+        check_done(row, partial=False)
     offers = {"json": "application/json", "csv": "text/csv"}
     name = format or chosen(request.headers.get("accept"), offers)
     if name is None:
         raise Problem("not-acceptable", "Convergence is application/json or text/csv.")
-    if name == "json":
+    if name == "json" and artifact is not None:
         return await _send(request, service, artifact, "application/json")
-    text = await run_in_threadpool(_csv, service, artifact)
-    return Response(text, media_type="text/csv", headers={"Vary": "Accept"})
+    headers = {"Vary": "Accept"}
+    if name == "json":
+        return JSONResponse(NO_ITERATIONS, headers=headers)
+    text = table(NO_ITERATIONS) if artifact is None else await run_in_threadpool(_csv, service, artifact)
+    return Response(text, media_type="text/csv", headers=headers)
 
 
 @router.get(
@@ -144,7 +153,7 @@ async def get_convergence(
     response_class=Response,
     responses={
         200: {"content": {media: {} for media in PICTURES.values()}},
-        **problems(404, 406, 409, 422, 503),
+        **problems(404, 410, 406, 409, 422, 503),
     },
 )
 async def get_plot(
@@ -159,7 +168,9 @@ async def get_plot(
     name = format or chosen(request.headers.get("accept"), PICTURES)
     if name is None:
         raise Problem("not-acceptable", f"Pictures are {', '.join(PICTURES.values())}.")
-    await _kept(service, caller, id, CONVERGENCE if kind == "convergence" else MESH)
+    row = await service.mesh(id, caller)
+    if row.result is None or (kind != "convergence" and row.result.get("quality") is None):
+        check_done(row, partial=False)
     artifact = await service.artifact(id, plot_name(kind, name))
     return await _send(request, service, artifact, PICTURES[name])
 
@@ -176,8 +187,22 @@ async def mesh_file(
 ) -> Response:
     """The file of a finished mesh."""
     artifact = await service.artifact(row.id, file_name(format, cells))
+    return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
+
+
+async def mesh_bytes(
+    request: Request,
+    service: Service,
+    mesh_id: str,
+    format: str,
+    artifact: Artifact,
+    *,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The file of a mesh in a format."""
     form = FORMATS[format]
-    name = f"equimesh-{row.id}{form.suffix}"
+    name = f"equimesh-{mesh_id}{form.suffix}"
     file = StoredFile(artifact.sha256, artifact.size)
     return await send_file(request, service.files, file, form.media_type, filename=name, headers=headers, status=status)
 
@@ -209,16 +234,6 @@ def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None
     error = row.error or {}
     name = str(error.get("type", "")).rpartition("/")[2]
     raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
-
-
-async def _kept(service: Service, caller: Caller, mesh_id: str, name: str) -> Artifact:
-    """What the worker wrote of a mesh; of a failed one, as far as it came."""
-    row = await service.mesh(mesh_id, caller)
-    artifact = await run_in_threadpool(service.store.meshes.artifact, mesh_id, name)
-    if artifact is None:
-        check_done(row, partial=False)
-        raise Problem("not-found", "There is no mesh with this id.")
-    return artifact
 
 
 def _csv(service: Service, artifact: Artifact) -> str:

@@ -24,6 +24,7 @@ _MEANINGS = {
     406: "No such format.",
     408: "The body did not come in time.",
     409: "The mesh is not in a state for this.",
+    410: "It was removed after its time (EQUIMESH_RETENTION_DAYS).",
     412: "If-Match names another file.",
     413: "The body is too large.",
     415: "The body's type is not supported.",

@@ -32,6 +32,9 @@ _BODY = {
         "text/csv": {"schema": {"type": "string"}, "example": "x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,2\n"},
         "application/x-npz": {"schema": _BINARY},
         "application/x-npy": {"schema": _BINARY},
+        "application/vnd.vtk.vtu+xml": {"schema": _BINARY},
+        "application/vnd.vtk": {"schema": _BINARY},
+        "application/zip": {"schema": _BINARY},
         "application/octet-stream": {"schema": _BINARY},
     },
 }
@@ -45,7 +48,7 @@ _BODY = {
     response_model=SamplesResource,
     responses={
         200: {"description": "They were here already.", "model": SamplesResource},
-        **problems(400, 413, 415, 422, 503, 507),
+        **problems(400, 408, 413, 415, 422, 503, 507),
     },
     openapi_extra={"requestBody": _BODY},
 )
@@ -57,7 +60,7 @@ async def create(
         str | None, Query(max_length=200, description="Its suffix tells the format of a raw body.")
     ] = None,
 ) -> Response:
-    """Samples of a function as npz, npy, csv, json, vtu or vtk; the same samples give the same id."""
+    """Samples of a function as npz, npy, csv, json, vtu, vtk or xdmf; the same samples give the same id."""
     upload = await read_upload(request, service.settings.max_body, filename)
     await service.quotas.check_bytes(caller, len(upload.data))
     row, new = await service.check(service.admission.keep, upload, caller)
@@ -73,7 +76,7 @@ async def create(
     summary="Look at samples",
     operation_id="getSamples",
     response_model=SamplesResource,
-    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 412, 416, 422, 503)},
+    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 410, 412, 416, 422, 503)},
 )
 async def get(
     id: str,
@@ -85,7 +88,7 @@ async def get(
     """What the samples are, or the samples as npz."""
     row = await run_in_threadpool(service.store.samples.get, id, caller.only)
     if row is None:
-        raise Problem("not-found", "There are no samples with this id.")
+        raise await service.missing(id, caller, "There are no samples with this id.")
     if format == "npz":
         file = StoredFile(row.sha256, row.size)
         return await send_file(request, service.files, file, "application/x-npz", filename=f"{row.id}.npz")
@@ -97,12 +100,12 @@ async def get(
     summary="Delete samples",
     operation_id="deleteSamples",
     status_code=204,
-    responses=problems(404, 409),
+    responses=problems(404, 410, 409),
 )
 async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     """Delete samples that no waiting or running mesh needs."""
     done = await run_in_threadpool(service.store.samples.delete, id, service.files.remove, caller.only)
     if done is None:
-        raise Problem("not-found", "There are no samples with this id.")
+        raise await service.missing(id, caller, "There are no samples with this id.")
     if not done:
         raise Problem("conflict", "A mesh that is not finished needs these samples.")

@@ -33,6 +33,7 @@ from equimesh_service.problems import Problem
 from equimesh_service.quota_store import QuotaError
 from equimesh_service.quotas import Quotas, exceeded
 from equimesh_service.readiness import OK, Readiness
+from equimesh_service.retention import Retention
 from equimesh_service.rows import Artifact, Claim, Hold, KeyReusedError, MeshRow, NewMesh, Order, SamplesGoneError
 from equimesh_service.settings import Settings
 from equimesh_service.store import Store
@@ -78,6 +79,7 @@ class Service:
     engine: Engine
     desk: Engine
     dispatcher: Dispatcher
+    retention: Retention
     wakeups: Wakeups
     admission: Admission
     callers: Callers
@@ -100,8 +102,14 @@ class Service:
         """The mesh with this id; raises a 404 problem, also when it is not the caller's to see."""
         row = await run_in_threadpool(self.store.meshes.get, mesh_id)
         if row is None or not caller.sees(row.key_id):
-            raise Problem("not-found", "There is no mesh with this id.")
+            raise await self.missing(mesh_id, caller, "There is no mesh with this id.")
         return row
+
+    async def missing(self, name: str, caller: Caller, detail: str) -> Problem:
+        """The problem for an id that is not there: 410 where the caller's mesh or samples have had their time."""
+        if await run_in_threadpool(self.store.retention.was_there, name, caller.only):
+            return Problem("gone", f"It was removed {self.settings.retention_days:g} days after its last use.")
+        return Problem("not-found", detail)
 
     async def finished(self, mesh_id: str, seconds: float, caller: Caller) -> MeshRow:
         """The mesh, once it is finished or after so many seconds; raises a 404 problem."""
@@ -198,6 +206,7 @@ class Service:
 
     def close(self) -> None:
         """Stop the work and close the rooms; what was running goes back into the queue."""
+        self.retention.stop()
         self.dispatcher.stop()
         self.engine.close()
         self.desk.close()
@@ -241,6 +250,8 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     )
     metrics.look(lambda: _glance(store, settings.workers))
     dispatcher.start(alone=lock is not None)
+    retention = Retention(store, files, settings.retention_days)
+    retention.start()
     _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
     return Service(
         settings=settings,
@@ -250,6 +261,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         engine=engine,
         desk=desk,
         dispatcher=dispatcher,
+        retention=retention,
         wakeups=wakeups,
         admission=Admission(settings, store, files, desk),
         callers=Callers(store.keys),

@@ -13,6 +13,7 @@ from equimesh_service.key_store import KeyStore
 from equimesh_service.meshes_store import MeshesStore
 from equimesh_service.queue_store import QueueStore
 from equimesh_service.quota_store import QuotaStore
+from equimesh_service.retention_store import RetentionStore
 from equimesh_service.samples_store import SamplesStore
 from equimesh_service.schema import samples
 
@@ -29,6 +30,7 @@ class Store:
         self.meshes = MeshesStore(self.database, clock)
         self.queue = QueueStore(self.database, clock)
         self.samples = SamplesStore(self.database, clock)
+        self.retention = RetentionStore(self.database, clock)
         self.keys = KeyStore(self.database, clock)
         self.quotas = QuotaStore(self.database)
 

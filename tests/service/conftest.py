@@ -12,6 +12,8 @@ import pytest
 
 from equimesh_service import Settings, running
 from service.databases import Postgres, database, postgres_server
+from service.guarded import Guarded, guarded
+from service.observed import Observed, observe
 
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 # A solve that takes many seconds: nothing it does ends it early, and every iteration factorises.
@@ -70,6 +72,7 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         max_body=2_000_000,
         max_subdomains=16,
         log_level="warning",
+        reuse=False,  # whatever other tests have asked for, a mesh is computed
     )
 
 
@@ -100,7 +103,21 @@ def finished(http: httpx.Client) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
+def guarded_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    """A service that asks for keys, and holds them to small limits; every test makes keys of its own."""
+    with guarded(tmp_path_factory.mktemp("guarded")) as service:
+        yield service
+
+
+@pytest.fixture(scope="session")
 def document(http: httpx.Client) -> dict[str, Any]:
     """The description of the interface."""
     found: dict[str, Any] = http.get("/openapi.json").json()
     return found
+
+
+@pytest.fixture(scope="session")
+def observed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Observed]:
+    """A service as a process, with its log and its traces."""
+    with observe(tmp_path_factory.mktemp("observed")) as service:
+        yield service
