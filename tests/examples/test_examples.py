@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TypeAlias
 
@@ -21,9 +24,27 @@ NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]\d+)?")
 Run: TypeAlias = Callable[[str], str]
 
 
+def run_example(number: str, folder: Path) -> str:
+    """What the example of a number prints, run in this process as a program would be; its files go to ``folder``."""
+    (script,) = (path for path in SCRIPTS if path.name.startswith(number))
+    said, complained = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(complained):
+        patch.chdir(folder)
+        patch.setattr(sys, "argv", [str(script), "--output", str(folder)])
+        runpy.run_path(str(script), run_name="__main__")
+    assert complained.getvalue().strip() == ""
+    return said.getvalue()
+
+
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
-    """Runs the example of a number with warnings as errors, its files going to ``tmp_path``; gives what it prints."""
+    """Runs the example of a number here, where warnings are errors, its files going to ``tmp_path``."""
+    return lambda number: run_example(number, tmp_path)
+
+
+@pytest.fixture
+def run_alone(tmp_path: Path) -> Run:
+    """As ``run``, in a process of its own: for the first example, and for those that start services."""
 
     def run_script(number: str) -> str:
         (script,) = (path for path in SCRIPTS if path.name.startswith(number))
@@ -33,6 +54,13 @@ def run(tmp_path: Path) -> Run:
         return done.stdout
 
     return run_script
+
+
+@pytest.fixture(scope="module")
+def three_monitors(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """What example 11 prints, and the folder of its pictures."""
+    folder = tmp_path_factory.mktemp("monitors")
+    return run_example("11", folder), folder
 
 
 def check_picture(path: Path) -> None:
@@ -60,8 +88,8 @@ def rows(said: str, start: str) -> list[list[float]]:
     return [[float(n) for n in NUMBER.findall(line)] for line in said.splitlines() if line.strip().startswith(start)]
 
 
-def test_the_first_mesh_interpolates_better_than_the_uniform_one(run: Run, tmp_path: Path) -> None:
-    said = run("01")
+def test_the_first_mesh_interpolates_better_than_the_uniform_one(run_alone: Run, tmp_path: Path) -> None:
+    said = run_alone("01")
     assert "satisfies the equidistribution equations" in said
     assert 0 < rows(said, "smallest corner Jacobian")[0][0] < 1
     for error, uniform in rows(said, "interpolation error"):
@@ -70,10 +98,10 @@ def test_the_first_mesh_interpolates_better_than_the_uniform_one(run: Run, tmp_p
     assert b"Q_eq" in (tmp_path / "first.vtu").read_bytes()
 
 
-def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run: Run, tmp_path: Path) -> None:
+def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run_alone: Run, tmp_path: Path) -> None:
     pytest.importorskip("skfem")
     pytest.importorskip("equimesh_service")
-    said = run("02")
+    said = run_alone("02")
     (adapted,), (uniform, finer) = rows(said, "adapted"), rows(said, "uniform")
     assert uniform[0] / adapted[0] > 5  # L2
     assert uniform[1] / adapted[1] > 2.2  # H1
@@ -85,18 +113,18 @@ def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run: Run, tm
     check_picture(tmp_path / "poisson.png")
 
 
-def test_a_mesh_from_samples_moves_nodes_into_the_interface(run: Run, tmp_path: Path) -> None:
+def test_a_mesh_from_samples_moves_nodes_into_the_interface(run_alone: Run, tmp_path: Path) -> None:
     pytest.importorskip("equimesh_service")
-    said = run("03")
+    said = run_alone("03")
     inside, uniform = map(int, re.findall(r"(\d+) on the", said))
     assert inside > 1.5 * uniform
     check_picture(tmp_path / "drops.png")
     assert (tmp_path / "drops.vtu").stat().st_size > 10_000
 
 
-def test_a_mesh_from_a_callable_sees_its_function(run: Run, tmp_path: Path) -> None:
+def test_a_mesh_from_a_callable_sees_its_function(run_alone: Run, tmp_path: Path) -> None:
     pytest.importorskip("equimesh_service")
-    said = run("04")
+    said = run_alone("04")
     assert rows(said, "at the nodes, the service's spline")[0][0] < 1e-4
     l2, uniform = rows(said, "interpolation error L2")[0]
     assert l2 < 0.5 * uniform
@@ -160,20 +188,22 @@ def test_table_1_and_the_order_of_the_three_methods(run: Run, tmp_path: Path) ->
     check_picture(tmp_path / "figure9.png")
 
 
-def test_the_pictures_of_the_docs_are_those_of_the_scripts(run: Run, tmp_path: Path) -> None:
+def test_the_pictures_of_the_docs_are_those_of_the_scripts(
+    run: Run, tmp_path: Path, three_monitors: tuple[str, Path]
+) -> None:
     run("10")
-    run("11")
+    drawn = [*tmp_path.glob("*.png"), *three_monitors[1].glob("*.png")]
     schwarz = ["schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"]
-    assert sorted([*schwarz, *(path.name for path in tmp_path.glob("*.png"))]) == [path.name for path in IMAGES]
+    assert sorted([*schwarz, *(path.name for path in drawn)]) == [path.name for path in IMAGES]
     for path in IMAGES:
         check_picture(path)
         assert path.stat().st_size < 150_000
-    for path in tmp_path.glob("*.png"):
+    for path in drawn:
         check_kept(path)
 
 
-def test_curvature_interpolates_better_than_arc_length(run: Run) -> None:
-    said = run("11")
+def test_curvature_interpolates_better_than_arc_length(three_monitors: tuple[str, Path]) -> None:
+    said, _ = three_monitors
     gains = {name: rows(said, name)[0] for name in ("arc length", "curvature", "both")}
     assert gains["curvature"][0] > 2 * gains["arc length"][0] > 4
     assert gains["arc length"][1] < gains["both"][1]

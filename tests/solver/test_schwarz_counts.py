@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import functions
 import numpy as np
@@ -15,10 +15,11 @@ from equimesh.nested import halved, prolong
 
 FUNCTIONS = ("paper", "sine", "ring", "tanh20", "tanh60", "wave")
 COUNTS = (2, 4, 8, 16, 32)
+FEWER = (2, 4, 32)  # with 4 some functions take most
 STRIPS_XI = [(count, 1) for count in COUNTS]
 STRIPS_ETA = [(1, count) for count in COUNTS]
 BLOCKS = [(2, 2), (4, 4), (8, 8)]
-DECOMPOSITIONS = [*STRIPS_XI, *STRIPS_ETA, *BLOCKS, (3, 5)]
+FAMILIES = [STRIPS_XI, STRIPS_ETA, BLOCKS, [(3, 5)]]
 OVERLAPS = (2, 4)
 
 CLASSICAL = em.Schwarz(transmission=em.Classical(), line_correction=3, acceleration=em.Acceleration.ANDERSON)
@@ -61,41 +62,62 @@ def _problem(name: str, grid: em.Grid) -> em.Problem:
     return em.Problem(monitor=em.ArcLength(u=em.Expression(functions.FUNCTIONS[name].u)), grid=grid)
 
 
-@pytest.mark.parametrize("n", [65, 129, 257])
+def _families(name: str, everything: bool, counts: tuple[int, ...] = COUNTS) -> list[tuple[int, list[tuple[int, int]]]]:
+    """Families of decompositions, each with its overlap.
+
+    With ``everything`` each family with each overlap. Otherwise each with one, which changes from family to family and
+    from function to function, and of strips only those of so many ``counts``: every decomposition with every function,
+    and every overlap with every decomposition and with every function.
+    """
+    shift = FUNCTIONS.index(name)
+    if everything:
+        return list(itertools.product(OVERLAPS, FAMILIES))
+    families = [[one for one in family if 1 not in one or max(one) in counts] for family in FAMILIES]
+    return [(OVERLAPS[(shift + k) % len(OVERLAPS)], family) for k, family in enumerate(families)]
+
+
+@pytest.mark.parametrize("n", [65, pytest.param(129, marks=pytest.mark.everything), 257])
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_the_default_kind_needs_8_iterations_at_most_and_gives_the_single_domain_mesh(name: str, n: int) -> None:
-    """In practice 7. From the smallest to the largest number of subdomains the count grows by 2 at most."""
+def test_the_default_kind_needs_8_iterations_at_most_and_gives_the_single_domain_mesh(
+    name: str, n: int, everything: bool
+) -> None:
+    """In practice 7. From the smallest to the largest number of subdomains the count grows by 2 at most.
+
+    Without ``--everything``: the pairs of :func:`_families` on the coarsest grid, and on the finest with 2, 4 and 32
+    strips and all blocks.
+    """
     case = Case.of(name, n)
-    for overlap in OVERLAPS:
+    for overlap, family in _families(name, everything, COUNTS if n == 65 else FEWER):
         counts = {
             subdomains: case.iterations(em.Schwarz(subdomains=subdomains, overlap=overlap), claimed=n == 65)
-            for subdomains in DECOMPOSITIONS
+            for subdomains in family
         }
         assert max(counts.values()) <= 7, counts
-        for family in (STRIPS_XI, STRIPS_ETA, BLOCKS):
-            assert counts[family[-1]] - counts[family[0]] <= 2, counts
+        assert counts[family[-1]] - counts[family[0]] <= 2, counts
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_classical_with_line_corrections_needs_12_iterations_at_most(name: str) -> None:
-    """In practice 9, where without them 4 strips take some 60 (tests/solver/test_rates.py)."""
+def test_classical_with_line_corrections_needs_12_iterations_at_most(name: str, everything: bool) -> None:
+    """In practice 9, where without them 4 strips take some 60 (tests/solver/test_rates.py).
+
+    Without ``--everything``: the pairs of :func:`_families`, with 2, 4 and 32 strips and all blocks.
+    """
     case = Case.of(name, 65)
-    for overlap, subdomains in itertools.product(OVERLAPS, DECOMPOSITIONS):
-        settings = em.Schwarz(
-            subdomains=subdomains,
-            overlap=overlap,
-            transmission=CLASSICAL.transmission,
-            line_correction=CLASSICAL.line_correction,
-            acceleration=CLASSICAL.acceleration,
-        )
-        assert case.iterations(settings) <= 9, settings
+    for overlap, family in _families(name, everything, FEWER):
+        for subdomains in family:
+            settings = replace(CLASSICAL, subdomains=subdomains, overlap=overlap)
+            assert case.iterations(settings) <= 9, settings
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_the_mesh_depends_on_no_ordering(name: str) -> None:
-    """Those besides the parallel one, which the other tests run; each with fewer iterations, or as many."""
+def test_the_mesh_depends_on_no_ordering(name: str, everything: bool) -> None:
+    """Those besides the parallel one, which the other tests run; each with fewer iterations, or as many.
+
+    Without ``--everything``: every other decomposition of each function, all with three of the six functions.
+    """
     case = Case.of(name, 33)
-    for subdomains in [(2, 1), (1, 7), (12, 1), (2, 2), (3, 5)]:
+    decompositions = [(2, 1), (1, 7), (12, 1), (2, 2), (3, 5)]
+    for subdomains in decompositions if everything else decompositions[FUNCTIONS.index(name) % 2 :: 2]:
         settings = [em.Schwarz(subdomains=subdomains, overlap=3, ordering=ordering) for ordering in em.Ordering]
         counts = {str(one.ordering): case.iterations(one) for one in settings}
         assert max(counts.values()) <= 7, counts
