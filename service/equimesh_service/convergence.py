@@ -55,6 +55,10 @@ class ConvergenceHistory(BaseModel):
     predicted_rate: float | None = Field(description="Predicted factor, where theory knows one.")
 
 
+# What is known of a single domain; it is not kept as a file.
+NO_ITERATIONS: Mapping[str, Any] = {"iterations": [], "rate": None, "predicted_rate": None}
+
+
 def table(convergence: Mapping[str, Any]) -> str:
     """The history as CSV: one row for each iteration and subdomain."""
     outer = [name for name in IterationHistory.model_fields if name != "subdomains"]

@@ -17,7 +17,7 @@ from equimesh_service.engine import Engine, MemoryLimitError, TimeLimitError, Wo
 from equimesh_service.job import Ending
 from equimesh_service.metrics import Metrics
 from equimesh_service.problems import Problem
-from equimesh_service.rows import FAILED, Claim
+from equimesh_service.rows import FAILED, Claim, Hold, Order
 from equimesh_service.storage_faults import storage_problem
 from equimesh_service.store import Store
 
@@ -41,6 +41,9 @@ class Dispatcher:
     It holds as many claims as the engine has workers, renews their leases while they run, and takes back the
     claims of owners that went silent. ``run`` is what a worker does with a claim: it writes its results into
     the store itself. ``notify`` hears the id of every mesh whose status may have changed.
+
+    A mesh for which somebody waits need not go through the queue: :meth:`reserve` a worker, put the mesh into the
+    store as claimed by :attr:`hold`, and :meth:`begin` it, or :meth:`release` the worker.
     """
 
     def __init__(
@@ -48,7 +51,7 @@ class Dispatcher:
         owner: str,
         store: Store,
         engine: Engine,
-        run: Callable[[Claim], tuple[Callable[..., None], tuple[Any, ...]]],
+        run: Callable[[Claim, Order | None], tuple[Callable[..., Any], tuple[Any, ...]]],
         rules: Rules,
         notify: Callable[[str], None],
         metrics: Metrics | None = None,
@@ -60,7 +63,12 @@ class Dispatcher:
         self._rules = rules
         self._notify = notify
         self._metrics = metrics or Metrics()
+        self.hold = Hold(owner=owner, lease=rules.lease)
+        self._lock = threading.Lock()  # of the two that follow
         self._running: dict[Claim, Future[Any]] = {}
+        self._reserved = 0
+        self._queue_is_empty = False  # as far as this service knows
+        self._strays: set[Claim] = set()  # claims of this service that no worker has
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
         self._wake = threading.Event()
         self._stopping = threading.Event()
@@ -74,11 +82,31 @@ class Dispatcher:
 
     def wake(self) -> None:
         """Look at the queue now."""
+        self._queue_is_empty = False
         self._wake.set()
+
+    def reserve(self) -> bool:
+        """Keep a worker free for a mesh that is not in the store yet; False when none is, or others have waited."""
+        with self._lock:
+            free = self._queue_is_empty and not self._stopping.is_set() and self._has_room()
+            self._reserved += free
+        return free
+
+    def release(self) -> None:
+        """Give up a reserved worker."""
+        with self._lock:
+            self._reserved -= 1
+        self._wake.set()
+
+    def begin(self, claim: Claim, order: Order) -> Future[Any]:
+        """Give a claimed mesh to the reserved worker; the future ends when the worker does."""
+        with self._lock:
+            self._reserved -= 1
+            return self._submit(claim, order)
 
     def cancel(self, mesh_id: str) -> None:
         """Stop the work on a mesh that was canceled or deleted in the store."""
-        for claim, task in list(self._running.items()):
+        for claim, task in self._held():
             if claim.mesh_id == mesh_id:
                 self._engine.cancel(task)
         self._notify(mesh_id)
@@ -93,13 +121,13 @@ class Dispatcher:
         self._stopping.set()
         self._wake.set()
         self._thread.join()
-        for claim, task in self._running.items():
+        for claim, task in self._held():
             if self._store.queue.requeue(claim, "the service was stopped"):
                 _log.info("mesh %s goes back into the queue", claim.mesh_id)
             self._engine.cancel(task)
 
     def _loop(self) -> None:
-        next_care = time.monotonic()
+        next_care = next_look = time.monotonic()
         while not self._stopping.is_set():
             self._wake.clear()
             try:
@@ -107,7 +135,9 @@ class Dispatcher:
                 if time.monotonic() >= next_care:
                     self._care()
                     next_care = time.monotonic() + self._rules.lease / 3
-                self._fill()
+                if not self._queue_is_empty or time.monotonic() >= next_look:
+                    self._fill()
+                    next_look = time.monotonic() + self._rules.poll  # others may have put something in
             except Exception as error:
                 if storage_problem(error) is None:  # which says itself what it is
                     _log.exception("the dispatcher failed; it goes on")
@@ -115,22 +145,36 @@ class Dispatcher:
             self._wake.wait(self._rules.poll)
 
     def _fill(self) -> None:
-        health = self._engine.health()
-        while health.ready and len(self._running) < health.workers:
+        while self._has_room():
+            self._queue_is_empty = True  # unless somebody says otherwise from now on
             claim = self._store.queue.claim(self._owner, self._rules.lease)
             if claim is None:
                 return
-            self._metrics.began(claim.waited)
-            with trail.follow(trail.of(claim)):
-                _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
-            function, arguments = self._run(claim)
-            task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
-            self._running[claim] = task
-            task.add_done_callback(partial(self._end, claim))
+            self._queue_is_empty = False
+            with self._lock:
+                task = self._submit(claim, None)
             row = self._store.meshes.get(claim.mesh_id)
             if row is None or row.finished:
                 self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task
             self._notify(claim.mesh_id)
+
+    def _has_room(self) -> bool:
+        health = self._engine.health()
+        return health.ready and len(self._running) + self._reserved < health.workers
+
+    def _held(self) -> list[tuple[Claim, Future[Any]]]:
+        with self._lock:
+            return list(self._running.items())
+
+    def _submit(self, claim: Claim, order: Order | None) -> Future[Any]:
+        self._metrics.began(claim.waited)
+        with trail.follow(trail.of(claim)):
+            _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
+        function, arguments = self._run(claim, order)
+        task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
+        self._running[claim] = task
+        task.add_done_callback(partial(self._end, claim))
+        return task
 
     def _end(self, claim: Claim, task: Future[Any]) -> None:
         self._notify(claim.mesh_id)  # at once: the worker has written its result already
@@ -142,13 +186,15 @@ class Dispatcher:
             claim, task = self._ended.get()
             try:
                 with trail.follow(trail.of(claim)):
-                    self._conclude(claim, task.exception())
+                    if not _is_over(task):
+                        self._conclude(claim, task.exception())
             except Exception:
                 self._ended.put((claim, task))  # the store did not take it: once more, later
                 raise
-            self._running.pop(claim, None)
-            if task.exception() is None and isinstance(ending := task.result(), Ending):
-                self._metrics.ended(ending)
+            with self._lock:
+                self._running.pop(claim, None)
+            if _is_over(task):
+                self._metrics.ended(task.result())
             self._notify(claim.mesh_id)
 
     def _conclude(self, claim: Claim, error: BaseException | None) -> None:
@@ -184,6 +230,7 @@ class Dispatcher:
         problem = Problem("worker-lost", f"Given up after {most} attempts; at the last one {reason}.")
         status = self._store.queue.lose(claim, reason, most=most, error=problem.body())
         if status is not None:
+            self._queue_is_empty = False
             self._metrics.lost(status)
             with trail.follow(trail.of(claim)):
                 _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
@@ -191,8 +238,19 @@ class Dispatcher:
 
     def _care(self) -> None:
         held = self._store.queue.renew(self._owner, self._rules.lease)
-        for claim, task in list(self._running.items()):
+        running = self._held()
+        for claim, task in running:
             if claim not in held and not task.done():
                 self._engine.cancel(task)  # canceled, or taken over after a long silence of this service
+        strays = held.difference(claim for claim, _ in running)
+        for claim in strays & self._strays:  # twice in a row: not just on its way to a worker
+            if self._store.queue.requeue(claim, "it had not reached a worker"):
+                self._queue_is_empty = False
+        self._strays = strays
         for claim in self._store.queue.abandoned():
             self._lost(claim, "its service fell silent")
+
+
+def _is_over(task: Future[Any]) -> bool:
+    """Whether a worker has brought its mesh to an end in the store."""
+    return task.exception() is None and isinstance(task.result(), Ending)

@@ -11,6 +11,7 @@ from equimesh.domain import mapped
 from equimesh.io import CELLS, FORMATS, load_npz, write_mesh
 from equimesh_service import tracing, trail
 from equimesh_service.assembly import build_problem, build_schwarz
+from equimesh_service.convergence import NO_ITERATIONS
 from equimesh_service.files import Files
 from equimesh_service.job import Export
 from equimesh_service.problems import Problem
@@ -69,7 +70,8 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
         case ["plot", "convergence", _]:
             from equimesh.plot import draw_convergence
 
-            draw_convergence(json.loads(source(CONVERGENCE).read_bytes()), path)
+            kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
+            draw_convergence(json.loads(source(CONVERGENCE).read_bytes()) if kept else NO_ITERATIONS, path)
         case ["plot", kind, _]:
             from equimesh.plot import draw_mesh, draw_quality
 
@@ -79,9 +81,11 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             else:
                 draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
         case _:
-            document = store.meshes.spec(task.mesh_id)
+            order = store.meshes.order(task.mesh_id)
+            if order is None:
+                raise Problem("not-found", "The mesh is gone.")
             mesh = load_npz(source(MESH)).mesh
-            problem = build_problem(read_spec(document), samples_of(store, files, sources))
+            problem = build_problem(read_spec(order.spec), samples_of(order, files, sources))
             uniform = mapped(equimesh.Mesh.uniform(problem.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))

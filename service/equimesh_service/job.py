@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from equimesh_service.files import Files
 from equimesh_service.files_address import FilesAddress
-from equimesh_service.rows import Claim
+from equimesh_service.rows import SUCCEEDED, Artifact, Claim, Order
 from equimesh_service.store import Store
 
 
@@ -33,6 +33,7 @@ class Job:
     place: Place
     claim: Claim
     threads: int = 1
+    order: Order | None = None  # what the store knows of the mesh, where it need not be asked
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,12 @@ class Ending:
     reason: str = ""
     points: int = 0
     solve_seconds: float | None = None
+    files: tuple[Artifact, ...] = ()
+
+    def file(self, name: str) -> Artifact | None:
+        """The file of a mesh that has succeeded, under a name; None where the worker made no such file."""
+        found = (file for file in self.files if file.name == name)
+        return next(found, None) if self.status == SUCCEEDED else None
 
 
 @dataclass(frozen=True)

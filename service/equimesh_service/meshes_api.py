@@ -23,6 +23,7 @@ from equimesh_service.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDepen
 from equimesh_service.rows import CANCELED, MeshRow
 from equimesh_service.service import Service
 from equimesh_service.spec import MeshSpec
+from equimesh_service.strict import WITHOUT_NUL
 from equimesh_service.worker import file_name
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
@@ -200,7 +201,7 @@ async def list_meshes(
     status: Annotated[
         Literal["queued", "running", "succeeded", "failed", "canceled"] | None, Query(description="Only these.")
     ] = None,
-    label: Annotated[str | None, Query(description="Only those with exactly this label.")] = None,
+    label: Annotated[str | None, Query(pattern=WITHOUT_NUL, description="Only those with exactly this label.")] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Most meshes on a page.")] = 50,
     cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.")] = None,
 ) -> MeshList:

@@ -26,6 +26,8 @@ class AttemptLostError(Exception):
 class Reporter:
     """Hears the events of ``equimesh.solve`` and tells at most one in ``interval`` seconds to ``tell``.
 
+    The first is told when the solve has taken that long: who waits for a mesh of a few milliseconds hears of its end.
+
     ``tell`` returns False when the attempt no longer counts; then :class:`AttemptLostError` ends the solve.
     The fraction never falls.
     """
@@ -35,7 +37,8 @@ class Reporter:
     interval: float = 0.05
     _fraction: float = 0.0
     _first_change: float = math.nan
-    _last: float = field(default=-math.inf)
+    _told: bool = False
+    _last: float = field(default_factory=time.monotonic)
 
     def __call__(self, event: Event) -> None:
         """Report an event of the solver."""
@@ -66,7 +69,7 @@ class Reporter:
         """Tell how things stand, unless that was done a moment ago."""
         if not always and not self._is_due():
             return
-        self._last = time.monotonic()
+        self._last, self._told = time.monotonic(), True
         numbers = {"residual": residual, **more}
         told = {
             "stage": stage,
@@ -80,7 +83,7 @@ class Reporter:
     def writing(self) -> None:
         """Tell that the solve is over and the files are being written."""
         self._fraction = _SOLVE_SHARE
-        self.report(WRITING, None, None, {}, always=True)
+        self.report(WRITING, None, None, {}, always=self._told)
 
     def _is_due(self) -> bool:
         return time.monotonic() - self._last >= self.interval

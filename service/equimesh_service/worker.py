@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -21,12 +22,13 @@ from equimesh_service.files import Files, StoredFile
 from equimesh_service.job import Ending, Job, Place
 from equimesh_service.problems import Problem
 from equimesh_service.reporter import AttemptLostError, Reporter
-from equimesh_service.rows import FAILED, SUCCEEDED, Artifact
+from equimesh_service.rows import FAILED, SUCCEEDED, Artifact, Order
 from equimesh_service.spec import read_spec
 from equimesh_service.storage_faults import storage_faults
 from equimesh_service.store import Store
 
-MESH, QUALITY, CONVERGENCE = "mesh", "quality", "convergence"
+_log = logging.getLogger(__name__)
+MESH, CONVERGENCE = "mesh", "convergence"
 
 
 def solve_mesh(job: Job) -> Ending | None:
@@ -37,6 +39,11 @@ def solve_mesh(job: Job) -> Ending | None:
                 return _solve(job)
         except AttemptLostError:
             return None
+        except Problem:
+            raise
+        except Exception as error:
+            _log.error("mesh %s: the solve broke", job.claim.mesh_id, exc_info=error)  # where is known here only
+            raise
 
 
 def warm_up() -> None:
@@ -45,6 +52,8 @@ def warm_up() -> None:
     u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
     ring = equimesh.AnnulusSector()
     plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
+    axis = np.linspace(0.0, 1.0, 9)
+    sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
     schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
     paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
@@ -52,6 +61,7 @@ def warm_up() -> None:
         (plain, 9, equimesh.Rectangle(), paper),
         (plain, 9, equimesh.Rectangle(), schwarz),
         (plain, 193, equimesh.Rectangle(), schwarz),  # so many points are swept in strips, the last of them smaller
+        (sampled, 33, equimesh.Rectangle(), None),
         (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
         (curved, 33, equimesh.Rectangle(), None),
@@ -70,14 +80,13 @@ def open_store(place: Place) -> Store:
     return place.store()
 
 
-def samples_of(store: Store, files: Files, stack: ExitStack) -> PathOf:
+def samples_of(order: Order, files: Files, stack: ExitStack) -> PathOf:
     """Where the samples of specs are, as long as ``stack`` is open."""
 
     def path(samples_id: str) -> Path:
-        row = store.samples.get(samples_id)
-        if row is None:
+        if samples_id not in order.samples:
             raise Problem("conflict", "The samples of this mesh were deleted.")
-        return stack.enter_context(files.local(row.sha256))
+        return stack.enter_context(files.local(order.samples[samples_id]))
 
     return path
 
@@ -85,12 +94,12 @@ def samples_of(store: Store, files: Files, stack: ExitStack) -> PathOf:
 def _solve(job: Job) -> Ending | None:
     started = time.perf_counter()
     store, files = open_store(job.place), job.place.files()
-    document, row = store.meshes.spec(job.claim.mesh_id), store.meshes.get(job.claim.mesh_id)
-    if document is None or row is None:
+    order = job.order or store.meshes.order(job.claim.mesh_id)
+    if order is None:
         raise AttemptLostError
-    spec = read_spec(document)
+    spec = read_spec(order.spec)
     with ExitStack() as samples:
-        problem = build_problem(spec, samples_of(store, files, samples))
+        problem = build_problem(spec, samples_of(order, files, samples))
     schwarz = build_schwarz(spec)
     reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
     with tracing.span("solve"):
@@ -109,15 +118,15 @@ def _solve(job: Job) -> Ending | None:
     usable = not solution.mesh.is_folded
     with tracing.span("write"), ExitStack() as stack:
         output = _Output(files, stack)
-        output.json(CONVERGENCE, solution.convergence())
+        if schwarz is not None:
+            output.json(CONVERGENCE, solution.convergence())
         quality = None
         if usable:
             quality = solution.quality.summary()
-            output.json(QUALITY, quality)
             data = solution.data()
             output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
-            if row.format is not None and (row.format, spec.cells) != ("npz", "quad"):
-                name, cells = row.format, spec.cells
+            if order.format is not None and (order.format, spec.cells) != ("npz", "quad"):
+                name, cells = order.format, spec.cells
                 output.write(
                     file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
                 )
@@ -138,11 +147,14 @@ def _solve(job: Job) -> Ending | None:
         )
     if not kept:
         return None
+    status = SUCCEEDED if failure is None else FAILED
+    _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, status, timings["solve"])
     return Ending(
-        status=SUCCEEDED if failure is None else FAILED,
+        status=status,
         reason="" if failure is None else failure.name,
-        points=row.n_xi * row.n_eta,
+        points=problem.grid.points,
         solve_seconds=timings["solve"],
+        files=tuple(output.artifacts),
     )
 
 

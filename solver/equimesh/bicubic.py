@@ -45,6 +45,11 @@ class Pieces:
         first = np.clip(np.searchsorted(breaks, starts, side="right") - 1, 0, len(breaks) - 2)
         return cls(breaks=breaks, cubics=_cubics(knots), first=first.astype(np.int64))
 
+    def inside(self, t: Array, nowhere: npt.NDArray[np.bool_]) -> Array:
+        """The points of the axis nearest to ``t``, in one row; any where ``t`` is ``nowhere``."""
+        low, high = self.breaks[0], self.breaks[-1]
+        return np.where(nowhere, low, np.clip(t, low, high)).ravel()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bicubic:
@@ -57,12 +62,11 @@ class Bicubic:
     @classmethod
     def of(cls, spline: RectBivariateSpline) -> Bicubic:
         """The same spline, which must be cubic in both directions."""
-        knots_x, knots_y, coefficients = spline.tck
-        shape = (len(knots_x) - ORDER, len(knots_y) - ORDER)
+        knots_x, knots_y, coefficients = (np.ascontiguousarray(part, dtype=float) for part in spline.tck)
         return cls(
             along_x=Pieces.between(knots_x),
             along_y=Pieces.between(knots_y),
-            coefficients=np.ascontiguousarray(coefficients.reshape(shape)),
+            coefficients=coefficients.reshape(len(knots_x) - ORDER, len(knots_y) - ORDER),
         )
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -73,13 +77,10 @@ class Bicubic:
         x, y = np.broadcast_arrays(x, y)
         first, second = self.along_x, self.along_y
         nowhere = np.isnan(x) | np.isnan(y)
-        inside = [
-            np.where(nowhere, axis.breaks[0], np.clip(t, axis.breaks[0], axis.breaks[-1])).ravel()
-            for t, axis in ((x, first), (y, second))
-        ]
         values = np.empty((COUNT[order], *x.shape))
         evaluate(
-            *inside, first.breaks, first.cubics, first.first, second.breaks, second.cubics, second.first,
+            first.inside(x, nowhere), second.inside(y, nowhere),
+            first.breaks, first.cubics, first.first, second.breaks, second.cubics, second.first,
             self.coefficients, values.reshape(len(values), -1),
         )  # fmt: skip
         values[:, nowhere] = np.nan
@@ -176,4 +177,4 @@ def basis(t: float, breaks: Array, cubics: Array, first: Indices, scale: float, 
             found[1, j] = b + s * (2.0 * c + s * 3.0 * d)
         if rows > 3:
             found[2, j] = 2.0 * c + s * 6.0 * d
-    return low
+    return int(low)

@@ -81,7 +81,7 @@ def test_a_killed_worker_does_not_lose_its_mesh(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'a.sqlite3'}"
     marker = str(tmp_path / "marker")
     dispatcher = Dispatcher(
-        "me", store, engine, lambda claim: (die_once, (marker, url, claim)), Rules(), lambda _: None
+        "me", store, engine, lambda claim, _: (die_once, (marker, url, claim)), Rules(), lambda _: None
     )
     store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)
@@ -100,7 +100,7 @@ def test_a_mesh_that_kills_its_workers_fails_after_three(tmp_path: Path) -> None
     store, engine = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}"), PebbleEngine(1, preload=PRELOAD)
     store.prepare()
     marker = tmp_path / "marker"
-    dispatcher = Dispatcher("me", store, engine, lambda _: (die, (str(marker),)), Rules(), lambda _: None)
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (die, (str(marker),)), Rules(), lambda _: None)
     store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)
     try:
@@ -144,7 +144,7 @@ def test_a_cancel_between_claim_and_submission_is_seen(tmp_path: Path) -> None:
     store.prepare()
     engine = Sluggish(store)
     store.meshes.add(NewMesh(id="a", spec=SPEC))
-    dispatcher = Dispatcher("me", store, engine, lambda _: (add, (1, 1)), Rules(), lambda _: None)
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (add, (1, 1)), Rules(), lambda _: None)
     dispatcher.start(alone=True)
     try:
         until(lambda: engine.canceled, 2.0)
@@ -187,7 +187,7 @@ def test_a_killed_service_goes_on_where_it_was(tmp_path: Path) -> None:
 
     def start() -> subprocess.Popen[bytes]:
         process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-        until(lambda: _ready(port), 40.0)
+        until(lambda: _ready(port), 120.0)
         return process
 
     process = start()
@@ -238,7 +238,7 @@ def test_a_job_that_breaks_a_limit_fails_and_says_so(
     engine = PebbleEngine(1, memory_limit=64, preload=PRELOAD)
     store.prepare()
     rules = Rules(time_limit=0.4, memory_limit=64)
-    dispatcher = Dispatcher("me", store, engine, lambda _: (function, arguments), rules, lambda _: None)
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (function, arguments), rules, lambda _: None)
     store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)
     try:

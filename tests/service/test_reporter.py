@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -45,11 +47,20 @@ def test_the_fraction_grows_to_nearly_one(schwarz: equimesh.Schwarz | None) -> N
     assert stages == (["single_domain", "writing"] if schwarz is None else ["start", "schwarz", "writing"])
 
 
-def test_little_is_told_in_little_time() -> None:
-    assert len(told_by(equimesh.Schwarz(overlap=2), interval=3600.0)) == 2
+def test_nothing_is_told_of_a_solve_that_is_over_in_no_time() -> None:
+    assert told_by(equimesh.Schwarz(overlap=2), interval=3600.0) == []
+
+
+def test_little_is_told_in_little_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    ticks = itertools.count()
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(ticks)))  # a second goes by between two looks
+    schwarz = equimesh.Schwarz(overlap=2, tolerance=None, max_iterations=20)
+    every, some = told_by(schwarz, interval=1.0), told_by(schwarz, interval=4.0)
+    assert 2 < len(some) <= len(every) * 0.6
+    assert some[-1]["stage"] == "writing"
 
 
 def test_a_lost_attempt_ends_the_solve() -> None:
-    reporter = Reporter(None, lambda _: False)
+    reporter = Reporter(None, lambda _: False, interval=0.0)
     with pytest.raises(AttemptLostError):
         equimesh.solve(PROBLEM, observe=reporter)
