@@ -9,7 +9,7 @@ from pydantic import Field, FiniteFloat
 from equimesh_service.domains import Domain, RectangleSpec
 from equimesh_service.monitors import Monitor
 from equimesh_service.schwarz import SchwarzSpec
-from equimesh_service.strict import Parameters, Strict, validated
+from equimesh_service.strict import WITHOUT_NUL, Parameters, Strict, validated
 
 MODE_USES = {
     "discretization": "Meshes to compute on: iterates until the error of the solution on the grid is small beside that "
@@ -47,7 +47,9 @@ class MeshSpec(Strict):
         "certificate then says so.",
     )
     cells: Literal["quad", "triangle"] = Field("quad", description="Cells of the mesh file.")
-    label: str | None = Field(None, max_length=200, description="Free text, for the list of meshes.")
+    label: str | None = Field(
+        None, max_length=200, pattern=WITHOUT_NUL, description="Free text, for the list of meshes."
+    )
 
     def canonical(self) -> dict[str, Any]:
         """The same spec as plain JSON with every default filled in; posting it gives the same mesh."""

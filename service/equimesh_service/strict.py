@@ -25,6 +25,8 @@ from equimesh_service.problems import Complaint, refused
 # Tags of unions start with this character, so that they can be taken out of a pointer again.
 TAG = "\x00"
 MOST_COMPLAINTS = 20
+# Texts that databases take: PostgreSQL refuses U+0000.
+WITHOUT_NUL = r"^[^\x00]*$"
 Model = TypeVar("Model", bound=BaseModel)
 
 Numbers = Annotated[list[FiniteFloat], FailFast()]
@@ -105,6 +107,8 @@ def _sentence(model: type[BaseModel], entry: Any, loc: list[Any]) -> str:
         case "too_short" | "too_long" if entry["ctx"]["field_type"] == "List":
             most = entry["ctx"].get("max_length", 2)
             return f"this must be a list of {'2' if most == 2 else f'at most {most}'} items"
+        case "string_pattern_mismatch" if entry["ctx"]["pattern"] == WITHOUT_NUL:
+            return "this text must not hold the character U+0000"
         case "literal_error":
             return f"this must be {entry['ctx']['expected']}"
         case "kind" if isinstance(entry["input"], Mapping):

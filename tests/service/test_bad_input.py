@@ -277,6 +277,12 @@ TABLE: dict[str, tuple[Any, str, str, int | None]] = {
     "other cells": (small(cells="hex"), "/cells", "triangle", None),
     "long label": (small(label="x" * 201), "/label", "200", None),
     "half a character": ('{"monitor": {"u": {"expression": "x"}}, "label": "\\ud800"}', "/label", "surrogate", None),
+    "a text that no database takes": (
+        '{"monitor": {"u": {"expression": "x"}}, "label": "a\\u0000b"}',
+        "/label",
+        "this text must not hold the character U+0000",
+        None,
+    ),
     "half a key": ('{"monitor": {"u": {"expression": "x"}}, "\\udfff": 1}', "", "surrogate", None),
     "unknown key": (small(labell="x"), "/labell", "known are", None),
     "unknown inner key": (small(grid={"n_x": 8}), "/grid/n_x", "n_xi, n_eta", None),

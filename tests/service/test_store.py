@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from sqlalchemy import text
@@ -286,3 +287,129 @@ def test_a_spec_of_the_first_release_is_read(store: Store) -> None:
     assert (spec.mode, spec.allow_relaxed, spec.monitor.smoothing) == ("discretization", True, 0.0)
     canonical = spec.canonical()
     assert {key: canonical[key] for key in old if key != "monitor"} == {k: v for k, v in old.items() if k != "monitor"}
+
+
+def test_samples_of_two_keys_are_stored_once_and_are_each_ones_own(store: Store) -> None:
+    row, later = SamplesRow("s-1", "3" * 64, 10, {}, 1.0), SamplesRow("s-1", "3" * 64, 10, {}, 2.0)
+    published: list[str] = []
+    assert store.samples.add(row, lambda: published.append("a"), key_id="a")
+    assert store.samples.get("s-1", "b") is None
+    assert store.samples.add(later, lambda: published.append("b"), key_id="b")
+    assert published == ["a"]
+    assert (store.samples.get("s-1", "a"), store.samples.get("s-1", "b")) == (row, later)
+    assert store.samples.get("s-1") == row
+    gone: list[str] = []
+    store.meshes.add(NewMesh(id="m", spec=SPEC, samples=("s-1",), key_id="a"))
+    assert store.samples.delete("s-1", gone.append, "c") is None
+    assert store.samples.delete("s-1", gone.append, "a") is False
+    assert store.samples.delete("s-1", gone.append, "b") is True
+    assert store.samples.get("s-1", "b") is None
+    assert store.samples.delete("s-1", gone.append, "a") is False
+    store.queue.cancel("m")
+    assert gone == []
+    assert store.samples.delete("s-1", gone.append) is True
+    assert gone == ["3" * 64]
+
+
+def test_each_key_has_its_own_list_and_its_own_idempotency_keys(store: Store) -> None:
+    for owner in ("a", "b"):
+        new = NewMesh(id=f"of-{owner}", spec=SPEC, key_id=owner)
+        assert store.meshes.add(new, key="k", fingerprint=owner) == new.id
+    assert [row.id for row in store.meshes.page(key_id="a")] == ["of-a"]
+    assert [row.id for row in store.meshes.page()] == ["of-b", "of-a"]
+
+
+def test_a_page_neither_leaves_out_nor_repeats_while_meshes_come_and_go(store: Store) -> None:
+    for number in range(12):
+        add(store, f"m{number}")
+    seen: list[str] = []
+    before, came = None, 0
+    while page := store.meshes.page(before=before, limit=3):
+        seen += [row.id for row in page]
+        before = page[-1].number
+        add(store, f"new{came}")
+        store.meshes.delete(seen[-1], lambda _: None)  # the very row that the next page begins after
+        store.meshes.delete(f"m{came}", lambda _: None)  # from the other end
+        came += 1
+    kept = [f"m{number}" for number in range(11, -1, -1)]
+    assert len(seen) == len(set(seen))
+    assert [name for name in kept if store.meshes.get(name)] == [name for name in seen if store.meshes.get(name)]
+    assert not any(name.startswith("new") for name in seen)
+
+
+def test_ids_that_no_database_takes_are_not_there(store: Store) -> None:
+    assert store.meshes.get("m\x00") is None
+    assert not store.queue.cancel("m\x00")
+    assert not store.meshes.delete("m\x00", lambda _: None)
+    assert store.samples.get("s\x00", "") is None
+
+
+def succeeded(store: Store, mesh_id: str, fingerprint: str = "f", **more: Any) -> None:
+    store.meshes.add(NewMesh(id=mesh_id, spec=SPEC, fingerprint=fingerprint, **more))
+    result = {"quality": {"min_jacobian": 1.0}, "timings": {"solve": 2.0}}
+    files = [Artifact("mesh", "4" * 64, 9), Artifact("file:vtu:quad", "5" * 64, 8)]
+    assert store.queue.finish(claimed(store), result=result, files=files)
+
+
+def again(store: Store, mesh_id: str = "again", fingerprint: str | None = "f", **more: Any) -> str | None:
+    return store.meshes.reuse(NewMesh(id=mesh_id, spec={**SPEC, "label": "new"}, fingerprint=fingerprint, **more))
+
+
+def test_a_mesh_that_has_succeeded_is_handed_on(store: Store) -> None:
+    assert again(store) is None
+    succeeded(store, "first")
+    assert again(store) == "again"
+    row = store.meshes.get("again")
+    assert row is not None
+    assert (row.status, row.label, row.reused_from, row.attempt) == ("succeeded", "new", "first", 0)
+    assert row.result == {"quality": {"min_jacobian": 1.0}}  # how long it took is not a matter of this one
+    assert [(event.kind, event.data["reused_from"]) for event in store.meshes.events("again")] == [("done", "first")]
+    gone: list[str] = []
+    assert store.meshes.delete("first", gone.append)
+    assert gone == []
+    assert store.meshes.artifact("again", "file:vtu:quad") == Artifact("file:vtu:quad", "5" * 64, 8)
+    assert again(store, "third") == "third"  # of the second, now that the first is gone
+    assert store.meshes.delete("again", gone.append)
+    assert store.meshes.delete("third", gone.append)
+    assert sorted(gone) == ["4" * 64, "5" * 64]
+
+
+def test_only_what_has_succeeded_for_the_same_key_is_handed_on(store: Store) -> None:
+    succeeded(store, "other", key_id="other")
+    store.meshes.add(NewMesh(id="failed", spec=SPEC, fingerprint="f"))
+    store.queue.finish(claimed(store), error=ERROR)
+    store.meshes.add(NewMesh(id="canceled", spec=SPEC, fingerprint="f"))
+    store.queue.cancel("canceled")
+    store.meshes.add(NewMesh(id="waits", spec=SPEC, fingerprint="f"))
+    assert again(store) is None
+    assert again(store, fingerprint=None) is None
+    assert again(store, key_id="other") == "again"
+
+
+def test_handing_on_heeds_the_idempotency_key(store: Store) -> None:
+    succeeded(store, "first")
+    new = [NewMesh(id=f"m{number}", spec=SPEC, fingerprint="f") for number in range(3)]
+    assert [store.meshes.reuse(mesh, key="k", fingerprint="x") for mesh in new] == ["m0"] * 3
+    with pytest.raises(KeyReusedError):
+        store.meshes.reuse(new[1], key="k", fingerprint="other")
+
+
+def test_handing_on_while_the_first_is_deleted_never_leaves_a_mesh_without_files(store: Store) -> None:
+    removed: list[str] = []
+    for _ in range(5):
+        succeeded(store, "first")
+        barrier = threading.Barrier(2)
+
+        def delete(barrier: threading.Barrier = barrier) -> None:
+            barrier.wait()
+            store.meshes.delete("first", removed.append)
+
+        thread = threading.Thread(target=delete)
+        thread.start()
+        barrier.wait()
+        handed_on = again(store) is not None
+        thread.join()
+        assert (store.meshes.artifact("again", "mesh") is not None) == handed_on
+        assert ("4" * 64 in removed) != handed_on
+        store.meshes.delete("again", removed.append)
+        removed.clear()
