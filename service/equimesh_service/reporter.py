@@ -38,7 +38,7 @@ class Reporter:
     _fraction: float = 0.0
     _first_change: float = math.nan
     _told: bool = False
-    _last: float = field(default_factory=time.monotonic)
+    _last: float = field(default_factory=lambda: time.monotonic())
 
     def __call__(self, event: Event) -> None:
         """Report an event of the solver."""
