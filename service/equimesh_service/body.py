@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass
 from email.message import Message
 
 from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 
 from equimesh_service.admission import Upload
 from equimesh_service.problems import Problem
 
 JSON = "application/json"
 MULTIPART = "multipart/form-data"
+# A sender that is slower holds a connection, and memory, for nothing.
+BODY_SECONDS = 300.0
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Part:
 
 
 async def read_body(request: Request, most: int) -> bytes:
-    """All bytes of the body; raises a 413 problem as soon as there are more than ``most``."""
+    """All bytes of the body; raises a 413 problem as soon as there are more than ``most``, and 408 for a slow one."""
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
         raise Problem("unsupported-media-type", f"Content-Encoding {encoding!r}: send the body as it is.")
@@ -35,10 +38,17 @@ async def read_body(request: Request, most: int) -> bytes:
     if length.isdigit() and int(length[:20]) > most:
         raise _too_large(most)
     body = bytearray()
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > most:
-            raise _too_large(most)
+    try:
+        async with asyncio.timeout(BODY_SECONDS):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > most:
+                    raise _too_large(most)
+    except TimeoutError:
+        detail = f"The body has to come within {BODY_SECONDS:g} seconds; {len(body)} bytes did."
+        raise Problem("request-timeout", detail, headers={"Connection": "close"}) from None
+    except ClientDisconnect:
+        raise Problem("malformed-body", "The body ended before it was whole.") from None
     return bytes(body)
 
 
@@ -86,6 +96,7 @@ _SUFFIXES = {
     JSON: ".json",
     "application/vnd.vtk.vtu+xml": ".vtu",
     "application/vnd.vtk": ".vtk",
+    "application/zip": ".zip",  # of an XDMF file, as this service writes it
 }
 
 

@@ -41,7 +41,7 @@ _BODY = {
     "/expressions/check",
     summary="Check an expression",
     operation_id="checkExpression",
-    responses={**problems(400, 413, 415, 422), **KEY_PROBLEMS},
+    responses={**problems(400, 408, 413, 415, 422), **KEY_PROBLEMS},
     openapi_extra={"requestBody": _BODY},
 )
 async def check(request: Request, service: ServiceDependency, caller: Reader) -> ExpressionReport:  # noqa: ARG001
@@ -66,7 +66,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
         "cells": list(CELLS),
         "plots": {"kinds": list(PLOTS), "formats": dict(PICTURES)},
         "samples": {
-            "formats": ["npz", "npy", "csv", "json", "vtu", "vtk"],
+            "formats": ["npz", "npy", "csv", "json", "vtu", "vtk", "xdmf"],
             "max_samples": settings.max_samples,
         },
         "monitors": _named(monitors.USES),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from equimesh_service.problems import Problem
 from equimesh_service.quota_store import Quota, QuotaError, QuotaStore
 from equimesh_service.settings import Settings
 
-_MINUTE = 60.0
+_MINUTE = 60
 # Bytes are summed anew after so many seconds, or after so many times as long as the sum took.
 _SUM_SECONDS, _SUM_SHARE = 5.0, 50.0
 _WHAT = {
@@ -24,13 +25,30 @@ _WHAT = {
 }
 
 
-@dataclass
-class _Window:
-    """Requests in this minute of a key, and in the one before it."""
+class _Minute:
+    """How many requests there were in the last 60 seconds, and in which of them."""
 
-    minute: int
-    now: int = 0
-    before: int = 0
+    def __init__(self) -> None:
+        self.total = 0
+        self._seconds: deque[tuple[int, int]] = deque()  # a second, and the requests in it
+
+    def forget(self, now: float) -> None:
+        """Forget what was more than a minute ago."""
+        while self._seconds and self._seconds[0][0] < math.floor(now) - _MINUTE:
+            self.total -= self._seconds.popleft()[1]
+
+    def add(self, now: float) -> None:
+        """Count a request."""
+        second, number = math.floor(now), 0
+        if self._seconds and self._seconds[-1][0] == second:
+            number = self._seconds.pop()[1]
+        self._seconds.append((second, number + 1))
+        self.total += 1
+
+    def next_forgotten(self, now: float) -> int:
+        """Seconds until some of them are forgotten."""
+        oldest = self._seconds[0][0] if self._seconds else math.floor(now)
+        return max(1, math.ceil(oldest + _MINUTE + 1 - now))
 
 
 @dataclass(frozen=True)
@@ -49,32 +67,26 @@ class Quotas:
 
     def __init__(self, settings: Settings, store: QuotaStore, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._settings, self._store, self._clock = settings, store, clock
-        self._windows: dict[str, _Window] = {}
+        self._minutes: dict[str, _Minute] = {}
         self._sums: dict[str, _Sum] = {}
 
     def count_request(self, caller: Caller) -> dict[str, str]:
-        """The headers that say how many requests are left; raises a 429 problem when none is.
-
-        The last 60 seconds hold, about, the requests of this minute and a share of those of the minute before.
-        """
+        """The headers that say how many requests are left; raises a 429 problem when none is."""
         most = self._settings.key_requests_per_minute
         if not caller.key_id or not most:
             return {}
-        minute, part = divmod(self._clock() / _MINUTE, 1.0)
-        window = self._window(caller.key_id, int(minute))
-        carried = window.before * (1.0 - part)
-        left = math.floor(most - carried - window.now)
-        policy = {"RateLimit-Policy": f'"key";q={most};w=60'}
-        if left < 1:
-            wait = self._wait(window, part, most)
-            raise Problem(
-                "rate-limited",
-                f"This key may send {most} requests a minute (EQUIMESH_KEY_REQUESTS_PER_MINUTE) and has sent them; "
-                f"try again in {wait} seconds, or ask for several meshes' states with one GET /v1/meshes.",
-                headers={**policy, "RateLimit": f'"key";r=0;t={wait}', "Retry-After": str(wait)},
+        now, minute = self._clock(), self._minutes.setdefault(caller.key_id, _Minute())
+        minute.forget(now)
+        if minute.total < most:
+            minute.add(now)
+        else:
+            wait = minute.next_forgotten(now)
+            detail = (
+                f"This key may send {most} requests a minute (EQUIMESH_KEY_REQUESTS_PER_MINUTE) and has sent them: "
+                f"try again in {wait} seconds; one GET /v1/meshes tells the states of many meshes."
             )
-        window.now += 1
-        return {**policy, "RateLimit": f'"key";r={left - 1};t={math.ceil((1.0 - part) * _MINUTE)}'}
+            raise Problem("rate-limited", detail, headers={**_rate(most, 0, wait), "Retry-After": str(wait)})
+        return _rate(most, most - minute.total, minute.next_forgotten(now))
 
     def for_mesh(self, caller: Caller) -> Quota | None:
         """What :meth:`MeshesStore.add` is to hold this caller to."""
@@ -99,21 +111,9 @@ class Quotas:
             raise exceeded(QuotaError("key_max_bytes", found.size, most))
         self._sums[caller.key_id] = _Sum(found.size + more, found.until)
 
-    def _window(self, key_id: str, minute: int) -> _Window:
-        window = self._windows.get(key_id)
-        if window is None or window.minute != minute:
-            before = window.now if window is not None and window.minute == minute - 1 else 0
-            window = self._windows[key_id] = _Window(minute, before=before)
-        return window
 
-    @staticmethod
-    def _wait(window: _Window, part: float, most: int) -> int:
-        """Seconds until one more request fits."""
-        if window.now < most and window.before:
-            free = 1.0 - (most - window.now - 1) / window.before  # the part of the minute at which it does
-            return max(1, math.ceil((min(1.0, free) - part) * _MINUTE))
-        # This minute is full: of the next one a share has to pass before the same is true of it.
-        return max(1, math.ceil((1.0 - part + 1.0 / max(1, window.now)) * _MINUTE))
+def _rate(most: int, left: int, seconds: int) -> dict[str, str]:
+    return {"RateLimit-Policy": f'"key";q={most};w={_MINUTE}', "RateLimit": f'"key";r={left};t={seconds}'}
 
 
 def exceeded(error: QuotaError) -> Problem:

@@ -1,0 +1,197 @@
+"""Limits of each key: requests a minute, unfinished meshes and their points, stored bytes."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import httpx
+import pytest
+
+from equimesh_service import Settings
+from equimesh_service.callers import ANYONE, Caller
+from equimesh_service.problems import Problem
+from equimesh_service.quota_store import Quota, QuotaError, QuotaStore
+from equimesh_service.quotas import Quotas
+from equimesh_service.rows import NewMesh
+from equimesh_service.store import Store
+from service.conftest import SLOW, small, until
+from service.guarded import Guarded
+
+CALLER = Caller("0123456789ab", frozenset({"read", "write"}))
+SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 10, "n_eta": 10}, "cells": "quad"}
+
+
+class Stored(QuotaStore):
+    """A store that holds so many bytes, and counts how often it sums them."""
+
+    def __init__(self, size: int = 0) -> None:
+        self.size, self.sums = size, 0
+
+    def stored_bytes(self, key_id: str) -> int:  # noqa: ARG002
+        self.sums += 1
+        return self.size
+
+
+class Clock:
+    """A clock that is set by hand."""
+
+    now = 6000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def quotas(clock: Clock, **settings: int) -> Quotas:
+    return Quotas(Settings(**{f"key_{name}": value for name, value in settings.items()}), Stored(), clock=clock)  # type: ignore[arg-type]
+
+
+# Requests ----------------------------------------------------------------------------------------------------
+
+
+def refusal(limited: Quotas, caller: Caller = CALLER) -> Problem | None:
+    """The problem that a request meets."""
+    try:
+        limited.count_request(caller)
+    except Problem as problem:
+        return problem
+    return None
+
+
+def test_no_more_requests_in_a_minute_than_the_key_may_send() -> None:
+    clock = Clock()
+    limited = quotas(clock, requests_per_minute=60)
+    sent: list[float] = []
+    while clock.now < 6300:
+        clock.now += 0.2  # five times too fast
+        if refusal(limited) is None:
+            sent.append(clock.now)
+    assert all(sum(start <= moment < start + 60 for moment in sent) <= 60 for start in range(6000, 6300))
+    assert len(sent) == 300
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.4, 2.9])
+def test_after_the_named_time_there_is_room(pause: float) -> None:
+    clock = Clock()
+    limited = quotas(clock, requests_per_minute=20)
+    for _ in range(3):
+        while (refused := refusal(limited)) is None:
+            clock.now += pause
+        assert refused.name == "rate-limited"
+        assert "20 requests a minute (EQUIMESH_KEY_REQUESTS_PER_MINUTE)" in refused.detail
+        clock.now += int(refused.headers["Retry-After"])
+        assert refusal(limited) is None
+
+
+def test_keys_are_counted_apart_and_nobody_without_one() -> None:
+    limited = quotas(Clock(), requests_per_minute=1)
+    limited.count_request(CALLER)
+    limited.count_request(Caller("another", CALLER.scopes))
+    assert [limited.count_request(ANYONE) for _ in range(5)] == [{}] * 5
+    unlimited = quotas(Clock(), requests_per_minute=0)
+    assert [unlimited.count_request(CALLER) for _ in range(5)] == [{}] * 5
+
+
+def test_answers_say_how_many_requests_are_left(guarded_service: Guarded) -> None:
+    with guarded_service.client("read") as client:
+        answers = [client.get("/v1/samples/none"), client.get("/v1/meshes")]
+        assert [answer.headers["ratelimit"].split(";")[1] for answer in answers] == ["r=599", "r=598"]
+        assert answers[0].headers["ratelimit-policy"] == '"key";q=600;w=60'
+        refused = next(answer for _ in range(1200) if (answer := client.get("/v1/samples/none")).status_code == 429)
+        assert refused.json()["type"] == "/problems/rate-limited"
+        assert 1 <= int(refused.headers["retry-after"]) <= 61
+        assert client.get("/readyz").status_code == 200
+
+
+# Meshes ------------------------------------------------------------------------------------------------------
+
+
+def test_a_key_has_so_many_unfinished_meshes_and_points(guarded_service: Guarded) -> None:
+    slow = {**SLOW, "grid": {"n_xi": 17, "n_eta": 17}, "schwarz": {**SLOW["schwarz"], "subdomains": [2, 1]}}
+    with guarded_service.client("write") as client, guarded_service.client("write") as other:
+        made = [client.post("/v1/meshes", json=slow) for _ in range(3)]
+        try:
+            assert [answer.status_code for answer in made] == [202] * 3
+            refused = client.post("/v1/meshes", json=small())
+            assert refused.status_code == 429
+            assert refused.json()["type"] == "/problems/quota-exceeded"
+            assert "3 unfinished meshes, and may have 3 (EQUIMESH_KEY_MAX_QUEUED)" in refused.json()["detail"]
+            assert int(refused.headers["retry-after"]) > 0
+            assert client.delete(made.pop().headers["location"]).status_code == 204
+            refused = client.post("/v1/meshes", json=small(grid={"n_xi": 22, "n_eta": 22}))
+            assert f"{2 * 17 * 17} points in unfinished meshes, and may have 1000" in refused.json()["detail"]
+            assert other.post("/v1/meshes", json=small()).status_code == 202
+        finally:
+            for answer in made:
+                client.delete(answer.headers["location"])
+        assert client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).status_code == 201
+
+
+def test_no_two_at_once_slip_past(database_url: str) -> None:
+    store = Store(database_url)
+    store.prepare()
+    quota = Quota(queued=5, points=450)
+
+    def add(number: int) -> str:
+        try:
+            return store.meshes.add(
+                NewMesh(id=f"m-{number}", spec=SPEC, key_id="k" if number < 20 else "l"), quota=quota
+            )
+        except QuotaError as error:
+            return error.limit
+
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            found = list(pool.map(add, range(40)))
+    finally:
+        store.close()
+    for own in (found[:20], found[20:]):
+        assert sum(entry.startswith("m-") for entry in own) == 4
+        assert set(own) - {f"m-{number}" for number in range(40)} == {"key_max_points"}
+
+
+# Bytes -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.anyio
+async def test_bytes_are_summed_now_and_then() -> None:
+    clock, stored = Clock(), Stored(600)
+    limited = Quotas(Settings(key_max_bytes=1000), stored, clock=clock)
+    await limited.check_bytes(CALLER, 300)
+    await limited.check_bytes(CALLER, 90)
+    with pytest.raises(Problem) as refused:
+        await limited.check_bytes(CALLER, 90)
+    assert "990 bytes in files and samples, and may have 1000 (EQUIMESH_KEY_MAX_BYTES)" in refused.value.detail
+    assert stored.sums == 1
+    stored.size = 0  # they were deleted: who was refused is not held to the old sum
+    await limited.check_bytes(CALLER, 90)
+    clock.now += 4.0
+    await limited.check_bytes(CALLER)
+    assert stored.sums == 2
+    clock.now += 2.0
+    await limited.check_bytes(CALLER)
+    assert stored.sums == 3
+    await limited.check_bytes(ANYONE, 10**9)
+
+
+def test_what_is_stored_counts(guarded_service: Guarded) -> None:
+    row, secret = guarded_service.key("write")
+    rows = "".join(f"{i / 40},{j / 40},{i * j / 7}\n" for i in range(41) for j in range(41))
+    with guarded_service.having(secret) as client:
+
+        def upload(k: int) -> httpx.Response:
+            return client.post("/v1/samples?filename=u.csv", content="x,y,u\n" + rows.replace(",0.0\n", f",{k}\n"))
+
+        mesh = client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
+        files = guarded_service.store.quotas.stored_bytes(row.id)
+        assert files > 0
+        sizes: list[int] = []
+        while (answer := upload(len(sizes))).status_code == 201:
+            sizes.append(answer.json()["size"])
+            assert sum(sizes) < guarded_service.settings.key_max_bytes
+        assert guarded_service.store.quotas.stored_bytes(row.id) == files + sum(sizes)
+        assert answer.json()["type"] == "/problems/quota-exceeded"
+        assert "EQUIMESH_KEY_MAX_BYTES" in answer.json()["detail"]
+        assert client.delete(mesh["links"]["self"]).status_code == 204
+        assert guarded_service.store.quotas.stored_bytes(row.id) == sum(sizes)
+        until(lambda: client.post("/v1/meshes", json=small()).status_code == 202)
