@@ -117,9 +117,11 @@ def test_peers_make_as_many_vertices(library: str) -> None:
 
 
 def test_the_command_prints_and_writes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tiny: dict[str, Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """What was measured once for the tests above; the sizes asked for are those of ``--quick``."""
     monkeypatch.setattr(bench, "QUICK", TINY)
+    monkeypatch.setattr(bench, "_rows", {TINY: list(tiny.values())}.__getitem__)
     monkeypatch.setattr(bench, "QUICK_PEERS", (17,))
     file = tmp_path / "bench.json"
     assert main(["bench", "--quick", "--json", str(file)]) == 0
