@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
+import io
+import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -17,30 +21,38 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_cli.command import build_parser
+from equimesh_cli.command import build_parser, main
 from equimesh_cli.options import schwarz_of
 from equimesh_client import (
     AnnulusSector,
     ArcLength,
+    AsyncClient,
+    AsyncMesh,
     BadArgument,
     Client,
     Conflict,
     Curvature,
     DeadlineExceeded,
+    Forbidden,
     Intersection,
     InvalidInput,
     LinearRobin,
+    Mesh,
     MeshCanceled,
     MeshFailed,
     NotFound,
     Quadrilateral,
+    QuotaExceeded,
     Rectangle,
     RetryPolicy,
     Schwarz,
     Tensor,
     TooLarge,
+    Unauthorized,
     Weight,
 )
+from equimesh_client.async_client import AsyncMeshes, AsyncSamplesStore
+from equimesh_client.client import Meshes, SamplesStore
 
 equimesh_service = pytest.importorskip("equimesh_service")
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
@@ -96,7 +108,7 @@ def test_client_service_and_solver_have_the_same_defaults() -> None:
 
 
 def test_the_papers_mesh(client: Any) -> None:
-    mesh = client.generate(PAPER, 12, **TABLE_1)
+    mesh = client.generate(PAPER, 12, **TABLE_1, reuse=False)
     assert mesh.convergence.iterations[0]["max_q_eq"] == pytest.approx(1.6375, abs=5e-5)
     errors = mesh.convergence.column("error")
     assert errors[-1] < 1e-10 < errors[0]
@@ -182,6 +194,32 @@ def test_the_spec_makes_the_same_mesh(client: Any) -> None:
     assert np.array_equal(again.x, mesh.x)
     assert [found.label for found in client.meshes.list(label=label)] == [label, label]
     assert client.meshes.get(mesh.id).record == mesh.record
+
+
+def test_a_mesh_that_is_there_already(client: Any) -> None:
+    u = f"x*y + {time.time_ns()}*x"  # nobody has asked for this before
+    first = client.generate(u, 9)
+    again = client.generate(u, 9, label="again", cells="triangle")
+    anew = client.generate(u, 9, reuse=False)
+    assert (first.reused_from, again.reused_from, anew.reused_from) == (None, first.id, None)
+    assert len({first.id, again.id, anew.id}) == 3
+    assert (again.label, again.cells.shape, again.error) == ("again", (128, 3), None)
+    for mesh in (again, anew):
+        assert np.array_equal(mesh.x, first.x)
+        assert mesh.quality == first.quality
+        assert [event.kind for event in mesh.events()][-1] == "done"
+    assert client.meshes.create(first.spec(), wait=5).reused_from is not None
+    assert client.meshes.create(first.spec(), wait=5, reuse=False).reused_from is None
+
+
+def test_stored_samples(client: Any) -> None:
+    values = np.random.default_rng(1).random((4, 4))
+    stored = client.samples.upload(values)
+    assert client.samples.upload(values).id == stored.id
+    assert client.samples.get(stored.id).record["shape"] == [4, 4]
+    client.samples.delete(stored)
+    with pytest.raises(NotFound):
+        client.samples.get(stored.id)
 
 
 def test_a_key_makes_one_mesh(client: Any) -> None:
@@ -345,6 +383,7 @@ def test_cancel_and_delete(client: Any) -> None:
     mesh.cancel()
     with pytest.raises(MeshCanceled):
         mesh.wait(deadline=20)
+    assert mesh.is_finished
     assert [event.kind for event in mesh.events(deadline=20)][-1] == "done"
     mesh.delete()
     with pytest.raises(NotFound):
@@ -364,13 +403,59 @@ def test_a_deadline_cancels(client: Any) -> None:
 
 
 def test_events_tell_the_story(client: Any) -> None:
-    mesh = client.meshes.create({"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 64, "n_eta": 64}})
+    spec = {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 64, "n_eta": 64}}
+    mesh = client.meshes.create(spec, reuse=False)
     events = list(mesh.events(deadline=60))
     assert [event.id for event in events] == list(range(1, len(events) + 1))
     assert [events[0].kind, events[-1].kind] == ["status", "done"]
     assert events[-1].data["status"] == "succeeded"
     assert list(mesh.events(after=events[-1].id)) == []
     assert [event.id for event in mesh.events(after=2)] == [event.id for event in events[2:]]
+
+
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[str, str]]]:
+    """A service with keys: its address, and the secrets of ``ada``, ``ben`` and ``reader``."""
+    folder, secrets = tmp_path_factory.mktemp("keyed"), {}
+    for name, scope in (("ada", "write"), ("ben", "write"), ("reader", "read")):
+        with contextlib.redirect_stdout(io.StringIO()) as said:
+            assert main(["keys", "create", "--name", name, "--scope", scope, "--data-dir", str(folder), "--json"]) == 0
+        secrets[name] = json.loads(said.getvalue())["secret"]
+    settings = equimesh_service.Settings(
+        port=0, data_dir=folder, workers=1, log_level="warning", max_points=40_000, key_max_queued=1
+    )
+    with equimesh_service.running(settings) as address:
+        yield address, secrets
+
+
+def test_keys(
+    connect: Any, keyed: tuple[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    url, secrets = keyed
+    caplog.set_level("DEBUG")
+    impatient = RetryPolicy(retries=0)
+    said = []
+    for key in ("", "em_nobody_000", secrets["ada"][:-1] + "!"):
+        with pytest.raises(Unauthorized, match="EQUIMESH_KEY") as unknown:
+            connect(url, key=key).meshes.get("m")
+        said.append(str(unknown.value))
+    with pytest.raises(Forbidden, match="write") as forbidden:
+        connect(url, key=secrets["reader"]).generate("x", 8)
+    monkeypatch.setenv("EQUIMESH_KEY", secrets["ada"])
+    ada, ben = connect(url, retries=impatient), connect(url, key=secrets["ben"])
+    mesh = ada.meshes.create(heavy())
+    with pytest.raises(NotFound):
+        ben.meshes.get(mesh.id)
+    with pytest.raises(QuotaExceeded) as full:
+        ada.generate("x", 8)
+    assert full.value.retry_after is not None
+    mesh.cancel()
+    mesh.delete()
+    assert list(ada.meshes.list()) == []
+    assert ada.url == url
+    said += [str(forbidden.value), repr(forbidden.value), str(full.value), repr(ada), repr(mesh), caplog.text]
+    for secret in secrets.values():
+        assert not any(secret in words for words in said)
 
 
 def test_what_it_can_do(client: Any) -> None:
@@ -389,6 +474,7 @@ class CuttingProxy:
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
         self.open: list[socket.socket] = []
+        self.passed = 0  # bytes of answers
         self.threads = [threading.Thread(target=self.accept)]
         self.threads[0].start()
 
@@ -412,16 +498,17 @@ class CuttingProxy:
             self.open += [near, far]
             limit = self.cuts.pop(0) if self.cuts else None
             for source, sink, most in ((near, far, None), (far, near, limit)):
-                self.threads.append(threading.Thread(target=self.pump, args=(source, sink, most)))
+                self.threads.append(threading.Thread(target=self.pump, args=(source, sink, near, most)))
                 self.threads[-1].start()
 
-    def pump(self, source: socket.socket, sink: socket.socket, limit: int | None) -> None:
+    def pump(self, source: socket.socket, sink: socket.socket, near: socket.socket, limit: int | None) -> None:
         passed = 0
         with contextlib.suppress(OSError):
             while passed != limit and (data := source.recv(4096)):
                 data = data if limit is None else data[: limit - passed]
                 sink.sendall(data)
                 passed += len(data)
+                self.passed += len(data) if sink is near else 0
         for end in (source, sink):
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
@@ -436,21 +523,74 @@ class CuttingProxy:
             end.close()
 
 
-def test_events_and_files_over_a_line_that_breaks(connect: Any, client: Any, url: str, tmp_path: Path) -> None:
-    mesh = client.generate(PAPER, 33)
-    expected = [(event.id, event.kind, event.data) for event in mesh.events()]
-    proxy = CuttingProxy(url)
-    try:
-        far = connect(proxy.url, retries=RetryPolicy(retries=9, first=0.01, longest=0.05)).meshes.get(mesh.id)
-        proxy.cut(300, 350, 400)  # the answers are short: few events, and fewer each time
-        assert [(event.id, event.kind, event.data) for event in far.events()] == expected
-        assert proxy.cuts == []
-        proxy.cut(2000, 9000)
-        path = far.download(tmp_path / "far.npz")
-        assert proxy.cuts == []
-        assert path.read_bytes() == mesh.download(tmp_path / "near.npz").read_bytes()
-    finally:
-        proxy.close()
+@pytest.fixture
+def proxy(url: str) -> Iterator[CuttingProxy]:
+    """A line to the service that breaks."""
+    made = CuttingProxy(url)
+    yield made
+    made.close()
+
+
+def test_every_event_comes_once_over_a_line_that_breaks(
+    connect: Any, client: Any, proxy: CuttingProxy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("equimesh_service.events_api._RETRY_MILLISECONDS", 1)
+    mesh = client.meshes.create(heavy())
+    far = connect(proxy.url, retries=RetryPolicy(retries=99, first=0.001, longest=0.01)).meshes.get(mesh.id)
+    proxy.cut(*(int(cut) for cut in np.random.default_rng(4).integers(1, 900, 500)))
+    told = []
+    for event in far.events(deadline=60):
+        told.append(event)
+        if len(told) == 25:
+            mesh.cancel()
+    assert [event.id for event in told] == list(range(1, len(told) + 1))
+    assert [(e.id, e.kind, e.data) for e in mesh.events()] == [(e.id, e.kind, e.data) for e in told]
+    assert told[-1].kind == "done"
+    assert len(told) >= 25
+    assert len(proxy.cuts) <= 490  # it did break, at beginnings and in the middle of events
+
+
+def test_a_file_over_a_line_that_breaks(connect: Any, client: Any, proxy: CuttingProxy, tmp_path: Path) -> None:
+    mesh = client.generate(PAPER, 129)
+    whole = mesh.download(tmp_path / "near.vtu").read_bytes()
+    far = connect(proxy.url, retries=RetryPolicy(retries=1, first=0.001)).meshes.get(mesh.id)
+    proxy.cut(*(int(cut) for cut in np.random.default_rng(5).integers(2000, 20_000, 9)))
+    # ten connections and one retry: each goes on where the one before ended
+    assert far.download(tmp_path / "far.vtu").read_bytes() == whole
+    assert proxy.cuts == []
+    assert proxy.passed < len(whole) + 10 * 4000
+
+
+TWINS = [(Client, AsyncClient), (Meshes, AsyncMeshes), (SamplesStore, AsyncSamplesStore), (Mesh, AsyncMesh)]
+
+
+def public(kind: type) -> dict[str, Any]:
+    return {name: inspect.getattr_static(kind, name) for name in dir(kind) if not name.startswith("_")}
+
+
+@pytest.mark.parametrize("pair", TWINS, ids=lambda pair: pair[0].__name__)
+def test_twins_have_the_same_names_and_parameters(pair: tuple[type, type]) -> None:
+    blocking, awaited = map(public, pair)
+    # what is a property of one mesh is a method of the other, or in its arrays
+    only = {"points", "cells", "boundary", "x", "y", "u"} if pair[0] is Mesh else set()
+    assert set(blocking) - only == set(awaited)
+    for name, member in awaited.items():
+        if isinstance(member, property) or isinstance(blocking[name], property):
+            assert isinstance(blocking[name], property), name
+            continue
+        mine, other = inspect.signature(blocking[name]), inspect.signature(member)
+        assert list(mine.parameters.values()) == list(other.parameters.values()), name
+        async_of = str(other.return_annotation).replace("Async", "")
+        assert str(mine.return_annotation) == async_of, name
+    one, two = (inspect.signature(kind.__init__) for kind in pair)
+    assert list(one.parameters)[1:] == list(two.parameters)[1:]
+
+
+def test_every_public_name_of_the_twins_is_tried_here() -> None:
+    source = Path(__file__).read_text()
+    for pair in TWINS:
+        for name in public(pair[0]):
+            assert re.search(rf"\.{name}\b", source), name
 
 
 def test_a_mesh_survives_a_restart_of_the_service(tmp_path: Path) -> None:
