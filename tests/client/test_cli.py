@@ -249,7 +249,42 @@ def test_a_deadline_is_4(generate: Any, service: Any) -> None:
     code, _, err = generate("x", "--label", "hang", "--deadline", "0.4")
     assert code == 4
     assert "deadline of 0.4 s" in err
+    assert "more time with --deadline" in err
     assert service.meshes["m0"]["status"] == "canceled"
+
+
+@pytest.mark.parametrize(
+    ("status", "name", "code", "words"),
+    [
+        (401, "unauthorized", 2, ["--key", "EQUIMESH_KEY"]),
+        (403, "forbidden", 2, ["This needs the scope write", "equimesh keys create"]),
+        (410, "gone", 2, ["computes it anew"]),
+        (429, "quota-exceeded", 3, ["come back in 90 s", "cancel some"]),
+        (429, "queue-full", 3, ["come back in 90 s", "The remedy."]),
+        (507, "storage-full", 3, ["Nothing is wrong with the request"]),
+    ],
+)
+def test_a_problem_is_a_sentence_to_act_on(
+    generate: Any, service: Any, fault: Any, status: int, name: str, code: int, words: list[str]
+) -> None:
+    body = {"type": f"/problems/{name}", "title": "T", "detail": "This needs the scope write.", "remedy": "The remedy."}
+    headers = {"Retry-After": "90"} if status == 429 else {}
+    service.faults = [fault("POST", "status", status=status, body=body, headers=headers)]
+    found, out, err = generate("x", "--key", "em_1_secret")
+    assert (found, out) == (code, "")
+    assert err.startswith(f"equimesh: T: This needs the scope write (HTTP {status})\n")
+    assert all(word in err for word in words), err
+    assert "em_1" not in err
+    assert "Traceback" not in err
+
+
+def test_key_and_reuse(generate: Any, service: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EQUIMESH_KEY", "em_1_environment")
+    assert generate("x", "-n", "5", "--no-reuse", "--key", "em_2_given")[0] == 0
+    assert service.seen("POST", "meshes")[0].query == {"reuse": "false"}
+    assert {request.headers["authorization"] for request in service.requests} == {"Bearer em_2_given"}
+    assert main(["check", "x", "--url", service.url]) == 0
+    assert service.requests[-1].headers["authorization"] == "Bearer em_1_environment"
 
 
 def test_check_at_a_service(service: Any, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,16 +17,21 @@ from equimesh_client import (
     Conflict,
     DeadlineExceeded,
     DownloadDamaged,
+    Forbidden,
+    Gone,
     InvalidInput,
     MeshCanceled,
     MeshFailed,
     NotFound,
     ProblemError,
+    QuotaExceeded,
     RateLimited,
     RetryPolicy,
     Schwarz,
     ServerError,
     ServiceUnreachable,
+    StorageFull,
+    Unauthorized,
 )
 
 
@@ -72,6 +77,28 @@ def test_a_create_that_is_repeated_makes_one_mesh(connect: Any, service: Any, fa
     assert len({request.headers["idempotency-key"] for request in sent}) == 1
     assert len({request.body for request in sent}) == 1
     assert list(service.meshes) == [mesh.id]
+
+
+def test_a_create_with_samples_is_repeated_with_the_same_bytes_and_key(connect: Any, service: Any, fault: Any) -> None:
+    client = connect(service.url)
+    service.faults = [fault("POST /v1/samples", "lose"), fault("POST /v1/samples", "status")]
+    stored = client.samples.upload(np.ones((60, 60)))
+    assert list(service.samples) == [stored.id]
+    service.faults = [fault("POST /v1/meshes", "lose"), fault("POST /v1/meshes", "status", status=429)]
+    client.generate(np.ones((60, 60)), 5)
+    sent = service.seen("POST", "meshes")
+    assert len(sent) == 3
+    assert len({(request.headers["idempotency-key"], request.body) for request in sent}) == 1
+    assert sent[0].headers["content-type"].startswith("multipart/")
+    assert len(service.meshes) == 1
+
+
+def test_reuse_can_be_declined(connect: Any, service: Any) -> None:
+    client = connect(service.url)
+    client.generate("x", 5)
+    client.generate("x", 5, reuse=False)
+    client.meshes.create(spec(), reuse=False)
+    assert [r.query for r in service.seen("POST", "meshes$")] == [{}, {"reuse": "false"}, {"reuse": "false"}]
 
 
 def test_two_creates_are_two_meshes(connect: Any, service: Any) -> None:
@@ -121,6 +148,24 @@ def test_an_internal_error_is_not_repeated(connect: Any, service: Any, fault: An
     with pytest.raises(ServerError):
         connect(service.url).capabilities()
     assert len(service.requests) == 1
+
+
+@pytest.mark.parametrize(("status", "kind"), [(401, Unauthorized), (403, Forbidden), (410, Gone), (507, StorageFull)])
+def test_what_does_not_get_better_is_not_repeated(
+    connect: Any, service: Any, fault: Any, status: int, kind: type[ProblemError]
+) -> None:
+    service.faults = [fault("POST", "status", status=status, headers={"Retry-After": "1"})]
+    with pytest.raises(kind):
+        connect(service.url).generate("x", 5)
+    assert len(service.requests) == 1
+
+
+def test_a_quota_is_waited_for_as_long_as_it_is_short(connect: Any, service: Any, fault: Any) -> None:
+    body = {"type": "/problems/quota-exceeded", "title": "Too much at a time"}
+    service.faults = [fault("POST", "status", status=429, body=body, times=4)]
+    with pytest.raises(QuotaExceeded):
+        connect(service.url).generate("x", 5)
+    assert len(service.requests) == 4
 
 
 def test_nobody_there(connect: Any) -> None:
@@ -298,6 +343,20 @@ def test_events_of_no_mesh(connect: Any, service: Any, fault: Any) -> None:
     assert len(list(mesh.events())) == 5
 
 
+def test_events_come_back_when_the_service_says_so(connect: Any, service: Any, fault: Any) -> None:
+    mesh = connect(service.url).generate("x", 5)
+    service.faults = [fault("events", "status", status=503, headers={"Retry-After": "1"})]
+    start = time.monotonic()
+    assert len(list(mesh.events(deadline=10))) == 5
+    assert time.monotonic() - start > 0.95
+    service.faults = [fault("events", "status", status=429, headers={"Retry-After": "3600"})]
+    with pytest.raises(RateLimited):
+        list(mesh.events(deadline=9999))
+    service.faults = [fault("events", "status", status=429, headers={"Retry-After": "30"})]
+    with pytest.raises(DeadlineExceeded):
+        list(mesh.events(deadline=10))
+
+
 def test_a_download_is_whole_or_absent(connect: Any, service: Any, fault: Any, tmp_path: Any) -> None:
     mesh = connect(service.url).generate("x", 5)
     service.faults = [fault("GET .*/file", "half"), fault("GET .*/file", "damage")]
@@ -388,6 +447,33 @@ def test_samples_go_with_a_spec_that_wants_them(connect: Any, service: Any) -> N
 def test_headers_go_with_every_request(connect: Any, service: Any) -> None:
     connect(service.url, headers={"Authorization": "Bearer me"}).generate("x", 5).events()
     assert {request.headers["authorization"] for request in service.requests} == {"Bearer me"}
+
+
+def test_the_key_goes_with_every_request_and_nowhere_else(
+    connect: Any, service: Any, fault: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EQUIMESH_KEY", " em_1_environment\n")
+    connect(service.url).generate("x", 5)
+    assert {request.headers["authorization"] for request in service.requests} == {"Bearer em_1_environment"}
+    asked = [
+        ({"key": "em_2_given"}, "Bearer em_2_given"),
+        ({"key": ""}, None),
+        ({"headers": {"authorization": "Basic me"}}, "Basic me"),
+    ]
+    for options, header in asked:
+        connect(service.url, **options).capabilities()
+        assert service.requests[-1].headers.get("authorization") == header
+    for options in ({"key": "em_2", "headers": {"AUTHORIZATION": "x"}}, {"key": "em 2"}, {"key": "em_\u00e4"}):
+        with pytest.raises(BadArgument) as caught:
+            connect(service.url, **options)
+        assert "em_" not in str(caught.value)
+        assert "em 2" not in str(caught.value)
+    # a redirect is not followed: the key is for this address
+    other = f"{service.url}/v1/elsewhere"
+    service.faults = [fault("capabilities", "status", status=307, headers={"Location": other})]
+    with pytest.raises(ProblemError, match=other):
+        connect(service.url).capabilities()
+    assert service.seen("GET", "elsewhere") == []
 
 
 def test_to_meshio_names_the_sides(connect: Any, service: Any) -> None:
