@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from sqlalchemy import Connection, delete, select, update
+from sqlalchemy import Connection, delete, func, select, update
 
 from equimesh_service.artifacts_store import remove_unused, unnamed
 from equimesh_service.database import Database, insert_new
@@ -29,8 +29,9 @@ class RetentionStore:
 
     def retire_meshes(self, age: float, remove_file: Callable[[str], None]) -> int:
         """Remove some of the meshes that were finished more than ``age`` seconds ago; returns how many."""
-        late = meshes.c.finished_at < self._clock() - age
-        query = select(meshes.c.id, meshes.c.key_id).where(meshes.c.status.in_(FINISHED), late)
+        latest = self._clock() - age
+        late = meshes.c.finished_at < latest, func.coalesce(meshes.c.kept_from, 0.0) < latest
+        query = select(meshes.c.id, meshes.c.key_id).where(meshes.c.status.in_(FINISHED), *late)
         query = query.order_by(meshes.c.finished_at).limit(_AT_ONCE).with_for_update(skip_locked=True)
         with self._database.read() as connection:
             if connection.execute(query.with_only_columns(meshes.c.id).limit(1)).first() is None:

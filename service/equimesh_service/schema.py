@@ -67,6 +67,7 @@ meshes = Table(
     Column("key_id", _Id(40), nullable=False, server_default=""),
     Column("fingerprint", String(64)),  # the same for meshes that have the same points
     Column("reused_from", String(40)),
+    Column("kept_from", Float),  # when its retention begins, if not at its finish: meshes of 0.1, which kept all
     Column("request_id", _Id(64)),
     Column("trace", String(64)),  # the traceparent of the request (W3C Trace Context)
     # With all that is asked of waiting meshes: their rows are long where samples stand in the spec.

@@ -64,10 +64,13 @@ class Postgres:
 
 
 @contextmanager
-def postgres_server() -> Iterator[Postgres]:
-    """A server for the length of a ``with``; skips the test, or fails it where ``NEEDED`` is set, without one."""
+def postgres_server(*, own: bool = False) -> Iterator[Postgres]:
+    """A server for the length of a ``with``, which may be stopped if it is ``own``.
+
+    Skips the test where there is none, or fails it if ``NEEDED`` is set.
+    """
     given = os.environ.get(ADDRESS)
-    if given:
+    if given and not own:
         yield Postgres(given)
         return
     if _found("initdb") is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -88,7 +89,9 @@ def test_a_database_of_the_first_release_is_brought_up_to_date(database_url: str
             ("s-1", "", 3.0)
         ]
         assert connection.execute(text("SELECT key_id, key, mesh_id FROM idempotency")).all() == [("", "k", "m-1")]
-        assert connection.execute(text("SELECT used_at FROM samples")).scalar() == 3.0
+        now = time.time()
+        assert connection.execute(text("SELECT used_at FROM samples")).scalar() == pytest.approx(now, abs=60.0)
+        assert connection.execute(text("SELECT kept_from FROM meshes")).scalar() == pytest.approx(now, abs=60.0)
     store = Store(database_url)
     assert [(row.id, row.status, row.key_id) for row in store.meshes.page(key_id="")] == [
         ("m-2", "queued", ""),
@@ -96,6 +99,7 @@ def test_a_database_of_the_first_release_is_brought_up_to_date(database_url: str
     ]
     assert store.samples.delete("s-1", lambda _: None, "") is False  # m-2 named them in its row
     assert [event.number for event in store.meshes.events("m-1")] == [1]
+    assert store.retention.retire_meshes(3600.0, lambda _: None) == 0  # its time begins with this release
     assert store.meshes.delete("m-1", lambda _: None)
     store.close()
 

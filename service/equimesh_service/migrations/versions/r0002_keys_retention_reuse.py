@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import time
+
 import sqlalchemy as sa
 from alembic import op
 
@@ -18,7 +20,7 @@ _WIDENED = (
 
 
 def upgrade() -> None:
-    """All that is there belongs to no key; samples count as used when they came."""
+    """All that is there belongs to no key."""
     if op.get_bind().dialect.name == "postgresql":
         for table, column in _WIDENED:
             op.alter_column(table, column, type_=sa.BigInteger)
@@ -53,6 +55,9 @@ def _meshes() -> None:
     op.add_column("meshes", sa.Column("trace", sa.String(64)))
     op.drop_index("meshes_by_status", "meshes")
     op.create_index("meshes_by_status", "meshes", ["status", "number", "key_id", "n_xi", "n_eta"])
+    # Release 0.1 kept everything: the time after which it is removed begins now.
+    op.add_column("meshes", sa.Column("kept_from", sa.Float))
+    op.execute(sa.text("UPDATE meshes SET kept_from = :now").bindparams(now=time()))
     op.create_index("meshes_by_key", "meshes", ["key_id", "number"])
     op.create_index("meshes_by_fingerprint", "meshes", ["fingerprint", "key_id", "number"])
     op.create_index("meshes_by_finish", "meshes", ["finished_at"])
@@ -67,7 +72,7 @@ def _meshes() -> None:
 
 def _samples() -> None:
     op.add_column("samples", sa.Column("used_at", sa.Float, nullable=False, server_default="0"))
-    op.execute("UPDATE samples SET used_at = created_at")
+    op.execute(sa.text("UPDATE samples SET used_at = :now").bindparams(now=time()))
     op.create_table(
         "samples_keys",
         sa.Column("samples_id", sa.String(80), sa.ForeignKey("samples.id", ondelete="CASCADE"), nullable=False),
