@@ -27,6 +27,7 @@ Cloud: TypeAlias = tuple[Array, dict[str, Array]]
 
 XML_TYPES = {f"{kind}{bits}": f"{kind[0].lower()}{bits // 8}" for kind in ("Int", "UInt") for bits in (8, 16, 32, 64)}
 XML_TYPES |= {"Float32": "f4", "Float64": "f8"}
+HEADER_TYPES = {"UInt32": "u4", "UInt64": "u8"}
 LEGACY_TYPES = {
     "char": "i1", "short": "i2", "int": "i4", "long": "i8", "vtkidtype": "i4", "vtktypeint64": "i8",
     "unsigned_char": "u1", "unsigned_short": "u2", "unsigned_int": "u4", "unsigned_long": "u8",
@@ -88,7 +89,7 @@ class _VtuReader:
         self.appended = appended
         self.raw = re.search(rb"""encoding\s*=\s*["']raw""", attributes) is not None
         self.order: Literal["<", ">"] = ">" if self.root.get("byte_order") == "BigEndian" else "<"
-        self.header = np.dtype(XML_TYPES[self.root.get("header_type", "UInt32")]).newbyteorder(self.order)
+        self.header = np.dtype(HEADER_TYPES[self.root.get("header_type", "UInt32")]).newbyteorder(self.order)
         compressor = self.root.get("compressor")
         if compressor is not None and compressor not in DECOMPRESSORS:
             raise SamplesError(f"the vtu file is compressed by {compressor}: save it with zlib or uncompressed")

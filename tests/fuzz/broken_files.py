@@ -1,0 +1,192 @@
+"""Files of samples broken at random, given to the readers: a program of its own, with little memory.
+
+``python -m fuzz.broken_files FOLDER CASES`` ends with 0 when every case of every format was read, or refused with a
+sentence. A reader that reserves what a header promises, opens another file, unpickles, warns, or takes seconds ends
+it with the reason.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import sys
+import time
+import warnings
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from equimesh.errors import SamplesError
+from equimesh.upload import READERS
+from equimesh_service.intake import convert
+from solver.test_upload import CLOUD, CLOUD_U, IN_H5, TABLE, VTK_HEAD, X, Y, csv, h5, npy, npz, vtu, with_cloud, zipped
+
+MEMORY = 256 * 2**20  # on top of what the readers need to start
+MOST_BYTES, MOST_SECONDS = 1_000_000, 5.0
+FORBIDDEN = ("pickle.find_class", "socket.connect", "socket.getaddrinfo", "subprocess.Popen", "os.system")
+BYTES = st.sampled_from([b"\x00", b"\x01", b"\x7f", b"\x80", b"\xff", b"9", b"-", b" ", b"\n", b"e", b"(", b"<"])
+LARGE = st.sampled_from([b"\xff" * 4, b"\xff" * 8, b"\x00" * 8, b"\x00\x00\x00\x40", b"9" * 20, b"1e999", b"nan"])
+PARTS = {
+    "npz": [b"PK\x01\x02", b"PK\x05\x06", b"values.npy", b"../x.npy", b"\x93NUMPY"],
+    "npy": [b"\x93NUMPY", b"'descr': '|O'", b"(1 2,)", b"(10**9,)", b"'shape': ()", b"cos\nsystem\n(S'true'\ntR."],
+    "csv": [b"x,y,u\n", b"#", b'"', b"\xef\xbb\xbf", b";", b"1_0", b"inf"],
+    "json": [b"NaN", b"null", b"[[", b"{}", b'{"grid":', b"true", b'"a"', b"1e400"],
+    "vtu": [b"<!DOCTYPE a>", b"&amp;", b"&x;", b"<Piece>", b"NumberOfPoints='-1'", b"format='appended' offset='-9'"],
+    "vtk": [
+        b"POINTS 99999999999 double\n",
+        b"FIELD f 99999999\n",
+        b"METADATA\n",
+        b"CELLS 1 1\n",
+        b"LOOKUP_TABLE t -1\n",
+    ],
+    "xdmf": [
+        b"<!DOCTYPE a>",
+        b"/etc/passwd:/a",
+        b"Dimensions='-1'",
+        b"Dimensions='9 9'",
+        b"Format='Binary'",
+        b"<Grid>",
+    ],
+    "zip": [b"PK\x01\x02", b"../", b"OHDR", b"TREE", b"\x89HDF"],
+}
+
+
+def written_by_meshio(folder: Path, form: str, **options: Any) -> bytes:
+    path = folder / "u.mesh"
+    mesh = meshio.Mesh(np.pad(CLOUD, ((0, 0), (0, 1))), [("vertex", [[0], [1]])], point_data={"u": CLOUD_U})
+    meshio.write(path, mesh, file_format=form, **options)
+    return path.read_bytes()
+
+
+def good_files(folder: Path) -> dict[str, list[bytes]]:
+    """Files of every format that are read."""
+    grid = {"grid": {"x": X.tolist(), "y": Y.tolist(), "values": TABLE.tolist()}}
+    places, u = (" ".join(map(repr, a.ravel().tolist())) for a in (np.pad(CLOUD, ((0, 0), (0, 1))), CLOUD_U))
+    legacy = f"{VTK_HEAD}POINTS 44 double\n{places}\nPOINT_DATA 44\nSCALARS u double 1\nLOOKUP_TABLE default\n{u}\n"
+    flat = " ".join(map(repr, CLOUD.ravel().tolist()))
+    alone = IN_H5.replace(b"HDF", b"XML").replace(b"a.h5:/g/points", flat.encode()).replace(b"a.h5:/g/u", u.encode())
+    stored = io.BytesIO()
+    np.savez(stored, x=X, y=Y, values=TABLE)
+    return {
+        "npz": [npz(points=CLOUD, values=CLOUD_U), stored.getvalue()],
+        "npy": [npy(TABLE), npy(TABLE.astype("f4").T)],
+        "csv": [csv(CLOUD[:9], CLOUD_U[:9]), b"x;y;u\r\n0;0;1\r\n1;1;0\r\n0;1;2\r\n1;0;3\r\n# end"],
+        "json": [json.dumps(grid).encode(), b'{"points": [[0, 0], [1, 1], [0, 1], [1, 0]], "values": [1, 2, 3, 4]}'],
+        "vtu": [
+            vtu({"u": ("format='ascii'", u), "Points": ("format='ascii'", places)}),
+            *(written_by_meshio(folder, "vtu", compression=kind) for kind in ("zlib", "lzma", None)),
+        ],
+        "vtk": [legacy.encode(), *(written_by_meshio(folder, form) for form in ("vtk42", "vtk"))],
+        "xdmf": [alone],
+        "zip": [
+            zipped(a_xdmf=IN_H5, a_h5=h5(lambda file: with_cloud(file, compression="gzip"))),
+            zipped(a_xdmf=IN_H5, a_h5=h5(with_cloud)),
+        ],
+    }
+
+
+@st.composite
+def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -> bytes:
+    """A file with up to six edits, of its HDF5 part before it is packed; now and then any bytes."""
+    if draw(st.integers(0, 19)) == 0:
+        return draw(st.binary(max_size=200))
+    inside = suffix == "zip" and draw(st.booleans())
+    data = bytearray(draw(st.sampled_from(hdf5 if inside else good)))
+    for _ in range(draw(st.sampled_from([1, 1, 1, 2, 6]))):
+        at = draw(st.integers(0, 2**20)) % (len(data) + 1)
+        match draw(st.integers(0, 5)):
+            case 0 | 1 if at < len(data):
+                data[at] ^= 1 << draw(st.integers(0, 7))
+            case 2:
+                new = draw(BYTES)
+                data[at : at + len(new)] = new
+            case 3:
+                new = draw(LARGE | st.sampled_from(PARTS[suffix]))
+                data[at : at + draw(st.sampled_from([0, len(new)]))] = new
+            case 4:
+                del data[at : at + draw(st.sampled_from([1, 2, 8, 100]))]
+            case _:
+                if draw(st.integers(0, 3)) == 0:
+                    del data[at:]
+                else:
+                    begin = draw(st.integers(0, 2**20)) % (len(data) + 1)
+                    data[at:at] = data[begin : begin + 30]
+    return zipped(a_xdmf=IN_H5, a_h5=bytes(data)) if inside else bytes(data)
+
+
+def watch(folder: Path) -> None:
+    """End the program where a reader does what no file may make it do."""
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        name = arguments[0] if event == "open" and isinstance(arguments[0], str) else ""
+        outside = (
+            "/" in name
+            and not name.startswith(str(folder))
+            and not name.endswith((".py", ".pyc"))
+            and "hypothesis" not in name
+        )
+        if event in FORBIDDEN or outside:
+            sys.stderr.write(f"a file made its reader do {event} {arguments!r:.200}\n")
+            sys.stderr.flush()
+            os._exit(3)
+
+    sys.addaudithook(hook)
+
+
+def check(
+    source: Path, suffix: str, files: st.SearchStrategy[bytes], cases: int, counts: Counter[tuple[str, str]]
+) -> None:
+    """Read so many files of one format."""
+
+    @settings(max_examples=cases, deadline=None, derandomize=True, database=None)
+    @given(data=files)
+    def read(data: bytes) -> None:
+        source.write_bytes(data)
+        started = time.monotonic()
+        message = ""
+        try:
+            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES)
+        except SamplesError as error:
+            message = error.message
+            assert_sentence(message)
+        counts[suffix, "refused" if message else "read"] += 1
+        assert time.monotonic() - started < MOST_SECONDS
+
+    read()
+
+
+def assert_sentence(message: str) -> None:
+    assert 10 < len(message) < 1000, message
+    message.encode()
+
+
+def main(folder: Path, cases: int) -> None:
+    good, source = good_files(folder), folder / "source"
+    hdf5 = [h5(with_cloud), h5(lambda file: with_cloud(file, compression="gzip"))]
+    assert {*good} == {*READERS}
+    for suffix, files in good.items():
+        for data in files:
+            source.write_bytes(data)
+            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES)
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    address_space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (address_space + MEMORY,) * 2)
+    warnings.simplefilter("error")
+    counts: Counter[tuple[str, str]] = Counter()
+    watch(folder)
+
+    for suffix in READERS:
+        check(source, suffix, broken(suffix, good[suffix], hdf5), cases, counts)
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - used
+    print(json.dumps({"counts": {f"{a} {b}": n for (a, b), n in counts.items()}, "grown": grown}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,46 @@
+"""Uploads of every format, broken at random: read, or refused with a sentence, in bounded memory and time.
+
+``FUZZ_CASES`` sends more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+
+from equimesh.upload import READERS
+from fuzz.conftest import asked_cases
+
+FEW = 150
+TESTS = Path(__file__).parents[1]
+
+
+def test_readers_survive_any_file(tmp_path: Path) -> None:
+    cases = max(FEW, asked_cases(0) // len(READERS))
+    command = [sys.executable, "-X", "faulthandler", "-m", "fuzz.broken_files", str(tmp_path), str(cases)]
+    environment = {**os.environ, "PYTHONPATH": str(TESTS), "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=1800)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    report = json.loads(done.stdout)
+    counts = report["counts"]
+    for suffix in READERS:
+        refused, read = counts[f"{suffix} refused"], counts.get(f"{suffix} read", 0)
+        assert refused + read >= cases
+        assert refused > cases / 4, suffix
+        assert read > 0, suffix  # not all is refused at the door
+    assert report["grown"] < 150 * 2**20
+
+
+def test_broken_uploads_over_http(fuzz_http: httpx.Client) -> None:
+    for suffix in READERS:
+        for data in (b"", b"\x00" * 1000, b"PK\x03\x04" + bytes(60), b"\x93NUMPY\x01\x00\xff\xff", b"<!DOCTYPE a><a/>"):
+            answer = fuzz_http.post("/v1/samples", params={"filename": f"u.{suffix}"}, content=data)
+            assert answer.status_code == 422, (suffix, data[:10], answer.text)
+            answer = fuzz_http.post("/v1/samples", files={"samples": (f"../../u.{suffix}", data)})
+            assert answer.status_code == 422, (suffix, data[:10], answer.text)
+    assert fuzz_http.get("/readyz").status_code == 200
