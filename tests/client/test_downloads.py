@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import subprocess
 import sys
 import time
@@ -123,6 +124,7 @@ def test_what_an_earlier_program_left_is_gone_on_with(mesh: Any, service: Any, f
     for wrong in (DATA + b"more", b"wrong" * 1000):
         part(tmp_path).write_bytes(wrong)
         part(tmp_path, b"another").write_bytes(b"old")
+        os.utime(part(tmp_path, b"another"), (1, 1))
         part(tmp_path, name="other.vtu").write_bytes(b"not ours")
         assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
         assert names(tmp_path) == [part(tmp_path, name="other.vtu").name, "m.vtu"]
