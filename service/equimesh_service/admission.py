@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -41,6 +42,11 @@ class Upload:
 
     data: bytes
     filename: str
+
+    @cached_property
+    def is_light(self) -> bool:
+        """Whether reading it takes no longer than asking a worker to."""
+        return intake.is_light(self.data, self.filename)
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,10 @@ class Admission:
         else:
             # The numbers first: an upload is not kept for a spec that is refused.
             with self._converted(upload, wanting[0]) as (path, summary):
-                self._check(spec, None, rows, {UPLOAD: path})
+                if upload.is_light and summary["kind"] == "grid" and _is_plain(spec.monitor):
+                    check_problem(spec, {UPLOAD: path})
+                else:
+                    self._check(spec, None, rows, {UPLOAD: path})
                 row, _ = self._keep(path, summary, caller)
             rows[row.id] = row
             with_samples(canonical["monitor"], UPLOAD, row.id)
@@ -117,10 +126,15 @@ class Admission:
     @contextmanager
     def _converted(self, upload: Upload, pointer: str) -> Iterator[tuple[Path, dict[str, Any]]]:
         """Uploaded samples as a canonical npz file that is not published, and what they are."""
-        most = 4 * self.settings.max_body
-        with self.files.unfinished(".upload") as source, self.files.unfinished(".npz") as path:
-            source.write_bytes(upload.data)
-            summary = self._work(pointer, intake.convert, source, upload.filename, path, most)
+        with self.files.unfinished(".npz") as path:
+            most = 4 * self.settings.max_body
+            if upload.is_light:
+                with pointing(pointer):
+                    summary = intake.convert(upload.data, upload.filename, path, most)
+            else:
+                with self.files.unfinished(".upload") as source:
+                    source.write_bytes(upload.data)
+                    summary = self._work(pointer, intake.convert, source, upload.filename, path, most)
             self._check_samples(math.prod(summary["shape"]), pointer)
             yield path, summary
 
@@ -206,8 +220,12 @@ class Admission:
 
 def _is_quick(monitor: AnyMonitor) -> bool:
     """Whether a check takes no longer than looking at a formula in many points."""
-    plain = isinstance(monitor, ArcLengthSpec) and monitor.smoothing == 0.0
-    return plain and all(isinstance(source, ExpressionSource | GridSource) for _, source in sources_of(monitor))
+    quick = (ExpressionSource, GridSource)
+    return _is_plain(monitor) and all(isinstance(source, quick) for _, source in sources_of(monitor))
+
+
+def _is_plain(monitor: AnyMonitor) -> bool:
+    return isinstance(monitor, ArcLengthSpec) and monitor.smoothing == 0.0
 
 
 def _mark(canonical: Mapping[str, Any]) -> str:

@@ -6,6 +6,8 @@ algebra runs on one thread, which is tens of times faster for the many small sys
 
 from __future__ import annotations
 
+import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +21,29 @@ from equimesh.errors import SamplesError
 from equimesh.samples import CUBIC
 from equimesh.upload import read_arrays, samples_of
 
+LIGHT = 256 * 1024  # bytes
 
-def convert(source: Path, filename: str, target: Path, max_bytes: int) -> dict[str, Any]:
-    """Read an uploaded file into the canonical npz ``target``; returns what the samples are.
+
+def is_light(data: bytes, filename: str) -> bool:
+    """Whether a file is read in about a millisecond: npz or npy, and small when it is unpacked, too."""
+    if filename.lower().endswith(".npy"):
+        return len(data) <= LIGHT
+    if not filename.lower().endswith(".npz") or len(data) > LIGHT:
+        return False
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return sum(entry.file_size for entry in archive.infolist()) <= LIGHT
+    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+        return False  # a worker will say what is wrong
+
+
+def convert(source: Path | bytes, filename: str, target: Path, max_bytes: int) -> dict[str, Any]:
+    """Read an upload, a file or its bytes, into the canonical npz ``target``; returns what the samples are.
 
     Whether they cover a domain is not known here. Raises :class:`~equimesh.errors.SamplesError`.
     """
-    arrays = _checked(read_arrays(source.read_bytes(), filename, max_bytes=max_bytes))
+    data = source if isinstance(source, bytes) else source.read_bytes()
+    arrays = _checked(read_arrays(data, filename, max_bytes=max_bytes))
     with target.open("wb") as file:
         np.savez(file, **arrays)
     values = arrays["values"]
