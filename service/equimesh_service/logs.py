@@ -75,6 +75,10 @@ def _raised(raised: _Raised) -> str:
 class _Text(logging.Formatter):
     """A line for people, with the trail at its end."""
 
+    def format(self, record: logging.LogRecord) -> str:
+        record.exc_text = None  # another handler's words for the exception
+        return super().format(record)
+
     def formatMessage(self, record: logging.LogRecord) -> str:
         known = " ".join(f"{name}={value}" for name, value in current().known().items())
         line = super().formatMessage(record)
@@ -86,6 +90,10 @@ class _Text(logging.Formatter):
 
 class _Json(JsonFormatter):
     """A JSON object: time, level, logger, message, the trail, and what the record brings along."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        record.exc_text = None
+        return super().format(record)
 
     def add_fields(self, log_data: dict[str, Any], record: logging.LogRecord, message_dict: dict[str, Any]) -> None:
         log_data["time"] = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="microseconds")[:-6] + "Z"

@@ -128,6 +128,28 @@ def test_settings_of_the_image_and_of_compose_exist() -> None:
                 assert name.removeprefix("EQUIMESH_").lower() in Settings.model_fields
 
 
+def test_the_monitoring_profile_finds_its_files_and_runs_known_versions() -> None:
+    document = compose()
+    watching = {name: part for name, part in document["services"].items() if part.get("profiles") == ["monitoring"]}
+    assert set(watching) == {"prometheus", "grafana"}
+    for part in watching.values():
+        assert re.fullmatch(r"[a-z]+/[a-z]+:v?\d+\.\d+\.\d+", part["image"])  # no host of a registry, no `latest`
+        assert part["healthcheck"]["test"][0] == "CMD"
+        assert all(port.startswith("127.0.0.1:") for port in part["ports"])
+        for volume in part["volumes"]:
+            source = volume.partition(":")[0]
+            assert (ROOT / source).is_file() if source.startswith(".") else source in document["volumes"], volume
+    key = document["secrets"]["metrics_key"]["file"]
+    assert (ROOT / key.rpartition(":-")[2].rstrip("}")).read_text() == ""
+    job = yaml.safe_load((ROOT / "deploy/prometheus.yml").read_text())["scrape_configs"][0]
+    assert job["dns_sd_configs"][0]["names"] == ["equimesh"]
+    assert job["dns_sd_configs"][0]["port"] == int(image().commands["EXPOSE"])
+    assert job["authorization"]["credentials_file"] == "/run/secrets/metrics_key"
+    (source,) = yaml.safe_load((ROOT / "deploy/grafana/datasource.yml").read_text())["datasources"]
+    dashboard = (ROOT / "deploy/grafana/equimesh.json").read_text()
+    assert set(re.findall(r'"type": "prometheus",\s*"uid": "(\w+)"', dashboard)) == {source["uid"]}
+
+
 def test_what_the_image_copies_is_in_the_context() -> None:
     rules = [line for line in (ROOT / ".dockerignore").read_text().splitlines() if line and line[0] != "#"]
     for copy in stages()[0].copies:
