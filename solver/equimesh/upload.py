@@ -117,7 +117,7 @@ def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
     if not all(n.isdecimal() for n in sizes):
         raise SamplesError(f"{key} is not a plain npy array: {header.strip()[:80]!r} describes it", field=key)
     dtype, shape = np.dtype(descr[1]), tuple(map(int, sizes))
-    if math.prod(shape) * dtype.itemsize != len(data) - start:
+    if max(shape, default=0) > len(data) or len(shape) > 3 or math.prod(shape) * dtype.itemsize != len(data) - start:
         raise SamplesError(f"{key} has {len(data) - start} bytes, not those of shape {shape}", field=key)
     return np.frombuffer(data, dtype, offset=start).reshape(shape, order="F" if order[1] == "True" else "C")
 
@@ -126,7 +126,7 @@ def _read_json(data: bytes, _: int) -> dict[str, Any]:
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise SamplesError(f"the json file cannot be read: {error}") from error
+        raise SamplesError(f"the json file cannot be read: {str(error)[:200]}") from error
     for kind in ("u", "grid", "scattered"):
         if isinstance(found, dict) and kind in found:
             found = found[kind]
@@ -159,7 +159,7 @@ def _read_csv(data: bytes, _: int) -> dict[str, Any]:
             x, y, u = (float(cells[i]) for i in order)
         except ValueError as error:
             comma = "; use a point as decimal mark" if any("," in cell for cell in cells) else ""
-            raise SamplesError(f"line {number} of the csv file: {error}{comma}") from error
+            raise SamplesError(f"line {number} of the csv file: {str(error)[:200]}{comma}") from error
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(u)):
             raise SamplesError(
                 f"line {number} of the csv file holds a number that is not finite ({text}): fill it in or"

@@ -69,7 +69,7 @@ def read_vtu(data: bytes, *, max_bytes: int) -> Cloud:
     ) as error:
         if isinstance(error, SamplesError):
             raise
-        raise SamplesError(f"the vtu file cannot be read: {error}") from error
+        raise SamplesError(f"the vtu file cannot be read: {str(error)[:200]}") from error
     if not points:
         raise SamplesError("the vtu file has no piece with points")
     common = [name for name in fields[0] if all(name in piece for piece in fields)]
@@ -158,7 +158,7 @@ def read_legacy_vtk(data: bytes) -> Cloud:
     except (KeyError, ValueError, IndexError) as error:
         if isinstance(error, SamplesError):
             raise
-        raise SamplesError(f"the vtk file cannot be read: {error}") from error
+        raise SamplesError(f"the vtk file cannot be read: {str(error)[:200]}") from error
 
 
 class _LegacyReader:

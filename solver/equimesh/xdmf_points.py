@@ -131,7 +131,7 @@ def _numbers(text: str, name: str) -> Array:
     try:
         return np.array(text.split(), dtype=np.float64)
     except ValueError as error:
-        raise SamplesError(f"{name[:40]!r} of the xdmf file cannot be read: {error}") from error
+        raise SamplesError(f"{name[:40]!r} of the xdmf file cannot be read: {str(error)[:200]}") from error
 
 
 def _read_hdf5(data: bytes, path: str, count: int, name: str) -> Array:
@@ -152,7 +152,7 @@ def _read_hdf5(data: bytes, path: str, count: int, name: str) -> Array:
     except SamplesError:
         raise
     except _BROKEN as error:
-        raise SamplesError(f"the h5 file with {name[:40]!r} cannot be read: {error}") from error
+        raise SamplesError(f"the h5 file with {name[:40]!r} cannot be read: {str(error)[:200]}") from error
 
 
 def _found(file: h5py.File, path: str) -> Any:

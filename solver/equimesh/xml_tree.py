@@ -45,5 +45,5 @@ def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
     except (expat.ExpatError, ValueError, LookupError) as error:  # the latter two for unknown encodings
         if isinstance(error, SamplesError):
             raise
-        raise SamplesError(f"the {kind} file cannot be read: {error}") from error
+        raise SamplesError(f"the {kind} file cannot be read: {str(error)[:200]}") from error
     return builder.close()

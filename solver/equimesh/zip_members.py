@@ -14,6 +14,7 @@ from typing import Final
 from equimesh.errors import SamplesError
 
 MOST_MEMBERS: Final = 1000
+_ENTRY: Final = b"PK\x01\x02"  # begins the entry of each member in the list at the end
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _BROKEN = (
     zipfile.BadZipFile,
@@ -45,14 +46,14 @@ class Members:
         """The bytes of a member, which is never written anywhere, whatever its name is."""
         member = self.archive.getinfo(name)
         if member.compress_type not in _METHODS:
-            raise SamplesError(f"{name!r} in the {self.kind} file is packed in an unusual way: use deflate")
+            raise SamplesError(f"{name[:80]!r} in the {self.kind} file is packed in an unusual way: use deflate")
         if member.file_size > self.budget:
             raise SamplesError(f"the {self.kind} file unpacks to more than the bytes allowed")
         self.budget -= member.file_size
         with self.archive.open(member) as stream:
             found = stream.read(member.file_size + 1)
         if len(found) != member.file_size:
-            raise SamplesError(f"{name!r} in the {self.kind} file is not as long as it says")
+            raise SamplesError(f"{name[:80]!r} in the {self.kind} file is not as long as it says")
         return found
 
 
@@ -62,12 +63,12 @@ def open_zip(data: bytes, kind: str, max_bytes: int, remedy: str) -> Iterator[Me
 
     Raises :class:`~equimesh.errors.SamplesError` for whatever is wrong with it, also where it is used.
     """
+    if data.count(_ENTRY) > MOST_MEMBERS:  # before they are listed, which takes long
+        raise SamplesError(f"the {kind} file has more than {MOST_MEMBERS} members")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if len(archive.infolist()) > MOST_MEMBERS:
-                raise SamplesError(f"the {kind} file has more than {MOST_MEMBERS} members")
             yield Members(archive, kind, max_bytes)
     except SamplesError:
         raise
     except _BROKEN as error:
-        raise SamplesError(f"the {kind} file cannot be unpacked: {error}; {remedy}") from error
+        raise SamplesError(f"the {kind} file cannot be unpacked: {str(error)[:200]}; {remedy}") from error
