@@ -253,7 +253,7 @@ async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     await service.mesh(id, caller)
     if await run_in_threadpool(service.store.queue.cancel, id):
         service.metrics.ended(Ending(status=CANCELED))
-    if not await run_in_threadpool(service.store.meshes.delete, id, service.files.remove):
+    if not await run_in_threadpool(service.store.meshes.delete, id, service.discard):
         raise Problem("not-found", "There is no mesh with this id.")
     service.dispatcher.cancel(id)
 

@@ -104,7 +104,7 @@ async def get(
 )
 async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     """Delete samples that no waiting or running mesh needs."""
-    done = await run_in_threadpool(service.store.samples.delete, id, service.files.remove, caller.only)
+    done = await run_in_threadpool(service.store.samples.delete, id, service.discard, caller.only)
     if done is None:
         raise await service.missing(id, caller, "There are no samples with this id.")
     if not done:

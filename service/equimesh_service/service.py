@@ -204,6 +204,13 @@ class Service:
             raise Problem("not-found", "There is no mesh with this id.")
         return made
 
+    def discard(self, sha256: str) -> None:
+        """Remove a file that no row names any more; what cannot be removed now is left for the sweep."""
+        try:
+            self.files.remove(sha256)
+        except OSError as error:
+            _log.warning("file %s is left for the sweep: %s", sha256, type(error).__name__)
+
     def close(self) -> None:
         """Stop the work and close the rooms; what was running goes back into the queue."""
         self.retention.stop()
