@@ -85,18 +85,18 @@ def interpolation_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> I
 
     ``uniform`` is the uniform mesh of the domain, by default of the unit square. On more than 150 000 cells the norms
     are estimated from every 5th, 13th or 34th of them, in a pattern that meets every row and column of
-    the mesh: to about a percent. :func:`equimesh.measure` takes all cells.
+    the mesh: to about a percent.
     """
     uniform = Mesh.uniform(mesh.grid) if uniform is None else uniform
     with np.errstate(all="ignore"):
         first, second = BilinearCells(mesh), BilinearCells(uniform)
-        return errors_of(first, second, u, ErrorRule.lean(), _sample(first.shape))
+        return errors_of(first, second, u, ErrorRule.lean(), sample(first.shape))
 
 
 def errors_of(
     cells: BilinearCells, uniform: BilinearCells, u: Field, rule: ErrorRule, numbers: Indices | None = None
 ) -> InterpolationError:
-    """The errors on two meshes of one size by ``rule``, from all cells or from those with ``numbers``."""
+    """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``."""
     l2, h1, size = _norms(cells, u, rule, numbers)
     l2_uniform, h1_uniform, _ = _norms(uniform, u, rule, numbers)
     noise = ROUNDING * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
@@ -136,7 +136,7 @@ def _add_errors(values: Array, u: Array, u_x: Array, u_y: Array, points: CellPoi
     add_gradients(values, u_x, u_y, points.s, points.t, points.weights, at.x_s, at.y_s, at.x_t, at.y_t, at.det, sums)
 
 
-def _sample(shape: tuple[int, int]) -> Indices | None:
+def sample(shape: tuple[int, int]) -> Indices | None:
     """Numbers of the cells to look at: those of a lattice that has the same share of every row and column."""
     count = shape[0] * shape[1]
     for one_of, shift in SAMPLING:

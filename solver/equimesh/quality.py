@@ -20,7 +20,7 @@ import numpy.typing as npt
 from equimesh.bilinear import BilinearCells, CellPoints
 from equimesh.cell_shapes import alignments, angles_and_edges, regularities, size_ratios
 from equimesh.field import Field
-from equimesh.interpolation import ErrorRule, InterpolationError, errors_of
+from equimesh.interpolation import ErrorRule, InterpolationError, errors_of, sample
 from equimesh.mesh import Mesh
 from equimesh.monitor import Monitor
 
@@ -114,8 +114,8 @@ def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss:
 
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
     the unit square. ``gauss`` is the number of Gauss points per direction and cell; by default ``GAUSS_POINTS`` or, on
-    many cells, ``GAUSS_POINTS_BEYOND``, where the interpolation errors take the rule
-    :meth:`~equimesh.interpolation.ErrorRule.lean`. Not finite where u or its gradient is not.
+    many cells, ``GAUSS_POINTS_BEYOND``, where the interpolation errors are those of
+    :func:`~equimesh.interpolation.interpolation_errors`. Not finite where u or its gradient is not.
     """
     with np.errstate(all="ignore"):
         cells = BilinearCells(mesh)
@@ -224,7 +224,8 @@ def _interpolation_error(
     reference = BilinearCells(Mesh.uniform(cells.mesh.grid) if uniform is None else uniform)
     points = _gauss_points(cells, gauss)
     is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
-    return errors_of(cells, reference, u, ErrorRule.lean() if is_lean else ErrorRule.gauss(points))
+    numbers = sample(cells.shape) if is_lean else None
+    return errors_of(cells, reference, u, ErrorRule.lean() if is_lean else ErrorRule.gauss(points), numbers)
 
 
 def _plain(value: float) -> float | None:
