@@ -9,6 +9,7 @@ from xml.parsers import expat
 from equimesh.errors import SamplesError
 
 MOST_LEVELS: Final = 50
+MOST_PARTS: Final = 100_000
 
 
 def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
@@ -17,6 +18,8 @@ def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
     The parser itself is told to stop at a document type, so that none gets past in another encoding.
     Raises :class:`~equimesh.errors.SamplesError`.
     """
+    if max(data.count(b"<"), data.count(b"=")) > MOST_PARTS:  # numbers, and what is packed, have next to none
+        raise SamplesError(f"the {kind} file has more than {MOST_PARTS} elements or attributes")
     builder = ElementTree.TreeBuilder()
     depth = 0
 
