@@ -75,13 +75,12 @@ def die_once(marker: str, url: str, claim: Claim) -> None:
     store.close()
 
 
-def test_a_killed_worker_does_not_lose_its_mesh(tmp_path: Path) -> None:
-    store, engine = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}"), PebbleEngine(1, preload=PRELOAD)
+def test_a_killed_worker_does_not_lose_its_mesh(tmp_path: Path, database_url: str) -> None:
+    store, engine = Store(database_url), PebbleEngine(1, preload=PRELOAD)
     store.prepare()
-    url = f"sqlite:///{tmp_path / 'a.sqlite3'}"
     marker = str(tmp_path / "marker")
     dispatcher = Dispatcher(
-        "me", store, engine, lambda claim, _: (die_once, (marker, url, claim)), Rules(), lambda _: None
+        "me", store, engine, lambda claim, _: (die_once, (marker, database_url, claim)), Rules(), lambda _: None
     )
     store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)

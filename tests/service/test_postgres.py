@@ -29,9 +29,9 @@ class Served:
     """A service, the store that it shares, and the server behind both."""
 
     http: httpx.Client
+    settings: Settings
     store: Store
     server: Postgres
-    url: str
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         )
         store = Store(url)
         with running(settings) as address, httpx.Client(base_url=address, timeout=90.0) as http:
-            yield Served(http, store, server, url)
+            yield Served(http, settings, store, server)
         store.close()
 
 
@@ -154,6 +154,49 @@ def test_a_server_that_restarts_and_one_that_is_down(served: Served, caplog: pyt
     served.http.post(f"{here}/cancel")
     assert served.http.get(here).json()["status"] == "canceled"
     assert ask(served, small(grid={"n_xi": 10, "n_eta": 8}))["attempts"] == 1
+
+
+def done(http: httpx.Client) -> float:
+    """How many meshes a service has computed."""
+    lines = http.get("/metrics").text.splitlines()
+    return sum(
+        float(line.rpartition(" ")[2])
+        for line in lines
+        if line.startswith("equimesh_meshes_finished_total{") and 'status="succeeded"' in line
+    )
+
+
+def test_two_services_share_the_work_and_nothing_runs_twice(served: Served) -> None:
+    with running(served.settings) as address, httpx.Client(base_url=address, timeout=90.0) as other:
+        before = done(served.http)
+        specs = [small(grid={"n_xi": 12, "n_eta": 8 + number}, label="shared") for number in range(16)]
+        for spec in specs:
+            served.http.post("/v1/meshes", json=spec).raise_for_status()
+        until(lambda: len(other.get("/v1/meshes?label=shared&status=succeeded").json()["items"]) == len(specs), 90.0)
+        meshes = other.get("/v1/meshes?label=shared").json()["items"]
+        assert [mesh["attempts"] for mesh in meshes] == [1] * len(specs)
+        until(lambda: done(served.http) - before + done(other) == len(specs), 10.0)
+        assert done(served.http) > before
+        assert done(other) > 0
+        # What one has made the other hands out and reuses.
+        assert all(other.get(mesh["links"]["file"]).status_code == 200 for mesh in meshes)
+        again = other.post("/v1/meshes", json=specs[0]).json()
+        assert again["reused_from"] in {mesh["id"] for mesh in meshes}
+
+
+def test_what_has_had_its_time_answers_410(served: Served) -> None:
+    mesh = ask(served, small(label="old times"), "?reuse=false")
+    text = {"Content-Type": "text/csv"}
+    stored = served.http.post("/v1/samples", content=b"x,y,u\n0,0,7\n0,1,1\n1,0,1\n1,1,3\n", headers=text).json()
+    while served.store.retention.retire_meshes(-1.0, lambda _: None):
+        pass
+    while served.store.retention.retire_samples(-1.0, lambda _: None):
+        pass
+    for address in (*mesh["links"].values(), stored["links"]["self"]):
+        answer = served.http.post(address) if address.endswith("/cancel") else served.http.get(address)
+        assert (answer.status_code, answer.json()["type"]) == (410, "/problems/gone"), address
+        assert served.http.delete(mesh["links"]["self"]).status_code == 410
+    assert served.http.get("/v1/meshes/m-none").status_code == 404
 
 
 def test_a_service_does_not_start_without_its_database(tmp_path: Path) -> None:
