@@ -201,12 +201,17 @@ def variants(case: Case, things: Things, rng: Random, bodies: list[Any]) -> Iter
         yield case
     if case.method == "POST" and isinstance(case.body, dict):
         body, other = case.body, rng.choice(bodies)
-        case.query, case.headers = {}, type(case.headers)()
-        case.body = mended(body, rng.choice, things)
-        yield case
-        if isinstance(other, dict):
-            case.body = mended({**other, **{key: body[key] for key in body if rng.random() < 0.5}}, rng.choice, things)
-            yield case
+        merged = {
+            **(other if isinstance(other, dict) else {}),
+            **{key: body[key] for key in body if rng.random() < 0.5},
+        }
+        for new in (body, merged):
+            yield case.operation.Case(
+                method="POST",
+                path_parameters=case.path_parameters,
+                media_type=case.media_type,
+                body=mended(new, rng.choice, things),
+            )
 
 
 def test_random_requests(exchange: Exchange, operations: list[APIOperation], fuzz_http: httpx.Client) -> None:
