@@ -195,7 +195,7 @@ def test_what_has_had_its_time_answers_410(served: Served) -> None:
     for address in (*mesh["links"].values(), stored["links"]["self"]):
         answer = served.http.post(address) if address.endswith("/cancel") else served.http.get(address)
         assert (answer.status_code, answer.json()["type"]) == (410, "/problems/gone"), address
-        assert served.http.delete(mesh["links"]["self"]).status_code == 410
+    assert served.http.delete(mesh["links"]["self"]).status_code == 410
     assert served.http.get("/v1/meshes/m-none").status_code == 404
 
 
