@@ -50,12 +50,9 @@ def add_headers(request: Request, headers: Mapping[str, str]) -> None:
     request.scope.setdefault(_EXTRA, {}).update(headers)
 
 
-def page_policy(*, scripts: str, connects: str) -> str:
-    """The policy of a page for people, whose styles and pictures are files of this service."""
-    return (
-        f"{_NOTHING}; script-src {scripts}; style-src 'self'; img-src 'self' data:; font-src 'self'; "
-        f"connect-src {connects}"
-    )
+def page_policy(*, pictures: str) -> str:
+    """The policy of a page for people, whose scripts and styles are files of this service, which it may ask."""
+    return f"{_NOTHING}; script-src 'self'; style-src 'self'; img-src {pictures}; font-src 'self'; connect-src 'self'"
 
 
 def _complete(headers: MutableHeaders, extra: Mapping[str, str]) -> None:
