@@ -15,6 +15,7 @@ import httpx
 
 from equimesh.upload import READERS
 from fuzz.conftest import asked_cases
+from service.conftest import small, until
 
 FEW = 150
 TESTS = Path(__file__).parents[1]
@@ -44,3 +45,14 @@ def test_broken_uploads_over_http(fuzz_http: httpx.Client) -> None:
             answer = fuzz_http.post("/v1/samples", files={"samples": (f"../../u.{suffix}", data)})
             assert answer.status_code == 422, (suffix, data[:10], answer.text)
     assert fuzz_http.get("/readyz").status_code == 200
+
+
+def test_a_mesh_comes_back_as_samples(fuzz_http: httpx.Client) -> None:
+    mesh = fuzz_http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
+    until(lambda: fuzz_http.get(mesh["links"]["self"]).json()["status"] == "succeeded", 60)
+    for form in ("xdmf", "vtu", "vtk"):
+        file = fuzz_http.get(mesh["links"]["file"], params={"format": form})
+        kind = {"Content-Type": file.headers["content-type"]}
+        stored = fuzz_http.post("/v1/samples", content=file.content, headers=kind)
+        assert stored.status_code in (200, 201), stored.text
+        assert (stored.json()["kind"], stored.json()["shape"]) == ("scattered", [72])
