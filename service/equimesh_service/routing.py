@@ -47,7 +47,7 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     }
 
 
-def _service(request: Request) -> Service:
+async def _service(request: Request) -> Service:  # on the event loop: it would cost a thread else
     return cast(Service, request.app.state.service)
 
 
