@@ -33,6 +33,7 @@ from equimesh_service.store import Store
 _WORK_SECONDS = 60.0
 # How many monitors are remembered as good for their domain.
 _REMEMBERED = 1000
+_VERSION = version("equimesh")
 Result = TypeVar("Result")
 
 
@@ -55,20 +56,12 @@ class Admitted:
 
     spec: Mapping[str, Any]
     samples: Mapping[str, str]
+    points_fingerprint: str  # the same for meshes that have the same points and come from the same release
 
     def fingerprint(self, format: str | None) -> str:
         """The same for requests that ask for the same."""
-        text = json.dumps([self.spec, format], sort_keys=True, allow_nan=False)
-        return sha256(text.encode()).hexdigest()
-
-    def points_fingerprint(self) -> str:
-        """The same for meshes that have the same points and come from the same release.
-
-        The ids of samples in the spec come from their content; label and cells change nothing.
-        """
-        spec = {key: value for key, value in self.spec.items() if key not in ("label", "cells")}
-        text = json.dumps([spec, version("equimesh")], sort_keys=True, allow_nan=False)
-        return sha256(text.encode()).hexdigest()
+        more = json.dumps([self.spec["label"], self.spec["cells"], format])
+        return sha256(f"{self.points_fingerprint} {more}".encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -109,7 +102,7 @@ class Admission:
             rows[row.id] = row
             with_samples(canonical["monitor"], UPLOAD, row.id)
             self._remember(_mark(canonical))
-        return Admitted(canonical, {row.id: row.sha256 for row in rows.values()})
+        return Admitted(canonical, {row.id: row.sha256 for row in rows.values()}, _points_fingerprint(canonical))
 
     def stored(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
         """Samples that the caller has uploaded before; raises a 422 problem."""
@@ -216,6 +209,13 @@ class Admission:
         if number > self.settings.max_samples:
             message = f"{number} samples; this service takes at most {self.settings.max_samples}: send fewer"
             raise invalid(pointer, message)
+
+
+def _points_fingerprint(canonical: Mapping[str, Any]) -> str:
+    """The ids of samples in the spec come from their content; label and cells change nothing."""
+    spec = {key: value for key, value in canonical.items() if key not in ("label", "cells")}
+    text = json.dumps([spec, _VERSION], sort_keys=True, allow_nan=False)
+    return sha256(text.encode()).hexdigest()
 
 
 def _is_quick(monitor: AnyMonitor) -> bool:

@@ -13,11 +13,10 @@ from sqlalchemy import Connection, delete, func, select, update
 from equimesh_service.artifacts_store import remove_unused, unnamed
 from equimesh_service.database import Database, insert_new
 from equimesh_service.meshes_store import delete_mesh
-from equimesh_service.rows import FINISHED
 from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
 
 # How many things one transaction removes.
-_AT_ONCE = 50
+_AT_ONCE = 20
 
 
 class RetentionStore:
@@ -31,7 +30,7 @@ class RetentionStore:
         """Remove some of the meshes that were finished more than ``age`` seconds ago; returns how many."""
         latest = self._clock() - age
         late = meshes.c.finished_at < latest, func.coalesce(meshes.c.kept_from, 0.0) < latest
-        query = select(meshes.c.id, meshes.c.key_id).where(meshes.c.status.in_(FINISHED), *late)
+        query = select(meshes.c.id, meshes.c.key_id).where(*late)
         query = query.order_by(meshes.c.finished_at).limit(_AT_ONCE).with_for_update(skip_locked=True)
         with self._database.read() as connection:
             if connection.execute(query.with_only_columns(meshes.c.id).limit(1)).first() is None:

@@ -129,7 +129,6 @@ class Service:
         With ``reuse`` a finished mesh of the same spec is taken instead, where there is one. Raises 409, 422 and 429
         problems.
         """
-        await self.quotas.check_bytes(caller)
         new = _new_mesh(admitted, caller, format)
         if reuse and self.settings.reuse:
             with _refusals():
@@ -297,7 +296,7 @@ def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh
         key_id=caller.key_id,
         request_id=trail.current().request_id or None,
         trace=tracing.traceparent(),
-        fingerprint=admitted.points_fingerprint(),
+        fingerprint=admitted.points_fingerprint,
     )
 
 
