@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from equimesh_cli import bench, check, demo, generate, keys, serve, solve
+from equimesh_cli import bench, check, config, database, demo, doctor, generate, keys, serve, solve
 from equimesh_cli.exits import EPILOG, Exit, code_of
 
 EXAMPLES = """\
@@ -16,6 +16,7 @@ examples:
   equimesh demo                                           see it work, from nothing to files
   equimesh serve --port 8000                              run a service
   equimesh keys create --name ada --scope write           an API key for it
+  equimesh doctor                                         whether it will work, and what to do
   equimesh generate 'tanh(20*(x-y))' -n 65 -o mesh.vtu    a mesh from a service
   equimesh solve 'tanh(20*(x-y))' -n 65 -o mesh.vtu       a mesh without a service
   equimesh check 'sin(pi*x'                               what is wrong with an expression
@@ -27,8 +28,8 @@ examples:
 
 
 def build_parser(command: str = "") -> argparse.ArgumentParser:
-    """The parser of the command and all its subcommands. The options of `serve` are those of the service,
-    which is imported only when ``command`` is ``serve``.
+    """The parser of the command and all its subcommands. The options of `serve`, `config` and `doctor` are
+    those of the service, which is imported only when ``command`` is one of them.
     """
     parser = argparse.ArgumentParser(
         prog="equimesh",
@@ -40,8 +41,9 @@ def build_parser(command: str = "") -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"equimesh {version('equimesh')}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     demo.add_parser(commands)
-    serve.add_parser(commands, full=command == "serve")
-    for module in (keys, generate, solve, check, bench):
+    for part in (serve, config, doctor):
+        part.add_parser(commands, full=part.__name__.endswith(f".{command}"))
+    for module in (keys, database, generate, solve, check, bench):
         module.add_parser(commands)
     return parser
 

@@ -8,7 +8,7 @@ from enum import IntEnum
 EPILOG = """\
 exit codes:
   0    done
-  1    the mesh failed: it did not converge, it folded, or it was canceled
+  1    the mesh failed: it did not converge, it folded, or it was canceled; doctor: a check failed
   2    bad usage or bad input
   3    no service answers, or it failed
   4    the deadline passed

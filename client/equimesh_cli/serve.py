@@ -35,8 +35,12 @@ def add_parser(commands: Any, *, full: bool) -> None:
         allow_abbrev=False,
     )
     parser.set_defaults(run=run)
-    if not full:
-        return
+    if full:
+        add_settings(parser)
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add an option for every setting that the service declares."""
     try:
         from equimesh_service.settings import Settings
     except ImportError:
@@ -59,12 +63,7 @@ def run(options: argparse.Namespace) -> int:
         from equimesh_service.exposure import ExposedError
     except ImportError as error:
         raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
-    given = {
-        name.removeprefix("setting_"): value
-        for name, value in vars(options).items()
-        if name.startswith("setting_") and value is not None
-    }
-    settings = chosen(given)
+    settings = chosen(given(options))
     try:
         equimesh_service.run(settings)
     except KeyboardInterrupt:
@@ -74,6 +73,15 @@ def run(options: argparse.Namespace) -> int:
     except OSError as error:
         raise Refused(cannot_serve(settings, error)) from error
     return Exit.DONE
+
+
+def given(options: argparse.Namespace) -> dict[str, str]:
+    """The settings that were given as options, by name."""
+    return {
+        name.removeprefix("setting_"): value
+        for name, value in vars(options).items()
+        if name.startswith("setting_") and value is not None
+    }
 
 
 def chosen(given: dict[str, str]) -> Settings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import socket
 import threading
 import time
@@ -13,6 +14,7 @@ import uvicorn
 
 from equimesh_service import logs
 from equimesh_service.app import create_app
+from equimesh_service.environment import complaint, unknown
 from equimesh_service.exposure import check_exposure
 from equimesh_service.service import check_database, check_files, check_folder
 from equimesh_service.settings import Settings
@@ -44,6 +46,8 @@ def run(settings: Settings) -> None:
     address cannot be used.
     """
     logs.configure(settings.log_level, settings.log_format)
+    for name, nearest in unknown(os.environ).items():
+        _log.warning("%s", complaint(name, nearest))
     server = _server(settings)
     listener = _opened(settings)
     _log.info("listening on %s", _url(settings, listener))
