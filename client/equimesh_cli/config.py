@@ -131,9 +131,9 @@ def _address(url: str) -> str:
 
 
 def _words(value: str | int | float | bool) -> str:
-    return (
-        str(value).lower() if isinstance(value, bool) else f"{value:.12g}" if isinstance(value, float) else str(value)
-    )
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def _line(row: Shown) -> str:

@@ -68,7 +68,7 @@ def kernels(settings: Settings) -> Finding:  # noqa: ARG001
 
     kernel = next(value for value in vars(kernels).values() if hasattr(value, "py_func"))
     try:
-        folder = FunctionCache(kernel.py_func).cache_path
+        folder = FunctionCache(kernel.py_func).cache_path  # type: ignore[no-untyped-call]
         os.makedirs(folder, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except (RuntimeError, OSError):  # numba's own word for no folder at all, and the system's

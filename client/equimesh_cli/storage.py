@@ -1,4 +1,4 @@
-"""Checks of where a service keeps its data: the folder, the database, the clock, the files. They leave nothing behind."""
+"""Checks of where a service keeps its data: folder, database, clock, files. They leave nothing behind."""
 
 from __future__ import annotations
 

@@ -69,8 +69,8 @@ def back_up(url: str, target: Path) -> int:
         raise UnusableDatabaseError("this copies SQLite databases; for PostgreSQL use pg_dump --format=custom")
     source.stat()
     target.touch(mode=0o600, exist_ok=False)  # it holds the hashes of keys, and what users have sent
-    with closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro", uri=True)) as live:
-        with closing(sqlite3.connect(target)) as copy:
-            live.backup(copy)  # in one step: a snapshot, during which others may write
-            copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
+    address = f"{source.resolve().as_uri()}?mode=ro"
+    with closing(sqlite3.connect(address, uri=True)) as live, closing(sqlite3.connect(target)) as copy:
+        live.backup(copy)  # in one step: a snapshot, during which others may write
+        copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
     return target.stat().st_size
