@@ -35,6 +35,7 @@ from equimesh.iteration import Iteration, SubdomainRecord
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.monitor import ArcLength, Monitor
+from equimesh.nodal_field import NodalField, transfer
 from equimesh.problem import Problem
 from equimesh.quadrilateral import Quadrilateral
 from equimesh.quality import Quality, measure
@@ -86,6 +87,7 @@ __all__ = [
     "MeshData",
     "Mode",
     "Monitor",
+    "NodalField",
     "NonlinearRobin",
     "Optimized",
     "Ordering",
@@ -110,4 +112,5 @@ __all__ = [
     "iterate",
     "measure",
     "solve",
+    "transfer",
 ]
