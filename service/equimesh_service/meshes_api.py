@@ -170,6 +170,8 @@ async def create(
     name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), _media_types())
     key = _checked_key(idempotency_key)
     document, upload = await _read(request, service)
+    # Before the samples that come along are kept.
+    await service.quotas.check_bytes(caller, 0 if upload is None else len(upload.data))
     admitted = await service.check(service.admission.admit, document, upload, caller)
     wanted = preferred_wait(prefer)
     seconds = min(wanted or 0, int(service.settings.max_wait))

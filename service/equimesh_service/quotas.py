@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from starlette.concurrency import run_in_threadpool
 
@@ -18,6 +18,8 @@ from equimesh_service.settings import Settings
 _MINUTE = 60
 # Bytes are summed anew after so many seconds, or after so many times as long as the sum took.
 _SUM_SECONDS, _SUM_SHARE = 5.0, 50.0
+# Who has deleted something waits no longer than this until there is room.
+_AGAIN_SECONDS = 0.5
 _WHAT = {
     "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
     "key_max_points": ("points in unfinished meshes", "wait until some are finished, or ask for fewer points"),
@@ -53,10 +55,13 @@ class _Minute:
 
 @dataclass(frozen=True)
 class _Sum:
-    """Stored bytes of a key, and until when they are taken for true."""
+    """Stored bytes of a key with what came since they were summed; until when that is taken for true, and from when
+    on they are summed again before something is refused.
+    """
 
     size: int
     until: float
+    again: float
 
 
 class Quotas:
@@ -99,17 +104,17 @@ class Quotas:
         most = self._settings.key_max_bytes
         if not caller.key_id or not most:
             return
-        now = self._clock()
+        now, more = self._clock(), max(1, more)
         found = self._sums.get(caller.key_id)
-        if found is None or now >= found.until:
+        if found is None or now >= found.until or (found.size + more > most and now >= found.again):
             size = await run_in_threadpool(self._store.stored_bytes, caller.key_id)
             took = self._clock() - now
-            found = _Sum(size, now + max(_SUM_SECONDS, _SUM_SHARE * took))
-        if found.size + max(1, more) > most:
-            # Who has deleted something is not to wait for a new sum.
-            self._sums.pop(caller.key_id, None)
+            wait = _SUM_SHARE * took
+            found = _Sum(size, now + max(_SUM_SECONDS, wait), now + max(_AGAIN_SECONDS, wait))
+        fits = found.size + more <= most
+        self._sums[caller.key_id] = replace(found, size=found.size + more) if fits else found
+        if not fits:
             raise exceeded(QuotaError("key_max_bytes", found.size, most))
-        self._sums[caller.key_id] = _Sum(found.size + more, found.until)
 
 
 def _rate(most: int, left: int, seconds: int) -> dict[str, str]:
