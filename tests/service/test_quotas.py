@@ -191,7 +191,6 @@ def test_what_is_stored_counts(guarded_service: Guarded) -> None:
         while (answer := upload(len(sizes))).status_code == 201:
             sizes.append(answer.json()["size"])
             assert sum(sizes) < guarded_service.settings.key_max_bytes
-        # At once: the bytes are not summed again yet.
         with_file = {"spec": json.dumps(small(monitor={"u": {"samples": "upload"}}))}
         sent = {"samples": ("u.csv", "x,y,u\n" + 4 * rows, "text/csv")}
         assert client.post("/v1/meshes", data=with_file, files=sent).status_code == 429
