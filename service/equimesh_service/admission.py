@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 from equimesh_service import intake
 from equimesh_service.assembly import build_grid, build_schwarz, check_problem, pointing
 from equimesh_service.callers import Caller
+from equimesh_service.document import parse
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import Files
 from equimesh_service.monitors import AnyMonitor, ArcLengthSpec, sources_of, with_samples
@@ -74,9 +75,9 @@ class Admission:
     desk: Engine
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
-    def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
-        """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
-        spec = read_spec(document)
+    def admit(self, document: bytes, upload: Upload | None, caller: Caller) -> Admitted:
+        """Check a spec as it came, and keep its upload; raises a 400 problem, or a 422 one with pointers."""
+        spec = read_spec(parse(document))
         self._check_limits(spec)
         sources = dict(sources_of(spec.monitor))
         stored = {pointer: source.samples for pointer, source in sources.items() if isinstance(source, StoredSource)}
@@ -93,7 +94,7 @@ class Admission:
             self._check(spec, canonical, rows, {})
         else:
             # The numbers first: an upload is not kept for a spec that is refused.
-            with self._converted(upload, wanting[0]) as (path, summary):
+            with self._converted(upload, wanting[0], alone=False) as (path, summary):
                 if upload.is_light and summary["kind"] == "grid" and _is_plain(spec.monitor):
                     check_problem(spec, {UPLOAD: path})
                 else:
@@ -113,21 +114,22 @@ class Admission:
 
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and keep them; the second value tells whether they are new."""
-        with self._converted(upload, "") as (path, summary):
+        with self._converted(upload, "", alone=True) as (path, summary):
             return self._keep(path, summary, caller)
 
     @contextmanager
-    def _converted(self, upload: Upload, pointer: str) -> Iterator[tuple[Path, dict[str, Any]]]:
+    def _converted(self, upload: Upload, pointer: str, *, alone: bool) -> Iterator[tuple[Path, dict[str, Any]]]:
         """Uploaded samples as a canonical npz file that is not published, and what they are."""
         with self.files.unfinished(".npz") as path:
             most = 4 * self.settings.max_body
             if upload.is_light:
                 with pointing(pointer):
-                    summary = intake.convert(upload.data, upload.filename, path, most)
+                    summary = intake.convert(upload.data, upload.filename, path, most, alone=alone)
             else:
                 with self.files.unfinished(".upload") as source:
                     source.write_bytes(upload.data)
-                    summary = self._work(pointer, intake.convert, source, upload.filename, path, most)
+                    read = partial(intake.convert, alone=alone)
+                    summary = self._work(pointer, read, source, upload.filename, path, most)
             self._check_samples(math.prod(summary["shape"]), pointer)
             yield path, summary
 

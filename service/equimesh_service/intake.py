@@ -37,13 +37,16 @@ def is_light(data: bytes, filename: str) -> bool:
         return False  # a worker will say what is wrong
 
 
-def convert(source: Path | bytes, filename: str, target: Path, max_bytes: int) -> dict[str, Any]:
+def convert(source: Path | bytes, filename: str, target: Path, max_bytes: int, *, alone: bool) -> dict[str, Any]:
     """Read an upload, a file or its bytes, into the canonical npz ``target``; returns what the samples are.
 
-    Whether they cover a domain is not known here. Raises :class:`~equimesh.errors.SamplesError`.
+    ``alone`` says that they come without a domain: what is wrong with them on any is then found here, else by who
+    makes a field of them. Raises :class:`~equimesh.errors.SamplesError`.
     """
     data = source if isinstance(source, bytes) else source.read_bytes()
-    arrays = _checked(read_arrays(data, filename, max_bytes=max_bytes))
+    arrays = _canonical(read_arrays(data, filename, max_bytes=max_bytes))
+    if alone and "points" not in arrays:
+        samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
     with target.open("wb") as file:
         np.savez(file, **arrays)
     values = arrays["values"]
@@ -61,16 +64,11 @@ def load_field(path: Path, box: Box) -> equimesh.Field:
         return samples_of(dict(arrays), box=box)
 
 
-def _checked(arrays: dict[str, Any]) -> dict[str, Any]:
-    """The arrays as floats; refuses what is wrong with them on any domain."""
+def _canonical(arrays: dict[str, Any]) -> dict[str, Any]:
+    """The arrays as floats of the right dimensions."""
     if "points" not in arrays:
-        values = real_array(arrays["values"], "values", ndim=2)
-        if "x" not in arrays:
-            samples_of({"values": values})
-            return {"values": values}
-        axes = {name: real_array(arrays[name], name, ndim=1) for name in ("x", "y")}
-        samples_of({**axes, "values": values}, box=(_ends(axes["x"]), _ends(axes["y"])))
-        return {**axes, "values": values}
+        axes: dict[str, Any] = {name: real_array(arrays[name], name, ndim=1) for name in ("x", "y") if name in arrays}
+        return {**axes, "values": real_array(arrays["values"], "values", ndim=2)}
     points, values = real_array(arrays["points"], "points", ndim=2), real_array(arrays["values"], "values", ndim=1)
     if points.shape[1] != 2:
         raise SamplesError(f"points has shape {points.shape}: it must be (n, 2), one row x, y each", field="points")

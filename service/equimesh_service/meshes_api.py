@@ -13,7 +13,6 @@ from starlette.responses import Response
 from equimesh.io import FORMATS
 from equimesh_service import body as bodies
 from equimesh_service.admission import Upload
-from equimesh_service.document import parse
 from equimesh_service.job import Ending
 from equimesh_service.negotiation import explicit, preferred_wait
 from equimesh_service.problems import Problem, invalid
@@ -97,7 +96,7 @@ _BODY = {
                     "samples": {
                         "type": "string",
                         "contentMediaType": "application/octet-stream",
-                        "description": "npz, npy, csv, json, vtu, vtk or xdmf, for {'samples': 'upload'} in the monitor.",
+                        "description": "For {'samples': 'upload'}: npz, npy, csv, json, vtu, vtk or xdmf.",
                     },
                 },
             },
@@ -276,7 +275,7 @@ async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Respo
     return JSONResponse(spec)
 
 
-async def _read(request: Request, service: Service) -> tuple[Any, Upload | None]:
+async def _read(request: Request, service: Service) -> tuple[bytes, Upload | None]:
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, bodies.MULTIPART):
         shown = repr(kind[:80]) if kind else "no Content-Type"
@@ -290,7 +289,7 @@ async def _read(request: Request, service: Service) -> tuple[Any, Upload | None]
         data = parts["spec"].data
         if "samples" in parts:
             upload = bodies.upload_of(parts["samples"])
-    return await service.check(parse, data), upload
+    return data, upload
 
 
 def _answer(service: Service, row: MeshRow, status: int, headers: dict[str, str]) -> Response:

@@ -152,7 +152,7 @@ def check(
         started = time.monotonic()
         message = ""
         try:
-            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES)
+            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES, alone=True)
         except SamplesError as error:
             message = error.message
             assert_sentence(message)
@@ -174,7 +174,7 @@ def main(folder: Path, cases: int) -> None:
     for suffix, files in good.items():
         for data in files:
             source.write_bytes(data)
-            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES)
+            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES, alone=True)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     address_space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (address_space + MEMORY,) * 2)

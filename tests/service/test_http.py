@@ -213,7 +213,8 @@ def test_a_key_makes_a_request_act_once(http: httpx.Client) -> None:
 
 
 def test_events_stream_to_the_end(http: httpx.Client) -> None:
-    mesh = post(http, small(grid={"n_xi": 20, "n_eta": 20}, schwarz={})).json()
+    settings = {**SLOW["schwarz"], "max_iterations": 30}  # some tenths of a second
+    mesh = post(http, {**SLOW, "grid": {"n_xi": 20, "n_eta": 20}, "schwarz": settings}).json()
     with http.stream("GET", mesh["links"]["events"]) as stream:
         assert stream.headers["content-type"].startswith("text/event-stream")
         blocks = "".join(stream.iter_text()).strip().split("\n\n")
