@@ -7,7 +7,7 @@ COPY solver solver
 COPY client client
 COPY service service
 RUN python -m venv /opt/equimesh \
-    && /opt/equimesh/bin/pip install --no-cache-dir -c constraints.txt '.[service]'
+    && /opt/equimesh/bin/pip install --no-cache-dir -c constraints.txt '.[service,postgres,s3,tracing]'
 
 FROM python:3.11-slim
 COPY --from=build /opt/equimesh /opt/equimesh
@@ -23,6 +23,7 @@ ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
     EQUIMESH_DATA_DIR=/data
 USER 10001
 # The image ships its loops compiled. On a processor that differs from that of the build they are compiled once more.
+# They are only read where they could be written, too: with a read-only root, mount a volume there (compose.yaml).
 RUN python -c "from equimesh_service.worker import warm_up; warm_up()"
 VOLUME /data
 EXPOSE 8000

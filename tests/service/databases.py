@@ -73,7 +73,7 @@ def postgres_server(*, own: bool = False) -> Iterator[Postgres]:
     if given and not own:
         yield Postgres(given)
         return
-    if _found("initdb") is None:
+    if installed("initdb") is None:
         if os.environ.get(NEEDED):
             pytest.fail(LACKING)
         pytest.skip(LACKING)
@@ -104,7 +104,7 @@ def database(kind: str, folder: Path, request: pytest.FixtureRequest) -> Iterato
 
 
 def _program(folder: Path, name: str, *arguments: str) -> None:
-    found = _found(name)
+    found = installed(name)
     assert found is not None
     user = "postgres" if os.getuid() == 0 else None
     groups: list[str] | None = [] if user else None
@@ -116,6 +116,7 @@ def _program(folder: Path, name: str, *arguments: str) -> None:
     assert done.returncode == 0, (folder / "out").read_text()
 
 
-def _found(name: str) -> str | None:
+def installed(name: str) -> str | None:
+    """Where a program of PostgreSQL is, if it is there."""
     debian = sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
     return shutil.which(name, path=os.pathsep.join([os.environ["PATH"], *map(str, debian)]))

@@ -1,7 +1,7 @@
 """The image and the compose file: valid, of one mind, and their commands run as plain processes.
 
 No container engine is needed: what the image would run is run here, with the image's environment, but for the data
-folder (a temporary one), the port (a free one) and PATH (this environment's).
+folder (a temporary one), the port (a free one), the database (a server here) and PATH (this environment's).
 """
 
 from __future__ import annotations
@@ -26,10 +26,15 @@ from typing import Any
 import httpx
 import pytest
 import yaml
+from sqlalchemy import make_url
 
+from equimesh_cli import machine
+from equimesh_cli.findings import Level
 from equimesh_service.settings import Settings
+from service.databases import Postgres, installed
 
 ROOT = Path(__file__).parents[2]
+PASSWORD = "a password: @/?#"
 SPEC = {"monitor": {"u": {"expression": "tanh(20*(x - y))"}}, "grid": {"n_xi": 9, "n_eta": 9}}
 
 
@@ -79,9 +84,10 @@ def compose() -> dict[str, Any]:
 
 
 def compose_environment() -> dict[str, str]:
-    """The service's environment when the shell sets nothing: `${NAME:-default}` is the default."""
+    """The service's environment when only the password is set: `${NAME:-default}` is the default."""
     given: dict[str, str] = compose()["services"]["equimesh"]["environment"]
-    return {name: re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", value) for name, value in given.items()}
+    filled = {name: re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", value) for name, value in given.items()}
+    return {name: re.sub(r"\$\{POSTGRES_PASSWORD:\?[^}]+\}", PASSWORD, value) for name, value in filled.items()}
 
 
 def check_schema(path: Path) -> subprocess.CompletedProcess[str]:
@@ -103,10 +109,13 @@ def test_compose_and_image_are_of_one_mind() -> None:
     assert version is not None
     assert service["image"] == f"equimesh:{version[1]}"
     assert service["healthcheck"]["test"] == ["CMD", *health_command()]
-    (volume,) = service["volumes"]
-    name, _, target = volume.partition(":")
-    assert name in compose()["volumes"]
-    assert target == stage.commands["VOLUME"] == stage.environment["EQUIMESH_DATA_DIR"]
+    volumes = dict(reversed(volume.split(":")) for volume in service["volumes"])
+    assert set(volumes.values()) <= set(compose()["volumes"])
+    # All that is written to: the data, and the compiled loops, without which every start compiles them.
+    assert set(volumes) == {stage.commands["VOLUME"], stage.environment["NUMBA_CACHE_DIR"]}
+    assert stage.commands["VOLUME"] == stage.environment["EQUIMESH_DATA_DIR"]
+    assert compose_environment()["EQUIMESH_FILES_URL"] == f"file://{stage.commands['VOLUME']}/files"
+    assert stage.environment["MPLCONFIGDIR"].startswith(service["tmpfs"][0].partition(":")[0])
     (port,) = service["ports"]
     assert port == f"127.0.0.1:8000:{stage.commands['EXPOSE']}"
     assert stage.commands["EXPOSE"] == stage.environment["EQUIMESH_PORT"]
@@ -119,6 +128,82 @@ def test_the_image_is_slim_and_not_run_by_root() -> None:
     assert image().commands["USER"] not in ("root", "0")
     assert f"--uid {image().commands['USER']} " in " ".join(image().runs)
     assert "constraints.txt" in stages()[0].runs[0]
+    assert "[service,postgres,s3,tracing]" in stages()[0].runs[0]
+
+
+def test_every_service_of_compose_is_confined_and_watched() -> None:
+    for name, part in compose()["services"].items():
+        assert re.fullmatch(r"([a-z]+/)?[a-z]+:v?\d+\.\d+(\.\d+)?", part["image"]), name  # no registry, no `latest`
+        assert part["restart"] == "unless-stopped", name
+        assert part["cap_drop"] == ["ALL"], name
+        assert part["security_opt"] == ["no-new-privileges:true"], name
+        assert part["healthcheck"]["test"][0] == "CMD", name
+        assert all(port.startswith("127.0.0.1:") for port in part.get("ports", [])), name
+        if part.get("profiles") != ["monitoring"]:
+            assert part["read_only"], name
+            assert part["deploy"]["resources"]["limits"]["memory"], name
+
+
+def test_the_database_of_compose_is_that_of_the_service() -> None:
+    document = compose()
+    service, database = document["services"]["equimesh"], document["services"]["database"]
+    assert service["depends_on"] == {"database": {"condition": "service_healthy"}}
+    address = make_url(compose_environment()["EQUIMESH_DATABASE_URL"])
+    assert (address.drivername, address.host, address.password) == ("postgresql+psycopg", "database", None)
+    assert address.username == database["environment"]["POSTGRES_USER"]
+    assert address.database == database["environment"]["POSTGRES_DB"]
+    assert service["environment"]["PGPASSWORD"] == database["environment"]["POSTGRES_PASSWORD"]
+    assert compose_environment()["PGPASSWORD"] == PASSWORD  # there is no default: one must be given
+    assert "ports" not in database
+    (network,) = database["networks"]
+    assert network in service["networks"]
+    assert document["networks"][network]["internal"]
+
+
+def test_the_replica_of_compose_is_the_service_at_another_port() -> None:
+    services = compose()["services"]
+    first, second = services["equimesh"], services["equimesh-2"]
+    assert second["profiles"] == ["replica"]
+    assert second["ports"] == ["127.0.0.1:8001:8000"]
+    assert "equimesh" in second["networks"]["default"]["aliases"]
+    same = set(first) - {"ports", "networks"}
+    assert {name: second[name] for name in same} == {name: first[name] for name in same}
+
+
+def test_compose_gives_its_workers_the_memory_that_they_may_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = compose_environment()
+    settings = Settings(workers=asked["EQUIMESH_WORKERS"], memory_limit=asked["EQUIMESH_MEMORY_LIMIT"])
+    limits = compose()["services"]["equimesh"]["deploy"]["resources"]["limits"]
+    (gib,) = re.findall(r":-(\d+)g\}", limits["memory"])
+    (processors,) = re.findall(r":-(\d+)\}", limits["cpus"])
+    assert int(processors) == settings.workers
+    monkeypatch.setattr(machine, "allowed_memory", lambda: int(gib) * 1024 * machine.MIB)
+    monkeypatch.setattr(os, "sysconf", {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 1 << 24}.__getitem__)
+    assert machine.memory(settings).level is Level.OK
+    assert f"MemoryMax={gib}G" in unit()
+
+
+def unit() -> str:
+    return (ROOT / "deploy/equimesh.service").read_text()
+
+
+def test_the_unit_of_systemd_is_valid_and_confined(tmp_path: Path) -> None:
+    for name in re.findall(r"EQUIMESH_([A-Z_]+)=", unit()):
+        assert name.lower() in Settings.model_fields
+    assert "MemoryDenyWriteExecute=" not in unit()  # the compiler of the loops could not work
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd-analyze is not installed")
+    copy = tmp_path / "equimesh.service"
+    copy.write_text(unit().replace("/opt/equimesh/bin/", f"{Path(sys.executable).parent}/"))
+
+    def analyse(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(["systemd-analyze", *words, str(copy)], capture_output=True, text=True, timeout=60)
+
+    done = analyse("verify")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert analyse("security", "--offline=true", "--threshold=25").returncode == 0  # tenths: 0 is safe, 100 is not
+    copy.write_text(copy.read_text().replace("ProtectSystem=", "ProtectSistem="))
+    assert "ProtectSistem" in analyse("verify").stderr
 
 
 def test_settings_of_the_image_and_of_compose_exist() -> None:
@@ -133,9 +218,6 @@ def test_the_monitoring_profile_finds_its_files_and_runs_known_versions() -> Non
     watching = {name: part for name, part in document["services"].items() if part.get("profiles") == ["monitoring"]}
     assert set(watching) == {"prometheus", "grafana"}
     for part in watching.values():
-        assert re.fullmatch(r"[a-z]+/[a-z]+:v?\d+\.\d+\.\d+", part["image"])  # no host of a registry, no `latest`
-        assert part["healthcheck"]["test"][0] == "CMD"
-        assert all(port.startswith("127.0.0.1:") for port in part["ports"])
         for volume in part["volumes"]:
             source = volume.partition(":")[0]
             assert (ROOT / source).is_file() if source.startswith(".") else source in document["volumes"], volume
@@ -184,14 +266,16 @@ def free_port() -> int:
         return int(listener.getsockname()[1])
 
 
-def environment(folder: Path, port: int) -> dict[str, str]:
-    """The container's environment, as far as it can be had outside of one."""
+def environment(folder: Path, database: str) -> dict[str, str]:
+    """The container's environment, as far as it can be had outside of one; each has a port of its own."""
     merged = {**image().environment, **compose_environment()}
     here = {
         "PATH": f"{Path(sys.executable).parent}:/usr/local/bin:/usr/bin:/bin",
         "HOME": str(folder),
+        "EQUIMESH_DATABASE_URL": database,
         "EQUIMESH_DATA_DIR": str(folder / "data"),
-        "EQUIMESH_PORT": str(port),
+        "EQUIMESH_FILES_URL": f"file://{folder}/data/files",
+        "EQUIMESH_PORT": str(free_port()),
         "MPLCONFIGDIR": str(folder / "matplotlib"),
         "NUMBA_CACHE_DIR": str(folder / "numba"),
     }
@@ -227,24 +311,60 @@ def container(environment: dict[str, str]) -> Iterator[None]:
         process.wait()
 
 
-def test_the_commands_of_the_image_run(tmp_path: Path) -> None:
-    port = free_port()
-    variables = environment(tmp_path, port)
-    url = f"http://127.0.0.1:{port}"
-    assert not healthy(variables)
-    subprocess.run(shlex.split(image().runs[-1]), env=variables, cwd=os.sep, check=True, timeout=240)
-    compiled = {path: path.stat().st_mtime_ns for path in (tmp_path / "numba").rglob("*.nb*")}
-    assert len(compiled) > 20, "the image ships no compiled kernels"
-    with container(variables):
-        made = httpx.post(f"{url}/v1/meshes", json=SPEC, headers={"Prefer": "wait=30"}, timeout=40)
-        assert made.json()["status"] == "succeeded"
-        parts = {**SPEC, "grid": {"n_xi": 200, "n_eta": 190}, "schwarz": {"subdomains": [2, 2]}}
-        many = httpx.post(f"{url}/v1/meshes", json=parts, headers={"Prefer": "wait=30"}, timeout=40)
-        assert many.json()["status"] == "succeeded"
-        assert (tmp_path / "data" / "equimesh.sqlite3").exists()
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "numba").rglob("*.nb*")} == compiled
-    assert not healthy(variables)
-    with container(variables):  # the volume is all that a new container has of the old one
-        again = httpx.get(url + made.headers["Location"])
-        assert again.json()["status"] == "succeeded"
-        assert httpx.get(url + again.json()["links"]["file"]).status_code == 200
+def documented(page: str, beginning: str) -> list[str]:
+    """The command of a page that begins so, without what compose puts around it."""
+    text = (ROOT / "docs" / page).read_text()
+    (line,) = re.findall(rf"^docker compose run --rm equimesh ({re.escape(beginning)}.*)$", text, re.MULTILINE)
+    return shlex.split(line)
+
+
+def test_the_database_s_health_check_tells_whether_it_answers(postgres: Postgres, tmp_path: Path) -> None:
+    _, program, *words = compose()["services"]["database"]["healthcheck"]["test"]
+    host = make_url(postgres.url).query.get("host") or make_url(postgres.url).host
+
+    def answers(place: str) -> bool:
+        command = [installed(program) or "", *(place if word == "127.0.0.1" else word for word in words)]
+        return subprocess.run(command, timeout=20).returncode == 0
+
+    assert answers(str(host))
+    assert not answers(str(tmp_path))
+
+
+def test_the_commands_of_the_image_run(tmp_path: Path, postgres: Postgres) -> None:
+    with postgres.database() as database:
+        variables, others = environment(tmp_path, database), environment(tmp_path, database)
+        url, second = (f"http://127.0.0.1:{one['EQUIMESH_PORT']}" for one in (variables, others))
+
+        def command(*words: str) -> subprocess.CompletedProcess[str]:
+            return subprocess.run(words, env=variables, cwd=os.sep, capture_output=True, text=True, timeout=240)
+
+        assert not healthy(variables)
+        done = command(*shlex.split(image().runs[-1]))
+        assert done.returncode == 0, done.stderr
+        compiled = {path: path.stat().st_mtime_ns for path in (tmp_path / "numba").rglob("*.nb*")}
+        assert len(compiled) > 20, "the image ships no compiled kernels"
+        refused = command(*json.loads(image().commands["CMD"]))
+        assert refused.returncode == 2
+        assert "no API key" in refused.stderr
+        secret = command(*documented("deploy.md", "equimesh keys create")).stdout.split()[0]
+        key = {"Authorization": f"Bearer {secret}"}
+        with container(variables):
+            asked = {**key, "Prefer": "wait=30"}
+            assert httpx.post(f"{url}/v1/meshes", json=SPEC).status_code == 401
+            made = httpx.post(f"{url}/v1/meshes", json=SPEC, headers=asked, timeout=40)
+            assert made.json()["status"] == "succeeded"
+            parts = {**SPEC, "grid": {"n_xi": 200, "n_eta": 190}, "schwarz": {"subdomains": [2, 2]}}
+            many = httpx.post(f"{url}/v1/meshes", json=parts, headers=asked, timeout=40)
+            assert many.json()["status"] == "succeeded"
+            with container(others):  # the database and the volume are all that a replica has of the first
+                again = httpx.get(second + made.headers["Location"], headers=key)
+                assert again.json()["status"] == "succeeded"
+                assert httpx.get(second + again.json()["links"]["file"], headers=key).status_code == 200
+                said = command("equimesh", "doctor", "--stored", "--json", "--url", second, "--key", secret)
+            checks = {check["check"]: check["level"] for check in json.loads(said.stdout)["checks"]}
+            assert said.returncode == 0, said.stdout
+            assert {checks[name] for name in ("database", "clock", "files", "stored", "port", "exposure")} == {"ok"}
+            assert {checks[name] for name in ("ready", "version", "key", "round trip")} == {"ok"}
+        assert not (tmp_path / "data" / "equimesh.sqlite3").exists()
+        assert {path: path.stat().st_mtime_ns for path in (tmp_path / "numba").rglob("*.nb*")} == compiled
+        assert not healthy(variables)
