@@ -62,7 +62,8 @@ DOMAINS: list[dict[str, Any]] = [
 ]
 
 
-for media_type in ("application/x-npz", "application/x-npy", "application/octet-stream"):
+RAW = ("x-npz", "x-npy", "zip", "vnd.vtk", "vnd.vtk.vtu+xml", "octet-stream")
+for media_type in (f"application/{kind}" for kind in RAW):
     schemathesis.openapi.media_type(media_type, st.sampled_from(FILES) | st.binary(max_size=40))
 
 
