@@ -75,9 +75,13 @@ class Admission:
     desk: Engine
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
-    def admit(self, document: bytes, upload: Upload | None, caller: Caller) -> Admitted:
-        """Check a spec as it came, and keep its upload; raises a 400 problem, or a 422 one with pointers."""
-        spec = read_spec(parse(document))
+    def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
+        """Read a spec, and :meth:`admit` it; raises a 400 problem where it is not JSON."""
+        return self.admit(parse(body), upload, caller)
+
+    def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
+        """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
+        spec = read_spec(document)
         self._check_limits(spec)
         sources = dict(sources_of(spec.monitor))
         stored = {pointer: source.samples for pointer, source in sources.items() if isinstance(source, StoredSource)}
@@ -99,7 +103,7 @@ class Admission:
                     check_problem(spec, {UPLOAD: path})
                 else:
                     self._check(spec, None, rows, {UPLOAD: path})
-                row, _ = self._keep(path, summary, caller)
+                row, _ = self._keep(path, summary, caller, durable=False)
             rows[row.id] = row
             with_samples(canonical["monitor"], UPLOAD, row.id)
             self._remember(_mark(canonical))
@@ -115,7 +119,7 @@ class Admission:
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and keep them; the second value tells whether they are new."""
         with self._converted(upload, "", alone=True) as (path, summary):
-            return self._keep(path, summary, caller)
+            return self._keep(path, summary, caller, durable=True)
 
     @contextmanager
     def _converted(self, upload: Upload, pointer: str, *, alone: bool) -> Iterator[tuple[Path, dict[str, Any]]]:
@@ -133,10 +137,10 @@ class Admission:
             self._check_samples(math.prod(summary["shape"]), pointer)
             yield path, summary
 
-    def _keep(self, path: Path, summary: dict[str, Any], caller: Caller) -> tuple[SamplesRow, bool]:
+    def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
         file = self.files.seal(path)
         row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
-        new = self.store.samples.add(row, lambda: self.files.publish(path, file), key_id=caller.key_id)
+        new = self.store.samples.add(row, lambda: self.files.publish(path, file), key_id=caller.key_id, durable=durable)
         return (row, True) if new else (self.stored(row.id, "", caller), False)
 
     def _check(

@@ -7,14 +7,14 @@ overtaken locks the rows that it relies on, or takes a lock by name.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Table, create_engine, event, func, select
+from sqlalchemy import Connection, Table, create_engine, event, func, select, text
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
@@ -37,13 +37,14 @@ class Database:
     """
 
     def __init__(self, url: str, *, durable: bool) -> None:
+        self._durable = durable
         address = _address(url)
         if address.get_backend_name() == "sqlite":
             arguments: dict[str, Any] = {"timeout": 30.0, "check_same_thread": False}
             self._engine = create_engine(
                 address, connect_args=arguments, json_serializer=to_json, pool_size=8, max_overflow=64
             )
-            event.listen(self._engine, "connect", _prepare_sqlite(durable))
+            event.listen(self._engine, "connect", _prepare_sqlite)
             event.listen(self._engine, "begin", _begin_sqlite)
         else:
             if find_spec("psycopg") is None:
@@ -67,9 +68,16 @@ class Database:
             yield connection
 
     @contextmanager
-    def write(self) -> Iterator[Connection]:
-        """A transaction that is committed at the end, or undone by an exception."""
-        with self._engine.connect().execution_options(writes=True) as connection, connection.begin():
+    def write(self, *, durable: bool = True) -> Iterator[Connection]:
+        """A transaction that is committed at the end, or undone by an exception.
+
+        Without ``durable`` its commit does not wait for the disk, even where those of this database do. It is there
+        when the next durable one is: the log that both are written to is one.
+        """
+        synced = self._durable and durable
+        with self._engine.connect().execution_options(writes=True, synced=synced) as connection, connection.begin():
+            if self._durable and not durable and connection.dialect.name == "postgresql":
+                connection.execute(text("SET LOCAL synchronous_commit TO off"))
             yield connection
 
     def close(self) -> None:
@@ -115,19 +123,19 @@ def _address(url: str) -> URL:
     return address
 
 
-def _prepare_sqlite(durable: bool) -> Callable[[Any, Any], None]:
-    def prepare(connection: Any, _record: Any) -> None:
-        connection.isolation_level = None  # transactions begin where _begin_sqlite says, not where the driver guesses
-        cursor = connection.cursor()
-        cursor.execute("PRAGMA journal_mode=WAL")
-        cursor.execute(f"PRAGMA synchronous={'FULL' if durable else 'NORMAL'}")
-        cursor.execute("PRAGMA foreign_keys=ON")
-        cursor.close()
-
-    return prepare
+def _prepare_sqlite(connection: Any, _record: Any) -> None:
+    connection.isolation_level = None  # transactions begin where _begin_sqlite says, not where the driver guesses
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA foreign_keys=ON")
+    cursor.close()
 
 
 def _begin_sqlite(connection: Connection) -> None:
     # A writer takes the lock at once: upgrading a read later could fail as busy.
-    writes = connection.get_execution_options().get("writes", False)
+    options = connection.get_execution_options()
+    writes, synced = options.get("writes", False), options.get("synced", False)
+    if writes and connection.info.get("synced") is not synced:
+        connection.exec_driver_sql(f"PRAGMA synchronous={'FULL' if synced else 'NORMAL'}")
+        connection.info["synced"] = synced
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

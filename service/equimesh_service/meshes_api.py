@@ -83,7 +83,7 @@ EXAMPLES: dict[str, Any] = {
     },
 }
 _SPEC = {"$ref": "#/components/schemas/MeshSpec"}
-_BODY = {
+MESH_BODY = {
     "required": True,
     "content": {
         "application/json": {"schema": _SPEC, "examples": EXAMPLES},
@@ -130,7 +130,7 @@ _REUSED = {
         202: {"description": "It waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
         **problems(400, 406, 408, 409, 413, 415, 422, 429, 503, 507),
     },
-    openapi_extra={"requestBody": _BODY},
+    openapi_extra={"requestBody": MESH_BODY},
 )
 async def create(
     request: Request,
@@ -166,12 +166,12 @@ async def create(
     Where the same mesh has been computed before, the answer is at once a mesh of its own with the same points and
     files; `reused_from` and the header `Equimesh-Reused` name the earlier one, and `reuse=false` declines.
     """
-    name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), _media_types())
-    key = _checked_key(idempotency_key)
-    document, upload = await _read(request, service)
+    name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), media_types())
+    key = checked_key(idempotency_key)
+    document, upload = await read_request(request, service)
     # Before the samples that come along are kept.
     await service.quotas.check_bytes(caller, 0 if upload is None else len(upload.data))
-    admitted = await service.check(service.admission.admit, document, upload, caller)
+    admitted = await service.check(service.admission.receive, document, upload, caller)
     wanted = preferred_wait(prefer)
     seconds = min(wanted or 0, int(service.settings.max_wait))
     asked = await service.ask(admitted, caller, key=key, format=name, soon=seconds > 0, reuse=reuse)
@@ -275,7 +275,8 @@ async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Respo
     return JSONResponse(spec)
 
 
-async def _read(request: Request, service: Service) -> tuple[bytes, Upload | None]:
+async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None]:
+    """The spec of a mesh as it came, and the samples that came with it."""
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, bodies.MULTIPART):
         shown = repr(kind[:80]) if kind else "no Content-Type"
@@ -296,11 +297,13 @@ def _answer(service: Service, row: MeshRow, status: int, headers: dict[str, str]
     return JSONResponse(mesh_resource(row, service.settings.root).model_dump(mode="json"), status, headers)
 
 
-def _media_types() -> dict[str, str]:
+def media_types() -> dict[str, str]:
+    """The media types of the mesh formats, by their names."""
     return {name: form.media_type for name, form in FORMATS.items()}
 
 
-def _checked_key(key: str | None) -> str | None:
+def checked_key(key: str | None) -> str | None:
+    """An idempotency key that can be one; raises a 400 problem."""
     if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
         raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")
     return key

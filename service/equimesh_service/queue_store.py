@@ -56,8 +56,8 @@ class QueueStore:
             return self._append(connection, here, change, "done", {"status": CANCELED})
 
     def claim(self, owner: str, lease: float) -> Claim | None:
-        """Take the oldest waiting mesh for ``owner``, for ``lease`` seconds."""
-        with self._write() as connection:
+        """Take the oldest waiting mesh for ``owner``, for ``lease`` seconds; after a crash it may wait again."""
+        with self._write(durable=False) as connection:
             query = select(*_CLAIMED, meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number)
             row = connection.execute(query.limit(1).with_for_update(skip_locked=True)).first()
             if row is None:
@@ -81,7 +81,7 @@ class QueueStore:
     def renew(self, owner: str, lease: float) -> set[Claim]:
         """Extend the leases of ``owner``; returns what it still holds."""
         mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
-        with self._write() as connection:
+        with self._write(durable=False) as connection:
             connection.execute(update(meshes).where(mine).values(lease_until=self._clock() + lease))
             rows = connection.execute(select(meshes.c.id, meshes.c.attempt).where(mine))
             return {Claim(row.id, row.attempt) for row in rows}

@@ -26,9 +26,14 @@ class SamplesStore:
         self._database = database
         self._clock = clock
 
-    def add(self, row: SamplesRow, publish: Callable[[], None] = _nothing, *, key_id: str = "") -> bool:
-        """Keep samples, and let the key see them; False when it did already."""
-        with self._database.write() as connection:
+    def add(
+        self, row: SamplesRow, publish: Callable[[], None] = _nothing, *, key_id: str = "", durable: bool = True
+    ) -> bool:
+        """Keep samples, and let the key see them; False when it did already.
+
+        They need not be ``durable`` where the mesh that comes with them will be.
+        """
+        with self._database.write(durable=durable) as connection:
             lock(connection, [row.sha256])
             if insert_new(connection, samples, {**vars(row), "used_at": self._clock()}):
                 publish()
