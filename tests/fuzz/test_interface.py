@@ -135,7 +135,7 @@ class Exchange:
             case.validate_response(answer, checks=CHECKS)
         except BaseExceptionGroup as group:
             for error in group.exceptions:
-                shown = f"{error}\n{case.as_curl_command()}\n{answer.text[:1000]}"
+                shown = f"{error}\n{case.as_curl_command()}\n{answer.content[:1000]!r}"
                 title = (label, status, type(error).__name__)
                 if title not in self.failures:
                     self.failures[title] = shown
