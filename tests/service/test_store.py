@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 
-from equimesh_service.rows import Artifact, Claim, KeyReusedError, NewMesh, SamplesGoneError, SamplesRow
+from equimesh_service.rows import Artifact, Claim, Hold, KeyReusedError, NewMesh, SamplesGoneError, SamplesRow
 from equimesh_service.schema import metadata
 from equimesh_service.spec import read_spec
 from equimesh_service.store import Store
@@ -413,3 +413,27 @@ def test_handing_on_while_the_first_is_deleted_never_leaves_a_mesh_without_files
         assert ("4" * 64 in removed) != handed_on
         store.meshes.delete("again", removed.append)
         removed.clear()
+
+
+def test_only_what_is_promised_waits_for_the_disk(store: Store, address: str) -> None:
+    query = "PRAGMA synchronous" if address.startswith("sqlite") else "SHOW synchronous_commit"
+    waits, goes_on = (2, 1) if address.startswith("sqlite") else ("on", "off")
+    hasty = Store(address, durable=False)
+    for one, durable, expected in ((store, True, waits), (store, False, goes_on), (store, True, waits)):
+        with one.database.write(durable=durable) as connection:
+            assert connection.execute(text(query)).scalar() == expected
+    with hasty.database.write() as connection:
+        assert connection.execute(text(query)).scalar() == goes_on
+    hasty.close()
+
+
+def test_a_mesh_that_somebody_waits_for_is_claimed_from_the_start(store: Store, clock: Clock) -> None:
+    hold = Hold(owner="me", lease=10.0)
+    store.meshes.add(NewMesh(id="a", spec=SPEC), hold=hold)
+    assert store.queue.claim("other", 10.0) is None
+    assert [event.data["status"] for event in store.meshes.events("a")] == ["queued", "running"]
+    assert store.queue.renew("me", 10.0) == {Claim("a", 1)}
+    clock.now += 11.0
+    assert store.queue.abandoned() == [Claim("a", 1)]
+    assert store.queue.finish(Claim("a", 1))
+    assert [event.number for event in store.meshes.events("a")] == [1, 2, 3]

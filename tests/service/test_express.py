@@ -1,0 +1,114 @@
+"""A mesh that somebody waits for goes straight to a free worker, and a queue is never overtaken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from equimesh_service.dispatcher import Dispatcher, Rules
+from equimesh_service.engine import Health
+from equimesh_service.rows import Claim, NewMesh, Order
+from equimesh_service.store import Store
+from service.conftest import small, until
+
+SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
+ORDER = Order(spec=SPEC, samples={})
+
+
+class Patient:
+    """An engine with two workers, whose tasks end when a test says so."""
+
+    def __init__(self) -> None:
+        self.tasks: list[Future[Any]] = []
+        self.canceled: list[Future[Any]] = []
+
+    def submit(self, function: Any, *arguments: Any, time_limit: float | None = None) -> Future[Any]:
+        assert (function, arguments, time_limit) == (print, (), 300.0)
+        self.tasks.append(Future())
+        return self.tasks[-1]
+
+    def cancel(self, task: Future[Any]) -> None:
+        self.canceled.append(task)
+
+    def health(self) -> Health:
+        return Health(ready=True, workers=2)
+
+    def close(self) -> None:
+        raise AssertionError
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    store = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}")
+    store.prepare()
+    yield store
+    store.close()
+
+
+@pytest.fixture
+def engine() -> Patient:
+    return Patient()
+
+
+@pytest.fixture
+def dispatcher(store: Store, engine: Patient) -> Iterator[Dispatcher]:
+    rules = Rules(lease=0.3, poll=0.01)
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), rules, lambda _: None)
+    dispatcher.start(alone=True)
+    yield dispatcher
+    dispatcher.stop()
+
+
+def test_as_many_are_taken_as_there_are_workers(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    until(dispatcher.reserve)
+    assert dispatcher.reserve()
+    assert not dispatcher.reserve()
+    dispatcher.release()
+    assert dispatcher.reserve()
+    for name in ("a", "b"):
+        store.meshes.add(NewMesh(id=name, spec=SPEC), hold=dispatcher.hold)
+        dispatcher.begin(Claim(name, 1), ORDER)
+    assert not dispatcher.reserve()
+    store.queue.finish(Claim("a", 1))
+    engine.tasks[0].set_result(None)
+    until(dispatcher.reserve)
+    assert not dispatcher.reserve()
+
+
+def test_who_waits_in_the_queue_is_not_overtaken(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    for name in ("a", "b", "c"):
+        store.meshes.add(NewMesh(id=name, spec=SPEC))
+    dispatcher.wake()
+    until(lambda: len(engine.tasks) == 2)
+    store.queue.finish(Claim("a", 1))
+    engine.tasks[0].set_result(None)
+    assert not dispatcher.reserve()  # a worker is free now, and it is for c
+    until(lambda: len(engine.tasks) == 3)
+
+
+def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    until(dispatcher.reserve)
+    store.meshes.add(NewMesh(id="a", spec=SPEC), hold=dispatcher.hold)
+    dispatcher.release()  # whoever asked for it is gone
+    until(lambda: len(engine.tasks) == 1)
+    story = [event.data for event in store.meshes.events("a")]
+    assert [told["status"] for told in story] == ["queued", "running", "queued", "running"]
+    assert story[2]["reason"] == "it had not reached a worker"
+
+
+def test_both_ways_give_the_same_mesh(http: httpx.Client) -> None:
+    def etag(headers: dict[str, str]) -> str:
+        posted = http.post("/v1/meshes?format=npz", json=small(label="express"), headers=headers)
+        mesh = http.get(f"{posted.headers['location']}?wait=30").json()
+        events = http.get(mesh["links"]["events"], headers={"Accept": "application/json"}).json()["items"]
+        assert [event["data"]["status"] for event in events if event["event"] != "progress"] == [
+            *("queued", "running", "succeeded"),
+        ]
+        return http.get(mesh["links"]["file"], params={"format": "npz"}).headers["etag"]
+
+    assert etag({"Prefer": "wait=30"}) == etag({})
