@@ -80,15 +80,14 @@ def test_as_many_are_taken_as_there_are_workers(dispatcher: Dispatcher, store: S
     assert not dispatcher.reserve()
 
 
-def test_who_waits_in_the_queue_is_not_overtaken(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
-    for name in ("a", "b", "c"):
-        store.meshes.add(NewMesh(id=name, spec=SPEC))
-    dispatcher.wake()
-    until(lambda: len(engine.tasks) == 2)
-    store.queue.finish(Claim("a", 1))
-    engine.tasks[0].set_result(None)
-    assert not dispatcher.reserve()  # a worker is free now, and it is for c
-    until(lambda: len(engine.tasks) == 3)
+def test_who_waits_in_the_queue_is_not_overtaken(store: Store, engine: Patient) -> None:
+    store.meshes.add(NewMesh(id="a", spec=SPEC))
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
+    assert not dispatcher.reserve()  # it has not looked at the queue yet
+    dispatcher.start(alone=True)
+    until(lambda: len(engine.tasks) == 1)
+    until(dispatcher.reserve)  # the second worker, now that nobody waits
+    dispatcher.stop()
 
 
 def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
