@@ -14,7 +14,7 @@ from equimesh_cli.options import add_mesh_options, check_options, schwarz_of
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
 
-SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".npz")
+SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
 DEFAULT_URL = "http://127.0.0.1:8000"
 EXAMPLES = """\
 examples:

@@ -82,7 +82,9 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
     _add_schwarz_options(parser)
     results = parser.add_argument_group("results")
-    results.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the mesh: .vtu .vtk .xdmf .msh .npz")
+    results.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="the mesh: .vtu .vtk .xdmf .msh .mesh .su2 .npz"
+    )
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
     results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
     results.add_argument("--json", action="store_true", help="print one JSON object instead of tables")

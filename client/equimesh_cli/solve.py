@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import equimesh
     from equimesh import Event, Solution
 
-SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".npz")
+SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
 # Read by the linear algebra when it is loaded. Its systems here are many and small: more threads make it slower.
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 # What a solve and its quality measures take; measured at 1025 x 1025 points.

@@ -17,8 +17,13 @@ from equimesh_client.retry import retry_after_of
 from equimesh_client.sources import Upload
 from equimesh_client.stream import StreamPosition
 
-FORMATS = ("vtu", "vtk", "xdmf", "msh", "npz")
-SUFFIXES: Mapping[str, str] = {".xdmf.zip": "xdmf", ".zip": "xdmf"} | {f".{name}": name for name in FORMATS}
+FORMATS = ("vtu", "vtk", "xdmf", "msh", "su2", "npz")  # those whose suffix is their name
+SUFFIXES: Mapping[str, str] = {
+    ".xdmf.zip": "xdmf",
+    ".zip": "xdmf",
+    ".mesh": "medit",
+    **{f".{name}": name for name in FORMATS},
+}
 PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
 
 

@@ -18,13 +18,16 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.gmsh import gmsh_text
+from equimesh.medit import medit_text
 from equimesh.mesh import SIDES, Mesh
 from equimesh.mesh_data import MeshData
+from equimesh.su2 import su2_text
 
 __all__ = ["CELLS", "FORMATS", "Cells", "MeshData", "MeshFormat", "load_npz", "write_mesh"]
 
 Cells: TypeAlias = Literal["quad", "triangle"]
 CELLS: Final = ("quad", "triangle")
+NPZ_ARRAYS: Final = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", *SIDES})  # others are fields
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same mesh gives the same bytes
 
 
@@ -68,6 +71,19 @@ FORMATS: Final = {
             " (gmshload), scikit-fem, deal.II, MFEM, SfePy",
         ),
         MeshFormat(
+            name="medit",
+            suffix=".mesh",
+            media_type="model/x-medit",
+            description="Medit text with references 1 left, 2 right, 3 bottom, 4 top: FreeFEM (readmesh,"
+            " triangles), Mmg",
+        ),
+        MeshFormat(
+            name="su2",
+            suffix=".su2",
+            media_type="model/x-su2",
+            description="SU2 text with markers left, right, bottom, top: SU2",
+        ),
+        MeshFormat(
             name="npz",
             suffix=".npz",
             media_type="application/x-npz",
@@ -86,9 +102,9 @@ def write_mesh(
     is then written unpacked, with its three companions ``.h5``, ``_facets.xdmf`` and ``_facets.h5`` beside
     it. ``cells="triangle"`` cuts each quadrilateral on its better diagonal; triangles inherit its cell data.
 
-    Point data: ``u``, and ``xi``, ``eta``, from which a reader without side tags finds the sides (left is
-    ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). Cell data: ``Q_eq`` and
-    ``subdomain``.
+    Point data: ``u``, the ``fields``, and ``xi``, ``eta``, from which a reader without side tags finds the
+    sides (left is ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). Cell data: ``Q_eq``
+    and ``subdomain``.
 
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
     :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
@@ -125,12 +141,13 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
         with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in ("x", "y", "cells", "q_eq", "subdomain")}
             u = archive.get("u")
+            fields = {name: archive[name] for name in archive.files if name not in NPZ_ARRAYS}
         shape = (arrays["x"].shape[0] - 1, arrays["x"].shape[1] - 1)
         every = 2 if arrays["cells"].shape[1] == 3 else 1
         q_eq, subdomain = (arrays[name].ravel()[::every].reshape(shape) for name in ("q_eq", "subdomain"))
     except (KeyError, ValueError, IndexError, EOFError, AttributeError, zipfile.BadZipFile) as error:
         raise InputError(f"{Path(path).name} is not a mesh written by equimesh: {error}", field="path") from error
-    return MeshData(mesh=Mesh(arrays["x"], arrays["y"]), u=u, q_eq=q_eq, subdomain=subdomain)
+    return MeshData(mesh=Mesh(arrays["x"], arrays["y"]), u=u, q_eq=q_eq, subdomain=subdomain, fields=fields)
 
 
 def _format_name(path: Path) -> str:
@@ -164,10 +181,18 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
                 cell_data=_cell_data(data, kind),
             )
             file.write_text(text, encoding="ascii", newline="\n")
+        case "medit":
+            owner = np.repeat(data.subdomain.ravel(), _parts(kind))
+            text = medit_text(data.mesh.points, _cells(data, kind), data.mesh.sides, subdomain=owner)
+            file.write_text(text, encoding="ascii", newline="\n")
+        case "su2":
+            text = su2_text(data.mesh.points, _cells(data, kind), data.mesh.sides)
+            file.write_text(text, encoding="ascii", newline="\n")
         case _:
             arrays: dict[str, Any] = {"x": data.mesh.x, "y": data.mesh.y, **data.mesh.sides}
             if data.u is not None:
                 arrays["u"] = data.u
+            arrays |= data.fields
             arrays["cells"] = _cells(data, kind)
             for array, values in (("q_eq", data.q_eq), ("subdomain", data.subdomain)):
                 arrays[array] = np.repeat(values.ravel(), _parts(kind))
@@ -204,7 +229,8 @@ def _parts(kind: Cells) -> int:
 def _point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:
     xi, eta = data.computational
     u = {} if data.u is None else {"u": data.u.ravel()}
-    return {**u, "xi": xi.ravel(), "eta": eta.ravel()}
+    fields = {name: values.ravel() for name, values in data.fields.items()}
+    return {**u, **fields, "xi": xi.ravel(), "eta": eta.ravel()}
 
 
 def _cell_data(data: MeshData, kind: Cells) -> dict[str, npt.NDArray[Any]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -23,6 +24,7 @@ class MeshData:
 
     ``u`` at the nodes, shape ``(n_xi, n_eta)``, ``None`` where the monitor has no u; per cell, shape
     ``(n_xi - 1, n_eta - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell.
+    ``fields`` are further values at the nodes, by names other than those that files have already.
 
     Raises :class:`~equimesh.errors.InputError` for other shapes.
     """
@@ -31,6 +33,7 @@ class MeshData:
     u: Array | None
     q_eq: Array
     subdomain: IntArray
+    fields: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_xi, n_eta = nodes = self.mesh.x.shape
@@ -43,6 +46,9 @@ class MeshData:
             found = shape if values is None and name == "u" else values.shape
             if found != shape:
                 raise InputError(f"{name} has shape {found}, this mesh needs {shape}", field=name)
+        for name, values in self.fields.items():
+            if values.shape != nodes:
+                raise InputError(f"the field {name} has shape {values.shape}, this mesh needs {nodes}", field=name)
 
     @property
     def computational(self) -> tuple[Array, Array]:

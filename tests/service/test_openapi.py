@@ -53,6 +53,7 @@ def test_every_route_is_described(document: dict[str, Any]) -> None:
     asked = {
         "/v1/meshes", "/v1/meshes/{id}", "/v1/meshes/{id}/events", "/v1/meshes/{id}/cancel", "/v1/meshes/{id}/file",
         "/v1/meshes/{id}/quality", "/v1/meshes/{id}/convergence", "/v1/meshes/{id}/plot", "/v1/meshes/{id}/spec",
+        "/v1/sequences", "/v1/sequences/{id}", "/v1/sequences/{id}/steps",
         "/v1/samples", "/v1/samples/{id}", "/v1/expressions/check", "/v1/capabilities", "/livez", "/readyz",
         "/problems/{name}", "/metrics",
     }  # fmt: skip
@@ -143,7 +144,7 @@ def test_health(http: httpx.Client) -> None:
 
 def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, Any], settings: Settings) -> None:
     able = http.get("/v1/capabilities").json()
-    assert {form["name"] for form in able["formats"]} == {"vtu", "vtk", "xdmf", "msh", "npz"}
+    assert {form["name"] for form in able["formats"]} == {"vtu", "vtk", "xdmf", "msh", "medit", "su2", "npz"}
     properties = document["components"]["schemas"]["MeshSpec"]["properties"]
     assert able["boundaries"] == properties["boundary"]["enum"]
     assert able["initials"] == properties["initial"]["enum"]

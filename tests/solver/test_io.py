@@ -231,6 +231,37 @@ class TestReadBack:
             assert np.all(rows[:, 1] == corners)
             np.testing.assert_array_equal(rows[:, 2:].T, np.tile(per_cell(expected, kind), (corners, 1)))
 
+    def test_medit(self, tmp_path: Path, kind: Cells) -> None:
+        path = self.write(tmp_path, "medit", kind)
+        found = meshio.medit.read(path)
+        np.testing.assert_array_equal(found.points, DATA.mesh.points)
+        assert [block.type for block in found.cells] == ["line", kind]
+        edges, labels = found.cells[0].data, found.cell_data["medit:ref"][0]
+        for number, side in enumerate(SIDES, start=1):
+            check_edges(found.points, edges[labels == number], side)
+        check_cells(found.points, found.cells[1].data, kind)
+        np.testing.assert_array_equal(found.cell_data["medit:ref"][1], 1 + per_cell(DATA.subdomain, kind))
+        inside = found.point_data["medit:ref"].reshape(N_XI, N_ETA)[1:-1, 1:-1]
+        assert not inside.any()
+        assert np.count_nonzero(found.point_data["medit:ref"]) == N_XI * N_ETA - inside.size
+        assert "float64" not in path.read_text(encoding="ascii")
+
+    def test_su2(self, tmp_path: Path, kind: Cells) -> None:
+        text = self.write(tmp_path, "su2", kind).read_text(encoding="ascii")
+        found = meshio.su2.read(tmp_path / "mesh.su2")
+        np.testing.assert_array_equal(found.points, DATA.mesh.points)
+        cells = next(block.data for block in found.cells if block.type == kind)
+        check_cells(found.points, cells, kind)
+        markers = dict(re.findall(r"^MARKER_TAG= (\w+)\nMARKER_ELEMS= (\d+)$", text, re.MULTILINE))
+        assert {side: int(count) for side, count in markers.items()} == EDGES
+        for side in SIDES:
+            body = text.split(f"MARKER_TAG= {side}\n")[1].split("\n", 1)[1].split("MARKER_TAG")[0]
+            rows = np.array([line.split() for line in body.splitlines()], dtype=int)
+            assert np.all(rows[:, 0] == 3)
+            check_edges(DATA.mesh.points, rows[:, 1:], side)
+        assert text.startswith("NDIME= 2\nNELEM= ")
+        assert "float64" not in text
+
     def test_npz(self, tmp_path: Path, kind: Cells) -> None:
         path = self.write(tmp_path, "npz", kind)
         with np.load(path, allow_pickle=False) as arrays:
@@ -308,14 +339,14 @@ class TestTriangles:
 class TestRefusals:
     @pytest.mark.parametrize("name", ["stl", "", "VTU", "xdmf.zip"])
     def test_unknown_formats(self, tmp_path: Path, name: str) -> None:
-        with pytest.raises(InputError, match=r"vtu, vtk, xdmf, msh, npz") as caught:
+        with pytest.raises(InputError, match=r"vtu, vtk, xdmf, msh, medit, su2, npz") as caught:
             write_mesh(tmp_path / "mesh.vtu", DATA, format=name)
         assert caught.value.field == "format"
         assert list(tmp_path.iterdir()) == []
 
     @pytest.mark.parametrize("name", ["mesh", "mesh.stl", "mesh.zip", "vtu"])
     def test_unknown_suffixes(self, tmp_path: Path, name: str) -> None:
-        with pytest.raises(InputError, match=r"\.vtu, \.vtk, \.xdmf\.zip, \.msh, \.npz, \.xdmf"):
+        with pytest.raises(InputError, match=r"\.vtu, \.vtk, \.xdmf\.zip, \.msh, \.mesh, \.su2, \.npz, \.xdmf"):
             write_mesh(tmp_path / name, DATA)
 
     @pytest.mark.parametrize("name", ["m.vtu", "m.xdmf"])
@@ -412,7 +443,7 @@ class TestDisk:
 
 class TestFormats:
     def test_each_is_described(self) -> None:
-        assert list(FORMATS) == ["vtu", "vtk", "xdmf", "msh", "npz"]
+        assert list(FORMATS) == ["vtu", "vtk", "xdmf", "msh", "medit", "su2", "npz"]
         for name, known in FORMATS.items():
             assert known.name == name
             assert known.suffix.startswith(".")
