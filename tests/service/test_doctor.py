@@ -28,7 +28,7 @@ from equimesh_service import Settings
 from equimesh_service.migration import upgrade
 from equimesh_service.schema import meshes, samples
 from equimesh_service.store import Store
-from service.databases import Postgres
+from service.databases import ADDRESS, NEEDED, Postgres
 from service.guarded import Guarded
 from service.s3_server import ACCESS_KEY, SECRET_KEY, serving
 from service.test_migration import FIRST, MESH
@@ -39,7 +39,8 @@ OK, WARNING, FAILED = Level.OK, Level.WARNING, Level.FAILED
 @pytest.fixture(autouse=True)
 def no_variables(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in os.environ if name.upper().startswith("EQUIMESH_")]:
-        monkeypatch.delenv(name)
+        if name not in (ADDRESS, NEEDED):
+            monkeypatch.delenv(name)
 
 
 @pytest.fixture
@@ -62,7 +63,11 @@ def look(check: Callable[[Any], Finding | None], subject: Any) -> Finding:
     return found
 
 
-def test_all_is_well_here_and_nothing_is_left_behind(here: Settings, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_is_well_here_and_nothing_is_left_behind(
+    here: Settings, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in (ADDRESS, NEEDED):  # no settings, but of the tests
+        monkeypatch.delenv(name, raising=False)
     words = ["doctor", "--data-dir", str(here.data_dir), "--port", "0", "--workers", "1", "--memory-limit", "16"]
     assert main([*words, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
