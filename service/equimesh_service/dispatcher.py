@@ -22,6 +22,8 @@ from equimesh_service.storage_faults import storage_problem
 from equimesh_service.store import Store
 
 _log = logging.getLogger(__name__)
+# How often a dispatcher looks whether its claims still stand; work that is for nobody ends after two looks.
+_CHECK_SECONDS = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +71,7 @@ class Dispatcher:
         self._reserved = 0
         self._queue_is_empty = False  # as far as this service knows
         self._strays: set[Claim] = set()  # claims of this service that no worker has
+        self._gone: set[Claim] = set()  # what workers have that this service has no claim to
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
         self._wake = threading.Event()
         self._stopping = threading.Event()
@@ -101,8 +104,9 @@ class Dispatcher:
     def begin(self, claim: Claim, order: Order) -> Future[Any]:
         """Give a claimed mesh to the reserved worker; the future ends when the worker does."""
         with self._lock:
+            task = self._submit(claim, order)
             self._reserved -= 1
-            return self._submit(claim, order)
+            return task
 
     def cancel(self, mesh_id: str) -> None:
         """Stop the work on a mesh that was canceled or deleted in the store."""
@@ -121,13 +125,20 @@ class Dispatcher:
         self._stopping.set()
         self._wake.set()
         self._thread.join()
-        for claim, task in self._held():
-            if self._store.queue.requeue(claim, "the service was stopped"):
-                _log.info("mesh %s goes back into the queue", claim.mesh_id)
+        running = self._held()
+        try:
+            # Those, too, that had not come to a worker yet.
+            for claim in self._store.queue.renew(self._owner, self._rules.lease):
+                if self._store.queue.requeue(claim, "the service was stopped"):
+                    _log.info("mesh %s goes back into the queue", claim.mesh_id)
+        except Exception as error:  # the leases run out, and the meshes are lost then
+            if storage_problem(error) is None:
+                _log.exception("meshes could not be put back into the queue")
+        for _, task in running:
             self._engine.cancel(task)
 
     def _loop(self) -> None:
-        next_care = next_look = time.monotonic()
+        next_care = next_look = next_check = time.monotonic()
         while not self._stopping.is_set():
             self._wake.clear()
             try:
@@ -135,6 +146,9 @@ class Dispatcher:
                 if time.monotonic() >= next_care:
                     self._care()
                     next_care = time.monotonic() + self._rules.lease / 3
+                if self._running and time.monotonic() >= next_check:
+                    self._drop_gone()
+                    next_check = time.monotonic() + _CHECK_SECONDS
                 if not self._queue_is_empty or time.monotonic() >= next_look:
                     self._fill()
                     next_look = time.monotonic() + self._rules.poll  # others may have put something in
@@ -237,18 +251,22 @@ class Dispatcher:
             self._notify(claim.mesh_id)
 
     def _care(self) -> None:
-        held = self._store.queue.renew(self._owner, self._rules.lease)
-        running = self._held()
-        for claim, task in running:
-            if claim not in held and not task.done():
-                self._engine.cancel(task)  # canceled, or taken over after a long silence of this service
-        strays = held.difference(claim for claim, _ in running)
+        running = {claim for claim, _ in self._held()}
+        strays = self._store.queue.renew(self._owner, self._rules.lease) - running
         for claim in strays & self._strays:  # twice in a row: not just on its way to a worker
             if self._store.queue.requeue(claim, "it had not reached a worker"):
                 self._queue_is_empty = False
         self._strays = strays
         for claim in self._store.queue.abandoned():
             self._lost(claim, "its service fell silent")
+
+    def _drop_gone(self) -> None:
+        """Stop the work on what was canceled through another service, or taken over after a long silence."""
+        running = dict(self._held())  # before the look: the store knows all of these
+        gone = running.keys() - self._store.queue.held(self._owner)
+        for claim in gone & self._gone:  # twice in a row: its worker has not just finished it
+            self._engine.cancel(running[claim])
+        self._gone = gone
 
 
 def _is_over(task: Future[Any]) -> bool:
