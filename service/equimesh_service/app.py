@@ -17,7 +17,16 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from equimesh_service import checks_api, events_api, meshes_api, operations_api, pages, results_api, samples_api
+from equimesh_service import (
+    checks_api,
+    events_api,
+    meshes_api,
+    operations_api,
+    pages,
+    results_api,
+    samples_api,
+    sequences_api,
+)
 from equimesh_service.metrics import Metrics
 from equimesh_service.observation import Observation
 from equimesh_service.problems import Problem, problem_of
@@ -26,6 +35,7 @@ from equimesh_service.security_headers import SecurityHeaders
 from equimesh_service.service import open_service
 from equimesh_service.settings import Settings
 from equimesh_service.spec import ExpressionCheck, MeshSpec
+from equimesh_service.stepping import StepSpec
 from equimesh_service.storage_faults import storage_problem
 from equimesh_service.tracing import open_tracer
 
@@ -40,6 +50,7 @@ Every error is `application/problem+json` (RFC 9457) with a stable `type`, and f
 _TAGS = [
     {"name": "meshes", "description": "Ask for meshes, follow and cancel them."},
     {"name": "results", "description": "The mesh as a file, its quality, its convergence, pictures."},
+    {"name": "sequences", "description": "Meshes that follow a time-stepper, step by step."},
     {"name": "samples", "description": "Monitor functions as samples, uploaded once."},
     {"name": "checks", "description": "Questions before a mesh is asked for."},
     {"name": "operations", "description": "Health, and explanations of problems."},
@@ -75,7 +86,8 @@ def create_app(settings: Settings) -> FastAPI:
         redoc_url=None,
         swagger_ui_oauth2_redirect_url=None,
     )
-    for part in (meshes_api, events_api, results_api, samples_api, checks_api, operations_api, pages):
+    routes = (meshes_api, events_api, results_api, sequences_api, samples_api, checks_api, operations_api, pages)
+    for part in routes:
         app.include_router(part.router)
     for kind in (Problem, RequestValidationError, HTTPException):
         app.add_exception_handler(kind, _answer_problem)
@@ -118,7 +130,7 @@ def _complete_schema(app: FastAPI) -> None:
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
             schema = generate()
-            models = [(model, "validation") for model in (MeshSpec, ExpressionCheck)]
+            models = [(model, "validation") for model in (MeshSpec, ExpressionCheck, StepSpec)]
             _, extra = models_json_schema(
                 [*models, *((model, "serialization") for model in (MeshEvents, ProblemDetails))],  # type: ignore[list-item]
                 ref_template="#/components/schemas/{model}",

@@ -14,7 +14,7 @@ from equimesh import Boundary, Initial
 from equimesh.expression import FUNCTIONS, LIMITS
 from equimesh.io import CELLS, FORMATS
 from equimesh_service import body as bodies
-from equimesh_service import domains, monitors, schwarz
+from equimesh_service import domains, monitors, schwarz, stepping
 from equimesh_service.assembly import build_domain, build_expression, pointing
 from equimesh_service.document import parse
 from equimesh_service.exports import PICTURES, PLOTS
@@ -69,6 +69,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "formats": ["npz", "npy", "csv", "json", "vtu", "vtk", "xdmf"],
             "max_samples": settings.max_samples,
         },
+        "sequences": {"monitors": list(stepping.KINDS), "max_fields": stepping.MOST_FIELDS},
         "monitors": _named(monitors.USES),
         "domains": _named(domains.USES),
         "modes": _named(MODE_USES),

@@ -6,11 +6,12 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import Connection, Row, delete, insert, select, update
+from sqlalchemy import Connection, Row, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from equimesh_service.artifacts_store import insert_artifacts, remove_unused
 from equimesh_service.database import Database, to_json
+from equimesh_service.deletion import delete_ended, delete_mesh
 from equimesh_service.quota_store import Quota, take
 from equimesh_service.rows import (
     QUEUED,
@@ -22,10 +23,13 @@ from equimesh_service.rows import (
     KeyReusedError,
     MeshRow,
     NewMesh,
+    NewStep,
     Order,
     SamplesGoneError,
+    StepTakenError,
 )
-from equimesh_service.schema import artifacts, events, idempotency, mesh_samples, meshes, samples
+from equimesh_service.schema import artifacts, events, idempotency, mesh_samples, meshes, samples, steps
+from equimesh_service.sequences_store import insert_step, make_way
 
 # How exactly it is noted when samples were last used.
 _USED_SECONDS = 3600.0
@@ -52,25 +56,38 @@ class MeshesStore:
         fingerprint: str = "",
         quota: Quota | None = None,
         hold: Hold | None = None,
+        step: NewStep | None = None,
     ) -> str:
         """Put a mesh into the queue and return its id: an older one's when ``key`` was seen before.
 
-        With ``hold`` it does not wait there: it is claimed from the start, at its first attempt.
+        With ``hold`` it does not wait there: it is claimed from the start, at its first attempt. As the ``step`` of a
+        sequence it takes the place of meshes that are no longer kept.
 
         Raises :class:`KeyReusedError` when the key came with another ``fingerprint``,
-        :class:`SamplesGoneError` when the samples were deleted, and
-        :class:`~equimesh_service.quota_store.QuotaError` when it is one too many.
+        :class:`SamplesGoneError` when the samples were deleted,
+        :class:`~equimesh_service.quota_store.QuotaError` when it is one too many, and :class:`StepTakenError`.
         """
+        held: set[str] = set()
 
         def put(connection: Connection) -> bool:
             if quota is not None:
                 take(connection, new.key_id, new.points, quota)
+            if step is not None:
+                held.update(make_way(connection, step, self._clock()))
             self._insert_waiting(connection, new, hold)
+            if step is not None:
+                insert_step(connection, new, step)
             return True
 
         added = self._once(new, key, fingerprint, put)
         assert added is not None
+        if step is not None and added == new.id:
+            remove_unused(self._database, held, step.discard)
         return added
+
+    def known(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
+        """The mesh of an earlier request with this idempotency key; raises :class:`KeyReusedError`."""
+        return self._known(key_id, key, fingerprint)
 
     def reuse(self, new: NewMesh, *, key: str | None = None, fingerprint: str = "") -> str | None:
         """Make the mesh of one that has succeeded, with the same ``new.fingerprint`` and for the same API key.
@@ -120,7 +137,9 @@ class MeshesStore:
             if row is None:
                 return None
             held = {used.id: used.sha256 for used in connection.execute(files)}
-        return Order(spec=json.loads(row.spec), format=row.format, samples=held)
+            step = connection.execute(select(steps.c.start, steps.c.fields).where(steps.c.mesh_id == mesh_id)).first()
+        start, fields = (None, None) if step is None else (step.start, step.fields)
+        return Order(spec=json.loads(row.spec), format=row.format, samples=held, start=start, fields=fields)
 
     def page(
         self,
@@ -148,6 +167,7 @@ class MeshesStore:
         """Delete a mesh with its events and artifacts; files that nothing else needs go to ``remove_file``."""
         with self._write() as connection:
             held = delete_mesh(connection, mesh_id)
+            delete_ended(connection)
         remove_unused(self._database, held or (), remove_file)
         return held is not None
 
@@ -192,7 +212,7 @@ class MeshesStore:
                 if key is not None:
                     row = {"key_id": new.key_id, "key": key, "fingerprint": fingerprint, "mesh_id": new.id}
                     connection.execute(insert(idempotency).values(row))
-        except IntegrityError:
+        except (IntegrityError, StepTakenError):
             known = self._known(new.key_id, key, fingerprint)  # the same key came at the same moment
             if known is None:
                 raise
@@ -277,19 +297,6 @@ def _use_samples(connection: Connection, names: Sequence[str], now: float) -> No
             raise SamplesGoneError(name)
         if used_at < now - _USED_SECONDS:
             connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
-
-
-def delete_mesh(connection: Connection, mesh_id: str) -> set[str] | None:
-    """Delete the rows of a mesh, and give its files, for :func:`remove_unused`; None when there is no such mesh."""
-    here = meshes.c.id == mesh_id
-    # Locked, so that no worker gives it a file that is not seen here.
-    if connection.execute(select(meshes.c.id).where(here).with_for_update()).first() is None:
-        return None
-    held = set(connection.execute(select(artifacts.c.sha256).where(artifacts.c.mesh_id == mesh_id)).scalars())
-    for table in (events, artifacts, idempotency, mesh_samples):
-        connection.execute(delete(table).where(table.c.mesh_id == mesh_id))
-    connection.execute(delete(meshes).where(here))
-    return held
 
 
 def _mesh(row: Row[Any]) -> MeshRow:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from equimesh_service.rows import SUCCEEDED, EventRow, MeshRow, SamplesRow
+from equimesh_service.rows import SUCCEEDED, EventRow, MeshRow, SamplesRow, SequenceRow
 
 Status = Literal["queued", "running", "succeeded", "failed", "canceled"]
 
@@ -172,12 +172,24 @@ class SamplesResource(BaseModel):
     """Stored samples of a monitor function."""
 
     id: str
-    kind: Literal["grid", "scattered"]
+    kind: Literal["grid", "scattered", "nodal"] = Field(description="nodal: at the nodes of a sequence's mesh.")
     shape: list[int]
     min: float
     max: float
     size: int = Field(description="Bytes of the stored npz file.")
     created_at: datetime
+    links: dict[str, str]
+
+
+class SequenceResource(BaseModel):
+    """A mesh that follows a time-stepper: where it is, and the mesh of that step."""
+
+    id: str
+    step: int = Field(description="Number of the step that `mesh` is; 0 is the first mesh.")
+    keep: int = Field(description="How many of the last meshes are kept.")
+    created_at: datetime
+    used_at: datetime = Field(description="When the last step was asked for.")
+    mesh: MeshResource
     links: dict[str, str]
 
 
@@ -235,6 +247,20 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
         partial=row.partial,
         reused_from=row.reused_from,
         links={"self": here, **{part: f"{here}/{part}" for part in parts}},
+    )
+
+
+def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str) -> SequenceResource:
+    """The sequence at a step, as clients see it; ``root`` is what all addresses begin with."""
+    here, of_mesh = f"{root}/v1/sequences/{row.id}", f"{root}/v1/meshes/{mesh.id}"
+    return SequenceResource(
+        id=row.id,
+        step=step,
+        keep=row.keep,
+        created_at=_moment(row.created_at),
+        used_at=_moment(row.used_at),
+        mesh=mesh_resource(mesh, root),
+        links={"self": here, "steps": f"{here}/steps", "mesh": of_mesh, "file": f"{of_mesh}/file?format=npz"},
     )
 
 

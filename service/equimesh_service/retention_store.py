@@ -12,7 +12,7 @@ from sqlalchemy import Connection, delete, func, select, update
 
 from equimesh_service.artifacts_store import remove_unused, unnamed
 from equimesh_service.database import Database, insert_new
-from equimesh_service.meshes_store import delete_mesh
+from equimesh_service.deletion import delete_ended, delete_mesh
 from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
 
 # How many things one transaction removes.
@@ -41,6 +41,8 @@ class RetentionStore:
             for row in rows:
                 held |= delete_mesh(connection, row.id) or set()
                 self._note(connection, row.id, row.key_id)
+            for sequence_id, key_id in delete_ended(connection):
+                self._note(connection, sequence_id, key_id)
         remove_unused(self._database, held, remove_file)
         return len(rows)
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED = "queued", "running", "succeeded", "failed", "canceled"
 STATUSES = (QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED)
 FINISHED = (SUCCEEDED, FAILED, CANCELED)
+# What the ids of samples at the nodes of a mesh begin with. They came with the step of a sequence and go with it.
+NODAL = "n-"
 
 
 class SamplesGoneError(Exception):
@@ -17,6 +19,18 @@ class SamplesGoneError(Exception):
 
 class KeyReusedError(Exception):
     """An idempotency key that belongs to another request."""
+
+
+class StepTakenError(Exception):
+    """A step of a sequence that has taken another one meanwhile, or whose start is gone."""
+
+
+def _nothing() -> None:
+    pass
+
+
+def _keep(_: str) -> None:
+    pass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +116,8 @@ class Order:
     spec: Mapping[str, Any]
     samples: Mapping[str, str]  # from the ids of samples to the SHA-256 of their files
     format: str | None = None
+    start: str | None = None  # the SHA-256 of the npz file of the mesh that it starts from, as the step of a sequence
+    fields: str | None = None  # that of the fields at the nodes of the start, which are to be carried on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,6 +143,39 @@ class Artifact:
     name: str
     sha256: str
     size: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewStep:
+    """What is known of a step of a sequence when it is asked for; step 0 begins the sequence.
+
+    ``fingerprint`` is the same for requests that ask for the same. ``publish`` gives the file of the ``fields`` its
+    name, and ``discard`` removes one that nothing needs any more.
+    """
+
+    sequence_id: str
+    number: int
+    keep: int
+    fingerprint: str
+    key_id: str = ""
+    start: str | None = None
+    fields: Artifact | None = None
+    publish: Callable[[], None] = _nothing
+    discard: Callable[[str], None] = _keep
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceRow:
+    """A sequence as it stands: the number, mesh and status of the last step that has not failed."""
+
+    id: str
+    key_id: str
+    keep: int
+    created_at: float
+    used_at: float
+    number: int
+    mesh_id: str
+    status: str
 
 
 @dataclass(frozen=True)

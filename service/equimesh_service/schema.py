@@ -144,7 +144,30 @@ idempotency = Table(
     PrimaryKeyConstraint("key_id", "key"),
 )
 
-# Meshes and samples that were removed after their time: they answer 410, not 404.
+# Moving meshes: each step is a mesh, of which the last `keep` are kept.
+sequences = Table(
+    "sequences",
+    metadata,
+    Column("id", _Id(40), primary_key=True),
+    Column("key_id", _Id(40), nullable=False, server_default=""),
+    Column("keep", Integer, nullable=False),
+    Column("created_at", Float, nullable=False),
+    Column("used_at", Float, nullable=False),
+)
+
+# Which step of a sequence a mesh is; the SHA-256 of the mesh file that it starts from, and of the fields to carry on.
+steps = Table(
+    "steps",
+    metadata,
+    Column("mesh_id", _Id(40), ForeignKey("meshes.id", ondelete="CASCADE"), primary_key=True),
+    Column("sequence_id", _Id(40), ForeignKey("sequences.id", ondelete="CASCADE"), nullable=False),
+    Column("number", Integer, nullable=False),
+    Column("start", String(64)),
+    Column("fields", String(64)),
+    Index("steps_by_sequence", "sequence_id", "number", unique=True),
+)
+
+# Meshes, samples and sequences that were removed after their time: they answer 410, not 404.
 retired = Table(
     "retired",
     metadata,

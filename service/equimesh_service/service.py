@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import TextIOWrapper
 from typing import Any, TypeVar
 
@@ -34,7 +34,19 @@ from equimesh_service.quota_store import QuotaError
 from equimesh_service.quotas import Quotas, exceeded
 from equimesh_service.readiness import OK, Readiness
 from equimesh_service.retention import Retention
-from equimesh_service.rows import Artifact, Claim, Hold, KeyReusedError, MeshRow, NewMesh, Order, SamplesGoneError
+from equimesh_service.rows import (
+    Artifact,
+    Claim,
+    Hold,
+    KeyReusedError,
+    MeshRow,
+    NewMesh,
+    NewStep,
+    Order,
+    SamplesGoneError,
+    SequenceRow,
+    StepTakenError,
+)
 from equimesh_service.settings import Settings
 from equimesh_service.store import Store
 from equimesh_service.wakeups import Wakeups
@@ -121,17 +133,34 @@ class Service:
                 return row
             await self.wakeups.wait(mesh_id, min(left, self.settings.poll))
 
+    async def sequence(self, sequence_id: str, caller: Caller) -> SequenceRow:
+        """The sequence with this id; raises a 404 problem, also when it is not the caller's to see."""
+        row = await run_in_threadpool(self.store.sequences.get, sequence_id)
+        if row is None or not caller.sees(row.key_id):
+            raise await self.missing(sequence_id, caller, "There is no sequence with this id.")
+        return row
+
     async def ask(
-        self, admitted: Admitted, caller: Caller, *, key: str | None, format: str | None, soon: bool, reuse: bool
+        self,
+        admitted: Admitted,
+        caller: Caller,
+        *,
+        key: str | None,
+        format: str | None,
+        soon: bool,
+        reuse: bool,
+        step: NewStep | None = None,
     ) -> Asked:
         """Put an admitted spec into the queue or, where somebody waits for it, straight to a worker that is free.
 
-        With ``reuse`` a finished mesh of the same spec is taken instead, where there is one. Raises 409, 422 and 429
-        problems.
+        With ``reuse`` a finished mesh of the same spec is taken instead, where there is one. It may be the ``step`` of
+        a sequence. Raises 409, 422 and 429 problems.
         """
         new = _new_mesh(admitted, caller, format)
+        if step is not None:
+            new = replace(new, fingerprint=None)  # it has its own way to its points, and fields of its own
         if reuse and self.settings.reuse:
-            with _refusals():
+            with refusals():
                 again = await run_in_threadpool(
                     self.store.meshes.reuse, new, key=key, fingerprint=admitted.fingerprint(format)
                 )
@@ -140,7 +169,7 @@ class Service:
                 return Asked(again)
         hold = self.dispatcher.hold if soon and self.dispatcher.reserve() else None
         try:
-            asked = await self._add(admitted, caller, new, key, hold)
+            asked = await self._add(admitted, caller, new, key, hold, step)
         except BaseException:
             if hold is not None:
                 self.dispatcher.release()
@@ -148,17 +177,26 @@ class Service:
         trail.current().mesh_id = asked.mesh_id
         return asked
 
-    async def _add(self, admitted: Admitted, caller: Caller, new: NewMesh, key: str | None, hold: Hold | None) -> Asked:
+    async def _add(
+        self,
+        admitted: Admitted,
+        caller: Caller,
+        new: NewMesh,
+        key: str | None,
+        hold: Hold | None,
+        step: NewStep | None,
+    ) -> Asked:
         if hold is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
-        with tracing.span("enqueue"), _refusals():
+        with tracing.span("enqueue"), refusals():
             mesh_id = await run_in_threadpool(
                 self.store.meshes.add,
                 new,
                 key=key,
-                fingerprint=admitted.fingerprint(new.format),
+                fingerprint=admitted.fingerprint(new.format) if step is None else step.fingerprint,
                 quota=self.quotas.for_mesh(caller),
                 hold=hold,
+                step=step,
             )
         if hold is None:
             self.dispatcher.wake()
@@ -167,6 +205,9 @@ class Service:
             self.dispatcher.release()
             return Asked(mesh_id)
         order = Order(spec=admitted.spec, samples=admitted.samples, format=new.format)
+        if step is not None:
+            fields = None if step.fields is None else step.fields.sha256
+            order = replace(order, start=step.start, fields=fields)
         claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
         return Asked(mesh_id, self.dispatcher.begin(claim, order))
 
@@ -301,7 +342,7 @@ def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh
 
 
 @contextmanager
-def _refusals() -> Iterator[None]:
+def refusals() -> Iterator[None]:
     """Raise what keeps a mesh out of the store as problems."""
     try:
         yield
@@ -309,6 +350,9 @@ def _refusals() -> Iterator[None]:
         raise Problem("idempotency-key-reused", "The key was used for another spec.") from None
     except QuotaError as error:
         raise exceeded(error) from None
+    except StepTakenError:
+        detail = "The sequence has taken another step meanwhile, or lost the one that this follows: look at it again."
+        raise Problem("conflict", detail) from None
     except SamplesGoneError:
         raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
 

@@ -16,6 +16,7 @@ from equimesh_service.quota_store import QuotaStore
 from equimesh_service.retention_store import RetentionStore
 from equimesh_service.samples_store import SamplesStore
 from equimesh_service.schema import samples
+from equimesh_service.sequences_store import SequencesStore
 
 
 class Store:
@@ -30,6 +31,7 @@ class Store:
         self.meshes = MeshesStore(self.database, clock)
         self.queue = QueueStore(self.database, clock)
         self.samples = SamplesStore(self.database, clock)
+        self.sequences = SequencesStore(self.database)
         self.retention = RetentionStore(self.database, clock)
         self.keys = KeyStore(self.database, clock)
         self.quotas = QuotaStore(self.database)

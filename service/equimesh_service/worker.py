@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 import equimesh
-from equimesh.io import write_mesh
+from equimesh.io import load_npz, write_mesh
+from equimesh.mesh_map import reference_of
 from equimesh_service import tracing, trail
 from equimesh_service.assembly import PathOf, build_problem, build_schwarz
 from equimesh_service.files import Files, StoredFile
@@ -53,6 +54,8 @@ def warm_up() -> None:
     ring = equimesh.AnnulusSector()
     plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
     axis = np.linspace(0.0, 1.0, 9)
+    nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
+    nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
     sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
     schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
@@ -62,6 +65,7 @@ def warm_up() -> None:
         (plain, 9, equimesh.Rectangle(), schwarz),
         (plain, 193, equimesh.Rectangle(), schwarz),  # so many points are swept in strips, the last of them smaller
         (sampled, 33, equimesh.Rectangle(), None),
+        (nodal, 33, equimesh.Rectangle(), None),
         (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
         (curved, 33, equimesh.Rectangle(), None),
@@ -100,13 +104,14 @@ def _solve(job: Job) -> Ending | None:
     spec = read_spec(order.spec)
     with ExitStack() as samples:
         problem = build_problem(spec, samples_of(order, files, samples))
+    start = _start(order, files)
     schwarz = build_schwarz(spec)
     reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
     with tracing.span("solve"):
         solution = equimesh.solve(
             problem,
             schwarz,
-            initial=equimesh.Initial(spec.initial),
+            initial=equimesh.Initial(spec.initial) if start is None else reference_of(start, problem.domain),
             mode=equimesh.Mode(spec.mode),
             allow_relaxed=spec.allow_relaxed,
             threads=job.threads,
@@ -124,6 +129,8 @@ def _solve(job: Job) -> Ending | None:
         if usable:
             quality = solution.quality.summary()
             data = solution.data()
+            if start is not None and order.fields is not None:
+                data = replace(data, fields=_carried(start, order.fields, solution.mesh, files))
             output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
             if order.format is not None and (order.format, spec.cells) != ("npz", "quad"):
                 name, cells = order.format, spec.cells
@@ -156,6 +163,23 @@ def _solve(job: Job) -> Ending | None:
         solve_seconds=timings["solve"],
         files=tuple(output.artifacts),
     )
+
+
+def _start(order: Order, files: Files) -> equimesh.Mesh | None:
+    """The mesh of the step before; None for a mesh that is no step of a sequence, or the first."""
+    if order.start is None:
+        return None
+    try:
+        with files.local(order.start) as path:
+            return load_npz(path).mesh
+    except FileNotFoundError:
+        raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
+
+
+def _carried(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: Files) -> dict[str, Any]:
+    """The fields of a step at the nodes of its mesh."""
+    with files.local(sha256) as path, np.load(path, allow_pickle=False) as fields:
+        return equimesh.transfer(start, dict(fields), mesh)
 
 
 def file_name(format: str, cells: str) -> str:

@@ -14,6 +14,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from equimesh.bicubic import ORDER, Bicubic, basis
 from equimesh.compiled import compiled
+from equimesh.domain import Domain, mapped
 from equimesh.errors import InputError
 from equimesh.mesh import Mesh
 
@@ -22,6 +23,7 @@ Indices: TypeAlias = npt.NDArray[np.int64]
 Truths: TypeAlias = npt.NDArray[np.bool_]
 
 STEPS = 20  # of Newton's method
+POLISHED = 4  # steps of it on the map of a domain, from where the spline of that leads
 SMALL = 1e-8  # a step, in cells, after which the next one would be lost in rounding
 FURTHEST = 1.0  # in cells: how far the spline may lead from the bilinear cell that holds the point
 
@@ -76,6 +78,21 @@ class MeshMap:
             self.x.coefficients, self.y.coefficients, s, t, smooth,
         )  # fmt: skip
         return Places(s=s, t=t, smooth=smooth)
+
+
+def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
+    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the way back from ``mapped``."""
+    uniform = Mesh.uniform(mesh.grid)
+    places = MeshMap.of(mapped(uniform, domain)).locate(mesh.x, mesh.y)
+    s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
+    for _ in range(POLISHED):
+        x, y = domain.map(s, t)
+        x_s, x_t, y_s, y_t = domain.jacobian(s, t)
+        det = x_s * y_t - x_t * y_s
+        r, q = mesh.x - x, mesh.y - y
+        s = np.clip(s + (r * y_t - q * x_t) / det, 0.0, 1.0)
+        t = np.clip(t + (q * x_s - r * y_s) / det, 0.0, 1.0)
+    return Mesh.of_unit_square(s, t)
 
 
 def through(values: Array) -> Bicubic:

@@ -84,6 +84,13 @@ def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
     return GridSamples(x=x, y=y, values=values, box=box)
 
 
+def read_npz(data: bytes, *, max_bytes: int = MAX_BYTES) -> dict[str, npt.NDArray[Any]]:
+    """All arrays of an npz file, by name; raises as :func:`read_samples`."""
+    with open_zip(data, "npz", max_bytes, "write it with numpy.savez") as members:
+        files = {name.removesuffix(".npy"): name for name in members.names}
+        return {key: _parse_npy(members.read(name), key[:80]) for key, name in files.items()}
+
+
 def _read_npz(data: bytes, max_bytes: int) -> dict[str, Any]:
     with open_zip(data, "npz", max_bytes, "write it with numpy.savez") as members:
         files = {name.removesuffix(".npy"): name for name in members.names}

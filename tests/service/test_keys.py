@@ -28,7 +28,12 @@ from service.guarded import Guarded
 GRID = {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2, 5]]}}
 # What needs no key.
 OPEN = {"/livez", "/readyz", "/problems/{name}", "/v1/capabilities"}
-BODIES: dict[str, Any] = {"/v1/meshes": small(), "/v1/samples": GRID, "/v1/expressions/check": {"expression": "x"}}
+BODIES: dict[str, Any] = {
+    "/v1/meshes": small(),
+    "/v1/sequences": small(),
+    "/v1/samples": GRID,
+    "/v1/expressions/check": {"expression": "x"},
+}
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +62,14 @@ def mesh(owner: httpx.Client) -> str:
 def samples(owner: httpx.Client) -> str:
     """The samples of the owner."""
     return str(owner.post("/v1/samples", json=GRID).json()["id"])
+
+
+@pytest.fixture(scope="module")
+def sequence(owner: httpx.Client) -> str:
+    """A sequence of the owner."""
+    made = owner.post("/v1/sequences", json=small(label="moving"), headers={"Prefer": "wait=30"})
+    assert made.json()["mesh"]["status"] == "succeeded", made.text
+    return str(made.json()["id"])
 
 
 def operations(document: dict[str, Any]) -> list[tuple[str, str, dict[str, Any]]]:
@@ -183,9 +196,14 @@ async def test_keys_are_asked_for_from_the_first_one_on() -> None:
 
 
 def test_nothing_of_another_key_is_there(
-    guarded_service: Guarded, owner: httpx.Client, mesh: str, samples: str, document: dict[str, Any]
+    guarded_service: Guarded,
+    owner: httpx.Client,
+    mesh: str,
+    samples: str,
+    sequence: str,
+    document: dict[str, Any],
 ) -> None:
-    ids = {"/v1/meshes/{id}": mesh, "/v1/samples/{id}": samples}
+    ids = {"/v1/meshes/{id}": mesh, "/v1/samples/{id}": samples, "/v1/sequences/{id}": sequence}
     walked = 0
     with guarded_service.client("write") as other:
         for method, path, _ in operations(document):
@@ -198,21 +216,25 @@ def test_nothing_of_another_key_is_there(
             assert mine.status_code == 404, (method, path, mine.text)
             assert mine.content == none.content, (method, path)  # not even that there is something
             walked += 1
-        assert walked >= 12
+        assert walked >= 15
         refused = other.post("/v1/meshes", json=small(monitor={"u": {"samples": samples}}))
         assert refused.json()["errors"][0]["pointer"] == "/monitor/u/samples"
         assert other.get("/v1/meshes").json()["items"] == []
         assert other.get("/v1/meshes?label=owned").json()["items"] == []
     assert owner.get(f"/v1/meshes/{mesh}").json()["status"] == "succeeded"
     assert owner.get(f"/v1/samples/{samples}?format=npz").status_code == 200
+    assert owner.get(f"/v1/sequences/{sequence}").json()["step"] == 0
     assert [item["id"] for item in owner.get("/v1/meshes?label=owned").json()["items"]] == [mesh]
 
 
-def test_an_admin_sees_all(guarded_service: Guarded, mesh: str, samples: str, document: dict[str, Any]) -> None:
+def test_an_admin_sees_all(
+    guarded_service: Guarded, mesh: str, samples: str, sequence: str, document: dict[str, Any]
+) -> None:
     with guarded_service.client("admin") as admin:
         for method, path, _ in operations(document):
             if "{id}" in path and method == "GET":
-                known = path.replace("{id}", samples if "samples" in path else mesh)
+                mine = sequence if "sequences" in path else samples if "samples" in path else mesh
+                known = path.replace("{id}", mine)
                 headers = {"Accept": "application/json"} if "events" in path else {}
                 assert admin.get(known, headers=headers).status_code == 200, known
         assert mesh in [item["id"] for item in admin.get("/v1/meshes?limit=200").json()["items"]]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.domain import mapped
 from equimesh.errors import InputError, SamplesError
-from equimesh.mesh_map import MeshMap
+from equimesh.mesh_map import MeshMap, reference_of
 
 WAVY = em.Expression("sin(3*x + y)*exp(y/2)")
 ANYWHERE = np.random.default_rng(7).uniform(0.0, 1.0, (2, 500))
@@ -96,6 +97,13 @@ def test_a_mesh_follows_values_at_its_own_nodes(front: em.Mesh) -> None:
     by_formula = em.solve(em.Problem(monitor=em.ArcLength(u=moved), grid=grid))
     assert np.abs(by_nodes.mesh.x - by_formula.mesh.x).max() < 2e-3
     assert np.abs(by_nodes.mesh.x - front.x).max() > 5e-3
+
+
+def test_the_way_back_from_a_domain(front: em.Mesh) -> None:
+    ring = em.AnnulusSector(center=(0.3, 0.0), radii=(0.5, 2.0), angles=(10, 130))
+    for domain in (em.Rectangle(x=(-1.0, 3.0), y=(0.0, 0.5)), ring):
+        back = reference_of(mapped(front, domain), domain)
+        assert max(np.abs(back.x - front.x).max(), np.abs(back.y - front.y).max()) < 1e-13
 
 
 def test_what_cannot_be_a_function_is_refused() -> None:

@@ -1,0 +1,202 @@
+"""Sequences: meshes that follow a time-stepper over HTTP, one step after the other and never two at a time."""
+
+from __future__ import annotations
+
+import io
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+import jsonschema
+import numpy as np
+import pytest
+
+from equimesh_service import Settings, running
+from equimesh_service.files_address import files_address
+from equimesh_service.retention import Retention
+from equimesh_service.store import Store
+from service.conftest import small
+
+NPZ = {"Content-Type": "application/x-npz", "Prefer": "wait=30"}
+WAIT = {"Prefer": "wait=30"}
+FRONT = small(
+    monitor={"u": {"expression": "tanh(20*(x + y/2 - 0.6))"}},
+    grid={"n_xi": 17, "n_eta": 13},
+    domain={"kind": "annulus_sector", "radii": [0.5, 1.5], "angles": [10, 80]},
+)
+
+
+def front(x: Any, y: Any, moved: float = 0.0) -> Any:
+    return np.tanh(20.0 * (x + y / 2 - 0.6 - moved))
+
+
+def packed(**arrays: Any) -> bytes:
+    body = io.BytesIO()
+    np.savez(body, **arrays)
+    return body.getvalue()
+
+
+def unpacked(answer: httpx.Response) -> dict[str, Any]:
+    assert answer.is_success, answer.text
+    return dict(np.load(io.BytesIO(answer.content)))
+
+
+def begin(http: httpx.Client, **more: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A new sequence and the arrays of its first mesh."""
+    made = http.post("/v1/sequences", json={**FRONT, **more}, headers=WAIT)
+    assert made.status_code == 201, made.text
+    sequence: dict[str, Any] = made.json()
+    assert made.headers["location"] == sequence["links"]["self"]
+    return sequence, unpacked(http.get(sequence["links"]["file"]))
+
+
+def test_a_mesh_follows_a_front_and_carries_fields(http: httpx.Client, document: dict[str, Any]) -> None:
+    sequence, mesh = begin(http)
+    components = {"$ref": "#/components/schemas/SequenceResource", "components": document["components"]}
+    jsonschema.Draft202012Validator(components).validate(sequence)
+    steps, places = sequence["links"]["steps"], []
+    for number in range(3):
+        u = front(mesh["x"], mesh["y"], 0.02 * (number + 1))
+        body = packed(step=number, u=u, plane=mesh["x"] - 2 * mesh["y"])
+        answer = http.post(f"{steps}?format=npz", content=body, headers=NPZ)
+        mesh = unpacked(answer)
+        assert (answer.status_code, answer.headers["equimesh-step"]) == (201, str(number + 1))
+        assert np.abs(mesh["plane"] - (mesh["x"] - 2 * mesh["y"])).max() < 1e-5
+        places.append(answer.headers["location"])
+    by_formula = small(**{**FRONT, "monitor": {"u": {"expression": "tanh(20*(x + y/2 - 0.66))"}}})
+    there = unpacked(http.post("/v1/meshes?format=npz", json=by_formula, headers=WAIT))
+    assert np.abs(mesh["x"] - there["x"]).max() < 0.01
+    assert np.abs(mesh["u"] - front(mesh["x"], mesh["y"], 0.06)).max() < 0.02
+    assert http.get(places[0]).status_code == 404  # two are kept
+    assert [http.get(place).json()["status"] for place in places[1:]] == ["succeeded"] * 2
+    assert http.get(sequence["links"]["self"]).json()["mesh"]["links"]["self"] == places[-1]
+    # A step is a mesh like any other: its spec gives it again, and its files have the fields.
+    assert "plane" in http.get(f"{places[-1]}/file?format=vtu").text
+    spec = http.get(f"{places[-1]}/spec").json()
+    again = unpacked(http.post("/v1/meshes?format=npz", json=spec, headers=WAIT))
+    assert np.abs(again["x"] - mesh["x"]).max() < 2e-3
+    kept = spec["monitor"]["u"]["samples"]
+    assert http.get(f"/v1/samples/{kept}").json()["kind"] == "nodal"
+    assert http.delete(sequence["links"]["self"]).status_code == 204
+    assert http.get(sequence["links"]["self"]).status_code == 404
+    assert http.get(places[-1]).status_code == 404
+    assert http.get(f"/v1/samples/{kept}").status_code == 200  # the mesh of the spec still needs them
+
+
+def test_u_at_a_time_as_a_formula(http: httpx.Client) -> None:
+    sequence, mesh = begin(http)
+    step = {
+        "step": 0,
+        "u": {"expression": "tanh(20*(x + y/2 - 0.6 - t))", "t": 0.1},
+        "fields": {"a": mesh["x"].tolist()},
+    }
+    made = http.post(sequence["links"]["steps"], json=step, headers=WAIT)
+    assert (made.status_code, made.json()["step"], made.json()["mesh"]["status"]) == (201, 1, "succeeded")
+    after = unpacked(http.get(made.json()["links"]["file"]))
+    assert np.abs(after["a"] - after["x"]).max() < 1e-5
+    assert np.abs(after["u"] - front(after["x"], after["y"], 0.1)).max() < 1e-12
+
+
+def test_of_two_steps_at_once_one_is_taken(http: httpx.Client) -> None:
+    sequence, mesh = begin(http)
+    barrier, answers = threading.Barrier(2), []
+
+    def ask(moved: float) -> None:
+        body = packed(step=0, u=front(mesh["x"], mesh["y"], moved))
+        barrier.wait()
+        answers.append(http.post(sequence["links"]["steps"], content=body, headers=NPZ))
+
+    threads = [threading.Thread(target=ask, args=(moved,)) for moved in (0.01, 0.02)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(answer.status_code for answer in answers) == [201, 409]
+    refused = next(answer for answer in answers if answer.status_code == 409)
+    assert refused.json()["type"] in ("/problems/conflict", "/problems/not-finished")
+    late = http.post(sequence["links"]["steps"], json={"step": 0, "u": {"expression": "x"}})
+    assert "at step 1, not 0" in late.json()["detail"]
+    assert http.post(sequence["links"]["steps"], json={"step": 7, "u": {"expression": "x"}}).status_code == 409
+
+
+def test_a_repeated_step_is_the_same_step(http: httpx.Client) -> None:
+    sequence, mesh = begin(http)
+    headers = {**NPZ, "Idempotency-Key": f"step of {sequence['id']}"}
+    body = packed(step=0, u=front(mesh["x"], mesh["y"], 0.01))
+    first = http.post(f"{sequence['links']['steps']}?format=npz", content=body, headers=headers)
+    second = http.post(f"{sequence['links']['steps']}?format=npz", content=body, headers=headers)
+    assert (second.status_code, second.content) == (201, first.content)
+    assert second.headers["location"] == first.headers["location"]
+    assert second.headers["equimesh-step"] == "1"
+    other = http.post(sequence["links"]["steps"], content=packed(step=1, u=mesh["x"]), headers=headers)
+    assert other.json()["type"] == "/problems/idempotency-key-reused"
+    key = {**WAIT, "Idempotency-Key": f"begin {sequence['id']}"}
+    begun = [http.post("/v1/sequences", json=FRONT, headers=key).json()["id"] for _ in range(2)]
+    assert begun[0] == begun[1]
+
+
+def test_what_is_wrong_with_a_step_is_told_where(http: httpx.Client) -> None:
+    sequence, mesh = begin(http)
+    steps, right = sequence["links"]["steps"], mesh["x"]
+    bad = right.copy()
+    bad[2, 3] = np.nan
+    for body, pointer, words in (
+        (packed(u=right), "/step", "needs an array step"),
+        (packed(step=0.5, u=right), "/step", "single whole number"),
+        (packed(step=0, u=right.T), "/u/nodes", "transpose"),
+        (packed(step=0, u=bad), "/u/nodes", "u[2][3]"),
+        (packed(step=0, u=right, xi=right), "/fields/xi", "none of"),
+        (packed(step=0, u=right, p=bad), "/fields/p", "p[2][3]"),
+        (b"no zip", "", "cannot be unpacked"),
+    ):
+        refused = http.post(steps, content=body, headers=NPZ)
+        assert refused.status_code == 422, refused.text
+        assert refused.json()["errors"][0]["pointer"] == pointer
+        assert words in refused.json()["errors"][0]["message"]
+    for step, pointer in (
+        ({"u": {"expression": "x"}}, "/step"),
+        ({"step": 0, "u": {"samples": "s-1"}}, "/u"),
+        ({"step": 0, "u": {"nodes": [[1, None]]}}, "/u/nodes/0/1"),
+        ({"step": 0, "u": {"expression": "x + z"}}, "/u/expression"),
+        ({"step": 0, "u": {"expression": "x"}, "fields": {"a b": right.tolist()}}, "/fields/a b"),
+    ):
+        refused = http.post(steps, json=step)
+        assert refused.status_code == 422, refused.text
+        assert refused.json()["errors"][0]["pointer"] == pointer
+    weight = small(monitor={"kind": "weight", "rho": {"expression": "1 + x"}})
+    assert http.post("/v1/sequences", json=weight).json()["errors"][0]["pointer"] == "/monitor/kind"
+    assert http.post(steps, content=b"x", headers={"Content-Type": "text/csv"}).status_code == 415
+    assert http.get(sequence["links"]["self"]).json()["step"] == 0
+
+
+def test_a_step_that_fails_is_none(http: httpx.Client) -> None:
+    schwarz = {"subdomains": [2, 1], "overlap": 2, "tolerance": 1e-14, "max_iterations": 1, "fallback": False,
+               "transmission": {"kind": "classical"}}  # fmt: skip
+    made = http.post("/v1/sequences", json={**FRONT, "schwarz": schwarz}, headers=WAIT).json()
+    assert made["mesh"]["status"] == "failed"
+    refused = http.post(made["links"]["steps"], json={"step": 0, "u": {"expression": "x"}})
+    assert (refused.status_code, refused.json()["type"]) == (409, "/problems/not-converged")
+    sequence, mesh = begin(http)
+    steps = sequence["links"]["steps"]
+    failed = http.post(steps, json={"step": 0, "u": {"expression": "tanh(20*x)"}})
+    if http.post(f"{failed.json()['mesh']['links']['cancel']}").is_success:
+        assert http.get(sequence["links"]["self"]).json()["step"] == 0
+        again = http.post(steps, content=packed(step=0, u=front(mesh["x"], mesh["y"])), headers=NPZ)
+        assert (again.status_code, again.json()["step"]) == (201, 1)
+
+
+@pytest.mark.parametrize("retired", [False, True])
+def test_a_sequence_outlives_the_service_and_ends_with_its_time(tmp_path: Path, retired: bool) -> None:
+    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="warning")
+    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+        sequence, mesh = begin(http)
+    if retired:
+        store = Store(settings.database, clock=lambda: time.time() + 40 * 86_400.0)
+        Retention(store, files_address(settings).open(), 30.0).sweep()
+        store.close()
+    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
+        body = packed(step=0, u=front(mesh["x"], mesh["y"], 0.02))
+        answer = http.post(sequence["links"]["steps"], content=body, headers=NPZ)
+        assert answer.status_code == (410 if retired else 201), answer.text
