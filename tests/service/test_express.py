@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from equimesh_service.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import Health
+from equimesh_service.engine import EngineError, Health
 from equimesh_service.rows import Claim, NewMesh, Order
 from equimesh_service.store import Store
 from service.conftest import small, until
@@ -26,8 +26,11 @@ class Patient:
     def __init__(self) -> None:
         self.tasks: list[Future[Any]] = []
         self.canceled: list[Future[Any]] = []
+        self.closed = False
 
     def submit(self, function: Any, *arguments: Any, time_limit: float | None = None) -> Future[Any]:
+        if self.closed:
+            raise EngineError("closed")
         assert (function, arguments, time_limit) == (print, (), 300.0)
         self.tasks.append(Future())
         return self.tasks[-1]
@@ -88,6 +91,15 @@ def test_who_waits_in_the_queue_is_not_overtaken(store: Store, engine: Patient) 
     until(lambda: len(engine.tasks) == 1)
     until(dispatcher.reserve)  # the second worker, now that nobody waits
     dispatcher.stop()
+
+
+def test_a_worker_that_takes_nothing_stays_reserved(dispatcher: Dispatcher, engine: Patient) -> None:
+    until(dispatcher.reserve)
+    engine.closed = True
+    with pytest.raises(EngineError):
+        dispatcher.begin(Claim("a", 1), ORDER)
+    dispatcher.release()
+    assert [dispatcher.reserve() for _ in range(3)] == [True, True, False]
 
 
 def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
