@@ -48,7 +48,9 @@ def generate(service: Any, capsys: pytest.CaptureFixture[str]) -> Callable[..., 
     return run
 
 
-@pytest.mark.parametrize("command", ["", "demo", "serve", "generate", "solve", "check"])
+@pytest.mark.parametrize(
+    "command", ["", "demo", "serve", "config", "doctor", "keys", "database", "generate", "solve", "check"]
+)
 def test_help_has_examples_and_exit_codes(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main([*command.split(), "--help"])
