@@ -55,6 +55,10 @@ class Files(Protocol):
         """
         ...
 
+    def tidy(self) -> None:
+        """Clear what a killed worker left unfinished hours ago."""
+        ...
+
     def unfinished(self, suffix: str) -> AbstractContextManager[Path]:
         """A local temporary file; whatever is left there at the end is removed."""
         ...

@@ -31,6 +31,10 @@ class FolderFiles:
         clear(self._unfinished, alone=alone)
         self.check()
 
+    def tidy(self) -> None:
+        """Clear what a killed worker left unfinished hours ago."""
+        clear(self._unfinished, alone=False)
+
     def path(self, sha256: str) -> Path:
         """Where the file with this content is, or would be."""
         return self.folder / key_of(sha256)

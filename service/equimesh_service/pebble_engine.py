@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
@@ -19,10 +19,12 @@ from typing import Any, TypeVar
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from equimesh_service.engine import EngineError, Health, MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.pool_watch import PoolWatch
 
 Result = TypeVar("Result")
 _log = logging.getLogger(__name__)
 _warmed_up = 0.0  # seconds, in a worker
+_WATCH_SECONDS = 0.2
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -50,8 +52,10 @@ class PebbleEngine:
         self._start = (memory_limit, prepare, warm_up, reader)
         self._lock = threading.Lock()
         self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
-        self._closed = False
-        self._pool = self._new_pool()
+        self._closed = threading.Event()
+        self._pool, self._warm = self._new_pool()
+        self._watcher = threading.Thread(target=self._watch, name="equimesh-pool-watch", daemon=True)
+        self._watcher.start()
 
     def submit(
         self, function: Callable[..., Result], *arguments: Any, time_limit: float | None = None
@@ -60,13 +64,13 @@ class PebbleEngine:
         outer: Future[Result] = Future()
         outer.set_running_or_notify_cancel()
         with self._lock:
-            if self._closed:
+            if self._closed.is_set():
                 raise EngineError("the engine is closed")
-            if not self._pool.active:
-                _log.warning("the worker pool broke; starting a new one")
-                _stop(self._pool)
-                self._pool = self._new_pool()
-            inner = self._pool.schedule(_run, args=(function, arguments), timeout=time_limit)
+            try:
+                inner = self._pool.schedule(_run, args=(function, arguments), timeout=time_limit)
+            except RuntimeError as error:  # the pool broke, and is about to be replaced
+                outer.set_exception(WorkerLostError(f"there are no workers: {error}"))
+                return outer
             self._inner[outer] = inner
         inner.add_done_callback(lambda done: self._hand_over(done, outer))
         return outer
@@ -81,11 +85,9 @@ class PebbleEngine:
     def health(self) -> Health:
         """Ready once a worker has warmed up."""
         with self._lock:
-            active = bool(self._pool.active) and not self._closed
+            active = bool(self._pool.active) and not self._closed.is_set()
             warm = self._warm.done() and not self._warm.cancelled() and self._warm.exception() is None
         detail = "" if active and warm else "workers are starting" if active else "the worker pool is down"
-        if not active and not self._closed:
-            self._revive()
         return Health(ready=active and warm, workers=self._workers, detail=detail)
 
     def wait_until_ready(self, timeout: float) -> bool:
@@ -100,25 +102,44 @@ class PebbleEngine:
     def close(self) -> None:
         """Stop all workers at once."""
         with self._lock:
-            self._closed = True
+            self._closed.set()
             left = list(self._inner.values())
+        self._watcher.join()  # no pool is new from now on
         for inner in left:
             inner.cancel()  # type: ignore[no-untyped-call]
         _stop(self._pool)
 
-    def _revive(self) -> None:
-        with self._lock:
-            if not self._pool.active and not self._closed:
-                _stop(self._pool)
-                self._pool = self._new_pool()
+    def _watch(self) -> None:
+        seen = PoolWatch(self._pool)
+        while not self._closed.wait(_WATCH_SECONDS):
+            try:
+                defect = seen.defect()
+                if defect:
+                    _log.warning("the worker pool is replaced: %s", defect)
+                    self._replace(defect)
+                    seen = PoolWatch(self._pool)
+            except Exception:  # no processes can be started, say
+                _log.exception("the worker pool is down; it is tried again")
 
-    def _new_pool(self) -> ProcessPool:
+    def _replace(self, defect: str) -> None:
+        fresh, warm = self._new_pool()
+        with self._lock:
+            broken, self._pool, self._warm = self._pool, fresh, warm
+            lost = list(self._inner.values())
+        _stop(broken)  # without the lock: its threads may be handing over what they have
+        for inner in lost:
+            try:
+                inner.set_exception(BrokenProcessPool(defect))
+            except InvalidStateError:
+                continue  # it came to an end of its own
+
+    def _new_pool(self) -> tuple[ProcessPool, ProcessFuture[float]]:
         pool = ProcessPool(
             max_workers=self._workers, initializer=_initialize, initargs=self._start, context=self._context
         )
-        self._warm: ProcessFuture[float] = pool.schedule(_warm_up_seconds)
-        self._warm.add_done_callback(_tell_warm_up)
-        return pool
+        warm: ProcessFuture[float] = pool.schedule(_warm_up_seconds)
+        warm.add_done_callback(_tell_warm_up)
+        return pool, warm
 
     def _hand_over(self, inner: Future[Any], outer: Future[Any]) -> None:
         with self._lock:

@@ -78,6 +78,12 @@ class QueueStore:
             waited = max(0.0, now - row.created_at)
             return replace(_claim(row), attempt=row.attempt + 1, claimed_at=now, waited=waited)
 
+    def held(self, owner: str) -> set[Claim]:
+        """What ``owner`` holds."""
+        mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
+        with self._read() as connection:
+            return {Claim(*row) for row in connection.execute(select(meshes.c.id, meshes.c.attempt).where(mine))}
+
     def renew(self, owner: str, lease: float) -> set[Claim]:
         """Extend the leases of ``owner``; returns what it still holds."""
         mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)

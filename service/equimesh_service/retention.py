@@ -63,6 +63,7 @@ class Retention:
             meshes = self._all(lambda: store.retire_meshes(kept, self._files.remove))
             samples = self._all(lambda: store.retire_samples(kept, self._files.remove))
         store.forget(max(_REMEMBERED_TIMES * kept, _REMEMBERED_DAYS * _DAY))
+        self._files.tidy()
         return Swept(meshes=meshes, samples=samples, orphans=self._remove_orphans())
 
     def _loop(self) -> None:

@@ -69,6 +69,10 @@ class S3Files:
             obstore.delete(self._store, _PROBE)
         self.check()
 
+    def tidy(self) -> None:
+        """Clear what a killed worker left unfinished hours ago."""
+        clear(self._unfinished, alone=False)
+
     def unfinished(self, suffix: str) -> AbstractContextManager[Path]:
         """A local temporary file; whatever is left there at the end is removed."""
         return temporary(self._unfinished, suffix)

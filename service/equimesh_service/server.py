@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -48,10 +50,11 @@ def run(settings: Settings) -> None:
     logs.configure(settings.log_level, settings.log_format)
     for name, nearest in unknown(os.environ).items():
         _log.warning("%s", complaint(name, nearest))
-    server = _server(settings)
-    listener = _opened(settings)
-    _log.info("listening on %s", _url(settings, listener))
-    server.run(sockets=[listener])
+    with _ending_well():
+        server = _server(settings)
+        listener = _opened(settings)
+        _log.info("listening on %s", _url(settings, listener))
+        server.run(sockets=[listener])
 
 
 @contextmanager
@@ -74,6 +77,23 @@ def running(settings: Settings) -> Iterator[str]:
         server.should_exit = True
         thread.join()
         listener.close()
+
+
+@contextmanager
+def _ending_well() -> Iterator[None]:
+    """Exit with 0 on SIGTERM, at once before the server runs and when it has closed after that.
+
+    The server sends itself the signal again at its end, which would count as a failure; and the first process of a
+    container hears no SIGTERM at all that it has no handler for.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _server(settings: Settings) -> _Server:

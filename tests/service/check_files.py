@@ -105,8 +105,12 @@ def check_leftovers(files: Files, folder: Path) -> None:
     for path in (old, new):
         path.write_bytes(b"half")
     os.utime(old, (0.0, 0.0))
-    files.prepare(alone=False)
+    files.tidy()
     assert unfinished(folder) == [new]
+    os.utime(new, (0.0, 0.0))
+    files.prepare(alone=False)
+    assert unfinished(folder) == []
+    new.write_bytes(b"half")
     files.prepare(alone=True)
     assert unfinished(folder) == []
     assert list(files.listing()) == []

@@ -1,0 +1,52 @@
+"""Signs that a pool of Pebble's will not finish its tasks, although it says that it is active.
+
+Workers take tasks out of one pipe, one at a time: by a lock, which the system does not take from a process that dies
+with it. After that no worker gets a task, and none can be stopped. And a worker that dies at the moment it has begun
+a task may be forgotten before the pool hears that it had begun.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from pebble import ProcessPool
+
+# Seconds. Workers hold the lock for less than a millisecond; for more when they have to import a module for a task.
+PATIENCE = 10.0
+
+
+class PoolWatch:
+    """What one pool looked like so far."""
+
+    def __init__(self, pool: ProcessPool) -> None:
+        self.pool = pool
+        manager: Any = pool._pool_manager  # Pebble tells this to nobody
+        self._tasks, self._workers = manager.task_manager, manager.worker_manager
+        self._free = time.monotonic()  # when last the lock was
+        self._alive: dict[int, BaseProcess] = {}
+        self._died = 0.0  # when last a worker had
+        self._forgotten: dict[int, float] = {}  # tasks without a worker, and since when
+
+    def defect(self) -> str:
+        """Why the pool must be replaced; empty when it need not. To be asked several times a second."""
+        if not self.pool.active:
+            return "it broke"
+        now = time.monotonic()
+        with self._workers.workers_channel.lock(block=False) as free:
+            if free:
+                self._free = now
+        before, self._alive = self._alive, self._workers.workers.copy()
+        # Those that the pool stops itself do not count: it takes the lock first.
+        if any(before[pid].exitcode != -signal.SIGTERM for pid in before.keys() - self._alive.keys()):
+            self._died = now
+        if now - self._free > PATIENCE and self._died >= self._free:
+            return "a worker died while it took a task or gave a result"
+        begun = [task for task in self._tasks.tasks.copy().values() if task.started]
+        lost = [task.id for task in begun if task.worker_id not in self._alive]
+        self._forgotten = {name: self._forgotten.get(name, now) for name in lost}
+        if any(now - since > PATIENCE for since in self._forgotten.values()):
+            return "a worker died as it began a task"
+        return ""

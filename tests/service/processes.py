@@ -1,0 +1,156 @@
+"""A service as a process of its own, which tests kill, and what is known of the processes below it."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx
+
+_START_SECONDS, _STOP_SECONDS = 120.0, 30.0
+
+
+@dataclass
+class ServiceProcess:
+    """``equimesh serve`` on a port and a folder: killed, and started again, as often as one likes."""
+
+    folder: Path
+    port: int
+    settings: dict[str, str]
+    workers: int = 2
+    _process: subprocess.Popen[bytes] | None = field(default=None, init=False)
+    _below: set[int] = field(default_factory=set, init=False)
+
+    @property
+    def url(self) -> str:
+        """Its address, also while it is down."""
+        return f"http://127.0.0.1:{self.port}"
+
+    @property
+    def pid(self) -> int:
+        """The process of the service itself."""
+        assert self._process is not None
+        return self._process.pid
+
+    @property
+    def log(self) -> str:
+        """What all its processes have said so far."""
+        return (self.folder / "log").read_text()
+
+    def start(self) -> None:
+        """Start, without waiting for it."""
+        command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", str(self.port)]
+        command += ["--data-dir", str(self.folder / "data"), "--workers", str(self.workers)]
+        settings = {"LOG_LEVEL": "warning", "THREADS": "1", **self.settings}
+        environment = {**os.environ, **{f"EQUIMESH_{name}": value for name, value in settings.items()}}
+        self.folder.mkdir(exist_ok=True)
+        with (self.folder / "log").open("a") as log:
+            self._process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+
+    def ready(self) -> None:
+        """Return when workers are ready, too."""
+        until = time.monotonic() + _START_SECONDS
+        while not is_ready(self.url):
+            assert self._process is not None
+            assert self._process.poll() is None, self.log
+            assert time.monotonic() < until, self.log
+            time.sleep(0.05)
+
+    def worker_pids(self) -> list[int]:
+        """The processes that are forked off to work: those that solve, and those that make files."""
+        found = [pid for child in children(self.pid, deep=False) for pid in children(child, deep=False)]
+        self._below.update(found)
+        return found
+
+    def kill(self) -> None:
+        """End the service as a crash does."""
+        self._end(signal.SIGKILL)
+
+    def stop(self) -> int:
+        """Tell it to end; gives its exit code."""
+        return self._end(signal.SIGTERM)
+
+    def signal(self, number: int) -> None:
+        """Send the service a signal, without waiting for what comes of it."""
+        os.kill(self.pid, number)
+
+    def wait(self, seconds: float = _STOP_SECONDS) -> int:
+        """The exit code, once it has ended."""
+        assert self._process is not None
+        return self._process.wait(seconds)
+
+    def left(self) -> list[int]:
+        """Processes of this service, or of earlier ones here, that still run although it does not."""
+        return [pid for pid in self._below if runs(pid)]
+
+    def _end(self, number: int) -> int:
+        self._below.update(children(self.pid))
+        self.signal(number)
+        return self.wait()
+
+    def close(self) -> None:
+        """End it however it is."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+
+@contextmanager
+def service_process(folder: Path, *, workers: int = 2, **settings: str) -> Iterator[ServiceProcess]:
+    """A service that is not started yet, and has ended after the ``with``; settings as in the environment."""
+    service = ServiceProcess(folder, free_port(), settings, workers)
+    try:
+        yield service
+    finally:
+        service.close()
+
+
+def free_port() -> int:
+    """A port on which nobody listens, out of those that no connection is given by the system."""
+    while True:
+        port = random.randrange(20_000, 32_000)
+        with socket.socket() as listener:
+            try:
+                listener.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+
+
+def children(pid: int, *, deep: bool = True) -> list[int]:
+    """All processes below ``pid``, or only those that it started itself."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            except (OSError, IndexError):
+                continue
+            if parent == pid:
+                found += [int(entry.name), *(children(int(entry.name)) if deep else ())]
+    return found
+
+
+def runs(pid: int) -> bool:
+    """Whether a process is there and has not ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def is_ready(url: str) -> bool:
+    """Whether a service says so."""
+    try:
+        return httpx.get(f"{url}/readyz", timeout=10.0).status_code == 200
+    except httpx.TransportError:
+        return False

@@ -1,0 +1,257 @@
+"""Nothing is lost: jobs come in while workers and services are killed, and in the end all is as it should be."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import queue
+import random
+import signal
+import sqlite3
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from equimesh_service.database import Database, sqlite_file
+from equimesh_service.schema import artifacts, meshes, samples
+from equimesh_service.store import Store
+from service.conftest import PAPER, until
+from service.processes import ServiceProcess, service_process
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
+_CLIENTS = 4
+_PATIENCE = 120.0  # seconds; for one request, over all its repetitions
+_HOURS = 8 * 3600.0
+
+
+@dataclass
+class Work:
+    """Jobs that clients send, each until it is accepted, and what was answered."""
+
+    url: str
+    jobs: int
+    accepted: dict[int, str] = field(default_factory=dict)
+    repeated: int = 0
+    faults: list[str] = field(default_factory=list)
+    _left: queue.SimpleQueue[int] = field(default_factory=queue.SimpleQueue)
+
+    def __post_init__(self) -> None:
+        for job in range(self.jobs):
+            self._left.put(job)
+
+    def start(self) -> list[threading.Thread]:
+        """Clients at work."""
+        threads = [threading.Thread(target=self._client) for _ in range(_CLIENTS)]
+        for thread in threads:
+            thread.start()
+        return threads
+
+    def _client(self) -> None:
+        with httpx.Client(base_url=self.url, timeout=30.0) as http:
+            while True:
+                try:
+                    job = self._left.get_nowait()
+                except queue.Empty:
+                    return
+                self._send(http, job)
+
+    def _send(self, http: httpx.Client, job: int) -> None:
+        deadline = time.monotonic() + _PATIENCE
+        while time.monotonic() < deadline:
+            try:
+                answer = http.post("/v1/meshes?reuse=false", **_request(job))
+            except httpx.TransportError:
+                self.repeated += 1
+                time.sleep(0.05)
+                continue
+            if answer.status_code in (201, 202):
+                self.accepted[job] = answer.headers["Location"].rpartition("/")[2]
+                return
+            if answer.status_code not in (429, 503):
+                self.faults.append(f"job {job}: {answer.status_code} {answer.text}")
+                return
+            time.sleep(0.05)
+        self.faults.append(f"job {job} was never accepted")
+
+
+def _request(job: int) -> dict[str, Any]:
+    """One of four ways to ask for a mesh of 8 x 8 points; every job's mesh is another."""
+    spec: dict[str, Any] = {
+        "monitor": {"u": {"expression": PAPER}, "a": 0.5 + job / 1000},
+        "grid": {"n_xi": 8, "n_eta": 8},
+        "label": f"job {job}",
+    }
+    headers = {"Idempotency-Key": f"job-{job}"}
+    match job % 4:
+        case 0:
+            return {"json": spec, "headers": headers}
+        case 1:
+            return {"json": spec, "headers": {**headers, "Prefer": "wait=10"}}
+        case 2:
+            return {"json": spec, "headers": {**headers, "Prefer": "wait=10", "Accept": "application/x-npz"}}
+        case _:
+            spec["monitor"]["u"] = {"samples": "upload"}
+            return {
+                "data": {"spec": json.dumps(spec)},
+                "files": {"samples": ("u.npz", _samples(job))},
+                "headers": headers,
+            }
+
+
+def _samples(job: int) -> bytes:
+    x = np.linspace(0.0, 1.0, 9)
+    with io.BytesIO() as file:
+        np.savez(file, x=x, y=x, values=np.tanh(np.add.outer((job % 3 + 2.0) * x, x)))
+        return file.getvalue()
+
+
+class Saboteur:
+    """Kills workers and services while jobs come in: by a seed, each time after so many more were accepted."""
+
+    def __init__(self, service: ServiceProcess, seed: int) -> None:
+        self.service = service
+        self.random = random.Random(seed)
+        self.killed = {"worker": 0, "service": 0}
+
+    def rage(self, work: Work, deeds: list[str]) -> None:
+        """Do the deeds, in a random order, spread over the work."""
+        self.random.shuffle(deeds)
+        moments = sorted(self.random.sample(range(work.jobs // 20, work.jobs), len(deeds)))
+        for deed, moment in zip(deeds, moments, strict=True):
+            until(lambda moment=moment: len(work.accepted) + len(work.faults) >= moment, _PATIENCE)
+            time.sleep(self.random.uniform(0.0, 0.1))
+            if deed != "service":
+                self.kill_a_worker()
+            if deed != "worker":
+                self.service.kill()
+                self.service.start()
+                self.killed["service"] += 1
+
+    def kill_a_worker(self) -> None:
+        """Kill one, if there is one by now: after a start of the service there is none for a moment."""
+        pids = until(self.service.worker_pids, _PATIENCE)
+        try:
+            os.kill(self.random.choice(pids), signal.SIGKILL)
+        except ProcessLookupError:
+            return
+        self.killed["worker"] += 1
+
+
+@pytest.mark.parametrize(
+    ("database_url", "jobs", "deeds"),
+    [
+        ("sqlite", 200, {"worker": 10, "service": 2, "both": 1}),
+        ("postgresql", 60, {"worker": 5, "both": 1}),
+    ],
+    indirect=["database_url"],
+)
+def test_nothing_is_lost_while_workers_and_services_are_killed(
+    tmp_path: Path, database_url: str, jobs: int, deeds: dict[str, int]
+) -> None:
+    with service_process(tmp_path / "service", DATABASE_URL=database_url, LEASE="3") as service:
+        service.start()
+        work = Work(service.url, jobs)
+        saboteur = Saboteur(service, seed=jobs)
+        until(lambda: _lives(service.url), _PATIENCE)
+        threads = work.start()
+        saboteur.rage(work, [deed for deed, times in deeds.items() for _ in range(times)])
+        for thread in threads:
+            thread.join()
+        assert work.faults == []
+        assert len(work.accepted) == jobs
+        assert saboteur.killed["service"] == sum(times for deed, times in deeds.items() if deed != "worker")
+        assert saboteur.killed["worker"] >= deeds["worker"]
+        assert work.repeated > 0, "no request was cut off: this proves nothing"
+
+        store = Store(database_url)
+        try:
+            until(lambda: _unfinished(store) == 0, _PATIENCE)
+            assert service.stop() == 0
+            _age_files(service.folder / "data" / "files")
+            service.start()
+            service.ready()
+            _check_meshes(store, work)
+            _check_downloads(service, store)
+            _check_files(database_url, service.folder / "data" / "files")
+            assert service.stop() == 0
+            until(lambda: not service.left(), 5.0)
+        finally:
+            store.close()
+    file = sqlite_file(database_url)
+    if file is not None:
+        with sqlite3.connect(file) as connection:
+            assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        connection.close()
+    assert "Traceback" not in service.log
+
+
+def _lives(url: str) -> bool:
+    try:
+        return httpx.get(f"{url}/livez").status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+def _unfinished(store: Store) -> int:
+    census = store.queue.census().meshes
+    return census["queued"] + census["running"]
+
+
+def _check_meshes(store: Store, work: Work) -> None:
+    """One mesh for each job, and each with a story that is whole: as many starts as attempts, and one end."""
+    rows = store.meshes.page(limit=10 * work.jobs)
+    assert sorted(row.label or "" for row in rows) == sorted(f"job {job}" for job in range(work.jobs))
+    assert {row.id for row in rows} == {*work.accepted.values()}
+    assert any(row.attempt > 1 for row in rows), "no mesh was begun twice: this proves nothing"
+    for row in rows:
+        events = store.meshes.events(row.id)
+        assert [event.number for event in events] == [*range(1, row.last_event + 1)]
+        assert [event.kind for event in events].count("done") == 1
+        assert (events[-1].kind, events[-1].data["status"]) == ("done", row.status)
+        states = [event.data["status"] for event in events if event.kind == "status"]
+        assert states == ["queued", "running"] * row.attempt
+        if row.status == "failed":
+            assert row.error["type"] == "/problems/worker-lost", row.error
+            assert row.attempt >= 3
+        else:
+            assert row.status == "succeeded"
+
+
+def _check_downloads(service: ServiceProcess, store: Store) -> None:
+    """Every mesh that has succeeded is there, and is what its ETag says."""
+    with httpx.Client(base_url=service.url, timeout=30.0) as http:
+        for row in store.meshes.page(status="succeeded", limit=1000):
+            answer = http.get(f"/v1/meshes/{row.id}/file?format=npz")
+            assert answer.status_code == 200
+            assert answer.headers["ETag"] == f'"{hashlib.sha256(answer.content).hexdigest()}"'
+            with np.load(io.BytesIO(answer.content)) as file:
+                assert file["x"].shape == (8, 8)
+
+
+def _check_files(url: str, folder: Path) -> None:
+    """Files that are there are those that rows name; nothing is half written."""
+    named = set()
+    database = Database(url, durable=False)
+    with database.read() as connection:
+        for column in (artifacts.c.sha256, samples.c.sha256):
+            named.update(connection.execute(select(column)).scalars())
+        assert connection.execute(select(meshes.c.id).where(meshes.c.owner.is_not(None))).first() is None
+    database.close()
+    until(lambda: {path.name for path in folder.glob("??/*")} == named, 10.0)
+    until(lambda: not [*(folder / "unfinished").iterdir()], 5.0)
+
+
+def _age_files(folder: Path) -> None:
+    """Make what is there look hours old: the sweep leaves what is so new that it may still get its row."""
+    for path in folder.glob("*/*"):
+        os.utime(path, (time.time() - _HOURS, time.time() - _HOURS))
