@@ -12,6 +12,7 @@
 
 from equimesh_client.async_client import AsyncClient
 from equimesh_client.async_mesh import AsyncMesh
+from equimesh_client.async_sequence import AsyncSequence
 from equimesh_client.certificate import Certificate, Relaxation
 from equimesh_client.client import Client
 from equimesh_client.domains import AnnulusSector, Quadrilateral, Rectangle
@@ -42,8 +43,10 @@ from equimesh_client.monitors import ArcLength, Curvature, Intersection, Tensor,
 from equimesh_client.pictures import Plot
 from equimesh_client.records import Convergence, Measure, MeshArrays, Progress, Quality
 from equimesh_client.retry import RetryPolicy
+from equimesh_client.sequence import Sequence
 from equimesh_client.sources import StoredSamples, Upload
 from equimesh_client.spec import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
+from equimesh_client.steps import Step
 from equimesh_client.stream import Event
 
 __all__ = [
@@ -51,6 +54,7 @@ __all__ = [
     "ArcLength",
     "AsyncClient",
     "AsyncMesh",
+    "AsyncSequence",
     "BadArgument",
     "Certificate",
     "Classical",
@@ -87,8 +91,10 @@ __all__ = [
     "Relaxation",
     "RetryPolicy",
     "Schwarz",
+    "Sequence",
     "ServerError",
     "ServiceUnreachable",
+    "Step",
     "StorageFull",
     "StoredSamples",
     "Tensor",

@@ -9,6 +9,7 @@ from typing import Any
 
 from equimesh_client import flows, protocol
 from equimesh_client.async_mesh import AsyncMesh
+from equimesh_client.async_sequence import AsyncSequences
 from equimesh_client.authorization import with_key
 from equimesh_client.client import URL
 from equimesh_client.domains import Domain, domain_json
@@ -48,6 +49,7 @@ class AsyncClient:
         self._session = AsyncSession(settings, with_key(headers, key))
         self.meshes = AsyncMeshes(self._session)
         self.samples = AsyncSamplesStore(self._session)
+        self.sequences = AsyncSequences(self._session)
 
     @property
     def url(self) -> str:

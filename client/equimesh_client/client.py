@@ -15,6 +15,7 @@ from equimesh_client.mesh import Mesh
 from equimesh_client.monitors import Monitor
 from equimesh_client.orders import DEADLINE, Wish, order_of_spec, settled, stored
 from equimesh_client.retry import RetryPolicy, policy_of
+from equimesh_client.sequence import Sequences
 from equimesh_client.session import Session
 from equimesh_client.sources import StoredSamples
 from equimesh_client.spec import Schwarz
@@ -48,6 +49,7 @@ class Client:
         self._session = Session(settings, with_key(headers, key))
         self.meshes = Meshes(self._session)
         self.samples = SamplesStore(self._session)
+        self.sequences = Sequences(self._session)
 
     @property
     def url(self) -> str:

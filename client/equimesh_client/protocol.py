@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import quote, unquote
@@ -74,6 +74,25 @@ def create_mesh(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, ke
         sent=dict(spec),
         patience=float(wait),
     )
+
+
+def create_sequence(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str, keep: int) -> Call:
+    """Begin a sequence with the mesh of a spec; ``keep`` is how many of its last meshes are kept."""
+    call = create_mesh(spec, upload, wait=wait, key=key)
+    return replace(call, path="/v1/sequences", query={"keep": str(keep)})
+
+
+def sequence(sequence_id: str, *, method: str = "GET") -> Call:
+    """Look up or delete a sequence."""
+    return Call(method=method, path=_sequence(sequence_id), headers={"Accept": "application/json"})
+
+
+def create_step(sequence_id: str, body: bytes, media_type: str, *, sent: Any = None) -> Call:
+    """Take a step of a sequence; the answer is its mesh as npz."""
+    key = hashlib.sha256(sequence_id.encode() + b" " + body).hexdigest()
+    headers = {"Accept": "application/x-npz", "Content-Type": media_type, "Idempotency-Key": key}
+    path = f"{_sequence(sequence_id)}/steps"
+    return Call(method="POST", path=path, headers=headers, body=body, sent=sent)
 
 
 def list_meshes(*, status: str | None, label: str | None, limit: int, cursor: str | None) -> Call:
@@ -337,6 +356,10 @@ def format_of(path: str, format: str | None = None) -> str:
         if path.lower().endswith(suffix):
             return name
     raise BadArgument(f"{path}: the suffix names no mesh format; use {', '.join(SUFFIXES)}, or give the format")
+
+
+def _sequence(sequence_id: str) -> str:
+    return f"/v1/sequences/{quote(sequence_id, safe='')}"
 
 
 def _mesh(mesh_id: str, part: str = "") -> str:

@@ -262,7 +262,8 @@ class MeshArrays:
     """The mesh itself: ``x``, ``y`` and ``u`` of shape ``(n_xi, n_eta)``, ``u`` None where the monitor has none,
     ``cells`` counter-clockwise, ``(m, 4)``
     or for triangles ``(m, 3)``, ``q_eq`` and ``subdomain`` of the quadrilaterals, ``(n_xi - 1, n_eta - 1)``, which
-    two successive triangles share, ``boundary``: edges ``(k, 2)`` of each side, the domain on their left.
+    two successive triangles share, ``boundary``: edges ``(k, 2)`` of each side, the domain on their left,
+    ``fields``: what was carried along with a step of a sequence, of the shape of ``u``.
     """
 
     x: Array
@@ -272,11 +273,15 @@ class MeshArrays:
     q_eq: Array
     subdomain: IntArray
     boundary: Mapping[str, IntArray]
+    fields: Mapping[str, Array] = field(default_factory=dict)
 
     @cached_property
     def points(self) -> Array:
         """Node coordinates, shape ``(n_xi * n_eta, 2)``."""
         return np.column_stack([self.x.ravel(), self.y.ravel()])
+
+
+KNOWN = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", *SIDES})
 
 
 def arrays_of(npz: bytes) -> MeshArrays:
@@ -293,6 +298,7 @@ def arrays_of(npz: bytes) -> MeshArrays:
                 q_eq=file["q_eq"].ravel()[::every].reshape(shape),
                 subdomain=file["subdomain"].ravel()[::every].reshape(shape).astype(np.int64),
                 boundary={side: file[side].astype(np.int64) for side in SIDES},
+                fields={name: file[name] for name in file.files if name not in KNOWN},
             )
     except (KeyError, ValueError, OSError, EOFError, IndexError) as error:
         raise DownloadDamaged(f"the npz file of the mesh cannot be read: {error}") from error
