@@ -122,6 +122,15 @@ def test_a_mesh_from_samples_moves_nodes_into_the_interface(run_alone: Run, tmp_
     assert (tmp_path / "drops.vtu").stat().st_size > 10_000
 
 
+def test_a_mesh_that_follows_a_front_keeps_it_sharp(run_alone: Run, tmp_path: Path) -> None:
+    pytest.importorskip("equimesh_service")
+    errors = np.array([list(map(float, line.split())) for line in run_alone("15").splitlines() if line[:2] == "0."])
+    assert errors.shape == (10, 3)
+    assert np.all(errors[:, 2] > 4 * errors[:, 1])
+    assert errors[-1, 1] < 1.3 * errors[0, 1]  # little is lost from mesh to mesh
+    check_picture(tmp_path / "moving-front.png")
+
+
 def test_a_mesh_from_a_callable_sees_its_function(run_alone: Run, tmp_path: Path) -> None:
     pytest.importorskip("equimesh_service")
     said = run_alone("04")
