@@ -66,10 +66,11 @@ class Dispatcher:
         self._notify = notify
         self._metrics = metrics or Metrics()
         self.hold = Hold(owner=owner, lease=rules.lease)
-        self._lock = threading.Lock()  # of the two that follow
+        self._lock = threading.Lock()  # of the four that follow
         self._running: dict[Claim, Future[Any]] = {}
         self._reserved = 0
         self._queue_is_empty = False  # as far as this service knows
+        self._woken = False  # since the look at the queue that goes on
         self._strays: set[Claim] = set()  # claims of this service that no worker has
         self._gone: set[Claim] = set()  # what workers have that this service has no claim to
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
@@ -85,7 +86,8 @@ class Dispatcher:
 
     def wake(self) -> None:
         """Look at the queue now."""
-        self._queue_is_empty = False
+        with self._lock:
+            self._queue_is_empty, self._woken = False, True
         self._wake.set()
 
     def reserve(self) -> bool:
@@ -160,11 +162,12 @@ class Dispatcher:
 
     def _fill(self) -> None:
         while self._has_room():
-            self._queue_is_empty = True  # unless somebody says otherwise from now on
+            self._woken = False
             claim = self._store.queue.claim(self._owner, self._rules.lease)
+            with self._lock:  # until here it counts as what it was, so that nobody overtakes during the look
+                self._queue_is_empty = claim is None and not self._woken
             if claim is None:
                 return
-            self._queue_is_empty = False
             with self._lock:
                 task = self._submit(claim, None)
             row = self._store.meshes.get(claim.mesh_id)

@@ -215,10 +215,10 @@ class Service:
         """How a mesh ended that went straight to a worker; None where it did not, or has not after so many seconds."""
         if asked.task is None:
             return None
-        task = asyncio.ensure_future(asyncio.wrap_future(asked.task))
-        deadline = time.monotonic() + min(seconds, self.settings.max_wait)
+        # Not by `asyncio.wrap_future`, which logs an exception that comes when nobody waits any more.
+        task, deadline = asked.task, time.monotonic() + min(seconds, self.settings.max_wait)
         while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
-            await asyncio.wait({task}, timeout=min(left, self.settings.poll))
+            await self.wakeups.wait(asked.mesh_id, min(left, self.settings.poll))
         if not task.done() or task.cancelled() or task.exception() is not None:
             return None  # the store tells, or will
         return task.result() if isinstance(task.result(), Ending) else None

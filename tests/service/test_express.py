@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+import gc
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
 import pytest
 
 from equimesh_service.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import EngineError, Health
+from equimesh_service.engine import EngineError, Health, WorkerLostError
 from equimesh_service.rows import Claim, NewMesh, Order
+from equimesh_service.service import Asked, Service
 from equimesh_service.store import Store
+from equimesh_service.wakeups import Wakeups
 from service.conftest import small, until
 
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
@@ -102,6 +107,25 @@ def test_a_worker_that_takes_nothing_stays_reserved(dispatcher: Dispatcher, engi
     assert [dispatcher.reserve() for _ in range(3)] == [True, True, False]
 
 
+def test_nobody_overtakes_while_the_queue_is_looked_at(
+    store: Store, engine: Patient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a", "b"):
+        store.meshes.add(NewMesh(id=name, spec=SPEC))
+    claim, overtook = store.queue.claim, []
+
+    def look(owner: str, lease: float) -> Claim | None:
+        overtook.append(dispatcher.reserve())
+        return claim(owner, lease)
+
+    monkeypatch.setattr(store.queue, "claim", look)
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
+    dispatcher.start(alone=True)
+    until(lambda: len(engine.tasks) == 2)
+    dispatcher.stop()
+    assert overtook == [False, False]
+
+
 def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
     until(dispatcher.reserve)
     store.meshes.add(NewMesh(id="a", spec=SPEC), hold=dispatcher.hold)
@@ -110,6 +134,31 @@ def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, s
     story = [event.data for event in store.meshes.events("a")]
     assert [told["status"] for told in story] == ["queued", "running", "queued", "running"]
     assert story[2]["reason"] == "it had not reached a worker"
+
+
+def test_who_waits_goes_straight_to_a_worker(http: httpx.Client) -> None:
+    def straight(**headers: str) -> bool:
+        posted = http.post("/v1/meshes", json=small(label="straight"), headers=headers)
+        mesh = http.get(f"{posted.headers['location']}?wait=30").json()
+        return bool(mesh["started_at"] == mesh["created_at"])
+
+    until(lambda: straight(Prefer="wait=30"))
+    assert not straight()
+
+
+def test_a_failure_after_the_wait_is_nobody_s() -> None:
+    async def told() -> list[dict[str, Any]]:
+        said: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: said.append(context))
+        service: Any = SimpleNamespace(settings=SimpleNamespace(max_wait=30.0, poll=0.01), wakeups=Wakeups())
+        task: Future[Any] = Future()
+        assert await Service.ending(service, Asked("a", task), 0.02) is None
+        task.set_exception(WorkerLostError("it died"))
+        await asyncio.sleep(0)
+        gc.collect()
+        return said
+
+    assert asyncio.run(told()) == []
 
 
 def test_both_ways_give_the_same_mesh(http: httpx.Client) -> None:
