@@ -28,9 +28,9 @@ def chosen(header: str | None, offers: Mapping[str, str]) -> str | None:
     ``offers`` maps names to media types.
     """
     for wanted in preferred_types(header or "*/*"):
-        pattern = re.escape(wanted).replace(r"\*", "[^/]+")
+        group = wanted.removesuffix("*") if wanted.endswith("/*") else None
         for name, media_type in offers.items():
-            if re.fullmatch(pattern, media_type):
+            if wanted in (media_type, "*/*", "*") or (group is not None and media_type.startswith(group)):
                 return name
     return None
 

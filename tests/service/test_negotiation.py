@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from equimesh_service.negotiation import chosen, explicit, preferred_types, preferred_wait
@@ -23,6 +25,8 @@ OFFERS = {"vtu": "application/vnd.vtk.vtu+xml", "msh": "model/mesh"}
         ("", "vtu"),
         ("model/mesh;version=2;q=0.5", "msh"),
         ("a.c+", None),
+        ("*/mesh", None),
+        ("model/m*", None),
     ],
 )
 def test_the_most_wanted_offer_is_chosen(header: str | None, name: str | None) -> None:
@@ -42,6 +46,12 @@ def test_the_most_wanted_offer_is_chosen(header: str | None, name: str | None) -
 )
 def test_a_mesh_is_sent_instead_of_json_only_when_it_is_named(header: str | None, name: str | None) -> None:
     assert explicit(header, OFFERS) == name
+
+
+def test_a_long_header_is_read_at_once() -> None:
+    began = time.perf_counter()
+    assert chosen(",".join(f"*/********{number:x}" for number in range(2500)), OFFERS) is None
+    assert time.perf_counter() - began < 1.0  # a search with patterns takes seconds
 
 
 def test_equal_wishes_keep_their_order() -> None:
