@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import secrets
 from collections.abc import AsyncGenerator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -63,10 +64,12 @@ class S3Files:
         clear(self._unfinished, alone=alone)
         with self._asking():
             # A file would be missing for a wrong bucket and an empty one alike, so a real one goes there and back.
-            obstore.put(self._store, _PROBE, b"ok")
-            if bytes(obstore.get(self._store, _PROBE).bytes()) != b"ok":
+            # Its name is no other's: services that start together would take it away from each other.
+            name = f"{_PROBE}-{secrets.token_hex(8)}"
+            obstore.put(self._store, name, b"ok")
+            if bytes(obstore.get(self._store, name).bytes()) != b"ok":
                 raise FilesError(f"{self.bucket} does not give back what was written to it")
-            obstore.delete(self._store, _PROBE)
+            obstore.delete(self._store, name)
         self.check()
 
     def tidy(self) -> None:
