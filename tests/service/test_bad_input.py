@@ -399,6 +399,7 @@ def test_preferences_that_cannot_be_read_are_ignored(http: httpx.Client, prefer:
         b'--b\r\nContent-Disposition: form-data; name="spec"\r\n\r\n{}',
         (b'--b\r\nContent-Disposition: form-data; name="spec"\r\n\r\n{}\r\n' * 2) + b"--b--\r\n",
         b'--b\r\nContent-Disposition: form-data; name="spec"\r\n\r\n\xff\xfe\r\n--b--\r\n',
+        b'--b\r\nContent-Disposition: form-data; name="spec"\r\n\r\n' + b"\r\n" * 50_000 + b"--b--\r\n",
     ],
 )
 def test_broken_multipart_is_a_400(http: httpx.Client, body: bytes) -> None:
