@@ -57,12 +57,17 @@ class Admitted:
 
     spec: Mapping[str, Any]
     samples: Mapping[str, str]
-    points_fingerprint: str  # the same for meshes that have the same points and come from the same release
+    digest: str  # the same for specs of the same points
+
+    @property
+    def points_fingerprint(self) -> str:
+        """The same for meshes that have the same points and come from the same release."""
+        return sha256(f"{self.digest} {_VERSION}".encode()).hexdigest()
 
     def fingerprint(self, format: str | None) -> str:
-        """The same for requests that ask for the same."""
+        """The same for requests that ask for the same, whichever release takes them: a retry may meet a newer one."""
         more = json.dumps([self.spec["label"], self.spec["cells"], format])
-        return sha256(f"{self.points_fingerprint} {more}".encode()).hexdigest()
+        return sha256(f"{self.digest} {more}".encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ class Admission:
             rows[row.id] = row
             with_samples(canonical["monitor"], UPLOAD, row.id)
             self._remember(_mark(canonical))
-        return Admitted(canonical, {row.id: row.sha256 for row in rows.values()}, _points_fingerprint(canonical))
+        return Admitted(canonical, {row.id: row.sha256 for row in rows.values()}, _digest(canonical))
 
     def stored(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
         """Samples that the caller has uploaded before; raises a 422 problem."""
@@ -217,10 +222,10 @@ class Admission:
             raise invalid(pointer, message)
 
 
-def _points_fingerprint(canonical: Mapping[str, Any]) -> str:
+def _digest(canonical: Mapping[str, Any]) -> str:
     """The ids of samples in the spec come from their content; label and cells change nothing."""
     spec = {key: value for key, value in canonical.items() if key not in ("label", "cells")}
-    text = json.dumps([spec, _VERSION], sort_keys=True, allow_nan=False)
+    text = json.dumps(spec, sort_keys=True, allow_nan=False)
     return sha256(text.encode()).hexdigest()
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from equimesh.io import FORMATS
+from equimesh_service import admission
 from service.conftest import SLOW, small, until
 
 WAIT = {"Prefer": "wait=30"}
@@ -210,6 +211,14 @@ def test_a_key_makes_a_request_act_once(http: httpx.Client) -> None:
     other = http.post("/v1/meshes", json=small(label="other"), headers=key)
     assert (other.status_code, other.json()["type"]) == (422, "/problems/idempotency-key-reused")
     assert len(http.get("/v1/meshes?label=k").json()["items"]) == 1
+
+
+def test_a_retry_may_meet_a_newer_release(monkeypatch: pytest.MonkeyPatch) -> None:
+    admitted = admission.Admitted({"label": None, "cells": "quad"}, {}, "digest")
+    request, points = admitted.fingerprint("vtu"), admitted.points_fingerprint
+    monkeypatch.setattr(admission, "_VERSION", "next")
+    assert admitted.fingerprint("vtu") == request
+    assert admitted.points_fingerprint != points  # its points may be other ones
 
 
 def test_events_stream_to_the_end(http: httpx.Client) -> None:
