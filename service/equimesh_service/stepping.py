@@ -34,8 +34,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 FIELDS = "fields"  # the name of the artifact
 MOST_FIELDS = 32
-# Names in files that are something else.
-RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"}
+# Names in files that are something else, and those that numpy.savez keeps for itself.
+RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
 KINDS = ("arc_length", "curvature")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
 _U = "/monitor/u"
