@@ -72,10 +72,10 @@ class MeshesStore:
         def put(connection: Connection) -> bool:
             if quota is not None:
                 take(connection, new.key_id, new.points, quota)
-            if step is not None:
-                held.update(make_way(connection, step, self._clock()))
             self._insert_waiting(connection, new, hold)
             if step is not None:
+                # After the mesh is there, whose samples may be those of a failed step that makes way.
+                held.update(make_way(connection, step, self._clock()))
                 insert_step(connection, new, step)
             return True
 

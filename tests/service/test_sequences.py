@@ -205,7 +205,7 @@ def test_a_sequence_outlives_the_service_and_ends_with_its_time(tmp_path: Path, 
 
 
 def test_the_store_takes_one_step_after_the_other(database_url: str) -> None:
-    store, removed = Store(database_url), []
+    store, removed = Store(database_url), list[str]()
     store.prepare()
 
     def take(number: int) -> str:
