@@ -172,6 +172,8 @@ async def create(
     # Before the samples that come along are kept.
     await service.quotas.check_bytes(caller, 0 if upload is None else len(upload.data))
     admitted = await service.check(service.admission.receive, document, upload, caller)
+    if upload is not None:
+        service.metrics.uploaded()
     wanted = preferred_wait(prefer)
     seconds = min(wanted or 0, int(service.settings.max_wait))
     asked = await service.ask(admitted, caller, key=key, format=name, soon=seconds > 0, reuse=reuse)

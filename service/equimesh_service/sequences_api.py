@@ -117,6 +117,8 @@ async def create(
     document, upload = await read_request(request, service)
     await service.quotas.check_bytes(caller, 0 if upload is None else len(upload.data))
     admitted = stepping.first_spec(await service.check(service.admission.receive, document, upload, caller))
+    if upload is not None:
+        service.metrics.uploaded()
     step = NewStep(
         sequence_id=f"q-{secrets.token_hex(10)}",
         number=0,
@@ -163,6 +165,8 @@ async def step(
     the fields at its nodes.
     """
     sequence = await service.sequence(id, caller)
+    if sequence.key_id not in ("", caller.key_id):  # the step's mesh would not be there for the sequence's own key
+        raise Problem("forbidden", "Only the key that began a sequence takes its steps.")
     waiting = _Waiting.of(request, service, format, prefer)
     key = checked_key(idempotency_key)
     kind = bodies.media_type(request)

@@ -240,6 +240,12 @@ def test_an_admin_sees_all(
         assert mesh in [item["id"] for item in admin.get("/v1/meshes?limit=200").json()["items"]]
 
 
+def test_not_even_an_admin_takes_the_steps_of_others(guarded_service: Guarded, sequence: str) -> None:
+    with guarded_service.client("admin") as admin:
+        step = {"step": 0, "u": {"expression": "x"}}
+        assert admin.post(f"/v1/sequences/{sequence}/steps", json=step).status_code == 403
+
+
 def test_idempotency_keys_are_each_key_s_own(guarded_service: Guarded, owner: httpx.Client, mesh: str) -> None:
     with guarded_service.client("write") as other:
         asked = {"json": small(label="owned"), "headers": {"Idempotency-Key": "mine", "Prefer": "wait=30"}}
