@@ -21,7 +21,7 @@ from equimesh.folding import smallest_jacobian
 from equimesh.grid import Grid
 from equimesh.local_solution import newton_steps, rounding
 from equimesh.mesh import Mesh
-from equimesh.nested import distance, is_refined, nested_grids, prolong, refinement
+from equimesh.nested import distance, halved, is_refined, nested_grids, prolong, refinement
 from equimesh.problem import Problem
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -123,6 +123,10 @@ def iterate(
             known = before is not None and is_refined(grid, before.grid)  # the error of the discretisation can be told
             tight = level + 1 == len(grids) and (mode is Mode.TIGHT or not known)
             last = yield from _Level(here, label, before, tight, memory, threads).steps()
+            rough = (yield from _coarser(here, label, memory, threads)) if last is None and before is None else None
+            if rough is not None:
+                label = replace(label, mesh=guess_on(grid, [rough]))
+                last = yield from _Level(here, label, rough, tight, memory, threads).steps()
         if last is None:
             plain = not sweeps or start is not None
             if start is None and solved:
@@ -134,6 +138,19 @@ def iterate(
         if last.failed:
             return
         solved = [*solved[-1:], last]
+
+
+def _coarser(problem: Problem, label: Step, memory: Array, threads: int) -> Steps:
+    """Sweeps from the uniform mesh on half the points a side; ``None`` where they do not converge, either.
+
+    The fewer the points, the less a front stands out from the smooth mesh: sweeps that fail on 17 points a side nearly
+    always converge on 9, and from there on 17.
+    """
+    grid = halved(problem.grid)
+    if not is_refined(problem.grid, grid):
+        return None
+    label = replace(label, grid=grid, mesh=Mesh.uniform(grid))
+    return (yield from _Level(replace(problem, grid=grid), label, None, False, memory, threads).steps())
 
 
 def iterate_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:

@@ -166,3 +166,20 @@ def test_interpolation_keeps_or_measures() -> None:
     assert (fine == 7.0).all()
     kernels.interpolate(coarse, *rule, *rule, fine, True)
     assert fine == pytest.approx(np.array([[0, 0.5, 1], [1, 2, 3], [2, 3.5, 5]]))
+
+
+@pytest.mark.parametrize("u", ["tanh(20*(x + y/2 - 0.6))", "tanh(20*(y - 0.5 - 0.25*sin(2*pi*x)))"])
+def test_sweeps_that_fail_on_the_coarsest_grid_start_on_a_coarser_one(u: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = em.Problem(monitor=em.ArcLength(u=em.Expression(u)), grid=em.Grid(n_xi=33, n_eta=33))
+
+    def levels() -> set[int]:
+        seen: list[int] = []
+        solution = em.solve(problem, observe=lambda step: seen.append(step.grid.n_xi))
+        assert solution.status is em.Status.CONVERGED
+        return set(seen)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(single_domain, "_factorised", None)  # no Newton step is needed
+        assert levels() == {9, 17, 33}
+    monkeypatch.setattr(single_domain, "_coarser", lambda *_: iter(()))
+    assert levels() == {17, 33}  # by Newton's method, many times slower
