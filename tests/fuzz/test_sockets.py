@@ -6,6 +6,8 @@ import json
 import os
 import re
 import socket
+from contextlib import suppress
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import httpx
@@ -20,6 +22,7 @@ CHUNKED = POST + b"Transfer-Encoding: chunked\r\n\r\n"
 GOOD = b'{"expression": "x*y"}'
 LENGTH = b"Content-Length: %d\r\n" % len(GOOD)
 # Statuses that may come; an empty set: the connection may be closed without a word.
+LISTENS = "0A"  # the state of a socket in /proc
 REFUSED, NONE = {400}, set[int]()
 
 
@@ -111,8 +114,20 @@ def statuses(answer: bytes) -> list[int]:
     return [int(status) for status in re.findall(rb"HTTP/1\.[01] (\d{3}) ", answer)]
 
 
-def open_files() -> int:
-    return len(os.listdir("/proc/self/fd"))
+def connections(url: str) -> int:
+    """How many connections of the service, which runs in this process, are open."""
+    port = f":{urlsplit(url).port:04X}"
+    rows = [line.split() for line in Path("/proc/self/net/tcp").read_text().splitlines()[1:]]
+    sockets = {f"socket:[{row[9]}]" for row in rows if row[1].endswith(port) and row[3] != LISTENS}
+    return sum(name in sockets for name in open_files())
+
+
+def open_files() -> list[str]:
+    found = []
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):
+            found.append(os.readlink(file))
+    return found
 
 
 @pytest.mark.parametrize("name", WIRE)
@@ -153,7 +168,8 @@ def test_who_hangs_up_leaves_nothing_behind(fuzz_url: str, fuzz_http: httpx.Clie
         get(b"/v1/meshes/" + name + b"/events"),
         b"POST /v1/samples?filename=u.csv HTTP/1.1\r\n" + HOST + b"Transfer-Encoding: chunked\r\n\r\n5\r\n0,0,1\r\n",
     ]
-    before = open_files()
+    before = connections(fuzz_url)
+    assert before > 0
     for data in unfinished * 4:
         wire = connect(fuzz_url)
         wire.sendall(data)
@@ -161,7 +177,7 @@ def test_who_hangs_up_leaves_nothing_behind(fuzz_url: str, fuzz_http: httpx.Clie
             wire.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\x00\x00\x00\x00\x00\x00\x00")  # a reset
         wire.close()
         assert fuzz_http.get("/livez").status_code == 200
-    until(lambda: open_files() <= before, 30)
+    until(lambda: connections(fuzz_url) <= before, 30)
     answer = fuzz_http.post("/v1/meshes", json=small(cells="triangle"), headers={"Prefer": "wait=30"})
     mesh = until(lambda: (m := fuzz_http.get(answer.json()["links"]["self"]).json())["finished_at"] and m, 60)
     assert mesh["status"] == "succeeded"
