@@ -29,10 +29,10 @@ from equimesh_service import (
 )
 from equimesh_service.metrics import Metrics
 from equimesh_service.observation import Observation
+from equimesh_service.opening import open_service
 from equimesh_service.problems import Problem, problem_of
 from equimesh_service.resources import MeshEvents, ProblemDetails
 from equimesh_service.security_headers import SecurityHeaders
-from equimesh_service.service import open_service
 from equimesh_service.settings import Settings
 from equimesh_service.spec import ExpressionCheck, MeshSpec
 from equimesh_service.stepping import StepSpec

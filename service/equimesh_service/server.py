@@ -18,7 +18,7 @@ from equimesh_service import logs
 from equimesh_service.app import create_app
 from equimesh_service.environment import complaint, unknown
 from equimesh_service.exposure import check_exposure
-from equimesh_service.service import check_database, check_files, check_folder
+from equimesh_service.opening import check_database, check_files, check_folder
 from equimesh_service.settings import Settings
 
 _log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ class _Server(uvicorn.Server):
 def run(settings: Settings) -> None:
     """Serve until the process is told to stop (SIGINT or SIGTERM).
 
-    Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses the data folder,
+    Raises :class:`~equimesh_service.opening.FolderInUseError` when another service uses the data folder,
     :class:`~equimesh_service.database.UnusableDatabaseError` when the database cannot be worked with,
     :class:`~equimesh_service.exposure.ExposedError` when others could use it without a key, and OSError when the
     address cannot be used.
@@ -62,7 +62,7 @@ def running(settings: Settings) -> Iterator[str]:
     """A service in a thread of this process, ready to work, for the length of a ``with``; gives its URL.
 
     The main module of a program that uses it must be guarded by ``if __name__ == "__main__"``, as worker
-    processes import it. Raises :class:`~equimesh_service.service.FolderInUseError` when another service uses
+    processes import it. Raises :class:`~equimesh_service.opening.FolderInUseError` when another service uses
     the data folder, :class:`~equimesh_service.exposure.ExposedError` when others could use it without a key, and
     :class:`RuntimeError` when the service does not start.
     """

@@ -1,4 +1,4 @@
-"""One running service: its rooms, how they are opened and closed, and the waits that cross them."""
+"""One running service: its rooms, and the waits that cross them. :mod:`equimesh_service.opening` opens it."""
 
 from __future__ import annotations
 
@@ -14,25 +14,20 @@ from io import TextIOWrapper
 from typing import Any, TypeVar
 
 from anyio import CapacityLimiter, to_thread
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service import exports, tracing, trail, worker
+from equimesh_service import exports, tracing, trail
 from equimesh_service.admission import Admission, Admitted
 from equimesh_service.callers import Caller, Callers
-from equimesh_service.database import UnusableDatabaseError, sqlite_file
-from equimesh_service.dispatcher import Dispatcher, Rules
+from equimesh_service.dispatcher import Dispatcher
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import Files
-from equimesh_service.files_address import files_address
-from equimesh_service.job import Ending, Export, Job, Place
-from equimesh_service.metrics import Glance, Metrics
-from equimesh_service.pebble_engine import PebbleEngine
-from equimesh_service.preparation import Preparation
+from equimesh_service.job import Ending, Export, Place
+from equimesh_service.metrics import Metrics
 from equimesh_service.problems import Problem
 from equimesh_service.quota_store import QuotaError
 from equimesh_service.quotas import Quotas, exceeded
-from equimesh_service.readiness import OK, Readiness
+from equimesh_service.readiness import Readiness
 from equimesh_service.retention import Retention
 from equimesh_service.rows import (
     Artifact,
@@ -53,23 +48,6 @@ from equimesh_service.wakeups import Wakeups
 
 Checked = TypeVar("Checked")
 _log = logging.getLogger(__name__)
-# Files, pictures and samples have workers of their own, so that they never wait behind the solves.
-_DESK_WORKERS = 2
-# Threads that check what clients send.
-_CHECKERS = 4
-# Modules that workers share the memory and the loading time of.
-PRELOAD = (
-    "equimesh_service.worker",
-    "equimesh_service.exports",
-    "equimesh_service.intake",
-    "equimesh.plot",
-    "matplotlib.backends.backend_agg",
-    "matplotlib.backends.backend_svg",
-)
-
-
-class FolderInUseError(OSError):
-    """Another service works in the same data folder."""
 
 
 @dataclass(frozen=True)
@@ -262,72 +240,6 @@ class Service:
             self.lock.close()
 
 
-def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
-    """Open all rooms, in a running event loop. Raises :class:`FolderInUseError`."""
-    metrics = metrics or Metrics()
-    folder = settings.data_dir.resolve()
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = _lock(settings)
-    place = Place(settings.database, files_address(settings))
-    store, files = Store(place.database_url), place.files()
-    store.prepare()
-    files.prepare(alone=lock is not None and not settings.files_url)
-    limit, prepare = settings.memory_limit, Preparation.of(settings)
-    engine = PebbleEngine(
-        settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=worker.warm_up
-    )
-    desk = PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare)
-    wakeups = Wakeups()
-    rules = Rules(
-        time_limit=settings.time_limit,
-        memory_limit=settings.memory_limit,
-        max_attempts=settings.max_attempts,
-        lease=settings.lease,
-        poll=settings.poll,
-    )
-    owner = secrets.token_hex(8)
-    dispatcher = Dispatcher(
-        owner,
-        store,
-        engine,
-        lambda claim, order: (worker.solve_mesh, (Job(place, claim, settings.worker_threads, order),)),
-        rules,
-        wakeups.announce,
-        metrics,
-    )
-    metrics.look(lambda: _glance(store, settings.workers))
-    dispatcher.start(alone=lock is not None)
-    retention = Retention(store, files, settings.retention_days)
-    retention.start()
-    _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
-    return Service(
-        settings=settings,
-        place=place,
-        store=store,
-        files=files,
-        engine=engine,
-        desk=desk,
-        dispatcher=dispatcher,
-        retention=retention,
-        wakeups=wakeups,
-        admission=Admission(settings, store, files, desk),
-        callers=Callers(store.keys),
-        quotas=Quotas(settings, store.quotas),
-        lock=lock,
-        checkers=CapacityLimiter(_CHECKERS),
-        metrics=metrics,
-        readiness=Readiness(
-            {
-                "store": store.check,
-                "files": files.check,
-                "engine": lambda: _health(engine),
-                "exports": lambda: _health(desk),
-                "dispatcher": lambda: OK if dispatcher.alive() else "stopped",
-            }
-        ),
-    )
-
-
 def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh:
     return NewMesh(
         id=f"m-{secrets.token_hex(10)}",
@@ -355,69 +267,3 @@ def refusals() -> Iterator[None]:
         raise Problem("conflict", detail) from None
     except SamplesGoneError:
         raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
-
-
-def _health(engine: Engine) -> str:
-    health = engine.health()
-    return OK if health.ready else health.detail
-
-
-def _glance(store: Store, workers: int) -> Glance:
-    try:
-        census = store.queue.census()
-    except SQLAlchemyError:
-        census = None  # a scrape says so, and the rest of it is of use
-    return Glance(workers={"solve": workers, "files": _DESK_WORKERS}, census=census)
-
-
-def check_files(settings: Settings) -> None:
-    """Raise OSError when files cannot be kept where the settings say."""
-    files_address(settings).open().prepare(alone=False)
-
-
-def check_folder(settings: Settings) -> None:
-    """Raise :class:`FolderInUseError` when another service uses the data folder, and OSError without access."""
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
-    lock = _lock(settings)
-    if lock is not None:
-        lock.close()
-
-
-def check_database(settings: Settings) -> None:
-    """Bring the database up to this release; raises :class:`UnusableDatabaseError` when that cannot be done."""
-    store = Store(settings.database)
-    try:
-        store.prepare()
-    except DBAPIError as error:
-        file = sqlite_file(settings.database)
-        if file is not None:
-            raise UnusableDatabaseError(f"the database {file} cannot be used: {error.orig}") from None
-        # What the driver says may name the address.
-        raise UnusableDatabaseError(
-            f"the database does not answer ({type(error.orig).__name__}): see that EQUIMESH_DATABASE_URL is right and "
-            "that its server runs"
-        ) from None
-    finally:
-        store.close()
-
-
-def _lock(settings: Settings) -> TextIOWrapper | None:
-    """Hold a database in a folder for this process alone; the system lets go of it however the process ends.
-
-    None for a database server, which any number of services share.
-    """
-    place = sqlite_file(settings.database)
-    if place is None:
-        return None
-    folder = place.resolve().parent
-    file = (folder / "service.lock").open("w")
-    try:
-        import fcntl
-    except ImportError:  # pragma: no cover - Windows
-        return file
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        file.close()
-        raise FolderInUseError(f"another service uses the data folder {folder}") from None
-    return file

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from equimesh_service.opening import PRELOAD
 from equimesh_service.pebble_engine import PebbleEngine
-from equimesh_service.service import PRELOAD
 from service.check_engine import check_engine, expect_closed
 
 

@@ -2,61 +2,42 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import socket
-import subprocess
 import sys
-import textwrap
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from pebble.pool.channel import WorkerChannel
 
-from equimesh_service import Settings, running
+from equimesh_service import Settings, pool_watch, running
 from equimesh_service.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import Health
+from equimesh_service.engine import Health, TimeLimitError, WorkerLostError
+from equimesh_service.opening import PRELOAD, FolderInUseError, open_service
 from equimesh_service.pebble_engine import PebbleEngine
 from equimesh_service.rows import Claim, NewMesh
-from equimesh_service.service import PRELOAD, FolderInUseError, open_service
 from equimesh_service.store import Store
 from service.check_engine import add, allocate
 from service.conftest import SLOW, small, until
+from service.processes import children, runs, service_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills and limits are Linux's")
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
-PROGRAM = """
-    import sys
-    from pathlib import Path
-    from equimesh_service import Settings, run
-
-    if __name__ == "__main__":
-        run(Settings(data_dir=Path(sys.argv[1]), port=int(sys.argv[2]), workers=1, lease=60.0))
-"""
-
-
-def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
-
-
-def children(pid: int) -> list[int]:
-    """All processes below ``pid``."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            except (OSError, IndexError):
-                continue
-            if parent == pid:
-                found += [int(entry.name), *children(int(entry.name))]
-    return found
+# What compose.yaml leaves a service to stop.
+_GRACE_SECONDS = 20.0
+# Seconds without an event: each of its iterations factorises large matrices again and again.
+DEEP: dict[str, Any] = {**SLOW, "grid": {"n_xi": 140, "n_eta": 140}}
+DEEP["schwarz"] = {**SLOW["schwarz"], "subdomains": [2, 1]}
 
 
 def die(marker: str) -> None:
@@ -178,54 +159,6 @@ def _cpu_seconds(pid: int) -> float:
     return used() - before
 
 
-def test_a_killed_service_goes_on_where_it_was(tmp_path: Path) -> None:
-    program = tmp_path / "program.py"
-    program.write_text(textwrap.dedent(PROGRAM))
-    data, port = tmp_path / "data", free_port()
-    command = [sys.executable, str(program), str(data), str(port)]
-
-    def start() -> subprocess.Popen[bytes]:
-        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-        until(lambda: _ready(port), 120.0)
-        return process
-
-    process = start()
-    try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as http:
-            spec = {**SLOW, "grid": {"n_xi": 24, "n_eta": 24}, "schwarz": {**SLOW["schwarz"], "max_iterations": 20}}
-            meshes = [http.post("/v1/meshes", json=spec).json(), http.post("/v1/meshes", json=small()).json()]
-            until(lambda: http.get(meshes[0]["links"]["self"]).json()["progress"]["fraction"] > 0)
-            workers = children(process.pid)
-            process.kill()
-            process.wait()
-            until(lambda: not any(_runs(pid) for pid in workers), 10.0)  # nobody computes for a dead service
-            process = start()
-            final = [http.get(mesh["links"]["self"] + "?wait=30").json() for mesh in meshes]
-            assert [mesh["status"] for mesh in final] == ["succeeded", "succeeded"]
-            assert [mesh["attempts"] for mesh in final] == [2, 1]
-            assert http.get(final[0]["links"]["file"]).status_code == 200
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(20.0) in (0, -signal.SIGTERM)
-            assert not any(_runs(pid) for pid in children(process.pid))
-    finally:
-        process.kill()
-        process.wait()
-
-
-def _ready(port: int) -> bool:
-    try:
-        return httpx.get(f"http://127.0.0.1:{port}/readyz").status_code == 200
-    except httpx.TransportError:
-        return False
-
-
-def _runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
 @pytest.mark.parametrize(
     ("function", "arguments", "name"),
     [(allocate, (1000,), "memory-limit"), (time.sleep, (30,), "time-limit"), (add, (1, 1), "internal-error")],
@@ -249,12 +182,22 @@ def test_a_job_that_breaks_a_limit_fails_and_says_so(
         store.close()
 
 
+def _seconds(begin: str, end: str) -> float:
+    return (datetime.fromisoformat(end) - datetime.fromisoformat(begin)).total_seconds()
+
+
 def test_limits_and_a_stop_of_the_service(tmp_path: Path) -> None:
-    settings = Settings(data_dir=tmp_path, port=0, workers=1, time_limit=1.5, max_queue=2, log_level="error")
+    limits: dict[str, Any] = {"time_limit": 1.5, "memory_limit": 48, "max_queue": 2}
+    settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error", **limits)
     with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
         slow = http.post("/v1/meshes", json=SLOW, headers={"Prefer": "wait=30"}).json()
         assert (slow["status"], slow["error"]["type"]) == ("failed", "/problems/time-limit")
         assert "1.5 s" in slow["error"]["detail"]
+        assert 1.5 <= _seconds(slow["started_at"], slow["finished_at"]) < 2.5
+        large = {**DEEP, "grid": {"n_xi": 220, "n_eta": 220}}
+        large = http.post("/v1/meshes", json=large, headers={"Prefer": "wait=30"}).json()
+        assert (large["status"], large["error"]["type"], large["attempts"]) == ("failed", "/problems/memory-limit", 1)
+        assert "48 MiB" in large["error"]["detail"]
         answer = http.get(slow["links"]["file"])
         assert (answer.status_code, answer.json()["type"]) == (409, "/problems/time-limit")
         with pytest.raises(FolderInUseError), running(settings):
@@ -270,6 +213,133 @@ def test_limits_and_a_stop_of_the_service(tmp_path: Path) -> None:
     store.close()
     assert row is not None
     assert (row.status, row.attempt) == ("queued", 1)
+
+
+def test_a_killed_service_goes_on_where_it_was_and_a_stop_hands_back(tmp_path: Path) -> None:
+    with service_process(tmp_path / "service", workers=1, LEASE="60", MAX_POINTS="1000000") as service:
+        service.start()
+        service.ready()
+        with httpx.Client(base_url=service.url, timeout=60.0) as http:
+            mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
+            until(lambda: http.get(mesh).json()["progress"]["fraction"] > 0)
+            workers = service.worker_pids()
+            service.kill()
+            until(lambda: not any(runs(pid) for pid in workers), 10.0)  # nobody computes for a dead service
+            service.start()
+            service.ready()
+            until(lambda: http.get(mesh).json()["attempts"] == 2)  # at once, whatever its lease was
+            http.post(f"{mesh}/cancel")
+            spec = {**small(), "grid": {"n_xi": 700, "n_eta": 700}}
+            big = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()["links"]["file"]
+            mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
+            until(lambda: http.get(mesh).json()["progress"]["fraction"] > 0)
+        answers: dict[str, tuple[int, float]] = {}
+
+        def follow(path: str) -> None:
+            code = httpx.get(service.url + path, timeout=60.0).status_code
+            answers[path] = (code, time.monotonic())
+
+        paths = (f"{mesh}?wait=30", f"{mesh}/events")
+        threads = [threading.Thread(target=follow, args=(path,)) for path in paths]
+        for thread in threads:
+            thread.start()
+        with _reading_nothing(service.port, big):
+            time.sleep(0.5)
+            began = time.monotonic()
+            service.signal(signal.SIGTERM)
+            time.sleep(0.2)
+            assert service.stop() == 0  # a second signal does no harm
+            assert time.monotonic() - began < _GRACE_SECONDS  # 5 of them for the one that does not read
+        for thread in threads:
+            thread.join()
+        assert {path: code for path, (code, _) in answers.items()} == dict.fromkeys(paths, 200)
+        assert max(at for _, at in answers.values()) - began < 2.0
+        store = Store(f"sqlite:///{service.folder / 'data' / 'equimesh.sqlite3'}")
+        row = store.meshes.get(mesh.rpartition("/")[2])
+        events = store.meshes.events(mesh.rpartition("/")[2])
+        store.close()
+        assert row is not None
+        assert (row.status, row.attempt) == ("queued", 1)
+        assert events[-1].data == {"status": "queued", "reason": "the service was stopped"}
+        until(lambda: not service.left(), 5.0)
+
+        service.start()  # told to stop as it starts its workers
+        until(lambda: children(service.pid), 60.0)
+        assert service.stop() == 0
+        until(lambda: not service.left(), 5.0)
+        assert "Traceback" not in service.log
+
+
+@contextmanager
+def _reading_nothing(port: int, path: str) -> Iterator[None]:
+    """A download by a client that has stopped to read."""
+    with socket.socket() as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.connect(("127.0.0.1", port))
+        client.sendall(f"GET {path} HTTP/1.1\r\nHost: here\r\n\r\n".encode())
+        assert client.recv(15) == b"HTTP/1.1 200 OK"
+        yield
+
+
+@pytest.mark.parametrize("method", ["POST", "DELETE"])
+def test_a_factorisation_is_ended_within_a_second(http: httpx.Client, settings: Settings, method: str) -> None:
+    answers: list[httpx.Response] = []
+    wait = {"Prefer": "wait=30"}  # so it goes straight to a worker
+    thread = threading.Thread(target=lambda: answers.append(httpx.post(url, json=DEEP, headers=wait, timeout=60.0)))
+    url = f"{http.base_url}/v1/meshes"
+    thread.start()
+    mesh = until(lambda: http.get("/v1/meshes?status=running").json()["items"])[0]["links"]["self"]
+    time.sleep(1.0)
+    workers = [pid for pid in children(os.getpid()) if runs(pid)]
+    began = time.monotonic()
+    answer = http.request(method, f"{mesh}/cancel" if method == "POST" else mesh)
+    assert answer.is_success
+    until(lambda: not all(runs(pid) for pid in workers), 1.0)  # nothing else ends one that is inside a factorisation
+    thread.join()
+    assert time.monotonic() - began < 2.0
+    assert answers[0].status_code == (201 if method == "POST" else 404)
+    if method == "DELETE":
+        assert http.get(mesh).status_code == 404
+        files = settings.data_dir / "files"
+        until(lambda: not [*(files / "unfinished").iterdir()], 2.0)
+    again = http.post("/v1/meshes", json=small(), headers=wait).json()
+    assert again["status"] == "succeeded"
+
+
+def holding(what: str) -> None:
+    """A task that ends its worker with the lock of the workers' pipe in its hands."""
+    (channel,) = (found for found in gc.get_objects() if isinstance(found, WorkerChannel))
+    assert channel.mutex.acquire(timeout=5.0)
+    os.kill(os.getpid(), signal.SIGKILL if what == "killed" else signal.SIGSEGV)
+
+
+def leave() -> None:
+    """A task that ends its worker as if all were well."""
+    os._exit(0)
+
+
+@pytest.mark.parametrize(("function", "arguments"), [(holding, ("killed",)), (leave, ())])
+def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
+    function: Any, arguments: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pool_watch, "PATIENCE", 2.0)
+    engine = PebbleEngine(2, preload=PRELOAD)
+    try:
+        assert engine.wait_until_ready(60.0)
+        assert isinstance(engine.submit(function, *arguments).exception(20.0), WorkerLostError)
+        try:
+            assert engine.submit(add, 1, 1).result(20.0) == 2
+        except WorkerLostError:  # it was lost together with its pool
+            assert engine.wait_until_ready(60.0)
+            assert engine.submit(add, 1, 1).result(20.0) == 2
+        until(lambda: _is_sound(engine), 20.0)
+    finally:
+        engine.close()
+
+
+def _is_sound(engine: PebbleEngine) -> bool:
+    """Whether a time limit is kept, for which the pool must be whole."""
+    return isinstance(engine.submit(time.sleep, 60.0, time_limit=0.1).exception(20.0), TimeLimitError)
 
 
 def test_a_stop_does_not_wait_for_those_who_wait(tmp_path: Path) -> None:

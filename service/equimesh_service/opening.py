@@ -1,0 +1,180 @@
+"""The opening of a service: its rooms, and what has to be there before them."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+from io import TextIOWrapper
+
+from anyio import CapacityLimiter
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+
+from equimesh_service import worker
+from equimesh_service.admission import Admission
+from equimesh_service.callers import Callers
+from equimesh_service.database import UnusableDatabaseError, sqlite_file
+from equimesh_service.dispatcher import Dispatcher, Rules
+from equimesh_service.engine import Engine
+from equimesh_service.files_address import files_address
+from equimesh_service.job import Job, Place
+from equimesh_service.metrics import Glance, Metrics
+from equimesh_service.pebble_engine import PebbleEngine
+from equimesh_service.preparation import Preparation
+from equimesh_service.quotas import Quotas
+from equimesh_service.readiness import OK, Readiness
+from equimesh_service.retention import Retention
+from equimesh_service.service import Service
+from equimesh_service.settings import Settings
+from equimesh_service.store import Store
+from equimesh_service.wakeups import Wakeups
+
+_log = logging.getLogger(__name__)
+# Files, pictures and samples have workers of their own, so that they never wait behind the solves.
+_DESK_WORKERS = 2
+# Threads that check what clients send.
+_CHECKERS = 4
+# Modules that workers share the memory and the loading time of.
+PRELOAD = (
+    "equimesh_service.worker",
+    "equimesh_service.exports",
+    "equimesh_service.intake",
+    "equimesh.plot",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_svg",
+)
+
+
+class FolderInUseError(OSError):
+    """Another service works in the same data folder."""
+
+
+def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
+    """Open all rooms, in a running event loop. Raises :class:`FolderInUseError`."""
+    metrics = metrics or Metrics()
+    folder = settings.data_dir.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = _lock(settings)
+    place = Place(settings.database, files_address(settings))
+    store, files = Store(place.database_url), place.files()
+    store.prepare()
+    files.prepare(alone=lock is not None and not settings.files_url)
+    limit, prepare = settings.memory_limit, Preparation.of(settings)
+    engine = PebbleEngine(
+        settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=worker.warm_up
+    )
+    desk = PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare)
+    wakeups = Wakeups()
+    rules = Rules(
+        time_limit=settings.time_limit,
+        memory_limit=settings.memory_limit,
+        max_attempts=settings.max_attempts,
+        lease=settings.lease,
+        poll=settings.poll,
+    )
+    owner = secrets.token_hex(8)
+    dispatcher = Dispatcher(
+        owner,
+        store,
+        engine,
+        lambda claim, order: (worker.solve_mesh, (Job(place, claim, settings.worker_threads, order),)),
+        rules,
+        wakeups.announce,
+        metrics,
+    )
+    metrics.look(lambda: _glance(store, settings.workers))
+    dispatcher.start(alone=lock is not None)
+    retention = Retention(store, files, settings.retention_days)
+    retention.start()
+    _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
+    return Service(
+        settings=settings,
+        place=place,
+        store=store,
+        files=files,
+        engine=engine,
+        desk=desk,
+        dispatcher=dispatcher,
+        retention=retention,
+        wakeups=wakeups,
+        admission=Admission(settings, store, files, desk),
+        callers=Callers(store.keys),
+        quotas=Quotas(settings, store.quotas),
+        lock=lock,
+        checkers=CapacityLimiter(_CHECKERS),
+        metrics=metrics,
+        readiness=Readiness(
+            {
+                "store": store.check,
+                "files": files.check,
+                "engine": lambda: _health(engine),
+                "exports": lambda: _health(desk),
+                "dispatcher": lambda: OK if dispatcher.alive() else "stopped",
+            }
+        ),
+    )
+
+
+def _health(engine: Engine) -> str:
+    health = engine.health()
+    return OK if health.ready else health.detail
+
+
+def _glance(store: Store, workers: int) -> Glance:
+    try:
+        census = store.queue.census()
+    except SQLAlchemyError:
+        census = None  # a scrape says so, and the rest of it is of use
+    return Glance(workers={"solve": workers, "files": _DESK_WORKERS}, census=census)
+
+
+def check_files(settings: Settings) -> None:
+    """Raise OSError when files cannot be kept where the settings say."""
+    files_address(settings).open().prepare(alone=False)
+
+
+def check_folder(settings: Settings) -> None:
+    """Raise :class:`FolderInUseError` when another service uses the data folder, and OSError without access."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    lock = _lock(settings)
+    if lock is not None:
+        lock.close()
+
+
+def check_database(settings: Settings) -> None:
+    """Bring the database up to this release; raises :class:`UnusableDatabaseError` when that cannot be done."""
+    store = Store(settings.database)
+    try:
+        store.prepare()
+    except DBAPIError as error:
+        file = sqlite_file(settings.database)
+        if file is not None:
+            raise UnusableDatabaseError(f"the database {file} cannot be used: {error.orig}") from None
+        # What the driver says may name the address.
+        raise UnusableDatabaseError(
+            f"the database does not answer ({type(error.orig).__name__}): see that EQUIMESH_DATABASE_URL is right and "
+            "that its server runs"
+        ) from None
+    finally:
+        store.close()
+
+
+def _lock(settings: Settings) -> TextIOWrapper | None:
+    """Hold a database in a folder for this process alone; the system lets go of it however the process ends.
+
+    None for a database server, which any number of services share.
+    """
+    place = sqlite_file(settings.database)
+    if place is None:
+        return None
+    folder = place.resolve().parent
+    file = (folder / "service.lock").open("w")
+    try:
+        import fcntl
+    except ImportError:  # pragma: no cover - Windows
+        return file
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise FolderInUseError(f"another service uses the data folder {folder}") from None
+    return file
