@@ -33,7 +33,7 @@ from service.processes import children, runs, service_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills and limits are Linux's")
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
-# What compose.yaml leaves a service to stop.
+# Less than compose.yaml leaves a service to stop.
 _GRACE_SECONDS = 20.0
 # Seconds without an event: each of its iterations factorises large matrices again and again.
 DEEP: dict[str, Any] = {**SLOW, "grid": {"n_xi": 140, "n_eta": 140}}

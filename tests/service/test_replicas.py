@@ -1,0 +1,232 @@
+"""Two services on one PostgreSQL and one folder of files share the work, and each takes over from the other."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+import pytest
+
+from equimesh_service.store import Store
+from service.conftest import PAPER, SLOW, small, until
+from service.databases import Postgres
+from service.processes import ServiceProcess, service_process
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
+_LEASE = 3.0
+_STARTS = re.compile(r"mesh (m-\w+) starts, attempt (\d+)")
+
+
+def steady(iterations: int) -> dict[str, Any]:
+    """A spec that takes some hundredths of a second for each iteration, and no less."""
+    more = {**SLOW["schwarz"], "max_iterations": iterations}
+    return {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 12, "n_eta": 12}, "schwarz": more}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two replicas and their store."""
+
+    a: ServiceProcess
+    b: ServiceProcess
+    store: Store
+
+    def story(self, mesh_id: str) -> list[tuple[int, str, str]]:
+        """What happened to a mesh: the numbers of its events, what became of it, and why."""
+        events = self.store.meshes.events(mesh_id)
+        assert [event.number for event in events] == [*range(1, len(events) + 1)]
+        told = [event for event in events if event.kind != "progress"]
+        return [(event.number, event.data["status"], event.data.get("reason", "")) for event in told]
+
+    def states(self, mesh_id: str) -> list[str]:
+        """The states of a mesh, one after the other."""
+        return [state for _, state, _ in self.story(mesh_id)]
+
+
+def begun(service: ServiceProcess) -> list[tuple[str, int]]:
+    """The meshes that a replica has begun, with the number of the attempt."""
+    return [(name, int(attempt)) for name, attempt in _STARTS.findall(service.log)]
+
+
+def ask(service: ServiceProcess, spec: dict[str, Any], **headers: str) -> httpx.Response:
+    """Ask a replica for a mesh."""
+    answer = httpx.post(f"{service.url}/v1/meshes?reuse=false", json=spec, headers=headers, timeout=60.0)
+    assert answer.status_code in (201, 202), answer.text
+    return answer
+
+
+def look(service: ServiceProcess, mesh_id: str, query: str = "") -> dict[str, Any]:
+    """A mesh as a replica shows it."""
+    answer = httpx.get(f"{service.url}/v1/meshes/{mesh_id}{query}", timeout=60.0)
+    assert answer.status_code == 200, answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def finished(service: ServiceProcess, mesh_id: str) -> dict[str, Any]:
+    """A mesh as a replica shows it, at last."""
+    found: dict[str, Any] = until(lambda: (mesh := look(service, mesh_id, "?wait=5"))["finished_at"] and mesh, 90.0)
+    return found
+
+
+@pytest.fixture(scope="module")
+def pair(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
+    """Replicas of one worker each, with folders of their own beside the one of the files."""
+    folder = tmp_path_factory.mktemp("replicas")
+    with postgres.database() as url:
+        shared = {
+            "DATABASE_URL": url,
+            "FILES_URL": f"file://{folder / 'shared'}",
+            "LEASE": str(_LEASE),
+            "LOG_LEVEL": "info",
+        }
+        with (
+            service_process(folder / "a", workers=1, **shared) as a,
+            service_process(folder / "b", workers=1, **shared) as b,
+        ):
+            a.start()
+            b.start()
+            a.ready()
+            b.ready()
+            store = Store(url)
+            yield Pair(a, b, store)
+            store.close()
+
+
+def test_the_work_is_shared_and_each_mesh_is_begun_once(pair: Pair) -> None:
+    names = [ask(pair.a, steady(5)).json()["id"] for _ in range(12)]
+    assert {finished(pair.b, name)["status"] for name in names} == {"succeeded"}
+    assert all(pair.states(name) == ["queued", "running", "succeeded"] for name in names)
+    mine, others = begun(pair.a), begun(pair.b)
+    assert sorted(mine + others) == sorted((name, 1) for name in names)
+    assert min(len(mine), len(others)) >= 2
+
+
+def test_a_mesh_is_followed_waited_for_and_downloaded_through_the_other(pair: Pair) -> None:
+    name = ask(pair.a, steady(20)).json()["id"]
+    kinds: list[str] = []
+    numbers: list[int] = []
+    with httpx.stream("GET", f"{pair.b.url}/v1/meshes/{name}/events", timeout=60.0) as stream:
+        for line in stream.iter_lines():
+            field, _, value = line.partition(": ")
+            kinds += [value] if field == "event" else []
+            numbers += [int(value)] if field == "id" else []
+    assert numbers == [*range(1, len(numbers) + 1)]
+    assert (kinds[0], kinds[-1]) == ("status", "done")
+    assert "progress" in kinds
+    for service, other in ((pair.a, pair.b), (pair.b, pair.a)):
+        name = ask(service, steady(2), Prefer="wait=20").json()["id"]
+        assert look(other, name, "?wait=20")["status"] == "succeeded"
+        for path in ("file", "file?format=vtu"):
+            first, second = (httpx.get(f"{by.url}/v1/meshes/{name}/{path}", timeout=60.0) for by in (other, service))
+            assert (first.status_code, first.headers["ETag"]) == (200, second.headers["ETag"])
+            assert first.content == second.content
+
+
+def test_a_mesh_is_canceled_and_deleted_through_the_other(pair: Pair) -> None:
+    for service, other in ((pair.a, pair.b), (pair.b, pair.a)):
+        answers: list[httpx.Response] = []
+        waiting = threading.Thread(target=lambda to=service, told=answers: told.append(ask(to, SLOW, Prefer="wait=30")))
+        waiting.start()  # where somebody waits, it is this replica that computes
+        name = until(lambda by=other: _running(by), 10.0)
+        began = time.monotonic()
+        assert httpx.post(f"{other.url}/v1/meshes/{name}/cancel").json()["status"] == "canceled"
+        waiting.join()
+        assert answers[0].json()["status"] == "canceled"
+        # The worker has noticed, too: there is no other that could do this.
+        assert ask(service, steady(2), Prefer="wait=20").json()["status"] == "succeeded"
+        assert time.monotonic() - began < 10.0
+        assert httpx.delete(f"{other.url}/v1/meshes/{name}").status_code == 204
+        assert httpx.get(f"{service.url}/v1/meshes/{name}").status_code == 404
+
+
+def _running(service: ServiceProcess) -> str | None:
+    items = httpx.get(f"{service.url}/v1/meshes?status=running").json()["items"]
+    return items[0]["id"] if items and items[0]["progress"]["fraction"] > 0 else None
+
+
+def test_a_rolling_restart_loses_nothing(pair: Pair) -> None:
+    names: list[str] = []
+    over = threading.Event()
+
+    def client() -> None:
+        turn = 0
+        while not over.is_set():
+            turn += 1
+            key = {"Idempotency-Key": f"rolling-{turn}"}
+            for service in (pair.a, pair.b) * 50:
+                try:
+                    names.append(ask(service, small(), **key).json()["id"])
+                except httpx.TransportError:
+                    time.sleep(0.1)  # that one is down: the other answers
+                    continue
+                break
+            time.sleep(0.2)
+
+    thread = threading.Thread(target=client)
+    thread.start()
+    try:
+        for service in (pair.a, pair.b):
+            until(lambda: len(names) % 7 == 3, 20.0)
+            assert service.stop() == 0
+            service.start()
+            service.ready()
+    finally:
+        over.set()
+        thread.join()
+    assert len(names) == len({*names}) > 5
+    for name in names:
+        assert finished(pair.a, name)["status"] == "succeeded"
+        told = pair.story(name)
+        assert {reason for _, _, reason in told} <= {"", "the service was stopped"}
+        assert [state for _, state, _ in told][-2:] == ["running", "succeeded"]
+
+
+def test_what_a_silent_replica_had_is_taken_over_and_not_taken_back(pair: Pair) -> None:
+    name = _begun_by(pair, pair.a)
+    pair.a.signal(signal.SIGSTOP)  # it does not renew its leases; its worker computes on
+    try:
+        until(lambda: look(pair.b, name)["attempts"] == 2, 20.0 + _LEASE)
+    finally:
+        pair.a.signal(signal.SIGCONT)
+    mesh = finished(pair.b, name)
+    assert (mesh["status"], mesh["attempts"]) == ("succeeded", 2)
+    assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]
+    assert pair.story(name)[2][2] == "its service fell silent"
+    assert look(pair.a, name) == mesh
+
+
+def test_what_a_killed_replica_had_is_taken_over(pair: Pair) -> None:
+    name = _begun_by(pair, pair.a)
+    pair.a.kill()
+    began = time.monotonic()
+    until(lambda: look(pair.b, name)["attempts"] == 2, 20.0 + _LEASE)
+    assert time.monotonic() - began > _LEASE / 2  # not before the lease, of which a third is gone at most
+    assert finished(pair.b, name)["status"] == "succeeded"
+    assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]
+    assert pair.story(name)[2][2] == "its service fell silent"
+    until(lambda: not pair.a.left(), 5.0)
+    assert pair.b.stop() == 0
+    until(lambda: not pair.b.left(), 5.0)
+
+
+def _begun_by(pair: Pair, service: ServiceProcess) -> str:
+    """A mesh that this replica computes, some seconds long."""
+    threading.Thread(target=lambda: _ask_in_vain(service), daemon=True).start()
+    name: str = until(lambda: _running(pair.b), 20.0)
+    assert (name, 1) in begun(service)
+    return name
+
+
+def _ask_in_vain(service: ServiceProcess) -> None:
+    try:
+        ask(service, steady(40), Prefer="wait=1")
+    except httpx.TransportError:
+        return  # it is killed meanwhile
