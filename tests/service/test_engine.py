@@ -37,7 +37,8 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
         engine.close()
 
 
-ELSEWHERE = {"_absolute", "basis", "largest_ratio"}  # called by tests only, and by other kernels only
+# Called by tests only, and by other kernels only.
+ELSEWHERE = {"_absolute", "basis", "holds", "largest_ratio", "walk", "within"}
 COMPILED = """
 import importlib, pkgutil, equimesh
 from equimesh_service.worker import warm_up
