@@ -7,7 +7,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from hashlib import sha256
@@ -78,6 +78,7 @@ class Admission:
     store: Store
     files: Files
     desk: Engine
+    aside: Callable[[], AbstractContextManager[None]]  # entered to wait for the desk
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
     def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
@@ -180,7 +181,7 @@ class Admission:
     def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
         """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
         try:
-            with pointing(pointer):
+            with pointing(pointer), self.aside():
                 return self.desk.submit(function, *arguments, time_limit=_WORK_SECONDS).result()
         except (TimeLimitError, MemoryLimitError) as error:
             message = f"this takes too long to check ({error}): send fewer samples, or send them on a grid"

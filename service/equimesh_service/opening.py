@@ -6,12 +6,12 @@ import logging
 import secrets
 from io import TextIOWrapper
 
-from anyio import CapacityLimiter
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from equimesh_service import worker
 from equimesh_service.admission import Admission
 from equimesh_service.callers import Callers
+from equimesh_service.checkers import Checkers
 from equimesh_service.database import UnusableDatabaseError, sqlite_file
 from equimesh_service.dispatcher import Dispatcher, Rules
 from equimesh_service.engine import Engine
@@ -31,8 +31,6 @@ from equimesh_service.wakeups import Wakeups
 _log = logging.getLogger(__name__)
 # Files, pictures and samples have workers of their own, so that they never wait behind the solves.
 _DESK_WORKERS = 2
-# Threads that check what clients send.
-_CHECKERS = 4
 # Modules that workers share the memory and the loading time of.
 PRELOAD = (
     "equimesh_service.worker",
@@ -63,7 +61,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=worker.warm_up
     )
     desk = PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare)
-    wakeups = Wakeups()
+    wakeups, checkers = Wakeups(), Checkers()
     rules = Rules(
         time_limit=settings.time_limit,
         memory_limit=settings.memory_limit,
@@ -96,11 +94,11 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         dispatcher=dispatcher,
         retention=retention,
         wakeups=wakeups,
-        admission=Admission(settings, store, files, desk),
+        admission=Admission(settings, store, files, desk, checkers.aside),
         callers=Callers(store.keys),
         quotas=Quotas(settings, store.quotas),
         lock=lock,
-        checkers=CapacityLimiter(_CHECKERS),
+        checkers=checkers,
         metrics=metrics,
         readiness=Readiness(
             {

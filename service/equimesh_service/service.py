@@ -11,14 +11,14 @@ from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from io import TextIOWrapper
-from typing import Any, TypeVar
+from typing import Any
 
-from anyio import CapacityLimiter, to_thread
 from starlette.concurrency import run_in_threadpool
 
 from equimesh_service import exports, tracing, trail
 from equimesh_service.admission import Admission, Admitted
 from equimesh_service.callers import Caller, Callers
+from equimesh_service.checkers import Checked, Checkers
 from equimesh_service.dispatcher import Dispatcher
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import Files
@@ -46,7 +46,6 @@ from equimesh_service.settings import Settings
 from equimesh_service.store import Store
 from equimesh_service.wakeups import Wakeups
 
-Checked = TypeVar("Checked")
 _log = logging.getLogger(__name__)
 
 
@@ -75,7 +74,7 @@ class Service:
     callers: Callers
     quotas: Quotas
     lock: TextIOWrapper | None
-    checkers: CapacityLimiter
+    checkers: Checkers
     metrics: Metrics
     readiness: Readiness
     exporting: dict[Export, Future[Artifact | None]] = field(default_factory=dict)
@@ -86,7 +85,7 @@ class Service:
         Checks may take long (a million samples), so they have a few threads of their own: however many there
         are, the other requests are served.
         """
-        return await to_thread.run_sync(function, *arguments, limiter=self.checkers)
+        return await self.checkers.run(function, *arguments)
 
     async def mesh(self, mesh_id: str, caller: Caller) -> MeshRow:
         """The mesh with this id; raises a 404 problem, also when it is not the caller's to see."""
