@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from sqlalchemy import Connection, Table, create_engine, event, func, select, text
@@ -39,7 +40,11 @@ class Database:
     def __init__(self, url: str, *, durable: bool) -> None:
         self._durable = durable
         address = _address(url)
+        # SQLite has one writer at a time, and who finds it taken sleeps for ever longer: the threads of this process
+        # wait here, where they are woken at once.
+        self._turns: AbstractContextManager[object] = nullcontext()
         if address.get_backend_name() == "sqlite":
+            self._turns = Lock()
             arguments: dict[str, Any] = {"timeout": 30.0, "check_same_thread": False}
             self._engine = create_engine(
                 address, connect_args=arguments, json_serializer=to_json, pool_size=8, max_overflow=64
@@ -75,7 +80,11 @@ class Database:
         when the next durable one is: the log that both are written to is one.
         """
         synced = self._durable and durable
-        with self._engine.connect().execution_options(writes=True, synced=synced) as connection, connection.begin():
+        with (
+            self._turns,
+            self._engine.connect().execution_options(writes=True, synced=synced) as connection,
+            connection.begin(),
+        ):
             if self._durable and not durable and connection.dialect.name == "postgresql":
                 connection.execute(text("SET LOCAL synchronous_commit TO off"))
             yield connection
