@@ -25,9 +25,10 @@ _SQLITE_UNUSABLE = {
     sqlite3.SQLITE_CORRUPT,
     sqlite3.SQLITE_PROTOCOL,
 }
-# PostgreSQL: disk_full; then what says that the server is not there, not ready, or takes no writes.
+# PostgreSQL: disk_full; then what says that the server is not there, not ready, takes no writes, or has given up one of
+# two transactions that waited for each other.
 _POSTGRES_FULL = "53100"
-_POSTGRES_UNUSABLE = ("08", "53", "57", "58", "25006")
+_POSTGRES_UNUSABLE = ("08", "40", "53", "57", "58", "25006")
 _RETRY = {"Retry-After": "5"}
 
 
