@@ -78,11 +78,19 @@ class Bicubic:
         first, second = self.along_x, self.along_y
         nowhere = np.isnan(x) | np.isnan(y)
         values = np.empty((COUNT[order], *x.shape))
-        evaluate(
-            first.inside(x, nowhere), second.inside(y, nowhere),
-            first.breaks, first.cubics, first.first, second.breaks, second.cubics, second.first,
-            self.coefficients, values.reshape(len(values), -1),
-        )  # fmt: skip
+        at = (
+            *(first.inside(x, nowhere), second.inside(y, nowhere)),
+            *(first.breaks, first.cubics, first.first),
+            *(second.breaks, second.cubics, second.first),
+            self.coefficients,
+        )
+        rows = values.reshape(len(values), -1)
+        if order == 0:
+            fill_values(*at, rows)
+        else:
+            fill_slopes(*at, rows)
+        if order == 2:
+            fill_curvatures(*at, rows)
         values[:, nowhere] = np.nan
         return tuple(values)
 
@@ -115,53 +123,93 @@ def _times_line(cubics: Array, constant: Array, slope: Array) -> Array:
 
 
 @vectorised
-def evaluate(
+def fill_values(
     x: Array, y: Array,
     breaks_x: Array, cubics_x: Array, first_x: Indices, breaks_y: Array, cubics_y: Array, first_y: Indices,
-    coefficients: Array, values: Array,
+    coefficients: Array, rows: Array,
 ) -> None:  # fmt: skip
-    """Fill ``values``, of one row for each derivative, at points ``x``, ``y`` within the breaks."""
-    rows = values.shape[0]
-    along_x, along_y = np.zeros((3, ORDER)), np.zeros((3, ORDER))
+    """Fill the first of ``rows`` with the spline at points ``x``, ``y`` within the breaks."""
     scale_x = (first_x.size - 1) / (breaks_x[-1] - breaks_x[0])
     scale_y = (first_y.size - 1) / (breaks_y[-1] - breaks_y[0])
     for p in range(x.size):
-        i = basis(x[p], breaks_x, cubics_x, first_x, scale_x, rows, along_x)
-        j = basis(y[p], breaks_y, cubics_y, first_y, scale_y, rows, along_y)
-        u = u_x = u_y = 0.0
+        i, j = piece(x[p], breaks_x, first_x, scale_x), piece(y[p], breaks_y, first_y, scale_y)
+        s, t = x[p] - breaks_x[i], y[p] - breaks_y[j]
+        f0, f1, f2, f3 = at_piece(cubics_y, j, t)
+        u = 0.0
         for k in range(ORDER):
-            v = v_y = 0.0
-            for m in range(ORDER):
-                v += coefficients[i + k, j + m] * along_y[0, m]
-                v_y += coefficients[i + k, j + m] * along_y[1, m]
-            u += along_x[0, k] * v
-            u_x += along_x[1, k] * v
-            u_y += along_x[0, k] * v_y
-        values[0, p] = u
-        if rows > 1:
-            values[1, p] = u_x
-            values[2, p] = u_y
-        if rows > 3:
-            u_xx = u_xy = u_yy = 0.0
-            for k in range(ORDER):
-                for m in range(ORDER):
-                    c = coefficients[i + k, j + m]
-                    u_xx += c * along_x[2, k] * along_y[0, m]
-                    u_xy += c * along_x[1, k] * along_y[1, m]
-                    u_yy += c * along_x[0, k] * along_y[2, m]
-            values[3, p] = u_xx
-            values[4, p] = u_xy
-            values[5, p] = u_yy
+            c0, c1, c2, c3 = cubics_x[i, k, 0], cubics_x[i, k, 1], cubics_x[i, k, 2], cubics_x[i, k, 3]
+            row = coefficients[i + k, j] * f0 + coefficients[i + k, j + 1] * f1
+            row += coefficients[i + k, j + 2] * f2 + coefficients[i + k, j + 3] * f3
+            u += (c0 + s * (c1 + s * (c2 + s * c3))) * row
+        rows[0, p] = u
 
 
 @vectorised
-def basis(t: float, breaks: Array, cubics: Array, first: Indices, scale: float, rows: int, found: Array) -> int:
-    """The piece of the point ``t``; its B-splines there, and for more ``rows`` their derivatives, go to ``found``."""
-    last = breaks.size - 2
+def fill_slopes(
+    x: Array, y: Array,
+    breaks_x: Array, cubics_x: Array, first_x: Indices, breaks_y: Array, cubics_y: Array, first_y: Indices,
+    coefficients: Array, rows: Array,
+) -> None:  # fmt: skip
+    """Fill the first three of ``rows`` with the spline and its first derivatives."""
+    scale_x = (first_x.size - 1) / (breaks_x[-1] - breaks_x[0])
+    scale_y = (first_y.size - 1) / (breaks_y[-1] - breaks_y[0])
+    for p in range(x.size):
+        i, j = piece(x[p], breaks_x, first_x, scale_x), piece(y[p], breaks_y, first_y, scale_y)
+        s, t = x[p] - breaks_x[i], y[p] - breaks_y[j]
+        f0, f1, f2, f3 = at_piece(cubics_y, j, t)
+        g0, g1, g2, g3 = slopes_at_piece(cubics_y, j, t)
+        u = u_x = u_y = 0.0
+        for k in range(ORDER):
+            c0, c1, c2, c3 = cubics_x[i, k, 0], cubics_x[i, k, 1], cubics_x[i, k, 2], cubics_x[i, k, 3]
+            b, slope = c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + s * 3.0 * c3)
+            d0, d1 = coefficients[i + k, j], coefficients[i + k, j + 1]
+            d2, d3 = coefficients[i + k, j + 2], coefficients[i + k, j + 3]
+            row = d0 * f0 + d1 * f1 + d2 * f2 + d3 * f3
+            u += b * row
+            u_x += slope * row
+            u_y += b * (d0 * g0 + d1 * g1 + d2 * g2 + d3 * g3)
+        rows[0, p] = u
+        rows[1, p] = u_x
+        rows[2, p] = u_y
+
+
+@vectorised
+def fill_curvatures(
+    x: Array, y: Array,
+    breaks_x: Array, cubics_x: Array, first_x: Indices, breaks_y: Array, cubics_y: Array, first_y: Indices,
+    coefficients: Array, rows: Array,
+) -> None:  # fmt: skip
+    """Fill the last three of six ``rows`` with the second derivatives."""
+    scale_x = (first_x.size - 1) / (breaks_x[-1] - breaks_x[0])
+    scale_y = (first_y.size - 1) / (breaks_y[-1] - breaks_y[0])
+    for p in range(x.size):
+        i, j = piece(x[p], breaks_x, first_x, scale_x), piece(y[p], breaks_y, first_y, scale_y)
+        s, t = x[p] - breaks_x[i], y[p] - breaks_y[j]
+        f, g = at_piece(cubics_y, j, t), slopes_at_piece(cubics_y, j, t)
+        u_xx = u_xy = u_yy = 0.0
+        for k in range(ORDER):
+            c0, c1, c2, c3 = cubics_x[i, k, 0], cubics_x[i, k, 1], cubics_x[i, k, 2], cubics_x[i, k, 3]
+            b, slope, bend = (
+                c0 + s * (c1 + s * (c2 + s * c3)),
+                c1 + s * (2.0 * c2 + s * 3.0 * c3),
+                2.0 * c2 + s * 6.0 * c3,
+            )
+            for m in range(ORDER):
+                c = coefficients[i + k, j + m]
+                u_xx += c * bend * f[m]
+                u_xy += c * slope * g[m]
+                u_yy += c * b * (2.0 * cubics_y[j, m, 2] + t * 6.0 * cubics_y[j, m, 3])
+        rows[3, p] = u_xx
+        rows[4, p] = u_xy
+        rows[5, p] = u_yy
+
+
+@vectorised
+def piece(t: float, breaks: Array, first: Indices, scale: float) -> int:
+    """The number of the piece that the point ``t`` lies on: the last one that begins at or before it."""
     bucket = min(int((t - breaks[0]) * scale), first.size - 2)
-    low, high = first[bucket], min(first[bucket + 1] + 1, last)
-    # The piece is the last one that begins at or before t; at the edge of a bucket rounding may miss it.
-    while low > 0 and t < breaks[low]:
+    low, high = first[bucket], min(first[bucket + 1] + 1, breaks.size - 2)
+    while low > 0 and t < breaks[low]:  # at the edge of a bucket rounding may miss the piece
         low -= 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -169,12 +217,26 @@ def basis(t: float, breaks: Array, cubics: Array, first: Indices, scale: float, 
             low = middle
         else:
             high = middle - 1
-    s = t - breaks[low]
-    for j in range(ORDER):
-        a, b, c, d = cubics[low, j, 0], cubics[low, j, 1], cubics[low, j, 2], cubics[low, j, 3]
-        found[0, j] = a + s * (b + s * (c + s * d))
-        if rows > 1:
-            found[1, j] = b + s * (2.0 * c + s * 3.0 * d)
-        if rows > 3:
-            found[2, j] = 2.0 * c + s * 6.0 * d
     return int(low)
+
+
+@vectorised
+def at_piece(cubics: Array, j: int, t: float) -> tuple[float, float, float, float]:
+    """The four B-splines of piece ``j``, ``t`` beyond its begin."""
+    return (
+        cubics[j, 0, 0] + t * (cubics[j, 0, 1] + t * (cubics[j, 0, 2] + t * cubics[j, 0, 3])),
+        cubics[j, 1, 0] + t * (cubics[j, 1, 1] + t * (cubics[j, 1, 2] + t * cubics[j, 1, 3])),
+        cubics[j, 2, 0] + t * (cubics[j, 2, 1] + t * (cubics[j, 2, 2] + t * cubics[j, 2, 3])),
+        cubics[j, 3, 0] + t * (cubics[j, 3, 1] + t * (cubics[j, 3, 2] + t * cubics[j, 3, 3])),
+    )
+
+
+@vectorised
+def slopes_at_piece(cubics: Array, j: int, t: float) -> tuple[float, float, float, float]:
+    """Their derivatives."""
+    return (
+        cubics[j, 0, 1] + t * (2.0 * cubics[j, 0, 2] + t * 3.0 * cubics[j, 0, 3]),
+        cubics[j, 1, 1] + t * (2.0 * cubics[j, 1, 2] + t * 3.0 * cubics[j, 1, 3]),
+        cubics[j, 2, 1] + t * (2.0 * cubics[j, 2, 2] + t * 3.0 * cubics[j, 2, 3]),
+        cubics[j, 3, 1] + t * (2.0 * cubics[j, 3, 2] + t * 3.0 * cubics[j, 3, 3]),
+    )

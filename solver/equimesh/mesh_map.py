@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import RectBivariateSpline
 
-from equimesh.bicubic import ORDER, Bicubic, basis
+from equimesh.bicubic import ORDER, Bicubic, at_piece, piece, slopes_at_piece
 from equimesh.compiled import compiled
 from equimesh.domain import Domain, mapped
 from equimesh.errors import InputError
@@ -108,7 +108,6 @@ def locate_points(
     of_x: Array, of_y: Array, s: Array, t: Array, smooth: Truths,
 ) -> None:  # fmt: skip
     """Fill in the grid coordinates of points ``px``, ``py``, of which most lie near the one before them."""
-    bs, bt = np.zeros((3, ORDER)), np.zeros((3, ORDER))
     scale_s = (first_s.size - 1) / (breaks_s[-1] - breaks_s[0])
     scale_t = (first_t.size - 1) / (breaks_t[-1] - breaks_t[0])
     last_s, last_t = float(x.shape[0] - 1), float(x.shape[1] - 1)
@@ -119,13 +118,15 @@ def locate_points(
         s[p], t[p], smooth[p] = s0, t0, False
         a, b = s0, t0
         for _ in range(STEPS):
-            k = basis(a, breaks_s, cubics_s, first_s, scale_s, 3, bs)
-            m = basis(b, breaks_t, cubics_t, first_t, scale_t, 3, bt)
+            k, m = piece(a, breaks_s, first_s, scale_s), piece(b, breaks_t, first_t, scale_t)
+            da, db = a - breaks_s[k], b - breaks_t[m]
+            f_s, g_s = at_piece(cubics_s, k, da), slopes_at_piece(cubics_s, k, da)
+            f_t, g_t = at_piece(cubics_t, m, db), slopes_at_piece(cubics_t, m, db)
             r, x_s, x_t = px[p], 0.0, 0.0
             q, y_s, y_t = py[p], 0.0, 0.0
             for c in range(ORDER):
                 for d in range(ORDER):
-                    w, w_s, w_t = bs[0, c] * bt[0, d], bs[1, c] * bt[0, d], bs[0, c] * bt[1, d]
+                    w, w_s, w_t = f_s[c] * f_t[d], g_s[c] * f_t[d], f_s[c] * g_t[d]
                     r -= of_x[k + c, m + d] * w
                     x_s += of_x[k + c, m + d] * w_s
                     x_t += of_x[k + c, m + d] * w_t

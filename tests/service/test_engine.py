@@ -38,7 +38,7 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
 
 
 # Called by tests only, and by other kernels only.
-ELSEWHERE = {"_absolute", "basis", "holds", "largest_ratio", "walk", "within"}
+ELSEWHERE = {"_absolute", "at_piece", "holds", "largest_ratio", "piece", "slopes_at_piece", "walk", "within"}
 COMPILED = """
 import importlib, pkgutil, equimesh
 from equimesh_service.worker import warm_up
