@@ -33,7 +33,7 @@ def build_parser(command: str = "") -> argparse.ArgumentParser:
     """
     parser = argparse.ArgumentParser(
         prog="equimesh",
-        description="Adaptive meshes of the unit square by equidistribution and Schwarz domain decomposition.",
+        description="Adaptive 2D meshes for PDE solvers, by equidistribution, with a service or without.",
         epilog=EXAMPLES + EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

@@ -174,5 +174,7 @@ def _lock(settings: Settings) -> TextIOWrapper | None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         file.close()
-        raise FolderInUseError(f"another service uses the data folder {folder}") from None
+        raise FolderInUseError(
+            f"another service uses the data folder {folder}: stop it, or choose another folder with --data-dir"
+        ) from None
     return file
