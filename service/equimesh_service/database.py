@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Lock
+from threading import RLock
 from typing import Any
 
 from sqlalchemy import Connection, Table, create_engine, event, func, select, text
@@ -44,7 +44,7 @@ class Database:
         # wait here, where they are woken at once.
         self._turns: AbstractContextManager[object] = nullcontext()
         if address.get_backend_name() == "sqlite":
-            self._turns = Lock()
+            self._turns = RLock()
             arguments: dict[str, Any] = {"timeout": 30.0, "check_same_thread": False}
             self._engine = create_engine(
                 address, connect_args=arguments, json_serializer=to_json, pool_size=8, max_overflow=64

@@ -186,7 +186,11 @@ class Service:
             fields = None if step.fields is None else step.fields.sha256
             order = replace(order, start=step.start, fields=fields)
         claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
-        return Asked(mesh_id, self.dispatcher.begin(claim, order))
+        try:
+            return Asked(mesh_id, self.dispatcher.begin(claim, order))
+        except EngineError:
+            self.dispatcher.release()  # the mesh is there, and the dispatcher sees that no worker has it
+            return Asked(mesh_id)
 
     async def ending(self, asked: Asked, seconds: float) -> Ending | None:
         """How a mesh ended that went straight to a worker; None where it did not, or has not after so many seconds."""
@@ -217,6 +221,8 @@ class Service:
             raise Problem("unavailable", f"The file was not made: {error}.") from None
         except (EngineError, CancelledError) as error:
             raise Problem("unavailable", f"The file was not made: {error}.", headers={"Retry-After": "1"}) from None
+        except FileNotFoundError:
+            raise Problem("not-found", "The mesh was deleted while the file was made.") from None
         if made is None:
             raise Problem("not-found", "There is no mesh with this id.")
         return made
