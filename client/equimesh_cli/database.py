@@ -89,7 +89,10 @@ def _backup(options: argparse.Namespace) -> int:
     def copy(settings: Settings) -> int:
         from equimesh_service.inspection_store import back_up
 
-        return back_up(settings.database, options.file)
+        try:
+            return back_up(settings.database, options.file)
+        except FileExistsError:
+            raise Refused(f"{options.file} is there already: choose another name, or remove it first") from None
 
     size = _answered(options, copy)
     said = {"file": str(options.file), "bytes": size}

@@ -24,6 +24,8 @@ _KNOWN = "addresses are postgresql+psycopg://user:password@host/name and sqlite:
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
 # Seconds until a server that does not answer counts as down.
 _CONNECT_SECONDS = 5
+# A server whose host has vanished is given up after some 20 s, not after the hours of the system's own patience.
+_WATCHED = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 2, "tcp_user_timeout": 20_000}
 
 
 class UnusableDatabaseError(Exception):
@@ -59,7 +61,7 @@ class Database:
             options = str(address.query.get("options", "")) + ("" if durable else " -c synchronous_commit=off")
             self._engine = create_engine(
                 address,
-                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": options},
+                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": options, **_WATCHED},
                 json_serializer=to_json,
                 pool_size=8,
                 max_overflow=8,

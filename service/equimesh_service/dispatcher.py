@@ -22,6 +22,8 @@ from equimesh_service.storage_faults import storage_problem
 from equimesh_service.store import Store
 
 _log = logging.getLogger(__name__)
+# Seconds; a database that is locked is waited for half as long.
+_LONGEST_ROUND = 60.0
 # How often a dispatcher looks whether its claims still stand; work that is for nobody ends after two looks.
 _CHECK_SECONDS = 0.4
 
@@ -74,6 +76,7 @@ class Dispatcher:
         self._strays: set[Claim] = set()  # claims of this service that no worker has
         self._gone: set[Claim] = set()  # what workers have that this service has no claim to
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
+        self._came_round = time.monotonic()
         self._wake = threading.Event()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._loop, name="equimesh-dispatcher", daemon=True)
@@ -119,8 +122,8 @@ class Dispatcher:
         self._wake.set()
 
     def alive(self) -> bool:
-        """Whether the thread does its work."""
-        return self._thread.is_alive()
+        """Whether the thread does its work: it is there, and has come round within a minute."""
+        return self._thread.is_alive() and time.monotonic() - self._came_round < _LONGEST_ROUND
 
     def stop(self) -> None:
         """End; meshes that are being computed go back into the queue."""
@@ -143,6 +146,7 @@ class Dispatcher:
         next_care = next_look = next_check = time.monotonic()
         while not self._stopping.is_set():
             self._wake.clear()
+            self._came_round = time.monotonic()
             try:
                 self._settle()
                 if time.monotonic() >= next_care:

@@ -125,4 +125,6 @@ def exceeded(error: QuotaError) -> Problem:
     """The 429 problem of a limit that is reached."""
     what, remedy = _WHAT[error.limit]
     detail = f"This key has {error.used} {what}, and may have {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
-    return Problem("quota-exceeded", detail, headers={"Retry-After": "10"})
+    # Unfinished meshes come to an end; bytes go when somebody deletes them, and asking again soon is of no use.
+    wait = "3600" if error.limit == "key_max_bytes" else "10"
+    return Problem("quota-exceeded", detail, headers={"Retry-After": wait})

@@ -280,3 +280,8 @@ def test_tables() -> None:
     assert aligned(["a", "bb"], [["ccc", "1"]]) == "a    bb\n-------\nccc   1"
     cases = {0.0: "0.0000", 1e-3: "0.0010", 9e-4: "9.000e-04", -2e5: "-2.000e+05", np.inf: "inf", np.nan: "-"}
     assert {value: number(value) for value in cases} == cases
+
+
+def test_an_empty_id_is_no_mesh() -> None:
+    with pytest.raises(BadArgument, match="id of a mesh is empty"):
+        get_mesh("")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 import httpx
 import pytest
 
+from equimesh_service import dispatcher as dispatcher_module
 from equimesh_service.dispatcher import Dispatcher, Rules
 from equimesh_service.engine import EngineError, Health, WorkerLostError
 from equimesh_service.rows import Claim, NewMesh, Order
@@ -172,3 +174,19 @@ def test_both_ways_give_the_same_mesh(http: httpx.Client) -> None:
         return http.get(mesh["links"]["file"], params={"format": "npz"}).headers["etag"]
 
     assert etag({"Prefer": "wait=30"}) == etag({})
+
+
+def test_a_dispatcher_that_is_stuck_is_not_alive(
+    store: Store, engine: Patient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dispatcher_module, "_LONGEST_ROUND", 0.2)
+    go_on = threading.Event()
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
+    dispatcher.start(alone=True)
+    until(dispatcher.alive)
+    monkeypatch.setattr(engine, "health", lambda: (go_on.wait(10.0), Health(ready=True, workers=2))[1])
+    until(lambda: not dispatcher.alive(), 5.0)
+    go_on.set()
+    until(dispatcher.alive)
+    dispatcher.stop()
+    assert not dispatcher.alive()

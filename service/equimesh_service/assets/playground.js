@@ -59,7 +59,7 @@ async function show(mesh) {
     [term.textContent, text.textContent] = [name, value];
     return [term, text];
   }));
-  element("files").replaceChildren(...["vtu", "vtk", "xdmf", "msh", "npz"].map((format) => download(mesh, format)));
+  element("files").replaceChildren(...["vtu", "vtk", "xdmf", "msh", "medit", "su2", "npz"].map((format) => download(mesh, format)));
   element("result").hidden = false;
 }
 
@@ -71,7 +71,7 @@ function download(mesh, format) {
     const file = await (await answer(`${under(mesh.links.file)}?format=${format}`)).blob();
     const link = document.createElement("a");
     link.href = URL.createObjectURL(file);
-    link.download = format === "xdmf" ? `${mesh.id}.zip` : `${mesh.id}.${format}`;
+    link.download = `${mesh.id}.${{ xdmf: "zip", medit: "mesh" }[format] || format}`;
     link.click();
     URL.revokeObjectURL(link.href);
   }));
