@@ -1,4 +1,4 @@
-"""The option that runs whole products of cases, of which only a covering part is run otherwise."""
+"""The order of the tests, and the option that runs whole products of cases, of which else a covering part is run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--everything", action="store_true", help="also run what is marked `everything`: whole products")
 
 
+# Files whose tests wait more than they work: begun first, so that no single one is waited for at the end.
+LONG = ("test_durability", "test_replicas", "test_deployment", "test_faults", "test_backup", "test_base_install")
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: not item.path.stem.startswith(LONG))
     if config.getoption("--everything"):
         return
     left_out = [item for item in items if item.get_closest_marker("everything")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import multiprocessing
 import os
@@ -191,7 +192,9 @@ def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
     try:
         return function(*arguments)
     except MemoryError:
-        raise MemoryLimitError("the memory limit was reached") from None
+        pass
+    gc.collect()  # now that nothing refers to what the task held: the next one needs the room
+    raise MemoryLimitError("the memory limit was reached")
 
 
 def _warm_up_seconds() -> float:

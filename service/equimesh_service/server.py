@@ -97,11 +97,12 @@ def _ending_well() -> Iterator[None]:
 
 
 def _server(settings: Settings) -> _Server:
+    logging.getLogger("uvicorn.access").disabled = True  # ours says more, and nothing of what a client put into a path
     config = uvicorn.Config(
         create_app(settings),
         log_config=None,
         log_level=settings.log_level,
-        access_log=False,  # ours says more, and nothing of what a client put into a path
+        access_log=False,
         timeout_graceful_shutdown=_GRACE_SECONDS,
         lifespan="on",
         server_header=False,

@@ -57,6 +57,7 @@ def warm_up() -> None:
     nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
     nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
     sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
+    sampled.u.evaluate(axis, axis, order=2)
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
     schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
     paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)

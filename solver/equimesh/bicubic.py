@@ -8,6 +8,7 @@ be written down once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ Indices: TypeAlias = npt.NDArray[np.int64]
 
 ORDER = 4  # B-splines that are not zero on a piece of an axis, and coefficients of a cubic
 BUCKETS = 2  # per piece
+REMEMBERED = 2100  # knots of the longest axis whose B-splines are kept for the next samples
 COUNT = (1, 3, 6)
 """How many values there are up to each order: u; u_x, u_y; u_xx, u_xy, u_yy."""
 
@@ -33,6 +35,7 @@ class Pieces:
     is not zero on piece i. ``first[b]`` is the piece where the b-th of equally wide buckets begins.
     """
 
+    knots: Array
     breaks: Array
     cubics: Array
     first: Indices
@@ -40,10 +43,17 @@ class Pieces:
     @classmethod
     def between(cls, knots: Array) -> Pieces:
         """The pieces between the ``knots`` of cubic B-splines, of which the first and the last come four times."""
+        if len(knots) > REMEMBERED:
+            return cls.of(knots)
+        return _between(np.ascontiguousarray(knots, dtype=float).tobytes())
+
+    @classmethod
+    def of(cls, knots: Array) -> Pieces:
+        """The same, worked out anew."""
         breaks = np.ascontiguousarray(knots[ORDER - 1 : len(knots) - ORDER + 1])
         starts = np.linspace(breaks[0], breaks[-1], BUCKETS * (len(breaks) - 1) + 1)
         first = np.clip(np.searchsorted(breaks, starts, side="right") - 1, 0, len(breaks) - 2)
-        return cls(breaks=breaks, cubics=_cubics(knots), first=first.astype(np.int64))
+        return cls(knots=knots, breaks=breaks, cubics=_cubics(knots), first=first.astype(np.int64))
 
     def inside(self, t: Array, nowhere: npt.NDArray[np.bool_]) -> Array:
         """The points of the axis nearest to ``t``, in one row; any where ``t`` is ``nowhere``."""
@@ -69,6 +79,12 @@ class Bicubic:
             coefficients=coefficients.reshape(len(knots_x) - ORDER, len(knots_y) - ORDER),
         )
 
+    @property
+    def steepest(self) -> tuple[float, float]:
+        """Bounds of the derivatives by x and by y: the largest of their coefficients. NaN or infinite if those are."""
+        c = self.coefficients
+        return _steepest(c, self.along_x.knots), _steepest(c.T, self.along_y.knots)
+
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """The spline and its partial derivatives up to ``order``, each of the points' shape; see :data:`COUNT`.
 
@@ -93,6 +109,19 @@ class Bicubic:
             fill_curvatures(*at, rows)
         values[:, nowhere] = np.nan
         return tuple(values)
+
+
+@lru_cache(maxsize=64)
+def _between(knots: bytes) -> Pieces:
+    """The pieces of an axis; who sends samples of every time step sends the same axes."""
+    return Pieces.of(np.frombuffer(knots))
+
+
+def _steepest(coefficients: Array, knots: Array) -> float:
+    """The largest coefficient of the derivative along the first axis."""
+    with np.errstate(all="ignore"):
+        spans = (knots[ORDER:-1] - knots[1:-ORDER]) / (ORDER - 1)
+        return float(np.abs(np.diff(coefficients, axis=0) / spans[:, None]).max())
 
 
 def _cubics(knots: Array) -> Array:

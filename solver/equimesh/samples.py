@@ -63,9 +63,9 @@ class GridSamples:
         for number, (name, axis) in enumerate(axes.items()):
             _check_reach(axis, name, asked, number, _ends(axes["x"], axes["y"]))
         _check_size(table)
-        spline = _bicubic(axes["x"], axes["y"], table)
+        spline = Bicubic.of(_bicubic(axes["x"], axes["y"], table))
         _check_slopes(spline, axes)
-        for name, value in {**axes, "values": table, "box": asked.box, "_spline": Bicubic.of(spline)}.items():
+        for name, value in {**axes, "values": table, "box": asked.box, "_spline": spline}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -251,10 +251,10 @@ def _check_size(values: Array) -> None:
         )
 
 
-def _check_slopes(spline: RectBivariateSpline, axes: dict[str, Array]) -> None:
+def _check_slopes(spline: Bicubic, axes: dict[str, Array]) -> None:
     """Refuse samples so close that the slope between them is too large; coefficients of a spline bound it."""
-    for name, slope in (("x", spline.partial_derivative(1, 0)), ("y", spline.partial_derivative(0, 1))):
-        if not np.abs(slope.get_coeffs()).max() <= LIMITS.magnitude:
+    for name, bound in zip(axes, spline.steepest, strict=True):
+        if not bound <= LIMITS.magnitude:
             i = int(np.diff(axes[name]).argmin())
             raise SamplesError(
                 f"u changes too fast along {name} (its slope is over {LIMITS.magnitude:g}): {name}[{i}] and"

@@ -248,7 +248,7 @@ def _check_files(url: str, folder: Path) -> None:
         assert connection.execute(select(meshes.c.id).where(meshes.c.owner.is_not(None))).first() is None
     database.close()
     until(lambda: {path.name for path in folder.glob("??/*")} == named, 10.0)
-    until(lambda: not [*(folder / "unfinished").iterdir()], 5.0)
+    until(lambda: not [*(folder / "unfinished").iterdir()], 30.0)
 
 
 def _age_files(folder: Path) -> None:

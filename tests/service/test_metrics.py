@@ -8,6 +8,7 @@ import re
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -126,6 +127,16 @@ def busiest() -> int:
     return max(used, key=lambda pid: used[pid])
 
 
+def kill_the_worker(watch: Watch) -> None:
+    """Kill the worker that solves; one that only warms up may be busier for a moment, and is killed for nothing."""
+    for _ in range(5):
+        os.kill(busiest(), signal.SIGKILL)
+        with suppress(AssertionError):
+            until(lambda: watch.moved("equimesh_workers_lost_total") == 1, 5.0)
+            return
+    raise AssertionError("no kill was noticed")
+
+
 def ticks(pid: int) -> int:
     """Processor time of a process, in hundredths of a second; 0 of one that is gone."""
     try:
@@ -140,8 +151,7 @@ def test_a_killed_worker_is_lost_and_its_mesh_tried_again(http: httpx.Client, wa
     links = http.post("/v1/meshes", json=SLOW).json()["links"]
     try:
         until(lambda: http.get(links["self"]).json()["progress"]["fraction"] > 0)
-        os.kill(busiest(), signal.SIGKILL)
-        until(lambda: watch.moved("equimesh_workers_lost_total") == 1)
+        kill_the_worker(watch)
         until(lambda: watch.moved("equimesh_mesh_attempts_total") == 2)
         assert watch.moved("equimesh_mesh_retries_total") == 1
     finally:

@@ -44,3 +44,10 @@ def test_fewer_derivatives_are_the_same_ones() -> None:
         some = bicubic.evaluate(x, x[::-1], order=order)
         assert len(some) == count
         np.testing.assert_allclose(some, every[:count], rtol=1e-14, atol=1e-15 * np.abs(every[:count]).max())
+
+
+def test_slopes_are_bounded_as_fitpack_bounds_them() -> None:
+    x, y = np.linspace(0.0, 1.0, 9) ** 2, np.linspace(-1.0, 2.0, 6)
+    spline = RectBivariateSpline(x, y, np.random.default_rng(5).standard_normal((9, 6)), s=0)
+    expected = [np.abs(spline.partial_derivative(*by).get_coeffs()).max() for by in ((1, 0), (0, 1))]
+    np.testing.assert_allclose(Bicubic.of(spline).steepest, expected, rtol=1e-12)
