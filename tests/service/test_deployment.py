@@ -331,6 +331,7 @@ def test_the_database_s_health_check_tells_whether_it_answers(postgres: Postgres
     assert not answers(str(tmp_path))
 
 
+@pytest.mark.everything  # it compiles all kernels anew: a minute and a half of a processor
 def test_the_commands_of_the_image_run(tmp_path: Path, postgres: Postgres) -> None:
     with postgres.database() as database:
         variables, others = environment(tmp_path, database), environment(tmp_path, database)

@@ -107,6 +107,7 @@ def test_a_number_that_never_was_does_not_hold_the_stream_open(url: str, http: h
     assert raw(url, mesh["links"]["events"], "3").startswith(b"HTTP/1.1 404 ")
 
 
+@pytest.mark.everything  # two starts of a service
 def test_a_restart_of_the_service_in_between(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="warning", lease=2)
     with running(settings) as url, httpx.Client(base_url=url) as http:

@@ -227,6 +227,6 @@ def _begun_by(pair: Pair, service: ServiceProcess) -> str:
 
 def _ask_in_vain(service: ServiceProcess) -> None:
     try:
-        ask(service, steady(40), Prefer="wait=1")
+        ask(service, steady(150), Prefer="wait=1")
     except httpx.TransportError:
         return  # it is killed meanwhile

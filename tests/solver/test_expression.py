@@ -245,9 +245,9 @@ def test_positions_of_parsed_parts_count_characters() -> None:
     ],
 )
 def test_monsters_are_refused_quickly(text: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     assert refused(text).position is not None
-    assert time.perf_counter() - start < 1.0
+    assert time.process_time() - start < 1.0
 
 
 def test_what_is_long_but_harmless_is_accepted() -> None:

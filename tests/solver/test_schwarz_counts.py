@@ -76,15 +76,17 @@ def _families(name: str, everything: bool, counts: tuple[int, ...] = COUNTS) -> 
     return [(OVERLAPS[(shift + k) % len(OVERLAPS)], family) for k, family in enumerate(families)]
 
 
-@pytest.mark.parametrize("n", [65, pytest.param(129, marks=pytest.mark.everything), 257])
+@pytest.mark.parametrize(
+    "n", [65, pytest.param(129, marks=pytest.mark.everything), pytest.param(257, marks=pytest.mark.everything)]
+)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_default_kind_needs_8_iterations_at_most_and_gives_the_single_domain_mesh(
     name: str, n: int, everything: bool
 ) -> None:
     """In practice 7. From the smallest to the largest number of subdomains the count grows by 2 at most.
 
-    Without ``--everything``: the pairs of :func:`_families` on the coarsest grid, and on the finest with 2, 4 and 32
-    strips and all blocks.
+    Without ``--everything``: the pairs of :func:`_families` on the coarsest grid. On the finer ones also then only with
+    2, 4 and 32 strips and all blocks.
     """
     case = Case.of(name, n)
     for overlap, family in _families(name, everything, COUNTS if n == 65 else FEWER):
