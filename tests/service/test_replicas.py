@@ -152,6 +152,7 @@ def _running(service: ServiceProcess) -> str | None:
     return items[0]["id"] if items and items[0]["progress"]["fraction"] > 0 else None
 
 
+@pytest.mark.everything  # it stops and starts both
 def test_a_rolling_restart_loses_nothing(pair: Pair) -> None:
     names: list[str] = []
     over = threading.Event()
@@ -203,6 +204,7 @@ def test_what_a_silent_replica_had_is_taken_over_and_not_taken_back(pair: Pair) 
     assert look(pair.a, name) == mesh
 
 
+@pytest.mark.everything  # as the one before, with a process that is gone
 def test_what_a_killed_replica_had_is_taken_over(pair: Pair) -> None:
     name = _begun_by(pair, pair.a)
     pair.a.kill()
