@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Iterator
@@ -21,7 +22,9 @@ def clear(folder: Path, *, alone: bool) -> None:
             old = alone or time.time() - left.stat().st_mtime > _LEFT_OVER
         except FileNotFoundError:
             continue  # another service was done with it
-        if old and left.is_file():
+        if old and left.is_dir():  # a writer of several files works in a folder of its own
+            shutil.rmtree(left, ignore_errors=True)
+        elif old:
             left.unlink(missing_ok=True)
 
 
