@@ -1,7 +1,8 @@
 """The single-domain mesh, in nested iteration from the uniform mesh on a coarse grid up.
 
 Every level is solved by the chord iteration, the coarsest from the uniform mesh, finer ones from the coarser solution.
-Where that does not converge, Newton's method and continuation take over.
+Where the coarsest does not converge from there, it is tried from half its points; where none does, Newton's method and
+continuation take over.
 """
 
 from __future__ import annotations

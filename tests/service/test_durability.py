@@ -248,7 +248,7 @@ def _check_files(url: str, folder: Path) -> None:
         assert connection.execute(select(meshes.c.id).where(meshes.c.owner.is_not(None))).first() is None
     database.close()
     until(lambda: {path.name for path in folder.glob("??/*")} == named, 10.0)
-    # Under load a worker may still be replaced after the start: what it leaves is hours old before the sweep takes it.
+    # What was there before the start is gone, folders of writers included; what is new may be on its way.
     left = [path for path in (folder / "unfinished").iterdir() if time.time() - path.stat().st_mtime > _HOURS / 2]
     assert left == []
 

@@ -27,6 +27,7 @@ from equimesh_service.folder_files import FolderFiles
 from equimesh_service.problems import Problem
 from equimesh_service.s3_files import Bucket, S3Files
 from equimesh_service.sending import send_file
+from equimesh_service.unfinished import clear
 from service.check_files import CHECKS, keep, read
 from service.conftest import small, until
 from service.s3_server import ACCESS_KEY, SECRET_KEY, S3Server, serving
@@ -327,3 +328,14 @@ def _use(http: httpx.Client, s3: S3Server, bucket: Path) -> None:
     assert http.delete(asked.json()["links"]["self"]).status_code == 204
     assert http.delete(f"/v1/samples/{name}").status_code == 204
     assert objects() == unnamed
+
+
+def test_a_start_clears_the_folders_of_killed_writers_too(tmp_path: Path) -> None:
+    folder = tmp_path / "unfinished"
+    (folder / ".equimesh-abc").mkdir(parents=True)
+    (folder / ".equimesh-abc" / "mesh.vtu").write_text("half")
+    (folder / "x.npz").write_text("half")
+    clear(folder, alone=False)  # of another service, perhaps, that is at work
+    assert len([*folder.iterdir()]) == 2
+    clear(folder, alone=True)
+    assert [*folder.iterdir()] == []
