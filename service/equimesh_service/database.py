@@ -24,6 +24,8 @@ _KNOWN = "addresses are postgresql+psycopg://user:password@host/name and sqlite:
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
 # Seconds until a server that does not answer counts as down.
 _CONNECT_SECONDS = 5
+# A replica that is frozen, or whose host has vanished, within a transaction must not keep the others from its meshes.
+_IDLE = "-c idle_in_transaction_session_timeout=60s"
 # A server whose host has vanished is given up after some 20 s, not after the hours of the system's own patience.
 _WATCHED = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 2, "tcp_user_timeout": 20_000}
 
@@ -58,10 +60,10 @@ class Database:
                 raise UnusableDatabaseError(
                     "PostgreSQL needs psycopg; install it with: pip install 'equimesh[postgres]'"
                 )
-            options = str(address.query.get("options", "")) + ("" if durable else " -c synchronous_commit=off")
+            options = [_IDLE, "" if durable else "-c synchronous_commit=off", str(address.query.get("options", ""))]
             self._engine = create_engine(
                 address,
-                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": options, **_WATCHED},
+                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": " ".join(options), **_WATCHED},
                 json_serializer=to_json,
                 pool_size=8,
                 max_overflow=8,

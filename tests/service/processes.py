@@ -83,6 +83,18 @@ class ServiceProcess:
         """Send the service a signal, without waiting for what comes of it."""
         os.kill(self.pid, number)
 
+    @contextmanager
+    def frozen(self) -> Iterator[None]:
+        """All its processes stand still, as on a machine that is suspended."""
+        pids = [self.pid, *children(self.pid)]
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            for pid in pids:
+                os.kill(pid, signal.SIGCONT)
+
     def wait(self, seconds: float = _STOP_SECONDS) -> int:
         """The exit code, once it has ended."""
         assert self._process is not None
