@@ -170,7 +170,7 @@ async def create(
     key = checked_key(idempotency_key)
     document, upload = await read_request(request, service)
     # Before the samples that come along are kept.
-    await service.quotas.check_bytes(caller, 0 if upload is None else len(upload.data))
+    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
     admitted = await service.check(service.admission.receive, document, upload, caller)
     if upload is not None:
         service.metrics.uploaded()

@@ -262,10 +262,12 @@ class MeshesStore:
     ) -> None:
         """Insert a mesh in a state, and the events that tell how it came there."""
         _use_samples(connection, new.samples, now)
+        spec = to_json(new.spec)
         row = {
             "id": new.id,
             "label": new.spec["label"],
-            "spec": to_json(new.spec),
+            "spec": spec,
+            "spec_size": len(spec.encode()),
             "n_xi": new.spec["grid"]["n_xi"],
             "n_eta": new.spec["grid"]["n_eta"],
             "cells": new.spec["cells"],

@@ -53,7 +53,11 @@ class QuotaStore:
         self._read = database.read
 
     def stored_bytes(self, key_id: str) -> int:
-        """Bytes of the files of a key's meshes and of its samples; a file that several share counts for each."""
+        """Bytes of the files and specs of a key's meshes, and of its samples.
+
+        A file that several share counts for each.
+        """
+        specs = select(func.coalesce(func.sum(meshes.c.spec_size), 0))
         files = select(func.coalesce(func.sum(artifacts.c.size), 0)).join(meshes, meshes.c.id == artifacts.c.mesh_id)
         uploads = select(func.coalesce(func.sum(samples.c.size), 0)).join(
             samples_keys, samples_keys.c.samples_id == samples.c.id
@@ -61,4 +65,5 @@ class QuotaStore:
         with self._read() as connection:
             made = connection.execute(files.where(meshes.c.key_id == key_id)).scalar_one()
             sent = connection.execute(uploads.where(samples_keys.c.key_id == key_id)).scalar_one()
-        return int(made) + int(sent)
+            asked = connection.execute(specs.where(meshes.c.key_id == key_id)).scalar_one()
+        return int(made) + int(sent) + int(asked)

@@ -23,7 +23,7 @@ _AGAIN_SECONDS = 0.5
 _WHAT = {
     "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
     "key_max_points": ("points in unfinished meshes", "wait until some are finished, or ask for fewer points"),
-    "key_max_bytes": ("bytes in files and samples", "delete meshes and samples that are no longer needed"),
+    "key_max_bytes": ("bytes in files, samples and specs", "delete meshes and samples that are no longer needed"),
 }
 
 

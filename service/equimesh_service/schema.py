@@ -70,9 +70,10 @@ meshes = Table(
     Column("kept_from", Float),  # when its retention begins, if not at its finish: meshes of 0.1, which kept all
     Column("request_id", _Id(64)),
     Column("trace", String(64)),  # the traceparent of the request (W3C Trace Context)
+    Column("spec_size", Integer, nullable=False, server_default="0"),  # bytes of the spec
     # With all that is asked of waiting meshes: their rows are long where samples stand in the spec.
     Index("meshes_by_status", "status", "number", "key_id", "n_xi", "n_eta"),
-    Index("meshes_by_key", "key_id", "number"),
+    Index("meshes_by_key", "key_id", "number", "spec_size"),  # the sum of a key's specs comes from here alone
     Index("meshes_by_fingerprint", "fingerprint", "key_id", "number"),
     Index("meshes_by_finish", "finished_at"),
     sqlite_autoincrement=True,

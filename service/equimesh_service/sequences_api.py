@@ -115,7 +115,7 @@ async def create(
     waiting = _Waiting.of(request, service, format, prefer)
     key = checked_key(idempotency_key)
     document, upload = await read_request(request, service)
-    await service.quotas.check_bytes(caller, 0 if upload is None else len(upload.data))
+    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
     admitted = stepping.first_spec(await service.check(service.admission.receive, document, upload, caller))
     if upload is not None:
         service.metrics.uploaded()

@@ -68,7 +68,7 @@ class Settings(BaseSettings):
     key_max_queued: int = Field(1000, ge=0, description="Most unfinished meshes of one key; 0: no limit.")
     key_max_points: int = Field(50_000_000, ge=0, description="Most points of a key's unfinished meshes; 0: no limit.")
     key_max_bytes: int = Field(
-        10_240 * MIB, ge=0, description="Most bytes of a key's stored files and samples; 0: no limit."
+        10_240 * MIB, ge=0, description="Most bytes of a key's stored files, samples and specs; 0: no limit."
     )
     key_requests_per_minute: int = Field(
         12_000, ge=0, description="Most requests of one key in a minute, for each service process; 0: no limit."

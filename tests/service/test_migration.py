@@ -31,10 +31,10 @@ SPEC = {
     "initial": "nested",
     "schwarz": None,
     "cells": "quad",
-    "label": "old",
+    "label": "von früher",
 }
 MESH = {
-    "spec": json.dumps(SPEC),
+    "spec": json.dumps(SPEC, ensure_ascii=False),
     "label": "old",
     "n_xi": 8,
     "n_eta": 8,
@@ -89,6 +89,8 @@ def test_a_database_of_the_first_release_is_brought_up_to_date(database_url: str
             ("s-1", "", 3.0)
         ]
         assert connection.execute(text("SELECT key_id, key, mesh_id FROM idempotency")).all() == [("", "k", "m-1")]
+        sizes = connection.execute(text("SELECT spec_size FROM meshes")).scalars().all()
+        assert sizes == [len(MESH["spec"].encode())] * 2
         now = time.time()
         assert connection.execute(text("SELECT used_at FROM samples")).scalar() == pytest.approx(now, abs=60.0)
         assert connection.execute(text("SELECT kept_from FROM meshes")).scalar() == pytest.approx(now, abs=60.0)

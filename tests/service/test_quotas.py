@@ -11,6 +11,7 @@ import pytest
 
 from equimesh_service import Settings
 from equimesh_service.callers import ANYONE, Caller
+from equimesh_service.database import to_json
 from equimesh_service.problems import Problem
 from equimesh_service.quota_store import Quota, QuotaError, QuotaStore
 from equimesh_service.quotas import Quotas
@@ -162,7 +163,7 @@ async def test_bytes_are_summed_now_and_then() -> None:
     await limited.check_bytes(CALLER, 90)
     with pytest.raises(Problem) as refused:
         await limited.check_bytes(CALLER, 90)
-    assert "990 bytes in files and samples, and may have 1000 (EQUIMESH_KEY_MAX_BYTES)" in refused.value.detail
+    assert "990 bytes in files, samples and specs, and may have 1000 (EQUIMESH_KEY_MAX_BYTES)" in refused.value.detail
     assert stored.sums == 1
     stored.size = 0  # they were deleted: who was refused is not held to the old sum for long
     clock.now += 0.6
@@ -200,3 +201,27 @@ def test_what_is_stored_counts(guarded_service: Guarded) -> None:
         assert client.delete(mesh["links"]["self"]).status_code == 204
         assert guarded_service.store.quotas.stored_bytes(row.id) == sum(sizes)
         until(lambda: client.post("/v1/meshes", json=small()).status_code == 202)
+
+
+def test_samples_in_specs_count(guarded_service: Guarded) -> None:
+    values = [[i * j / 7 for j in range(60)] for i in range(60)]
+    spec = small(monitor={"u": {"grid": {"x": [i / 59 for i in range(60)], "y": [0, 1], "values": values}}})
+    spec["monitor"]["u"]["grid"]["y"] = spec["monitor"]["u"]["grid"]["x"]
+    with guarded_service.client("write") as client:
+        made = [client.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}) for _ in range(5)]
+        # Reuse spares the solve of the same again, and not the room for its spec.
+        assert [answer.status_code for answer in made] == [201, 201, 201, 429, 429]
+        assert "bytes in files, samples and specs, and may have 200000" in made[-1].json()["detail"]
+        assert client.delete(made[0].headers["location"]).status_code == 204
+        until(lambda: client.post("/v1/meshes", json=spec).status_code in (201, 202))
+
+
+def test_a_spec_counts_as_it_is_stored(database_url: str) -> None:
+    store = Store(database_url)
+    store.prepare()
+    spec = {**SPEC, "label": "größer als ein Buchstabe \u2192"}
+    for number in range(2):
+        store.meshes.add(NewMesh(id=f"m-{number}", spec=spec, key_id="k"))
+    assert store.quotas.stored_bytes("k") == 2 * len(to_json(spec).encode())
+    assert store.quotas.stored_bytes("l") == 0
+    store.close()
