@@ -6,6 +6,7 @@ import logging
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ _log = logging.getLogger(__name__)
 _LONGEST_ROUND = 60.0
 # How often a dispatcher looks whether its claims still stand; work that is for nobody ends after two looks.
 _CHECK_SECONDS = 0.4
+_LONGEST_LINE = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,8 @@ class Dispatcher:
     the store itself. ``notify`` hears the id of every mesh whose status may have changed.
 
     A mesh for which somebody waits need not go through the queue: :meth:`reserve` a worker, put the mesh into the
-    store as claimed by :attr:`hold`, and :meth:`begin` it, or :meth:`release` the worker.
+    store as claimed by :attr:`hold`, and :meth:`begin` it, or :meth:`release` the worker. Where no worker is free,
+    :meth:`line_up` for one: this line and the queue take turns.
     """
 
     def __init__(
@@ -68,9 +71,11 @@ class Dispatcher:
         self._notify = notify
         self._metrics = metrics or Metrics()
         self.hold = Hold(owner=owner, lease=rules.lease)
-        self._lock = threading.Lock()  # of the four that follow
+        self._lock = threading.RLock()  # of the six that follow; a task may end while it is submitted
         self._running: dict[Claim, Future[Any]] = {}
         self._reserved = 0
+        self._line: deque[Future[bool]] = deque()  # who waits for a worker to be reserved
+        self._is_turn_of_line = False  # where somebody waits in the queue, too
         self._queue_is_empty = False  # as far as this service knows
         self._woken = False  # since the look at the queue that goes on
         self._strays: set[Claim] = set()  # claims of this service that no worker has
@@ -96,14 +101,35 @@ class Dispatcher:
     def reserve(self) -> bool:
         """Keep a worker free for a mesh that is not in the store yet; False when none is, or others have waited."""
         with self._lock:
-            free = self._queue_is_empty and not self._stopping.is_set() and self._has_room()
+            free = self._queue_is_empty and not self._line and not self._stopping.is_set() and self._has_room()
             self._reserved += free
         return free
+
+    def line_up(self) -> Future[bool]:
+        """Wait for a worker: True when one is reserved, False when the line is too long, or the service ends."""
+        turn: Future[bool] = Future()
+        with self._lock:
+            if len(self._line) < _LONGEST_LINE and not self._stopping.is_set():
+                self._line.append(turn)
+                self._call_up()
+                return turn
+        turn.set_result(False)
+        return turn
+
+    def step_out(self, turn: Future[bool]) -> None:
+        """Leave the line; a worker that was reserved meanwhile is given up."""
+        with self._lock:
+            if turn in self._line:
+                self._line.remove(turn)
+                return
+        if turn.result():
+            self.release()
 
     def release(self) -> None:
         """Give up a reserved worker."""
         with self._lock:
             self._reserved -= 1
+            self._call_up()
         self._wake.set()
 
     def begin(self, claim: Claim, order: Order) -> Future[Any]:
@@ -130,6 +156,9 @@ class Dispatcher:
         self._stopping.set()
         self._wake.set()
         self._thread.join()
+        with self._lock:
+            while self._line:
+                self._line.popleft().set_result(False)
         running = self._held()
         try:
             # Those, too, that had not come to a worker yet.
@@ -165,19 +194,40 @@ class Dispatcher:
             self._wake.wait(self._rules.poll)
 
     def _fill(self) -> None:
-        while self._has_room():
+        while self._take_room():
             self._woken = False
-            claim = self._store.queue.claim(self._owner, self._rules.lease)
+            try:
+                claim = self._store.queue.claim(self._owner, self._rules.lease)
+            except BaseException:
+                self.release()
+                raise
             with self._lock:  # until here it counts as what it was, so that nobody overtakes during the look
+                self._reserved -= 1
                 self._queue_is_empty = claim is None and not self._woken
-            if claim is None:
-                return
-            with self._lock:
+                self._is_turn_of_line = True
+                self._call_up()
+                if claim is None:
+                    return
                 task = self._submit(claim, None)
             row = self._store.meshes.get(claim.mesh_id)
             if row is None or row.finished:
                 self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task
             self._notify(claim.mesh_id)
+
+    def _take_room(self) -> bool:
+        """Reserve a worker for what may be in the queue."""
+        with self._lock:
+            self._call_up()
+            free = self._has_room()
+            self._reserved += free
+        return free
+
+    def _call_up(self) -> None:
+        """Reserve workers that are free for those in the line, under the lock; in turns where others are queued."""
+        while self._line and (self._queue_is_empty or self._is_turn_of_line) and self._has_room():
+            self._reserved += 1
+            self._is_turn_of_line = False
+            self._line.popleft().set_result(True)
 
     def _has_room(self) -> bool:
         health = self._engine.health()
@@ -198,24 +248,32 @@ class Dispatcher:
         return task
 
     def _end(self, claim: Claim, task: Future[Any]) -> None:
-        self._notify(claim.mesh_id)  # at once: the worker has written its result already
-        self._ended.put((claim, task))
-        self._wake.set()
+        if _is_over(task):
+            self._leave(claim)  # at once, in whatever thread this is: the worker has written its result already
+            self._metrics.ended(task.result())
+            if not self._queue_is_empty:
+                self._wake.set()
+        else:
+            self._ended.put((claim, task))
+            self._wake.set()
+        self._notify(claim.mesh_id)
+
+    def _leave(self, claim: Claim) -> None:
+        """The worker that had a mesh has done with it."""
+        with self._lock:
+            self._running.pop(claim, None)
+            self._call_up()
 
     def _settle(self) -> None:
         while not self._ended.empty():
             claim, task = self._ended.get()
             try:
                 with trail.follow(trail.of(claim)):
-                    if not _is_over(task):
-                        self._conclude(claim, task.exception())
+                    self._conclude(claim, task.exception())
             except Exception:
                 self._ended.put((claim, task))  # the store did not take it: once more, later
                 raise
-            with self._lock:
-                self._running.pop(claim, None)
-            if _is_over(task):
-                self._metrics.ended(task.result())
+            self._leave(claim)
             self._notify(claim.mesh_id)
 
     def _conclude(self, claim: Claim, error: BaseException | None) -> None:
@@ -278,4 +336,4 @@ class Dispatcher:
 
 def _is_over(task: Future[Any]) -> bool:
     """Whether a worker has brought its mesh to an end in the store."""
-    return task.exception() is None and isinstance(task.result(), Ending)
+    return not task.cancelled() and task.exception() is None and isinstance(task.result(), Ending)

@@ -176,7 +176,7 @@ async def create(
         service.metrics.uploaded()
     wanted = preferred_wait(prefer)
     seconds = min(wanted or 0, int(service.settings.max_wait))
-    asked = await service.ask(admitted, caller, key=key, format=name, soon=seconds > 0, reuse=reuse)
+    asked = await service.ask(admitted, caller, key=key, format=name, seconds=seconds, reuse=reuse)
     headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
     if wanted is not None:
         headers["Preference-Applied"] = f"wait={seconds}"

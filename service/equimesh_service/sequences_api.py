@@ -127,7 +127,7 @@ async def create(
         key_id=caller.key_id,
     )
     asked = await service.ask(
-        admitted, caller, key=key, format=waiting.format, soon=waiting.seconds > 0, reuse=False, step=step
+        admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=step
     )
     return await waiting.answer(request, service, caller, asked, admitted.spec["cells"])
 
@@ -174,9 +174,14 @@ async def step(
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {NPZ}, not {shown}.")
     data = await bodies.read_body(request, service.settings.max_body)
-    fingerprint = sha256(f"{id} {waiting.format} {kind} ".encode() + data).hexdigest()
+
+    def repeated() -> tuple[str, str | None]:
+        digest = sha256(f"{id} {waiting.format} {kind} ".encode())
+        digest.update(data)
+        return digest.hexdigest(), service.store.meshes.known(caller.key_id, key, digest.hexdigest())
+
     with refusals():
-        again = await run_in_threadpool(service.store.meshes.known, caller.key_id, key, fingerprint)
+        fingerprint, again = await run_in_threadpool(repeated)
     if again is not None:
         mesh = await service.mesh(again, caller)
         return await waiting.answer(request, service, caller, Asked(again), mesh.cells)
@@ -202,7 +207,7 @@ async def step(
             discard=service.discard,
         )
         asked = await service.ask(
-            made.admitted, caller, key=key, format=waiting.format, soon=waiting.seconds > 0, reuse=False, step=new
+            made.admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=new
         )
     return await waiting.answer(request, service, caller, asked, made.admitted.spec["cells"])
 

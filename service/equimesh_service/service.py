@@ -47,6 +47,8 @@ from equimesh_service.store import Store
 from equimesh_service.wakeups import Wakeups
 
 _log = logging.getLogger(__name__)
+# Seconds that a request stands in line for a worker; then its mesh waits in the store, where nothing is lost.
+_PATIENCE = 1.0
 
 
 @dataclass(frozen=True)
@@ -124,11 +126,11 @@ class Service:
         *,
         key: str | None,
         format: str | None,
-        soon: bool,
+        seconds: float,
         reuse: bool,
         step: NewStep | None = None,
     ) -> Asked:
-        """Put an admitted spec into the queue or, where somebody waits for it, straight to a worker that is free.
+        """Put an admitted spec into the queue or, where somebody waits ``seconds`` for it, straight to a worker.
 
         With ``reuse`` a finished mesh of the same spec is taken instead, where there is one. It may be the ``step`` of
         a sequence. Raises 409, 422 and 429 problems.
@@ -144,7 +146,7 @@ class Service:
             if again is not None:
                 trail.current().mesh_id = again
                 return Asked(again)
-        hold = self.dispatcher.hold if soon and self.dispatcher.reserve() else None
+        hold = self.dispatcher.hold if await self._worker(min(seconds, _PATIENCE)) else None
         try:
             asked = await self._add(admitted, caller, new, key, hold, step)
         except BaseException:
@@ -153,6 +155,23 @@ class Service:
             raise
         trail.current().mesh_id = asked.mesh_id
         return asked
+
+    async def _worker(self, seconds: float) -> bool:
+        """Reserve a worker; False where none came free in time."""
+        if seconds <= 0:
+            return False
+        if self.dispatcher.reserve():
+            return True
+        turn, reserved = self.dispatcher.line_up(), False
+        try:
+            async with asyncio.timeout(seconds):
+                reserved = await asyncio.shield(asyncio.wrap_future(turn))
+        except TimeoutError:
+            pass
+        finally:
+            if not reserved:
+                self.dispatcher.step_out(turn)
+        return reserved
 
     async def _add(
         self,
@@ -163,14 +182,19 @@ class Service:
         hold: Hold | None,
         step: NewStep | None,
     ) -> Asked:
+        fingerprint = admitted.fingerprint(new.format) if step is None else step.fingerprint
         if hold is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
+            with refusals():
+                known = await run_in_threadpool(self.store.meshes.known, new.key_id, key, fingerprint)
+            if known is not None:  # a repeated request asks for no more than is there
+                return Asked(known)
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
         with tracing.span("enqueue"), refusals():
             mesh_id = await run_in_threadpool(
                 self.store.meshes.add,
                 new,
                 key=key,
-                fingerprint=admitted.fingerprint(new.format) if step is None else step.fingerprint,
+                fingerprint=fingerprint,
                 quota=self.quotas.for_mesh(caller),
                 hold=hold,
                 step=step,
