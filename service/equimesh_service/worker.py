@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,8 @@ def warm_up() -> None:
         if points < 100:
             solution.data(), solution.certificate
         problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
+    with TemporaryDirectory() as folder:
+        write_mesh(Path(folder) / "mesh.vtu", solution.data())
 
 
 @lru_cache(maxsize=8)

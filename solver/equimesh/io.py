@@ -22,6 +22,7 @@ from equimesh.medit import medit_text
 from equimesh.mesh import SIDES, Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.su2 import su2_text
+from equimesh.vtu import write_vtu
 
 __all__ = ["CELLS", "FORMATS", "Cells", "MeshData", "MeshFormat", "load_npz", "write_mesh"]
 
@@ -162,7 +163,13 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
     match name:
         case "vtu":
             # Compression makes files a third of the size, and takes longer than the solve.
-            meshio.write(file, _meshio_mesh(data, kind, dimension=3), file_format="vtu", compression=None)
+            write_vtu(
+                file,
+                data.mesh.points,
+                _cells(data, kind),
+                point_data=_point_data(data),
+                cell_data=_cell_data(data, kind),
+            )
         case "vtk":
             meshio.write(file, _meshio_mesh(data, kind, dimension=3), file_format="vtk42")
         case "xdmf":

@@ -23,6 +23,7 @@ from equimesh.errors import InputError
 from equimesh.io import FORMATS, Cells, MeshData, load_npz, write_mesh
 from equimesh.mesh import SIDES, Mesh
 from equimesh.upload import read_samples
+from equimesh.vtu import write_vtu
 
 N_XI, N_ETA = 7, 5
 CELL_COUNT = (N_XI - 1) * (N_ETA - 1)
@@ -119,8 +120,21 @@ class TestReadBack:
         count = CELL_COUNT * (2 if kind == "triangle" else 1)
         assert f'NumberOfPoints="{N_XI * N_ETA}" NumberOfCells="{count}"' in text
         assert 'type="UnstructuredGrid"' in text
+        assert re.findall(r'type="(\w+)" Name="(?:connectivity|offsets|types)"', text) == ["Int32", "Int32", "UInt8"]
         again = read_samples(path.read_bytes(), "mesh.vtu")  # our own reader of points
         np.testing.assert_array_equal(again.values, DATA.u.ravel())
+
+    def test_vtu_in_pieces(self, tmp_path: Path, kind: Cells, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A file is the same however many pieces it is written in, and whatever the last one's size."""
+        whole = self.write(tmp_path, "vtu", kind).read_bytes()
+        monkeypatch.setattr("equimesh.vtu.PIECE", 33)
+        assert self.write(tmp_path, "vtu", kind).read_bytes() == whole
+        values = {f"<{n}>": np.arange(n, dtype=">f8") for n in range(1, 9)}
+        for name, array in values.items():
+            points, cells = np.zeros((array.size, 2)), np.zeros((1, 4), dtype=np.int64)
+            write_vtu(tmp_path / "small.vtu", points, cells, point_data={name: array}, cell_data={})
+            found = meshio.vtu.read(tmp_path / "small.vtu").point_data
+            assert {key: value.tolist() for key, value in found.items()} == {name: array.tolist()}
 
     def test_vtk(self, tmp_path: Path, kind: Cells) -> None:
         path = self.write(tmp_path, "vtk", kind)
@@ -418,6 +432,7 @@ class TestDisk:
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(meshio, "write", full)
+        monkeypatch.setattr("equimesh.io.write_vtu", full)
         for name in ("vtu", "vtk", "xdmf"):
             with pytest.raises(OSError, match="No space left"):
                 write_mesh(tmp_path / "mesh.out", DATA, format=name)
