@@ -204,10 +204,15 @@ def test_limits_and_a_stop_of_the_service(tmp_path: Path) -> None:
             pass
         last = http.post("/v1/meshes", json=SLOW).json()
         until(lambda: http.get(last["links"]["self"]).json()["status"] == "running")
-        for _ in range(2):
-            assert http.post("/v1/meshes", json=small()).status_code == 202
-        full = http.post("/v1/meshes", json=small())
-        assert (full.status_code, full.json().get("type")) == (429, "/problems/queue-full")
+        waiting = [http.post("/v1/meshes", json=small(), headers={"Idempotency-Key": f"k{n}"}) for n in range(2)]
+        assert [answer.status_code for answer in waiting] == [202, 202]
+        for headers in ({}, {"Idempotency-Key": "new"}):
+            full = http.post("/v1/meshes", json=small(), headers=headers)
+            assert (full.status_code, full.json().get("type")) == (429, "/problems/queue-full")
+        again = http.post("/v1/meshes", json=small(), headers={"Idempotency-Key": "k1"})  # whose answer was lost
+        assert (again.status_code, again.headers["location"]) == (202, waiting[1].headers["location"])
+        other = http.post("/v1/meshes", json=small(label="x"), headers={"Idempotency-Key": "k1"})
+        assert (other.status_code, other.json()["type"]) == (422, "/problems/idempotency-key-reused")
     store = Store(settings.database)
     row, events = store.meshes.get(last["id"]), store.meshes.events(last["id"])
     store.close()
