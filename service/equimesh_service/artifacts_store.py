@@ -8,20 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import Connection, bindparam, delete, insert, select
 
 from equimesh_service.database import Database, lock
 from equimesh_service.rows import Artifact
 from equimesh_service.schema import artifacts, samples
+
+# Built once: that takes longer than to execute them.
+_REMOVE = delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
+_INSERT = insert(artifacts)
 
 
 def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
     """Give a mesh files under their names, in place of older ones; nobody removes them until the end."""
     lock(connection, (file.sha256 for file in files))
     for file in files:
-        here = (artifacts.c.mesh_id == mesh_id, artifacts.c.name == file.name)
-        connection.execute(delete(artifacts).where(*here))
-        connection.execute(insert(artifacts).values(mesh_id=mesh_id, **vars(file)))
+        connection.execute(_REMOVE, {"mesh": mesh_id, "file": file.name})
+        connection.execute(_INSERT, {"mesh_id": mesh_id, **vars(file)})
 
 
 def remove_unused(database: Database, held: Iterable[str], remove_file: Callable[[str], None]) -> None:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import Connection, Row, insert, select, update
+from sqlalchemy import Connection, Row, bindparam, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from equimesh_service.artifacts_store import insert_artifacts, remove_unused
@@ -14,6 +14,7 @@ from equimesh_service.database import Database, to_json
 from equimesh_service.deletion import delete_ended, delete_mesh
 from equimesh_service.quota_store import Quota, take
 from equimesh_service.rows import (
+    FINISHED,
     QUEUED,
     RUNNING,
     SUCCEEDED,
@@ -33,7 +34,13 @@ from equimesh_service.sequences_store import insert_step, make_way
 
 # How exactly it is noted when samples were last used.
 _USED_SECONDS = 3600.0
+# How many meshes one query asks for by their ids.
+_AT_ONCE = 500
 _SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
+# Built once, since building them takes longer than executing them.
+_SHOW = select(*_SHOWN).where(meshes.c.id == bindparam("mesh"))
+_INSERT_MESH, _INSERT_USES, _INSERT_EVENTS = insert(meshes), insert(mesh_samples), insert(events)
+_USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
 
 
 def _nothing() -> None:
@@ -118,8 +125,18 @@ class MeshesStore:
     def get(self, mesh_id: str) -> MeshRow | None:
         """The mesh with this id."""
         with self._read() as connection:
-            row = connection.execute(select(*_SHOWN).where(meshes.c.id == mesh_id)).first()
+            row = connection.execute(_SHOW, {"mesh": mesh_id}).first()
         return None if row is None else _mesh(row)
+
+    def unfinished(self, names: Sequence[str]) -> dict[str, int]:
+        """The number of the last event of each of these meshes that is not finished."""
+        found: dict[str, int] = {}
+        with self._read() as connection:
+            for start in range(0, len(names), _AT_ONCE):
+                here = meshes.c.id.in_(names[start : start + _AT_ONCE])
+                rows = connection.execute(select(meshes.c.id, meshes.c.status, meshes.c.last_event).where(here))
+                found |= {row.id: row.last_event for row in rows if row.status not in FINISHED}
+        return found
 
     def spec(self, mesh_id: str) -> dict[str, Any] | None:
         """The canonical spec of a mesh."""
@@ -280,21 +297,20 @@ class MeshesStore:
             "last_event": len(story),
             **state,
         }
-        connection.execute(insert(meshes), row)
+        connection.execute(_INSERT_MESH, row)
         if new.samples:
-            connection.execute(insert(mesh_samples), [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
+            connection.execute(_INSERT_USES, [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
         told = [
             {"mesh_id": new.id, "number": number, "time": now, "kind": kind, "data": dict(data)}
             for number, (kind, data) in enumerate(story, start=1)
         ]
-        connection.execute(insert(events), told)
+        connection.execute(_INSERT_EVENTS, told)
 
 
 def _use_samples(connection: Connection, names: Sequence[str], now: float) -> None:
     """Keep samples from being deleted before the mesh is there that needs them, and note that they are in use."""
     for name in sorted(names):
-        query = select(samples.c.used_at).where(samples.c.id == name).with_for_update(read=True, key_share=True)
-        used_at = connection.execute(query).scalar()
+        used_at = connection.execute(_USED_AT, {"name": name}).scalar()
         if used_at is None:
             raise SamplesGoneError(name)
         if used_at < now - _USED_SECONDS:

@@ -10,15 +10,35 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, or_, select, update
-from sqlalchemy.sql.elements import ColumnElement
+from sqlalchemy import Connection, bindparam, func, insert, or_, select, update
+from sqlalchemy.sql.dml import ReturningUpdate
 
 from equimesh_service.artifacts_store import insert_artifacts
 from equimesh_service.database import Database
 from equimesh_service.rows import CANCELED, FAILED, QUEUED, RUNNING, STATUSES, SUCCEEDED, Artifact, Census, Claim
 from equimesh_service.schema import events, meshes
 
+# Statements are built once, since building them takes longer than executing them. A change takes the mesh and, beside
+# what stands here, the new values of columns by their names.
 _CLAIMED = [meshes.c.id, meshes.c.attempt, meshes.c.request_id, meshes.c.key_id, meshes.c.trace]
+_OLDEST = (
+    select(*_CLAIMED, meshes.c.created_at)
+    .where(meshes.c.status == QUEUED)
+    .order_by(meshes.c.number)
+    .limit(1)
+    .with_for_update(skip_locked=True)
+)
+_CHANGE = (
+    update(meshes)
+    .where(meshes.c.id == bindparam("mesh"))
+    .values(last_event=meshes.c.last_event + 1)
+    .returning(meshes.c.id, meshes.c.last_event)
+)
+_CLAIM = _CHANGE.where(meshes.c.status == QUEUED)
+_CANCEL = _CHANGE.where(meshes.c.status.in_((QUEUED, RUNNING)))
+_ATTEMPT = _CHANGE.where(meshes.c.status == RUNNING, meshes.c.attempt == bindparam("try"))
+_BACK = _ATTEMPT.values(losses=meshes.c.losses + bindparam("lost"))
+_ADD_EVENT = insert(events)
 
 
 def _nothing() -> None:
@@ -51,29 +71,26 @@ class QueueStore:
     def cancel(self, mesh_id: str) -> bool:
         """Cancel a mesh that is not finished; False when it is."""
         with self._write() as connection:
-            here = [meshes.c.id == mesh_id, meshes.c.status.in_((QUEUED, RUNNING))]
             change = {"status": CANCELED, "finished_at": self._clock(), "owner": None, "lease_until": None}
-            return self._append(connection, here, change, "done", {"status": CANCELED})
+            return self._append(connection, _CANCEL, {"mesh": mesh_id, **change}, "done", {"status": CANCELED})
 
     def claim(self, owner: str, lease: float) -> Claim | None:
         """Take the oldest waiting mesh for ``owner``, for ``lease`` seconds; after a crash it may wait again."""
         with self._write(durable=False) as connection:
-            query = select(*_CLAIMED, meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number)
-            row = connection.execute(query.limit(1).with_for_update(skip_locked=True)).first()
+            row = connection.execute(_OLDEST).first()
             if row is None:
                 return None
             now = self._clock()
             change = {
                 "status": RUNNING,
-                "attempt": meshes.c.attempt + 1,
+                "attempt": row.attempt + 1,
                 "owner": owner,
                 "lease_until": now + lease,
                 "started_at": now,
                 "progress": None,
             }
-            here = [meshes.c.id == row.id, meshes.c.status == QUEUED]
             data = {"status": RUNNING, "attempt": row.attempt + 1}
-            if not self._append(connection, here, change, "status", data):
+            if not self._append(connection, _CLAIM, {"mesh": row.id, **change}, "status", data):
                 return None
             waited = max(0.0, now - row.created_at)
             return replace(_claim(row), attempt=row.attempt + 1, claimed_at=now, waited=waited)
@@ -125,12 +142,12 @@ class QueueStore:
                 "error": dict(error),
             }
             data = {"status": FAILED, "error": dict(error)}
-            return FAILED if self._append(connection, _held(claim), change, "done", data) else None
+            return FAILED if self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data) else None
 
     def progress(self, claim: Claim, data: Mapping[str, Any]) -> bool:
         """Note how far a running mesh is; False when the claim no longer holds."""
         with self._write() as connection:
-            return self._append(connection, _held(claim), {"progress": dict(data)}, "progress", data)
+            return self._append(connection, _ATTEMPT, {**_of(claim), "progress": dict(data)}, "progress", data)
 
     def finish(
         self,
@@ -160,37 +177,30 @@ class QueueStore:
                 "result": None if result is None else dict(result),
                 "partial": partial,
             }
-            if not self._append(connection, _held(claim), change, "done", data):
+            if not self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data):
                 return False
             insert_artifacts(connection, claim.mesh_id, files)
             publish()
             return True
 
     def _back(self, connection: Connection, claim: Claim, reason: str, lost: int) -> bool:
-        change = {
-            "status": QUEUED,
-            "owner": None,
-            "lease_until": None,
-            "progress": None,
-            "losses": meshes.c.losses + lost,
-        }
-        return self._append(connection, _held(claim), change, "status", {"status": QUEUED, "reason": reason})
+        change = {"status": QUEUED, "owner": None, "lease_until": None, "progress": None, "lost": lost}
+        return self._append(connection, _BACK, {**_of(claim), **change}, "status", {"status": QUEUED, "reason": reason})
 
     def _append(
         self,
         connection: Connection,
-        here: Sequence[ColumnElement[bool]],
-        change: Mapping[str, Any],
+        change: ReturningUpdate[Any],
+        values: Mapping[str, Any],
         kind: str,
         data: Mapping[str, Any],
     ) -> bool:
-        """Change the one mesh ``here`` and add an event that says so; False when there is none."""
-        statement = update(meshes).where(*here).values(**change, last_event=meshes.c.last_event + 1)
-        row = connection.execute(statement.returning(meshes.c.id, meshes.c.last_event)).first()
+        """Change one mesh and add an event that says so; False when there is none that the change is for."""
+        row = connection.execute(change, dict(values)).first()
         if row is None:
             return False
         added = {"mesh_id": row.id, "number": row.last_event, "time": self._clock(), "kind": kind, "data": dict(data)}
-        connection.execute(insert(events).values(added))
+        connection.execute(_ADD_EVENT, added)
         return True
 
 
@@ -198,5 +208,5 @@ def _claim(row: Any) -> Claim:
     return Claim(row.id, row.attempt, request_id=row.request_id, key_id=row.key_id, trace=row.trace)
 
 
-def _held(claim: Claim) -> list[ColumnElement[bool]]:
-    return [meshes.c.id == claim.mesh_id, meshes.c.attempt == claim.attempt, meshes.c.status == RUNNING]
+def _of(claim: Claim) -> dict[str, Any]:
+    return {"mesh": claim.mesh_id, "try": claim.attempt}

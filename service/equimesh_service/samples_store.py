@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sqlalchemy import ColumnElement, Select, delete, select
+from sqlalchemy import ColumnElement, Select, bindparam, delete, select
 
 from equimesh_service.artifacts_store import remove_unused
 from equimesh_service.database import Database, insert_new, lock
 from equimesh_service.rows import QUEUED, RUNNING, SamplesRow
 from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
+
+# Built once: that takes longer than to execute it.
+_UNRETIRE = delete(retired).where(retired.c.id == bindparam("samples"), retired.c.key_id == bindparam("key"))
 
 
 def _nothing() -> None:
@@ -37,7 +40,7 @@ class SamplesStore:
             lock(connection, [row.sha256])
             if insert_new(connection, samples, {**vars(row), "used_at": self._clock()}):
                 publish()
-            connection.execute(delete(retired).where(retired.c.id == row.id, retired.c.key_id == key_id))
+            connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
             owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}
             return insert_new(connection, samples_keys, owned)
 
