@@ -205,10 +205,10 @@ class Dispatcher:
                 self._reserved -= 1
                 self._queue_is_empty = claim is None and not self._woken
                 self._is_turn_of_line = True
-                self._call_up()
-                if claim is None:
-                    return
-                task = self._submit(claim, None)
+                task = None if claim is None else self._submit(claim, None)
+                self._call_up()  # now that the worker of the claim is not free any more
+            if claim is None or task is None:
+                return
             row = self._store.meshes.get(claim.mesh_id)
             if row is None or row.finished:
                 self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task

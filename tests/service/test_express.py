@@ -76,10 +76,10 @@ def dispatcher(store: Store, engine: Patient) -> Iterator[Dispatcher]:
 
 def test_as_many_are_taken_as_there_are_workers(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
     until(dispatcher.reserve)
-    assert dispatcher.reserve()
+    until(dispatcher.reserve)  # not at once where the queue is looked at in this moment
     assert not dispatcher.reserve()
     dispatcher.release()
-    assert dispatcher.reserve()
+    until(dispatcher.reserve)
     for name in ("a", "b"):
         store.meshes.add(NewMesh(id=name, spec=SPEC), hold=dispatcher.hold)
         dispatcher.begin(Claim(name, 1), ORDER)
@@ -106,7 +106,9 @@ def test_a_worker_that_takes_nothing_stays_reserved(dispatcher: Dispatcher, engi
     with pytest.raises(EngineError):
         dispatcher.begin(Claim("a", 1), ORDER)
     dispatcher.release()
-    assert [dispatcher.reserve() for _ in range(3)] == [True, True, False]
+    until(dispatcher.reserve)
+    until(dispatcher.reserve)
+    assert not dispatcher.reserve()
 
 
 def test_nobody_overtakes_while_the_queue_is_looked_at(
@@ -126,6 +128,31 @@ def test_nobody_overtakes_while_the_queue_is_looked_at(
     until(lambda: len(engine.tasks) == 2)
     dispatcher.stop()
     assert overtook == [False, False]
+
+
+def test_what_is_claimed_keeps_its_worker(store: Store, engine: Patient, monkeypatch: pytest.MonkeyPatch) -> None:
+    claim, overtook, turns = store.queue.claim, list[bool](), list[Future[bool]]()
+
+    def look(owner: str, lease: float) -> Claim | None:
+        overtook.append(dispatcher.reserve())
+        found = claim(owner, lease)
+        if found is not None:
+            turns.append(dispatcher.line_up())
+        return found
+
+    monkeypatch.setattr(engine, "health", lambda: Health(ready=True, workers=1))
+    monkeypatch.setattr(store.queue, "claim", look)
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
+    dispatcher.start(alone=True)
+    until(lambda: len(overtook) > 2)  # it takes the queue for empty
+    store.meshes.add(NewMesh(id="a", spec=SPEC))  # of another service, which wakes nobody here
+    until(lambda: engine.tasks)
+    assert not any(overtook)
+    assert not turns[0].done()
+    store.queue.finish(Claim("a", 1))
+    engine.tasks[0].set_result(None)
+    assert turns[0].result(20.0)
+    dispatcher.stop()
 
 
 def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
