@@ -57,14 +57,17 @@ class Retention:
 
     def sweep(self) -> Swept:
         """Remove all that has had its time, and files without an owner."""
-        kept, store = self._days * _DAY, self._store.retention
+        kept, store, remover = self._days * _DAY, self._store.retention, _Remover(self._files)
         meshes = samples = 0
-        if self._days > 0:
-            meshes = self._all(lambda: store.retire_meshes(kept, self._files.remove))
-            samples = self._all(lambda: store.retire_samples(kept, self._files.remove))
-        store.forget(max(_REMEMBERED_TIMES * kept, _REMEMBERED_DAYS * _DAY))
-        self._files.tidy()
-        return Swept(meshes=meshes, samples=samples, orphans=self._remove_orphans())
+        try:
+            if self._days > 0:
+                meshes = self._all(lambda: store.retire_meshes(kept, remover.remove))
+                samples = self._all(lambda: store.retire_samples(kept, remover.remove))
+            store.forget(max(_REMEMBERED_TIMES * kept, _REMEMBERED_DAYS * _DAY))
+            remover.attempt("unfinished", self._files.tidy)
+            return Swept(meshes=meshes, samples=samples, orphans=self._remove_orphans(remover))
+        finally:
+            remover.report()
 
     def _loop(self) -> None:
         while not self._stopping.is_set():
@@ -88,16 +91,45 @@ class Retention:
             removed += number
         return removed
 
-    def _remove_orphans(self) -> int:
-        removed: list[str] = []
-
-        def remove(sha256: str) -> None:
-            self._files.remove(sha256)
-            removed.append(sha256)
-
+    def _remove_orphans(self, remover: _Remover) -> int:
+        before = remover.removed
         old = (file.sha256 for file in self._files.listing() if file.age > _YOUNGEST_ORPHAN)
         while not self._stopping.is_set() and (some := list(islice(old, _LOOKED_UP))):
-            left = iter(self._store.retention.unnamed(some))
+            left = iter(self._store.retention.unnamed(some) - remover.failed.keys())
             while not self._stopping.is_set() and (few := list(islice(left, _REMOVED))):
-                self._store.retention.remove_unnamed(few, remove)
-        return len(removed)
+                self._store.retention.remove_unnamed(few, remover.remove)
+        return remover.removed - before
+
+
+class _Remover:
+    """Removes files in one sweep. What does not go away is left to the next sweep, and does not stop this one."""
+
+    def __init__(self, files: Files) -> None:
+        self._files = files
+        self.removed = 0
+        self.failed: dict[str, OSError] = {}
+
+    def remove(self, sha256: str) -> None:
+        """Remove a file; raises :class:`OSError` only where the storage as a whole does not work."""
+        self.removed += self.attempt(sha256, lambda: self._files.remove(sha256))
+
+    def attempt(self, name: str, act: Callable[[], None]) -> bool:
+        """Whether it could be done; raises :class:`OSError` as :meth:`remove`."""
+        try:
+            act()
+        except OSError as error:
+            self._files.check()  # raises where it is not this file
+            self.failed[name] = error
+            return False
+        return True
+
+    def report(self) -> None:
+        """Say once what was left."""
+        if self.failed:
+            name, error = next(iter(self.failed.items()))
+            _log.warning(
+                "%d files could not be removed, such as %s: %s; they are tried again in an hour",
+                len(self.failed),
+                name,
+                error.strerror or type(error).__name__,
+            )

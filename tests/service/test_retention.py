@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 from collections.abc import Iterator
@@ -118,6 +119,52 @@ def test_files_without_an_owner_go_after_an_hour(store: Store, files: FolderFile
     there = {file.sha256 for file in files.listing()}
     assert there == {named.sha256, uploaded.sha256, young.sha256}
     assert not there.intersection(file.sha256 for file in left)
+
+
+def test_a_file_that_cannot_be_removed_stops_nobody(
+    store: Store, clock: Clock, files: FolderFiles, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name in ("m-1", "m-2"):
+        finished(store, keep(files, name.encode()), name)
+    stuck = [files.path(keep(files, content, hours=2.0).sha256) for content in (b"m-1", b"orphan")]
+    for path in stuck:  # folders in the place of files, which nobody can remove, not even root
+        path.unlink()
+        path.mkdir()
+        os.utime(path, (0.0, 0.0))
+    other = [keep(files, f"left {number}".encode(), hours=2.0) for number in range(5)]
+    clock.now += 31 * DAY
+    retention = Retention(store, files, days=30.0)
+    assert retention.sweep() == Swept(meshes=2, samples=0, orphans=len(other))
+    assert {file.sha256 for file in files.listing()} == {path.name for path in stuck}
+    [said] = [record.getMessage() for record in caplog.records]
+    assert said.startswith("2 files could not be removed, such as ")
+    for path in stuck:
+        path.rmdir()
+    stuck[0].write_bytes(b"m-1")
+    os.utime(stuck[0], (0.0, 0.0))
+    assert retention.sweep() == Swept(meshes=0, samples=0, orphans=1)
+    assert len(caplog.records) == 1
+
+
+def test_a_storage_that_does_not_work_ends_the_sweep(
+    store: Store, files: FolderFiles, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(30):
+        keep(files, f"left {number}".encode(), hours=2.0)
+    tried: list[str] = []
+
+    def fail(_: FolderFiles, sha256: str) -> None:
+        tried.append(sha256)
+        raise OSError(errno.EIO, "broken")
+
+    def down(_: FolderFiles) -> None:
+        raise OSError(errno.EIO, "broken")
+
+    monkeypatch.setattr(FolderFiles, "remove", fail)
+    monkeypatch.setattr(FolderFiles, "check", down)
+    with pytest.raises(OSError, match="broken"):
+        Retention(store, files, days=30.0).sweep()
+    assert len(tried) == 1
 
 
 def test_a_file_that_finds_an_owner_meanwhile_stays(store: Store, files: FolderFiles) -> None:
