@@ -22,6 +22,7 @@ from equimesh_service.callers import Caller
 from equimesh_service.document import parse
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import Files
+from equimesh_service.intake import Arrays
 from equimesh_service.monitors import AnyMonitor, ArcLengthSpec, sources_of, with_samples
 from equimesh_service.problems import Problem, invalid
 from equimesh_service.rows import SamplesRow
@@ -104,9 +105,9 @@ class Admission:
             self._check(spec, canonical, rows, {})
         else:
             # The numbers first: an upload is not kept for a spec that is refused.
-            with self._converted(upload, wanting[0], alone=False) as (path, summary):
-                if upload.is_light and summary["kind"] == "grid" and _is_plain(spec.monitor):
-                    check_problem(spec, {UPLOAD: path})
+            with self._converted(upload, wanting[0], alone=False) as (path, summary, arrays):
+                if arrays is not None and summary["kind"] == "grid" and _is_plain(spec.monitor):
+                    check_problem(spec, {UPLOAD: arrays})
                 else:
                     self._check(spec, None, rows, {UPLOAD: path})
                 row, _ = self._keep(path, summary, caller, durable=False)
@@ -124,24 +125,27 @@ class Admission:
 
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and keep them; the second value tells whether they are new."""
-        with self._converted(upload, "", alone=True) as (path, summary):
+        with self._converted(upload, "", alone=True) as (path, summary, _):
             return self._keep(path, summary, caller, durable=True)
 
     @contextmanager
-    def _converted(self, upload: Upload, pointer: str, *, alone: bool) -> Iterator[tuple[Path, dict[str, Any]]]:
-        """Uploaded samples as a canonical npz file that is not published, and what they are."""
+    def _converted(
+        self, upload: Upload, pointer: str, *, alone: bool
+    ) -> Iterator[tuple[Path, dict[str, Any], Arrays | None]]:
+        """Uploaded samples as a canonical npz file that is not published, what they are, and light ones as arrays."""
         with self.files.unfinished(".npz") as path:
-            most = 4 * self.settings.max_body
+            most, arrays = 4 * self.settings.max_body, None
             if upload.is_light:
                 with pointing(pointer):
-                    summary = intake.convert(upload.data, upload.filename, path, most, alone=alone)
+                    arrays = intake.read(upload.data, upload.filename, most, alone=alone)
+                    summary = intake.write(arrays, path)
             else:
                 with self.files.unfinished(".upload") as source:
                     source.write_bytes(upload.data)
                     read = partial(intake.convert, alone=alone)
                     summary = self._work(pointer, read, source, upload.filename, path, most)
             self._check_samples(math.prod(summary["shape"]), pointer)
-            yield path, summary
+            yield path, summary, arrays
 
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
         file = self.files.seal(path)

@@ -15,21 +15,23 @@ from equimesh_service import schwarz as sw
 from equimesh_service import sources as sr
 from equimesh_service import spec as sp
 from equimesh_service.document import escaped
-from equimesh_service.intake import load_field
+from equimesh_service.intake import Arrays, field_of
 from equimesh_service.problems import complaint_of, refused
 
-PathOf: TypeAlias = Callable[[str], Path]
-"""Where the file of stored samples is, by their id."""
+Samples: TypeAlias = Path | Arrays
+"""Stored samples, or those that have just come."""
+SamplesOf: TypeAlias = Callable[[str], Samples]
+"""The samples with an id."""
 
 _SECTIONS = {"subdomains": "/schwarz/subdomains", "overlap": "/schwarz/overlap"}
 _NAMES = {"radius": "smoothing"}
 
 
-def build_problem(spec: sp.MeshSpec, path_of: PathOf) -> equimesh.Problem:
+def build_problem(spec: sp.MeshSpec, find: SamplesOf) -> equimesh.Problem:
     """The solver's problem, its monitor bound to the domain; raises a 422 problem with pointers."""
     grid = build_grid(spec)
     domain = build_domain(spec.domain)
-    monitor = build_monitor(spec.monitor, domain, path_of)
+    monitor = build_monitor(spec.monitor, domain, find)
     with pointing("/monitor"):
         monitor = monitor.on(domain)
     with pointing(""):
@@ -37,9 +39,9 @@ def build_problem(spec: sp.MeshSpec, path_of: PathOf) -> equimesh.Problem:
         return equimesh.Problem(monitor=monitor, grid=grid, boundary=boundary, domain=domain)
 
 
-def check_problem(spec: sp.MeshSpec, paths: Mapping[str, Path]) -> None:
-    """Raise what :func:`build_problem` raises; ``paths`` are those of the samples by their ids."""
-    build_problem(spec, paths.__getitem__)
+def check_problem(spec: sp.MeshSpec, samples: Mapping[str, Samples]) -> None:
+    """Raise what :func:`build_problem` raises; ``samples`` are found by their ids."""
+    build_problem(spec, samples.__getitem__)
 
 
 def build_grid(spec: sp.MeshSpec) -> equimesh.Grid:
@@ -100,12 +102,12 @@ def build_domain(given: dm.AnyDomain) -> equimesh.Domain:
 
 
 def build_monitor(
-    given: mn.AnyMonitor, domain: equimesh.Domain, path_of: PathOf, pointer: str = "/monitor"
+    given: mn.AnyMonitor, domain: equimesh.Domain, find: SamplesOf, pointer: str = "/monitor"
 ) -> equimesh.Monitor:
     """The monitor, not bound to the domain yet; raises a 422 problem with pointers."""
 
     def read(name: str) -> equimesh.Field:
-        return build_field(getattr(given, name), domain, path_of, f"{pointer}/{name}")
+        return build_field(getattr(given, name), domain, find, f"{pointer}/{name}")
 
     def optional(name: str) -> equimesh.Field | None:
         return None if getattr(given, name) is None else read(name)
@@ -123,7 +125,7 @@ def build_monitor(
                 monitor = equimesh.Tensor(m11=read("m11"), m12=read("m12"), m22=read("m22"), u=optional("u"))
             case mn.IntersectionSpec():
                 members = [
-                    build_monitor(member, domain, path_of, f"{pointer}/monitors/{number}")
+                    build_monitor(member, domain, find, f"{pointer}/monitors/{number}")
                     for number, member in enumerate(given.monitors)
                 ]
                 monitor = equimesh.Intersection(monitors=tuple(members))
@@ -132,7 +134,7 @@ def build_monitor(
     return monitor
 
 
-def build_field(source: sr.AnySource, domain: equimesh.Domain, path_of: PathOf, pointer: str) -> equimesh.Field:
+def build_field(source: sr.AnySource, domain: equimesh.Domain, find: SamplesOf, pointer: str) -> equimesh.Field:
     """A function as the solver takes it, good on the whole domain; raises a 422 problem with pointers."""
     match source:
         case sr.ExpressionSource():
@@ -145,9 +147,9 @@ def build_field(source: sr.AnySource, domain: equimesh.Domain, path_of: PathOf, 
             with pointing(f"{pointer}/scattered"):
                 return equimesh.ScatteredSamples(points=given.points, values=given.values, box=domain.box)
         case sr.StoredSource(samples=name):
-            path = path_of(name)
+            samples = find(name)
             with pointing(f"{pointer}/samples"):
-                return load_field(path, domain.box)
+                return field_of(samples, domain.box)
 
 
 def build_expression(source: sr.ExpressionSource | sp.ExpressionCheck, domain: equimesh.Domain) -> equimesh.Expression:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ from equimesh.errors import SamplesError
 from equimesh.samples import CUBIC
 from equimesh.upload import read_arrays, samples_of
 
+Arrays: TypeAlias = Mapping[str, Any]
 LIGHT = 256 * 1024  # bytes
 # The sides of a mesh may leave out this share of the box around a domain with curved sides.
 _RIM = 0.05
@@ -39,16 +41,20 @@ def is_light(data: bytes, filename: str) -> bool:
         return False  # a worker will say what is wrong
 
 
-def convert(source: Path | bytes, filename: str, target: Path, max_bytes: int, *, alone: bool) -> dict[str, Any]:
-    """Read an upload, a file or its bytes, into the canonical npz ``target``; returns what the samples are.
+def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
+    """The canonical arrays of an upload.
 
     ``alone`` says that they come without a domain: what is wrong with them on any is then found here, else by who
     makes a field of them. Raises :class:`~equimesh.errors.SamplesError`.
     """
-    data = source if isinstance(source, bytes) else source.read_bytes()
     arrays = _canonical(read_arrays(data, filename, max_bytes=max_bytes))
     if alone and "points" not in arrays:
         samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
+    return arrays
+
+
+def write(arrays: Arrays, target: Path) -> dict[str, Any]:
+    """Write canonical arrays as the npz ``target``; returns what the samples are."""
     with target.open("wb") as file:
         np.savez(file, **arrays)
     values = arrays["values"]
@@ -60,10 +66,14 @@ def convert(source: Path | bytes, filename: str, target: Path, max_bytes: int, *
     }
 
 
-def load_field(path: Path, box: Box) -> equimesh.Field:
-    """A function from stored samples, which must cover ``box``."""
-    with np.load(path, allow_pickle=False) as arrays:
-        given = dict(arrays)
+def convert(source: Path, filename: str, target: Path, max_bytes: int, *, alone: bool) -> dict[str, Any]:
+    """:func:`read` a file, and :func:`write` what it holds."""
+    return write(read(source.read_bytes(), filename, max_bytes, alone=alone), target)
+
+
+def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:
+    """A function from canonical samples, stored or as they came, which must cover ``box``."""
+    given = _stored(samples) if isinstance(samples, Path) else samples
     if "x" not in given or given["x"].ndim == 1:
         return samples_of(given, box=box)
     for name, (low, high) in zip(("x", "y"), box, strict=True):
@@ -71,6 +81,11 @@ def load_field(path: Path, box: Box) -> equimesh.Field:
         if abs(given[name].min() - low) > rim or abs(given[name].max() - high) > rim:
             raise SamplesError("these are values at the nodes of a mesh of another domain", field=name)
     return equimesh.NodalField(mesh=equimesh.Mesh(given["x"], given["y"]), values=given["values"])
+
+
+def _stored(path: Path) -> Arrays:
+    with np.load(path, allow_pickle=False) as arrays:
+        return dict(arrays)
 
 
 def _canonical(arrays: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -30,6 +30,7 @@ class CellPoints:
     weights: Array
 
     @classmethod
+    @cache
     def gauss(cls, count: int) -> CellPoints:
         """The tensor-product Gauss rule with ``count`` points per direction; the weights sum to 1."""
         nodes, weights = np.polynomial.legendre.leggauss(count)
