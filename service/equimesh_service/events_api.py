@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import AsyncIterator
+from contextlib import AbstractContextManager
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request
@@ -12,6 +14,7 @@ from fastapi.responses import JSONResponse
 from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
 
 from equimesh_service.callers import Caller
 from equimesh_service.negotiation import chosen
@@ -35,6 +38,8 @@ _EVENT = {
 }
 _PING_SECONDS = 15.0
 _RETRY_MILLISECONDS = 1000
+# How often it is seen to that the caller would still be let in, while nothing happens.
+_STANDS_SECONDS = 1.0
 
 
 @router.get(
@@ -80,14 +85,26 @@ async def get_events(
     if row.finished and after >= row.last_event:
         return Response(status_code=204)  # tells a browser not to connect again
     after = min(after, row.last_event)  # after an event that never was, the stream would not end
-    return EventSourceResponse(_stream(service, id, after, caller), headers={"Cache-Control": "no-store"})
+    return _Stream(_stream(service, id, after, caller), service.quotas.waiting(caller, math.inf))
+
+
+class _Stream(EventSourceResponse):
+    """A stream that counts among the caller's waits for as long as it is sent."""
+
+    def __init__(self, events: AsyncIterator[bytes], held: AbstractContextManager[None]) -> None:
+        super().__init__(events, headers={"Cache-Control": "no-store"})
+        self._held = held
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._held:
+            await super().__call__(scope, receive, send)
 
 
 async def _stream(service: Service, mesh_id: str, after: int, caller: Caller) -> AsyncIterator[bytes]:
     yield format_sse_event(retry=_RETRY_MILLISECONDS)
-    quiet_since = time.monotonic()
+    quiet_since, news = time.monotonic(), True
     while not service.wakeups.closing and await service.callers.stands(caller):
-        events = await run_in_threadpool(service.store.meshes.events, mesh_id, after=after)
+        events = await run_in_threadpool(service.store.meshes.events, mesh_id, after=after) if news else []
         for event in events:
             yield _wire(event)
             after = event.number
@@ -98,9 +115,9 @@ async def _stream(service: Service, mesh_id: str, after: int, caller: Caller) ->
         elif time.monotonic() - quiet_since > _PING_SECONDS:
             quiet_since = time.monotonic()
             yield KEEPALIVE_COMMENT
-            if await run_in_threadpool(service.store.meshes.get, mesh_id) is None:
-                return  # deleted
-        await service.wakeups.wait(mesh_id, service.settings.poll)
+        if news and not events and await run_in_threadpool(service.store.meshes.get, mesh_id) is None:
+            return  # deleted
+        news = await service.wakeups.wait(mesh_id, _STANDS_SECONDS, seen=after)
 
 
 def _wire(event: EventRow) -> bytes:

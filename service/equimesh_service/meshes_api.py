@@ -176,15 +176,16 @@ async def create(
         service.metrics.uploaded()
     wanted = preferred_wait(prefer)
     seconds = min(wanted or 0, int(service.settings.max_wait))
-    asked = await service.ask(admitted, caller, key=key, format=name, seconds=seconds, reuse=reuse)
-    headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
-    if wanted is not None:
-        headers["Preference-Applied"] = f"wait={seconds}"
-    began = time.monotonic()
-    ending = await service.ending(asked, seconds)
-    if ending is not None and name is not None and (file := ending.file(file_name(name, admitted.spec["cells"]))):
-        return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
-    row = await service.finished(asked.mesh_id, seconds - (time.monotonic() - began), caller)
+    with service.quotas.waiting(caller, seconds):
+        asked = await service.ask(admitted, caller, key=key, format=name, seconds=seconds, reuse=reuse)
+        headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
+        if wanted is not None:
+            headers["Preference-Applied"] = f"wait={seconds}"
+        began = time.monotonic()
+        ending = await service.ending(asked, seconds)
+        if ending is not None and name is not None and (file := ending.file(file_name(name, admitted.spec["cells"]))):
+            return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
+        row = await service.finished(asked.mesh_id, seconds - (time.monotonic() - began), caller)
     if row.reused_from is not None:
         headers["Equimesh-Reused"] = row.reused_from
     if row.finished and name is not None:
@@ -232,7 +233,8 @@ async def get_mesh(
     ] = 0.0,
 ) -> MeshResource:
     """State, progress, quality, and links; also of a mesh that failed, whose `error` says why."""
-    return mesh_resource(await service.finished(id, wait, caller), service.settings.root)
+    with service.quotas.waiting(caller, wait):
+        return mesh_resource(await service.finished(id, wait, caller), service.settings.root)
 
 
 @router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 410, 409))

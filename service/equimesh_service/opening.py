@@ -61,7 +61,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=worker.warm_up
     )
     desk = PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare)
-    wakeups, checkers = Wakeups(), Checkers()
+    wakeups, checkers = Wakeups(store.meshes.unfinished, settings.poll), Checkers()
     rules = Rules(
         time_limit=settings.time_limit,
         memory_limit=settings.memory_limit,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from starlette.concurrency import run_in_threadpool
@@ -20,9 +21,13 @@ _MINUTE = 60
 _SUM_SECONDS, _SUM_SHARE = 5.0, 50.0
 # Who has deleted something waits no longer than this until there is room.
 _AGAIN_SECONDS = 0.5
+# Seconds after which to ask again; else 10. Unfinished meshes come to an end, and waits do so soon, while bytes go when
+# somebody deletes them.
+_AGAIN = {"key_max_bytes": "3600", "key_max_waits": "2"}
 _WHAT = {
     "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
     "key_max_points": ("points in unfinished meshes", "wait until some are finished, or ask for fewer points"),
+    "key_max_waits": ("open waits and event streams", "wait until some have ended, or ask without waiting"),
     "key_max_bytes": ("bytes in files, samples and specs", "delete meshes and samples that are no longer needed"),
 }
 
@@ -65,7 +70,8 @@ class _Sum:
 
 
 class Quotas:
-    """The limits of all keys. For one event loop; the caller without a key has none but the service's own.
+    """The limits of all keys. For one event loop; callers without a key have none but the service's own, and that of
+    waits, which they share.
 
     ``clock`` gives seconds that only grow.
     """
@@ -74,6 +80,7 @@ class Quotas:
         self._settings, self._store, self._clock = settings, store, clock
         self._minutes: dict[str, _Minute] = {}
         self._sums: dict[str, _Sum] = {}
+        self._waits: Counter[str] = Counter()
 
     def count_request(self, caller: Caller) -> dict[str, str]:
         """The headers that say how many requests are left; raises a 429 problem when none is."""
@@ -99,6 +106,24 @@ class Quotas:
             return None
         return Quota(queued=self._settings.key_max_queued, points=self._settings.key_max_points)
 
+    @contextmanager
+    def waiting(self, caller: Caller, seconds: float) -> Iterator[None]:
+        """Have the caller wait so many seconds at most, 0 being none; raises a 429 problem when too many do."""
+        key_id, most = caller.key_id, self._settings.key_max_waits
+        if not (seconds and most):
+            yield
+            return
+        if self._waits[key_id] >= most:
+            who = "This key has" if key_id else "Callers without a key have"
+            raise exceeded(QuotaError("key_max_waits", self._waits[key_id], most), who)
+        self._waits[key_id] += 1
+        try:
+            yield
+        finally:
+            self._waits[key_id] -= 1
+            if not self._waits[key_id]:
+                del self._waits[key_id]
+
     async def check_bytes(self, caller: Caller, more: int = 0) -> None:
         """Raise a 429 problem when the caller has stored as much as it may, or would with ``more`` bytes."""
         most = self._settings.key_max_bytes
@@ -121,10 +146,8 @@ def _rate(most: int, left: int, seconds: int) -> dict[str, str]:
     return {"RateLimit-Policy": f'"key";q={most};w={_MINUTE}', "RateLimit": f'"key";r={left};t={seconds}'}
 
 
-def exceeded(error: QuotaError) -> Problem:
+def exceeded(error: QuotaError, who: str = "This key has") -> Problem:
     """The 429 problem of a limit that is reached."""
     what, remedy = _WHAT[error.limit]
-    detail = f"This key has {error.used} {what}, and may have {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
-    # Unfinished meshes come to an end; bytes go when somebody deletes them, and asking again soon is of no use.
-    wait = "3600" if error.limit == "key_max_bytes" else "10"
-    return Problem("quota-exceeded", detail, headers={"Retry-After": wait})
+    detail = f"{who} {error.used} {what}, and may have {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
+    return Problem("quota-exceeded", detail, headers={"Retry-After": _AGAIN.get(error.limit, "10")})

@@ -126,10 +126,11 @@ async def create(
         fingerprint=sha256(f"sequence {keep} {admitted.fingerprint(waiting.format)}".encode()).hexdigest(),
         key_id=caller.key_id,
     )
-    asked = await service.ask(
-        admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=step
-    )
-    return await waiting.answer(request, service, caller, asked, admitted.spec["cells"])
+    with service.quotas.waiting(caller, waiting.seconds):
+        asked = await service.ask(
+            admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=step
+        )
+        return await waiting.answer(request, service, caller, asked, admitted.spec["cells"])
 
 
 @router.get("/{id}", summary="Look at a sequence", operation_id="getSequence", responses=problems(404, 410))
@@ -184,7 +185,8 @@ async def step(
         fingerprint, again = await run_in_threadpool(repeated)
     if again is not None:
         mesh = await service.mesh(again, caller)
-        return await waiting.answer(request, service, caller, Asked(again), mesh.cells)
+        with service.quotas.waiting(caller, waiting.seconds):
+            return await waiting.answer(request, service, caller, Asked(again), mesh.cells)
     await service.quotas.check_bytes(caller, len(data))
     if kind == NPZ:
         move = await service.check(stepping.read_arrays, data, 4 * service.settings.max_body)
@@ -192,7 +194,7 @@ async def step(
         move = await service.check(stepping.read_json, data)
     start = await _start(service, caller, sequence.id, move.step)
     prepare = stepping.Stepping(service.admission, service.store, service.files).prepare
-    with ExitStack() as stack:
+    with service.quotas.waiting(caller, waiting.seconds), ExitStack() as stack:
         made = await service.check(prepare, move, start, caller, stack)
         mesh_artifact = await run_in_threadpool(service.store.meshes.artifact, start, "mesh")
         new = NewStep(
@@ -209,7 +211,7 @@ async def step(
         asked = await service.ask(
             made.admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=new
         )
-    return await waiting.answer(request, service, caller, asked, made.admitted.spec["cells"])
+        return await waiting.answer(request, service, caller, asked, made.admitted.spec["cells"])
 
 
 @router.delete(

@@ -44,7 +44,7 @@ from equimesh_service.rows import (
 )
 from equimesh_service.settings import Settings
 from equimesh_service.store import Store
-from equimesh_service.wakeups import Wakeups
+from equimesh_service.wakeups import END, Wakeups
 
 _log = logging.getLogger(__name__)
 # Seconds that a request stands in line for a worker; then its mesh waits in the store, where nothing is lost.
@@ -110,7 +110,7 @@ class Service:
             left = deadline - time.monotonic()
             if row.finished or left <= 0 or self.wakeups.closing:
                 return row
-            await self.wakeups.wait(mesh_id, min(left, self.settings.poll))
+            await self.wakeups.wait(mesh_id, left, seen=END)
 
     async def sequence(self, sequence_id: str, caller: Caller) -> SequenceRow:
         """The sequence with this id; raises a 404 problem, also when it is not the caller's to see."""

@@ -73,6 +73,11 @@ class Settings(BaseSettings):
     key_requests_per_minute: int = Field(
         12_000, ge=0, description="Most requests of one key in a minute, for each service process; 0: no limit."
     )
+    key_max_waits: int = Field(
+        100,
+        ge=0,
+        description="Most waits and event streams that one key holds open, in each service process; 0: no limit.",
+    )
     trusted_proxies: str = Field(
         "127.0.0.1", description="Addresses of proxies whose X-Forwarded headers are believed, separated by commas."
     )

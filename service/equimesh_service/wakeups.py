@@ -3,19 +3,36 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from starlette.concurrency import run_in_threadpool
+
+# The number that no event has: who has seen it waits for the end of the mesh.
+END = sys.maxsize
+
+
+@dataclass(frozen=True, eq=False)
+class _Waiter:
+    seen: int | None
+    call: asyncio.Event = field(default_factory=asyncio.Event)
 
 
 class Wakeups:
     """Lets coroutines of one event loop wait for news of a mesh; any thread may announce news.
 
-    News are a hint to look at the store, never the news themselves: what a worker writes on its own comes
-    without one, so every wait has a timeout.
+    News are a hint to look at the store, never the news themselves. What workers and other services write comes
+    without one, so somebody has to look: one for all who wait, every ``poll`` seconds while there are any. ``look``
+    gives the number of the last event of each of some meshes, but of none that is finished or gone.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, look: Callable[[Sequence[str]], Mapping[str, int]], poll: float) -> None:
         self._loop = asyncio.get_running_loop()
-        self._waiting: dict[str, set[asyncio.Event]] = defaultdict(set)
+        self._look, self._poll = look, poll
+        self._waiting: dict[str, set[_Waiter]] = defaultdict(set)
+        self._watching: asyncio.Task[None] | None = None
         self.closing = False
 
     def announce(self, mesh_id: str) -> None:
@@ -23,27 +40,52 @@ class Wakeups:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._wake, mesh_id)
 
-    async def wait(self, mesh_id: str, timeout: float) -> None:
-        """Return at the next announcement, or after ``timeout`` seconds."""
-        event = asyncio.Event()
-        self._waiting[mesh_id].add(event)
+    async def wait(self, mesh_id: str, timeout: float, *, seen: int | None = None) -> bool:
+        """Return True at the next announcement, and False after ``timeout`` seconds.
+
+        With ``seen`` True, too, soon after the mesh has an event of a larger number, or is finished, or gone.
+        """
+        if self.closing:
+            return True
+        waiter = _Waiter(seen)
+        self._waiting[mesh_id].add(waiter)
+        if seen is not None and self._watching is None:
+            self._watching = self._loop.create_task(self._watch())
         try:
-            if not self.closing:
-                async with asyncio.timeout(timeout):
-                    await event.wait()
+            async with asyncio.timeout(timeout):
+                return await waiter.call.wait()
         except TimeoutError:
-            pass
+            return False
         finally:
-            self._waiting[mesh_id].discard(event)
+            self._waiting[mesh_id].discard(waiter)
             if not self._waiting[mesh_id]:
                 del self._waiting[mesh_id]
 
     def close(self) -> None:
         """Wake everyone for good: the service ends."""
         self.closing = True
+        if self._watching is not None:
+            self._watching.cancel()
         for mesh_id in list(self._waiting):
             self._wake(mesh_id)
 
-    def _wake(self, mesh_id: str) -> None:
-        for event in self._waiting.get(mesh_id, ()):
-            event.set()
+    async def _watch(self) -> None:
+        while self._watched():
+            await asyncio.sleep(self._poll)
+            watched = self._watched()
+            try:
+                last = await run_in_threadpool(self._look, watched)
+            except Exception:  # all who wait meet it at their own look, and answer it
+                last = {}
+            for mesh_id in watched:
+                self._wake(mesh_id, last.get(mesh_id))
+        self._watching = None
+
+    def _watched(self) -> list[str]:
+        return [mesh_id for mesh_id, here in self._waiting.items() if any(one.seen is not None for one in here)]
+
+    def _wake(self, mesh_id: str, last: int | None = None) -> None:
+        """Wake all that wait for a mesh, or those alone that have not seen its event number ``last``."""
+        for waiter in self._waiting.get(mesh_id, ()):
+            if last is None or (waiter.seen is not None and waiter.seen < last):
+                waiter.call.set()

@@ -49,6 +49,7 @@ def guarded(folder: Path, **changes: object) -> Iterator[Guarded]:
         key_max_points=1000,
         key_max_bytes=200_000,
         key_requests_per_minute=600,
+        key_max_waits=3,
         log_level="warning",
         **changes,  # type: ignore[arg-type]
     )

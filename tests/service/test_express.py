@@ -179,7 +179,9 @@ def test_a_failure_after_the_wait_is_nobody_s() -> None:
     async def told() -> list[dict[str, Any]]:
         said: list[dict[str, Any]] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: said.append(context))
-        service: Any = SimpleNamespace(settings=SimpleNamespace(max_wait=30.0, poll=0.01), wakeups=Wakeups())
+        service: Any = SimpleNamespace(
+            settings=SimpleNamespace(max_wait=30.0, poll=0.01), wakeups=Wakeups(dict.fromkeys, 1.0)
+        )
         task: Future[Any] = Future()
         assert await Service.ending(service, Asked("a", task), 0.02) is None
         task.set_exception(WorkerLostError("it died"))

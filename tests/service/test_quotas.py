@@ -1,9 +1,10 @@
-"""Limits of each key: requests a minute, unfinished meshes and their points, stored bytes."""
+"""Limits of each key: requests a minute, unfinished meshes and their points, waits, stored bytes."""
 
 from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from typing import Any
 
 import httpx
@@ -150,6 +151,46 @@ def test_no_two_at_once_slip_past(database_url: str) -> None:
     for own in (found[:20], found[20:]):
         assert sum(entry.startswith("m-") for entry in own) == 4
         assert set(own) - {f"m-{number}" for number in range(40)} == {"key_max_points"}
+
+
+# Waits -------------------------------------------------------------------------------------------------------
+
+
+def test_callers_without_a_key_share_their_waits() -> None:
+    limited = Quotas(Settings(key_max_waits=2), Stored())
+    with ExitStack() as open_waits:
+        for caller in (ANYONE, ANYONE, CALLER):
+            open_waits.enter_context(limited.waiting(caller, 1.0))
+        with pytest.raises(Problem, match="Callers without a key have 2 open waits") as refused:
+            open_waits.enter_context(limited.waiting(ANYONE, 1.0))
+        assert int(refused.value.headers["Retry-After"]) > 0
+        open_waits.enter_context(limited.waiting(ANYONE, 0))  # is no wait
+        open_waits.enter_context(limited.waiting(CALLER, 1.0))
+    with limited.waiting(ANYONE, 1.0), limited.waiting(ANYONE, 1.0):
+        pass
+
+
+def test_a_key_holds_so_many_waits_and_streams_open(guarded_service: Guarded) -> None:
+    slow = {**SLOW, "grid": {"n_xi": 17, "n_eta": 17}, "schwarz": {**SLOW["schwarz"], "subdomains": [2, 1]}}
+    with guarded_service.client("write") as client, guarded_service.client("admin") as other:
+        place = client.post("/v1/meshes", json=slow).headers["location"]
+        with ExitStack() as streams:
+            for _ in range(3):
+                streams.enter_context(client.stream("GET", f"{place}/events"))
+            refused = [
+                client.get(f"{place}/events"),
+                client.get(f"{place}?wait=10"),
+                client.post("/v1/meshes", json=small(), headers={"Prefer": "wait=10"}),
+                client.post("/v1/sequences", json=small(), headers={"Prefer": "wait=10"}),
+            ]
+            assert [answer.status_code for answer in refused] == [429] * 4
+            assert {answer.json()["type"] for answer in refused} == {"/problems/quota-exceeded"}
+            assert "3 open waits and event streams, and may have 3" in refused[0].json()["detail"]
+            assert len(client.get("/v1/meshes").json()["items"]) == 1  # nothing was asked for
+            assert client.get(place).status_code == 200
+            assert other.get(f"{place}?wait=0.1").status_code == 200
+        until(lambda: client.get(f"{place}?wait=0.1").status_code == 200)  # they were closed
+        assert client.delete(place).status_code == 204
 
 
 # Bytes -------------------------------------------------------------------------------------------------------

@@ -1,0 +1,79 @@
+"""Waits for meshes: one look at the store for all of them, and none of them sleeps through what happens."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+
+import anyio
+import pytest
+
+from equimesh_service.wakeups import END, Wakeups
+
+
+class Looks:
+    """What the store says of unfinished meshes; every look is kept, and fails when it is told to."""
+
+    def __init__(self) -> None:
+        self.asked: list[list[str]] = []
+        self.last: dict[str, int] = {}
+        self.fails = False
+
+    def __call__(self, names: Sequence[str]) -> Mapping[str, int]:
+        self.asked.append(sorted(names))
+        if self.fails:
+            raise OSError("the database is down")
+        return dict(self.last)
+
+
+@pytest.mark.anyio
+async def test_one_looks_for_all_and_wakes_whom_it_concerns() -> None:
+    looks, poll = Looks(), 0.05
+    wakeups = Wakeups(looks, poll)
+    names = [f"m-{number}" for number in range(100)]
+    looks.last = dict.fromkeys(names, 7)
+    told: dict[str, bool] = {}
+
+    async def wait(name: str, seen: int | None) -> None:
+        told[f"{name} {seen}"] = await wakeups.wait(name, 30 * poll, seen=seen)
+
+    async with anyio.create_task_group() as group:
+        for name in names:
+            group.start_soon(wait, name, 7)
+        for seen in (6, END):
+            group.start_soon(wait, "m-0", seen)
+        group.start_soon(wait, "announced", None)
+        await anyio.sleep(5 * poll)
+        assert told == {"m-0 6": True}
+        looks.last["m-1"] = 8
+        del looks.last["m-0"]  # it is finished, or gone
+        await anyio.sleep(5 * poll)
+        assert sorted(told) == ["m-0 6", "m-0 7", f"m-0 {END}", "m-1 7"]
+        wakeups.announce("m-2")
+        await anyio.sleep(poll)
+        assert told["m-2 7"]
+    assert not any(told[f"{name} 7"] for name in names[3:])
+    assert not told["announced None"]
+    assert 10 <= len(looks.asked) <= 32
+    assert looks.asked[0] == sorted(names)
+    await anyio.sleep(3 * poll)
+    number = len(looks.asked)
+    await anyio.sleep(3 * poll)
+    assert len(looks.asked) == number  # nobody waits, nobody looks
+
+
+@pytest.mark.anyio
+async def test_who_waits_wakes_when_the_store_fails_and_when_the_service_ends() -> None:
+    looks = Looks()
+    wakeups = Wakeups(looks, 0.01)
+    looks.last = {"m-1": 1}
+    looks.fails = True
+    with anyio.fail_after(10.0):
+        assert await wakeups.wait("m-1", 60.0, seen=1)
+    looks.fails = False
+    with anyio.fail_after(10.0):
+        waiting = asyncio.create_task(wakeups.wait("m-1", 60.0, seen=1))
+        await anyio.sleep(0.05)
+        wakeups.close()
+        assert await waiting
+        assert await wakeups.wait("m-1", 60.0, seen=1)
