@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import lru_cache
@@ -19,18 +17,21 @@ import equimesh
 from equimesh.io import load_npz, write_mesh
 from equimesh.mesh_map import reference_of
 from equimesh_service import tracing, trail
-from equimesh_service.assembly import PathOf, build_problem, build_schwarz
-from equimesh_service.files import Files, StoredFile
+from equimesh_service.assembly import SamplesOf, build_problem, build_schwarz
+from equimesh_service.files import Files
 from equimesh_service.job import Ending, Job, Place
+from equimesh_service.output import Output
 from equimesh_service.problems import Problem
 from equimesh_service.reporter import AttemptLostError, Reporter
-from equimesh_service.rows import FAILED, SUCCEEDED, Artifact, Order
+from equimesh_service.rows import FAILED, SUCCEEDED, Order
 from equimesh_service.spec import read_spec
 from equimesh_service.storage_faults import storage_faults
 from equimesh_service.store import Store
 
 _log = logging.getLogger(__name__)
 MESH, CONVERGENCE = "mesh", "convergence"
+# Points of a mesh whose files take so long to write that threads are worth their start.
+LARGE = 100_000
 
 
 def solve_mesh(job: Job) -> Ending | None:
@@ -88,7 +89,7 @@ def open_store(place: Place) -> Store:
     return place.store()
 
 
-def samples_of(order: Order, files: Files, stack: ExitStack) -> PathOf:
+def samples_of(order: Order, files: Files, stack: ExitStack) -> SamplesOf:
     """Where the samples of specs are, as long as ``stack`` is open."""
 
     def path(samples_id: str) -> Path:
@@ -126,12 +127,11 @@ def _solve(job: Job) -> Ending | None:
     reporter.writing()
     usable = not solution.mesh.is_folded
     with tracing.span("write"), ExitStack() as stack:
-        output = _Output(files, stack)
+        output = Output(files, stack, aside=problem.grid.points >= LARGE)
         if schwarz is not None:
             output.json(CONVERGENCE, solution.convergence())
         quality = None
         if usable:
-            quality = solution.quality.summary()
             data = solution.data()
             if start is not None and order.fields is not None:
                 data = replace(data, fields=_carried(start, order.fields, solution.mesh, files))
@@ -141,6 +141,9 @@ def _solve(job: Job) -> Ending | None:
                 output.write(
                     file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
                 )
+            quality = solution.quality.summary()  # while files are written, as the certificate
+        certificate = solution.certificate.summary()
+        artifacts = output.artifacts()
         timings = {"solve": solved - started, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else _problem(solution)
         kept = store.queue.finish(
@@ -149,10 +152,10 @@ def _solve(job: Job) -> Ending | None:
             result={
                 "solution": _summary(solution),
                 "quality": quality,
-                "certificate": solution.certificate.summary(),
+                "certificate": certificate,
                 "timings": timings,
             },
-            files=output.artifacts,
+            files=artifacts,
             partial=usable and not solution.status.succeeded,
             publish=output.publish,
         )
@@ -165,7 +168,7 @@ def _solve(job: Job) -> Ending | None:
         reason="" if failure is None else failure.name,
         points=problem.grid.points,
         solve_seconds=timings["solve"],
-        files=tuple(output.artifacts),
+        files=tuple(artifacts),
     )
 
 
@@ -189,33 +192,6 @@ def _carried(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: File
 def file_name(format: str, cells: str) -> str:
     """Name of the artifact that is the mesh in a format; npz with quads is the mesh as it was computed."""
     return MESH if (format, cells) == ("npz", "quad") else f"file:{format}:{cells}"
-
-
-class _Output:
-    """Files that are written but not yet published."""
-
-    def __init__(self, files: Files, stack: ExitStack) -> None:
-        self._files = files
-        self._stack = stack
-        self._sealed: list[tuple[Path, StoredFile]] = []
-        self.artifacts: list[Artifact] = []
-
-    def json(self, name: str, value: Any) -> None:
-        """Write a JSON document."""
-        self.write(name, ".json", lambda path: path.write_text(json.dumps(value, allow_nan=False)))
-
-    def write(self, name: str, suffix: str, write: Callable[[Path], object]) -> None:
-        """Have ``write`` make a file."""
-        path = self._stack.enter_context(self._files.unfinished(suffix))
-        write(path)
-        file = self._files.seal(path)
-        self._sealed.append((path, file))
-        self.artifacts.append(Artifact(name, file.sha256, file.size))
-
-    def publish(self) -> None:
-        """Give all files their names."""
-        for path, file in self._sealed:
-            self._files.publish(path, file)
 
 
 def _problem(solution: equimesh.Solution) -> Problem:

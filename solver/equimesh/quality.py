@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -109,23 +110,74 @@ PER_CELL = ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "skewness", "aspect_rat
 """The measures of :class:`Quality` that have one value per cell."""
 
 
-def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss: int | None = None) -> Quality:
+@dataclass(frozen=True, eq=False)
+class CellMetrics:
+    """The mean of a monitor's exact metric over every cell, as arrays over the ``cells``; nan on folded ones."""
+
+    cells: BilinearCells
+    m11: Array
+    m12: Array
+    m22: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> CellMetrics:
+        """The means by Gauss quadrature; ``gauss`` as in :func:`measure`."""
+        with np.errstate(all="ignore"):
+            cells = BilinearCells(mesh)
+            rule = CellPoints.gauss(_gauss_points(cells, gauss))
+            mean = np.full((3, cells.count), np.nan)
+            for block in cells.blocks(rule):
+                at = cells.at(rule, block)
+                share = rule.weights[:, None] * at.det / cells.area[block]
+                for row, entry in enumerate(monitor.metric(at.x, at.y)):
+                    mean[row, block] = (share * entry).sum(axis=0)
+        return cls(cells, *mean)
+
+    @cached_property
+    def q_eq(self) -> Array:
+        """:func:`equidistribution` of every cell."""
+        cells = self.cells
+        with np.errstate(all="ignore"):
+            size = self.m11 * self.m22
+            size -= self.m12 * self.m12
+            np.sqrt(size, out=size)
+            size *= cells.area
+            size *= cells.count / size.sum(where=cells.valid)
+        size[~cells.valid] = np.inf
+        return size.reshape(cells.shape)
+
+    def q_ali(self) -> Array:
+        """:func:`alignment` of every cell."""
+        result = np.empty(self.cells.count)
+        alignments(*self.cells.nodes, self.cells.valid, self.m11, self.m12, self.m22, result)
+        return result.reshape(self.cells.shape)
+
+
+def measure(
+    mesh: Mesh,
+    monitor: Monitor,
+    *,
+    uniform: Mesh | None = None,
+    gauss: int | None = None,
+    metrics: CellMetrics | None = None,
+) -> Quality:
     """All quality measures of ``mesh`` for ``monitor``, which must be bound to a domain if it depends on one.
 
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
     the unit square. ``gauss`` is the number of Gauss points per direction and cell; by default ``GAUSS_POINTS`` or, on
     many cells, ``GAUSS_POINTS_BEYOND``, where the interpolation errors are those of
-    :func:`~equimesh.interpolation.interpolation_errors`. Not finite where u or its gradient is not.
+    :func:`~equimesh.interpolation.interpolation_errors`. ``metrics`` are those of the mesh, where they are known
+    already. Not finite where u or its gradient is not.
     """
     with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
-        metric = _mean_metric(cells, monitor, gauss)
+        metrics = CellMetrics.of(mesh, monitor, gauss=gauss) if metrics is None else metrics
+        cells = metrics.cells
         sine, skewness, aspect_ratio = (np.empty(cells.count) for _ in range(3))
         angles_and_edges(*cells.nodes, cells.valid, sine, skewness, aspect_ratio)
         ratios = np.empty(cells.count)
         size_ratios(*cells.shape, cells.valid, cells.area, ratios)
-        q_eq, q_ali, q_geo = _equidistribution(cells, metric), _alignment(cells, metric), _regularity(cells)
-        del metric
+        q_eq, q_ali, q_geo = metrics.q_eq, metrics.q_ali(), _regularity(cells)
+        del metrics
         return Quality(
             q_eq=Measure(q_eq),
             q_ali=Measure(q_ali),
@@ -148,9 +200,7 @@ def equidistribution(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) 
     Howse, Table 1, prints the maximum). Positive, of mean 1; all are 1 exactly when M is equidistributed.
     Folded cells are infinite and left out of the sum. ``gauss`` as in :func:`measure`.
     """
-    with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
-        return _equidistribution(cells, _mean_metric(cells, monitor, gauss))
+    return CellMetrics.of(mesh, monitor, gauss=gauss).q_eq
 
 
 def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
@@ -160,9 +210,7 @@ def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Arra
     matrix of the bilinear map of the unit square onto the cell. F' varies over the cell: the value is the
     largest, which is found at a corner. At least 1.
     """
-    with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
-        return _alignment(cells, _mean_metric(cells, monitor, gauss))
+    return CellMetrics.of(mesh, monitor, gauss=gauss).q_ali()
 
 
 def shape_regularity(mesh: Mesh) -> Array:
@@ -174,40 +222,8 @@ def shape_regularity(mesh: Mesh) -> Array:
         return _regularity(BilinearCells(mesh))
 
 
-_Metric: TypeAlias = tuple[Array, Array, Array]  # m11, m12, m22 of every cell
-
-
 def _gauss_points(cells: BilinearCells, gauss: int | None) -> int:
     return gauss or next((points for most, points in GAUSS_POINTS if cells.count <= most), GAUSS_POINTS_BEYOND)
-
-
-def _mean_metric(cells: BilinearCells, monitor: Monitor, gauss: int | None) -> _Metric:
-    """The mean of the exact metric over every cell by Gauss quadrature; nan on folded cells."""
-    rule = CellPoints.gauss(_gauss_points(cells, gauss))
-    mean = np.full((3, cells.count), np.nan)
-    for block in cells.blocks(rule):
-        at = cells.at(rule, block)
-        share = rule.weights[:, None] * at.det / cells.area[block]
-        for row, entry in enumerate(monitor.metric(at.x, at.y)):
-            mean[row, block] = (share * entry).sum(axis=0)
-    return mean[0], mean[1], mean[2]
-
-
-def _equidistribution(cells: BilinearCells, metric: _Metric) -> Array:
-    m11, m12, m22 = metric
-    size = m11 * m22
-    size -= m12 * m12
-    np.sqrt(size, out=size)
-    size *= cells.area
-    size *= cells.count / size.sum(where=cells.valid)
-    size[~cells.valid] = np.inf
-    return size.reshape(cells.shape)
-
-
-def _alignment(cells: BilinearCells, metric: _Metric) -> Array:
-    result = np.empty(cells.count)
-    alignments(*cells.nodes, cells.valid, *metric, result)
-    return result.reshape(cells.shape)
 
 
 def _regularity(cells: BilinearCells) -> Array:

@@ -19,7 +19,7 @@ from equimesh.iteration import Iteration
 from equimesh.mesh import Mesh
 from equimesh.mesh_data import MeshData
 from equimesh.problem import Problem
-from equimesh.quality import GAUSS_POINTS, Quality, measure
+from equimesh.quality import GAUSS_POINTS, CellMetrics, Quality, measure
 from equimesh.rates import predicted_rate
 from equimesh.schwarz import Schwarz, smallest_tolerance
 from equimesh.single_domain import Mode
@@ -64,7 +64,9 @@ class Solution:
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        return measure(self.mesh, self.problem.monitor, uniform=self._uniform)
+        quality = measure(self.mesh, self.problem.monitor, uniform=self._uniform, metrics=self._metrics)
+        vars(self).pop("_metrics")  # as much memory as the mesh, and of no use any more
+        return quality
 
     @cached_property
     def interpolation(self) -> InterpolationError | None:
@@ -89,6 +91,10 @@ class Solution:
             warnings=(*self.detours, *remedies.warnings(self.status, self.relaxed, self.interpolation)),
             interpolation=self.interpolation,
         )
+
+    @cached_property
+    def _metrics(self) -> CellMetrics:
+        return CellMetrics.of(self.mesh, self.problem.monitor)
 
     @property
     def _uniform(self) -> Mesh:
@@ -118,12 +124,13 @@ class Solution:
         return plain(self.iterations, self.rate, self.predicted_rate)
 
     def data(self) -> MeshData:
-        """What a mesh file holds: nodes, u, Q_eq and the owner of every cell."""
+        """What a mesh file holds: nodes, u, Q_eq and the owner of every cell; of the quality only Q_eq is computed."""
         shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
         owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
         field = self.problem.monitor.u
         u = None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
-        return MeshData(mesh=self.mesh, u=u, q_eq=self.quality.q_eq.cells, subdomain=owner)
+        q_eq = self.quality.q_eq.cells if "quality" in vars(self) else self._metrics.q_eq
+        return MeshData(mesh=self.mesh, u=u, q_eq=q_eq, subdomain=owner)
 
 
 def known(error: float) -> float | None:

@@ -1,0 +1,56 @@
+"""The files of a mesh on their way into the store."""
+
+from __future__ import annotations
+
+import contextvars
+import json
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from equimesh_service.files import Files, StoredFile
+from equimesh_service.rows import Artifact
+
+
+class Output:
+    """Files that are written but not yet published; each by a thread of its own where they are written ``aside``."""
+
+    def __init__(self, files: Files, stack: ExitStack, *, aside: bool) -> None:
+        self._files = files
+        self._stack = stack
+        self._aside = aside
+        self._names: list[str] = []
+        self._sealed: list[tuple[Path, Callable[[], StoredFile]]] = []
+
+    def json(self, name: str, value: Any) -> None:
+        """Write a JSON document."""
+        self.write(name, ".json", lambda path: path.write_text(json.dumps(value, allow_nan=False)))
+
+    def write(self, name: str, suffix: str, write: Callable[[Path], object]) -> None:
+        """Have ``write`` make a file."""
+        path = self._stack.enter_context(self._files.unfinished(suffix))
+
+        def made() -> StoredFile:
+            write(path)
+            return self._files.seal(path)
+
+        self._names.append(name)
+        if self._aside:
+            # Left before its file is removed: whoever gives up waits for it.
+            thread = self._stack.enter_context(ThreadPoolExecutor(1))
+            self._sealed.append((path, thread.submit(contextvars.copy_context().run, made).result))
+        else:
+            file = made()
+            self._sealed.append((path, lambda: file))
+
+    def artifacts(self) -> list[Artifact]:
+        """All files, once they are written."""
+        files = [sealed() for _, sealed in self._sealed]
+        return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
+
+    def publish(self) -> None:
+        """Give all files their names."""
+        for path, sealed in self._sealed:
+            self._files.publish(path, sealed())

@@ -1,0 +1,65 @@
+"""The files of a mesh until they are published, written one after the other or each by a thread of its own."""
+
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from equimesh_service.files import digest_of
+from equimesh_service.folder_files import FolderFiles
+from equimesh_service.output import Output
+from equimesh_service.rows import Artifact
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> FolderFiles:
+    files = FolderFiles(tmp_path)
+    files.prepare(alone=True)
+    return files
+
+
+@pytest.mark.parametrize("aside", [False, True])
+def test_files_are_there_in_their_order_once_they_are_published(files: FolderFiles, aside: bool) -> None:
+    """The first is the last to be ready where each has a thread, which is what the order must not depend on."""
+    second = threading.Event()
+    with ExitStack() as stack:
+        output = Output(files, stack, aside=aside)
+        output.write("one", ".txt", lambda path: (second.wait(30.0 if aside else 0.0), path.write_text("first")))
+        output.write("two", ".txt", lambda path: (path.write_text("the second"), second.set()))
+        output.json("three", {"a": 1})
+        artifacts = output.artifacts()
+        assert list(files.listing()) == []
+        output.publish()
+    assert [(file.name, file.size) for file in artifacts] == [("one", 5), ("two", 10), ("three", 8)]
+    for file in artifacts:
+        with files.local(file.sha256) as path:
+            assert Artifact(file.name, *vars(digest_of(path)).values()) == file
+
+
+@pytest.mark.parametrize("aside", [False, True])
+def test_a_file_that_cannot_be_written_leaves_nothing(files: FolderFiles, tmp_path: Path, aside: bool) -> None:
+    """Not even of another that a thread is writing meanwhile: whoever gives up waits for it."""
+    ended = threading.Event()
+
+    def late(path: Path) -> None:
+        time.sleep(0.2)
+        path.write_text("late")
+        ended.set()
+
+    def full(path: Path) -> None:
+        path.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    def written() -> None:
+        with ExitStack() as stack:
+            output = Output(files, stack, aside=aside)
+            output.write("full", ".txt", full)
+            output.write("late", ".txt", late)
+            output.artifacts()
+
+    with pytest.raises(OSError, match="No space left"):
+        written()
+    assert ended.is_set() == aside
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
