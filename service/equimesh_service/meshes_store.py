@@ -11,7 +11,7 @@ from sqlalchemy.exc import IntegrityError
 
 from equimesh_service.artifacts_store import insert_artifacts, remove_unused
 from equimesh_service.database import Database, to_json
-from equimesh_service.deletion import delete_ended, delete_mesh
+from equimesh_service.deletion import delete_ended, delete_meshes
 from equimesh_service.quota_store import Quota, take
 from equimesh_service.rows import (
     FINISHED,
@@ -30,7 +30,7 @@ from equimesh_service.rows import (
     StepTakenError,
 )
 from equimesh_service.schema import artifacts, events, idempotency, mesh_samples, meshes, samples, steps
-from equimesh_service.sequences_store import insert_step, make_way
+from equimesh_service.sequences_store import insert_step, take_turn
 
 # How exactly it is noted when samples were last used.
 _USED_SECONDS = 3600.0
@@ -79,10 +79,11 @@ class MeshesStore:
         def put(connection: Connection) -> bool:
             if quota is not None:
                 take(connection, new.key_id, new.points, quota)
+            leaving = [] if step is None else take_turn(connection, step, self._clock())
             self._insert_waiting(connection, new, hold)
             if step is not None:
                 # After the mesh is there, whose samples may be those of a failed step that makes way.
-                held.update(make_way(connection, step, self._clock()))
+                held.update(delete_meshes(connection, leaving).files)
                 insert_step(connection, new, step)
             return True
 
@@ -183,10 +184,12 @@ class MeshesStore:
     def delete(self, mesh_id: str, remove_file: Callable[[str], None]) -> bool:
         """Delete a mesh with its events and artifacts; files that nothing else needs go to ``remove_file``."""
         with self._write() as connection:
-            held = delete_mesh(connection, mesh_id)
-            delete_ended(connection)
-        remove_unused(self._database, held or (), remove_file)
-        return held is not None
+            deleted = delete_meshes(connection, [mesh_id])
+        if deleted.sequences:
+            with self._write() as connection:
+                delete_ended(connection, deleted.sequences)
+        remove_unused(self._database, deleted.files, remove_file)
+        return bool(deleted.meshes)
 
     def events(self, mesh_id: str, *, after: int = 0, limit: int = 1000) -> list[EventRow]:
         """What happened to a mesh after event number ``after``."""

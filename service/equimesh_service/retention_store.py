@@ -12,7 +12,7 @@ from sqlalchemy import Connection, delete, func, select, update
 
 from equimesh_service.artifacts_store import remove_unused, unnamed
 from equimesh_service.database import Database, insert_new
-from equimesh_service.deletion import delete_ended, delete_mesh
+from equimesh_service.deletion import delete_ended, delete_meshes
 from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
 
 # How many things one transaction removes.
@@ -35,15 +35,15 @@ class RetentionStore:
         with self._database.read() as connection:
             if connection.execute(query.with_only_columns(meshes.c.id).limit(1)).first() is None:
                 return 0
-        held: set[str] = set()
         with self._database.write() as connection:
             rows = connection.execute(query).all()
+            deleted = delete_meshes(connection, (row.id for row in rows))
             for row in rows:
-                held |= delete_mesh(connection, row.id) or set()
                 self._note(connection, row.id, row.key_id)
+        with self._database.write() as connection:
             for sequence_id, key_id in delete_ended(connection):
                 self._note(connection, sequence_id, key_id)
-        remove_unused(self._database, held, remove_file)
+        remove_unused(self._database, deleted.files, remove_file)
         return len(rows)
 
     def retire_samples(self, age: float, remove_file: Callable[[str], None]) -> int:

@@ -11,7 +11,8 @@ from equimesh_service.database import Database, insert_new, lock
 from equimesh_service.rows import QUEUED, RUNNING, SamplesRow
 from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
 
-# Built once: that takes longer than to execute it.
+# Built once: that takes longer than to execute them.
+_STAY = select(samples.c.id).where(samples.c.id == bindparam("samples")).with_for_update(read=True, key_share=True)
 _UNRETIRE = delete(retired).where(retired.c.id == bindparam("samples"), retired.c.key_id == bindparam("key"))
 
 
@@ -38,7 +39,11 @@ class SamplesStore:
         """
         with self._database.write(durable=durable) as connection:
             lock(connection, [row.sha256])
-            if insert_new(connection, samples, {**vars(row), "used_at": self._clock()}):
+            stored = {**vars(row), "used_at": self._clock()}
+            new = insert_new(connection, samples, stored)
+            if not new and connection.execute(_STAY, {"samples": row.id}).first() is None:
+                new = insert_new(connection, samples, stored)  # they were deleted at this moment
+            if new:
                 publish()
             connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
             owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sqlalchemy import Connection, insert, select, update
+from sqlalchemy import Connection, delete, insert, select, update
 
 from equimesh_service.artifacts_store import insert_artifacts, remove_unused
 from equimesh_service.database import Database
-from equimesh_service.deletion import delete_ended, delete_mesh
+from equimesh_service.deletion import delete_meshes, lock_meshes
 from equimesh_service.rows import CANCELED, FAILED, SUCCEEDED, NewMesh, NewStep, SequenceRow, StepTakenError
 from equimesh_service.schema import meshes, sequences, steps
 
@@ -63,28 +63,27 @@ class SequencesStore:
 
     def delete(self, sequence_id: str, remove_file: Callable[[str], None]) -> bool:
         """Delete a sequence with all its meshes; False when there is none."""
-        held: set[str] = set()
         with self._database.write() as connection:
             here = sequences.c.id == sequence_id
             if connection.execute(select(sequences.c.id).where(here).with_for_update()).first() is None:
                 return False
-            query = select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id).order_by(steps.c.number)
-            for mesh_id in connection.execute(query).scalars().all():
-                held |= delete_mesh(connection, mesh_id) or set()
-            delete_ended(connection)
-        remove_unused(self._database, held, remove_file)
+            made = connection.execute(select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id)).scalars()
+            deleted = delete_meshes(connection, made)
+            connection.execute(delete(sequences).where(here))
+        remove_unused(self._database, deleted.files, remove_file)
         return True
 
 
-def make_way(connection: Connection, step: NewStep, now: float) -> set[str]:
-    """Begin the sequence, or see that its next step is this one; returns the files of meshes that are no longer kept.
+def take_turn(connection: Connection, step: NewStep, now: float) -> list[str]:
+    """Begin the sequence, or see that its next step is this one, before anything else is locked.
 
-    Raises :class:`StepTakenError` when another step has been taken meanwhile, or its start is not there any more.
+    Returns the meshes that are no longer kept, locked. Raises :class:`StepTakenError` when another step has been taken
+    meanwhile, or its start is not there any more.
     """
     if step.number == 0:
         begun = {"id": step.sequence_id, "key_id": step.key_id, "keep": step.keep, "created_at": now, "used_at": now}
         connection.execute(insert(sequences).values(begun))
-        return set()
+        return []
     here = sequences.c.id == step.sequence_id
     if connection.execute(select(sequences.c.id).where(here).with_for_update()).first() is None:
         raise StepTakenError
@@ -95,12 +94,9 @@ def make_way(connection: Connection, step: NewStep, now: float) -> set[str]:
     failed = status.get(step.number, FAILED) in (FAILED, CANCELED)
     if status.get(step.number - 1) != SUCCEEDED or max(status) > step.number or not failed:
         raise StepTakenError
-    held: set[str] = set()
-    for row in found:
-        if row.number == step.number or row.number <= step.number - step.keep:
-            held |= delete_mesh(connection, str(row.mesh_id)) or set()
     connection.execute(update(sequences).where(here).values(used_at=now))
-    return held
+    leaving = [row for row in found if row.number == step.number or row.number <= step.number - step.keep]
+    return lock_meshes(connection, [str(row.mesh_id) for row in leaving])
 
 
 def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
