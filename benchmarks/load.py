@@ -65,7 +65,7 @@ def body(points: int, number: int) -> bytes:
 def service(folder: Path, workers: int) -> Iterator[tuple[str, int]]:
     """The URL and the process id of a service that has warmed up."""
     command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", "0", "--workers", str(workers)]
-    command += ["--data-dir", str(folder), "--log-level", "info"]
+    command += ["--data-dir", str(folder), "--log-level", "info", "--max-points", "5000000"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     try:

@@ -118,6 +118,13 @@ class BilinearCells:
         map_cells(corners, points.s, points.t, out)
         return CellMap(*out)
 
+    def shares(self, points: CellPoints, cells: Indices) -> tuple[Array, Array, Array]:
+        """x and y of ``points`` in ``cells``, and what part of its cell each stands for, ``(points, cells)``."""
+        corners, out = np.empty((8, cells.size)), np.empty((3, points.s.size, cells.size))
+        gather_cells(*self.nodes, cells, corners)
+        share_cells(corners, self.area[cells], points.s, points.t, points.weights, out)
+        return out[0], out[1], out[2]
+
     def corner_values(self, nodal: Array, cells: Indices) -> Array:
         """Nodal values at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
         row, column = np.divmod(cells, self.shape[1])
@@ -183,3 +190,27 @@ def map_cells(corners: Array, s: Array, t: Array, out: Array) -> None:
             y_t[k] = (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k])
         for k in range(corners.shape[1]):
             det[k] = x_s[k] * y_t[k] - x_t[k] * y_s[k]
+
+
+@compiled
+def share_cells(corners: Array, area: Array, s: Array, t: Array, weights: Array, out: Array) -> None:
+    """x, y and the share of the points (s, t) in the ``area`` of cells with these ``corners``."""
+    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
+    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
+    for p in range(s.size):
+        u, v, weight = s[p], t[p], weights[p]
+        a, b, c, d = (1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v
+        x, y, share = out[0, p], out[1, p], out[2, p]
+        for k in range(corners.shape[1]):
+            x[k] = a * x0[k] + b * x1[k] + c * x2[k] + d * x3[k]
+            y[k] = a * y0[k] + b * y1[k] + c * y2[k] + d * y3[k]
+        for k in range(corners.shape[1]):
+            x_s, y_s = (
+                (1.0 - v) * (x1[k] - x0[k]) + v * (x2[k] - x3[k]),
+                (1.0 - v) * (y1[k] - y0[k]) + v * (y2[k] - y3[k]),
+            )
+            x_t, y_t = (
+                (1.0 - u) * (x3[k] - x0[k]) + u * (x2[k] - x1[k]),
+                (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k]),
+            )
+            share[k] = weight * (x_s * y_t - x_t * y_s) / area[k]

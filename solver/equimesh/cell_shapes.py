@@ -85,8 +85,7 @@ def angles_and_edges(x: Array, y: Array, valid: Truths, sine: Array, skewness: A
         shortest, longest = min(length[1:]), max(length[1:])
         sine[k] = lowest
         if valid[k]:
-            quarter = 0.5 * np.pi
-            skewness[k] = max(1.0 - np.arctan2(1.0, narrowest) / quarter, np.arctan2(1.0, widest) / quarter - 1.0)
+            skewness[k] = np.arctan(max(narrowest, -widest)) / (0.5 * np.pi)  # of the angle farthest from a right one
         else:
             skewness[k] = 1.0
         aspect_ratio[k] = longest / shortest if shortest > 0.0 and np.isfinite(length[1:].sum()) else np.inf

@@ -81,8 +81,9 @@ class ArcLength:
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points, from the exact gradient of u."""
         _, u_x, u_y = self.u.evaluate(x, y, order=1)
-        k = self.strength(u_x**2 + u_y**2)
-        return 1.0 + k * u_x**2, k * u_x * u_y, 1.0 + k * u_y**2
+        xx, yy = u_x * u_x, u_y * u_y
+        k = self.strength(xx + yy)
+        return 1.0 + k * xx, k * u_x * u_y, 1.0 + k * yy
 
     def on(self, domain: Domain) -> ArcLength:  # noqa: ARG002 - every monitor can be bound
         """The monitor itself: nothing in it depends on the domain."""

@@ -127,10 +127,9 @@ class CellMetrics:
             rule = CellPoints.gauss(_gauss_points(cells, gauss))
             mean = np.full((3, cells.count), np.nan)
             for block in cells.blocks(rule):
-                at = cells.at(rule, block)
-                share = rule.weights[:, None] * at.det / cells.area[block]
-                for row, entry in enumerate(monitor.metric(at.x, at.y)):
-                    mean[row, block] = (share * entry).sum(axis=0)
+                x, y, share = cells.shares(rule, block)
+                for row, entry in enumerate(monitor.metric(x, y)):
+                    mean[row, block] = np.einsum("pk,pk->k", share, entry)
         return cls(cells, *mean)
 
     @cached_property
