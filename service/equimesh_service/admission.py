@@ -150,7 +150,9 @@ class Admission:
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
         file = self.files.seal(path)
         row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
-        new = self.store.samples.add(row, lambda: self.files.publish(path, file), key_id=caller.key_id, durable=durable)
+        new = self.store.samples.add(
+            row, partial(self.files.publish, path, file), key_id=caller.key_id, durable=durable
+        )
         return (row, True) if new else (self.stored(row.id, "", caller), False)
 
     def _check(

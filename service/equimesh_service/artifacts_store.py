@@ -2,6 +2,9 @@
 
 Rows go first, and the file after they are gone for good: a crash in between leaves a file that no row names, which
 :mod:`equimesh_service.retention` finds, and never a row without its file.
+
+That a file is to be removed is noted, and committed, before it is. Who names a file for the first time holds its lock,
+and so does who removes it: when the one finds no note, the other has not begun, and will find the file named.
 """
 
 from __future__ import annotations
@@ -10,13 +13,15 @@ from collections.abc import Callable, Iterable, Sequence
 
 from sqlalchemy import Connection, bindparam, delete, insert, select
 
-from equimesh_service.database import Database, lock
+from equimesh_service.database import Database, insert_new, lock
+from equimesh_service.files import Removed
 from equimesh_service.rows import Artifact
-from equimesh_service.schema import artifacts, samples
+from equimesh_service.schema import artifacts, removals, samples
 
 # Built once: that takes longer than to execute them.
 _REMOVE = delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
 _INSERT = insert(artifacts)
+_NOTED = select(removals.c.sha256).where(removals.c.sha256 == bindparam("file")).limit(1)
 
 
 def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
@@ -27,19 +32,27 @@ def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artif
         connection.execute(_INSERT, {"mesh_id": mesh_id, **vars(file)})
 
 
-def remove_unused(database: Database, held: Iterable[str], remove_file: Callable[[str], None]) -> None:
-    """Give those files ``held`` that no row names any more to ``remove_file``.
+def note_removals(connection: Connection, held: Iterable[str], now: float) -> None:
+    """Note that files may be removed as soon as this transaction is committed."""
+    for sha256 in sorted(set(held)):
+        insert_new(connection, removals, {"sha256": sha256, "noted_at": now})
 
-    Inside a transaction: no row that names the file can be added between the look and the removal.
+
+def noted(connection: Connection) -> Removed:
+    """What tells whether the removal of a file was noted, in a transaction that holds the lock of the file."""
+    return lambda sha256: connection.execute(_NOTED, {"file": sha256}).first() is not None
+
+
+def remove_unused(database: Database, held: Iterable[str], remove_file: Callable[[str], None]) -> None:
+    """Give those files ``held`` that no row names any more to ``remove_file``; their removal has been noted.
+
+    Inside a transaction, of its own for each, since storage may be far away: no row that names the file can be added
+    between the look and the removal.
     """
-    known = sorted(set(held))
-    if not known:
-        return
-    with database.write() as connection:
-        lock(connection, known)
-        left = unnamed(connection, known)
-        for sha256 in known:
-            if sha256 in left:
+    for sha256 in sorted(set(held)):
+        with database.write() as connection:
+            lock(connection, [sha256])
+            if unnamed(connection, [sha256]):
                 remove_file(sha256)
 
 

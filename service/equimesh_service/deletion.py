@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from sqlalchemy import Connection, delete, select
 
+from equimesh_service.artifacts_store import note_removals
 from equimesh_service.rows import NODAL
 from equimesh_service.schema import (
     artifacts,
@@ -41,8 +42,8 @@ def lock_meshes(connection: Connection, names: Iterable[str]) -> list[str]:
     return list(connection.execute(query).scalars())
 
 
-def delete_meshes(connection: Connection, names: Iterable[str]) -> Deleted:
-    """Delete the rows of meshes.
+def delete_meshes(connection: Connection, names: Iterable[str], now: float) -> Deleted:
+    """Delete the rows of meshes, and note that their files may be removed.
 
     u at the nodes of an earlier mesh, which a step came with, goes with the last mesh that was made of it.
     """
@@ -54,7 +55,9 @@ def delete_meshes(connection: Connection, names: Iterable[str]) -> Deleted:
     for table in (events, artifacts, idempotency, mesh_samples, steps):
         connection.execute(delete(table).where(table.c.mesh_id.in_(found)))
     connection.execute(delete(meshes).where(meshes.c.id.in_(found)))
-    return Deleted(meshes=set(found), files=held | _delete_unused(connection, nodal), sequences=moved)
+    held |= _delete_unused(connection, nodal)
+    note_removals(connection, held, now)
+    return Deleted(meshes=set(found), files=held, sequences=moved)
 
 
 def delete_ended(connection: Connection, names: Iterable[str] | None = None) -> list[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import equimesh
@@ -40,7 +41,7 @@ def _export(task: Export) -> Artifact | None:
             _write(task, path, store, files, sources)
         file = files.seal(path)
         artifact = Artifact(task.name, file.sha256, file.size)
-        kept = store.meshes.add_artifact(task.mesh_id, artifact, lambda: files.publish(path, file))
+        kept = store.meshes.add_artifact(task.mesh_id, artifact, partial(files.publish, path, file))
     return artifact if kept else None
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator, Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +37,16 @@ class ListedFile:
     sha256: str
     size: int
     age: float
+
+
+# Whether the content with this SHA-256 was removed lately, or may be at any moment; asked inside a transaction.
+Removed = Callable[[str], bool]
+# Gives the files that a transaction names their names.
+Publish = Callable[[Removed], None]
+
+
+def publish_nothing(removed: Removed) -> None:
+    """Leave files to whoever has published them already."""
 
 
 class Files(Protocol):
@@ -70,9 +80,10 @@ class Files(Protocol):
         """
         ...
 
-    def publish(self, path: Path, file: StoredFile) -> None:
+    def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:
         """Give a sealed file its name. Done inside the transaction that first refers to it, so that nobody
-        who removes the same content for another mesh can remove it in between."""
+        who removes the same content for another mesh can remove it in between. Where nobody has ``removed`` it since
+        it was sealed, this takes no longer than a look at the folder: storage far away is not asked."""
         ...
 
     def local(self, sha256: str) -> AbstractContextManager[Path]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from anyio import to_thread
 
-from equimesh_service.files import PIECE, SHA256, ListedFile, StoredFile, digest_of, key_of
+from equimesh_service.files import PIECE, SHA256, ListedFile, Removed, StoredFile, digest_of, key_of
 from equimesh_service.unfinished import clear, temporary
 
 
@@ -47,8 +47,8 @@ class FolderFiles:
         """Bring a finished file to disk; it still has its temporary name."""
         return digest_of(path, sync=True)
 
-    def publish(self, path: Path, file: StoredFile) -> None:
-        """Rename a sealed file, on disk, too."""
+    def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:  # noqa: ARG002
+        """Rename a sealed file, on disk, too: whatever was there before, it is there now."""
         target = self.path(file.sha256)
         target.parent.mkdir(exist_ok=True)
         os.replace(path, target)

@@ -9,9 +9,10 @@ from typing import Any
 from sqlalchemy import Connection, Row, bindparam, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from equimesh_service.artifacts_store import insert_artifacts, remove_unused
+from equimesh_service.artifacts_store import insert_artifacts, noted, remove_unused
 from equimesh_service.database import Database, to_json
 from equimesh_service.deletion import delete_ended, delete_meshes
+from equimesh_service.files import Publish, publish_nothing
 from equimesh_service.quota_store import Quota, take
 from equimesh_service.rows import (
     FINISHED,
@@ -41,10 +42,6 @@ _SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
 _SHOW = select(*_SHOWN).where(meshes.c.id == bindparam("mesh"))
 _INSERT_MESH, _INSERT_USES, _INSERT_EVENTS = insert(meshes), insert(mesh_samples), insert(events)
 _USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
-
-
-def _nothing() -> None:
-    pass
 
 
 class MeshesStore:
@@ -83,7 +80,7 @@ class MeshesStore:
             self._insert_waiting(connection, new, hold)
             if step is not None:
                 # After the mesh is there, whose samples may be those of a failed step that makes way.
-                held.update(delete_meshes(connection, leaving).files)
+                held.update(delete_meshes(connection, leaving, self._clock()).files)
                 insert_step(connection, new, step)
             return True
 
@@ -184,7 +181,7 @@ class MeshesStore:
     def delete(self, mesh_id: str, remove_file: Callable[[str], None]) -> bool:
         """Delete a mesh with its events and artifacts; files that nothing else needs go to ``remove_file``."""
         with self._write() as connection:
-            deleted = delete_meshes(connection, [mesh_id])
+            deleted = delete_meshes(connection, [mesh_id], self._clock())
         if deleted.sequences:
             with self._write() as connection:
                 delete_ended(connection, deleted.sequences)
@@ -210,14 +207,14 @@ class MeshesStore:
             row = connection.execute(query).first()
         return None if row is None else Artifact(*row)
 
-    def add_artifact(self, mesh_id: str, file: Artifact, publish: Callable[[], None] = _nothing) -> bool:
+    def add_artifact(self, mesh_id: str, file: Artifact, publish: Publish = publish_nothing) -> bool:
         """Give a finished mesh one more file; False when the mesh is gone."""
         with self._write() as connection:
             query = select(meshes.c.id).where(meshes.c.id == mesh_id).with_for_update(key_share=True)
             if connection.execute(query).first() is None:
                 return False
             insert_artifacts(connection, mesh_id, [file])
-            publish()
+            publish(noted(connection))
             return True
 
     def _once(self, new: NewMesh, key: str | None, fingerprint: str, put: Callable[[Connection], bool]) -> str | None:

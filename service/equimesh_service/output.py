@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from equimesh_service.files import Files, StoredFile
+from equimesh_service.files import Files, Removed, StoredFile
 from equimesh_service.rows import Artifact
 
 
@@ -50,7 +50,7 @@ class Output:
         files = [sealed() for _, sealed in self._sealed]
         return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
 
-    def publish(self) -> None:
+    def publish(self, removed: Removed) -> None:
         """Give all files their names."""
         for path, sealed in self._sealed:
-            self._files.publish(path, sealed())
+            self._files.publish(path, sealed(), removed)

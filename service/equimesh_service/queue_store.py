@@ -13,8 +13,9 @@ from typing import Any
 from sqlalchemy import Connection, bindparam, func, insert, or_, select, update
 from sqlalchemy.sql.dml import ReturningUpdate
 
-from equimesh_service.artifacts_store import insert_artifacts
+from equimesh_service.artifacts_store import insert_artifacts, noted
 from equimesh_service.database import Database
+from equimesh_service.files import Publish, publish_nothing
 from equimesh_service.rows import CANCELED, FAILED, QUEUED, RUNNING, STATUSES, SUCCEEDED, Artifact, Census, Claim
 from equimesh_service.schema import events, meshes
 
@@ -39,10 +40,6 @@ _CANCEL = _CHANGE.where(meshes.c.status.in_((QUEUED, RUNNING)))
 _ATTEMPT = _CHANGE.where(meshes.c.status == RUNNING, meshes.c.attempt == bindparam("try"))
 _BACK = _ATTEMPT.values(losses=meshes.c.losses + bindparam("lost"))
 _ADD_EVENT = insert(events)
-
-
-def _nothing() -> None:
-    pass
 
 
 class QueueStore:
@@ -157,7 +154,7 @@ class QueueStore:
         result: Mapping[str, Any] | None = None,
         files: Sequence[Artifact] = (),
         partial: bool = False,
-        publish: Callable[[], None] = _nothing,
+        publish: Publish = publish_nothing,
     ) -> bool:
         """End a running mesh: succeeded, or failed with ``error``; False when the claim no longer holds.
 
@@ -180,7 +177,7 @@ class QueueStore:
             if not self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data):
                 return False
             insert_artifacts(connection, claim.mesh_id, files)
-            publish()
+            publish(noted(connection))
             return True
 
     def _back(self, connection: Connection, claim: Claim, reason: str, lost: int) -> bool:

@@ -6,17 +6,19 @@ is sweeping at the moment.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from sqlalchemy import Connection, delete, func, select, update
 
-from equimesh_service.artifacts_store import remove_unused, unnamed
+from equimesh_service.artifacts_store import note_removals, remove_unused, unnamed
 from equimesh_service.database import Database, insert_new
 from equimesh_service.deletion import delete_ended, delete_meshes
-from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
+from equimesh_service.schema import mesh_samples, meshes, removals, retired, samples, samples_keys
 
 # How many things one transaction removes.
 _AT_ONCE = 20
+# Longer, by far, than any file is sealed before a row names it: so long it is known that the same content was removed.
+_SEALED = 86_400.0
 
 
 class RetentionStore:
@@ -37,7 +39,7 @@ class RetentionStore:
                 return 0
         with self._database.write() as connection:
             rows = connection.execute(query).all()
-            deleted = delete_meshes(connection, (row.id for row in rows))
+            deleted = delete_meshes(connection, (row.id for row in rows), self._clock())
             for row in rows:
                 self._note(connection, row.id, row.key_id)
         with self._database.write() as connection:
@@ -67,12 +69,14 @@ class RetentionStore:
                 connection.execute(delete(samples_keys).where(samples_keys.c.samples_id == row.id))
                 connection.execute(delete(samples).where(samples.c.id == row.id))
                 held.add(row.sha256)
+            note_removals(connection, held, self._clock())
         remove_unused(self._database, held, remove_file)
         return len(held)
 
     def forget(self, age: float) -> int:
         """Drop the record of what was removed more than ``age`` seconds ago; returns how many things that were."""
         with self._database.write() as connection:
+            connection.execute(delete(removals).where(removals.c.noted_at < self._clock() - _SEALED))
             return connection.execute(delete(retired).where(retired.c.retired_at < self._clock() - age)).rowcount
 
     def was_there(self, name: str, key_id: str | None) -> bool:
@@ -88,8 +92,10 @@ class RetentionStore:
         with self._database.read() as connection:
             return unnamed(connection, files)
 
-    def remove_unnamed(self, files: Iterable[str], remove_file: Callable[[str], None]) -> None:
+    def remove_unnamed(self, files: Sequence[str], remove_file: Callable[[str], None]) -> None:
         """Remove files that no row names; others stay."""
+        with self._database.write() as connection:
+            note_removals(connection, files, self._clock())
         remove_unused(self._database, files, remove_file)
 
     def _note(self, connection: Connection, name: str, key_id: str) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from equimesh_service.files import Publish, publish_nothing
+
 QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED = "queued", "running", "succeeded", "failed", "canceled"
 STATUSES = (QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED)
 FINISHED = (SUCCEEDED, FAILED, CANCELED)
@@ -23,10 +25,6 @@ class KeyReusedError(Exception):
 
 class StepTakenError(Exception):
     """A step of a sequence that has taken another one meanwhile, or whose start is gone."""
-
-
-def _nothing() -> None:
-    pass
 
 
 def _keep(_: str) -> None:
@@ -160,7 +158,7 @@ class NewStep:
     key_id: str = ""
     start: str | None = None
     fields: Artifact | None = None
-    publish: Callable[[], None] = _nothing
+    publish: Publish = publish_nothing
     discard: Callable[[str], None] = _keep
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import SecretStr
 
-from equimesh_service.files import PIECE, SHA256, FilesError, ListedFile, StoredFile, digest_of, key_of
+from equimesh_service.files import PIECE, SHA256, FilesError, ListedFile, Removed, StoredFile, digest_of, key_of
 from equimesh_service.unfinished import clear, temporary
 
 if TYPE_CHECKING:
@@ -86,10 +86,12 @@ class S3Files:
         self._upload(path, file)
         return file
 
-    def publish(self, path: Path, file: StoredFile) -> None:
-        """See that the sealed file is there still; it goes up again if somebody removed the same content."""
+    def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:
+        """Do nothing, since the file is there; if somebody removed the same content, see whether, and upload again."""
         import obstore
 
+        if not removed(file.sha256):
+            return
         try:
             with self._asking():
                 there = obstore.head(self._store, key_of(file.sha256))["size"]
@@ -131,12 +133,12 @@ class S3Files:
             yield piece
 
     def remove(self, sha256: str) -> None:
-        """Remove an object that nothing refers to any more."""
+        """Remove an object that nothing refers to any more, at the first attempt or not: a transaction waits."""
         import obstore
 
         with self._asking():
             try:
-                obstore.delete(self._store, key_of(sha256))
+                obstore.delete(_opened(self.bucket, patient=False), key_of(sha256))
             except FileNotFoundError:
                 return
 
@@ -159,7 +161,7 @@ class S3Files:
         with self.unfinished(".probe") as path:
             path.write_bytes(b"ok")
         with self._asking():
-            next(iter(obstore.list(self._store, prefix=_PROBE, chunk_size=1)), None)
+            next(iter(obstore.list(_opened(self.bucket, patient=False), prefix=_PROBE, chunk_size=1)), None)
 
     def _upload(self, path: Path, file: StoredFile) -> None:
         import obstore
@@ -206,8 +208,8 @@ class S3Files:
 
 
 @lru_cache(maxsize=8)
-def _opened(bucket: Bucket) -> S3Store:
-    """The client of a bucket, once in each process: it keeps its connections."""
+def _opened(bucket: Bucket, *, patient: bool = True) -> S3Store:
+    """The client of a bucket, once in each process: it keeps its connections. A ``patient`` one tries again."""
     from obstore.store import S3Store
 
     config: S3Config = {
@@ -226,10 +228,10 @@ def _opened(bucket: Bucket) -> S3Store:
         client_options={
             "allow_http": bucket.endpoint.startswith("http://"),
             "connect_timeout": "5s",
-            "timeout": "60s",  # of one request, which carries a part of a file at most
+            "timeout": "60s" if patient else "10s",  # of one request, which carries a part of a file at most
         },
         retry_config={
-            "max_retries": 3,
+            "max_retries": 3 if patient else 0,
             "retry_timeout": timedelta(seconds=10),
             "backoff": {
                 "init_backoff": timedelta(milliseconds=50),

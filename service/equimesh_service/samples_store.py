@@ -6,18 +6,15 @@ from collections.abc import Callable
 
 from sqlalchemy import ColumnElement, Select, bindparam, delete, select
 
-from equimesh_service.artifacts_store import remove_unused
+from equimesh_service.artifacts_store import note_removals, noted, remove_unused
 from equimesh_service.database import Database, insert_new, lock
+from equimesh_service.files import Publish, publish_nothing
 from equimesh_service.rows import QUEUED, RUNNING, SamplesRow
 from equimesh_service.schema import mesh_samples, meshes, retired, samples, samples_keys
 
 # Built once: that takes longer than to execute them.
 _STAY = select(samples.c.id).where(samples.c.id == bindparam("samples")).with_for_update(read=True, key_share=True)
 _UNRETIRE = delete(retired).where(retired.c.id == bindparam("samples"), retired.c.key_id == bindparam("key"))
-
-
-def _nothing() -> None:
-    pass
 
 
 class SamplesStore:
@@ -31,7 +28,7 @@ class SamplesStore:
         self._clock = clock
 
     def add(
-        self, row: SamplesRow, publish: Callable[[], None] = _nothing, *, key_id: str = "", durable: bool = True
+        self, row: SamplesRow, publish: Publish = publish_nothing, *, key_id: str = "", durable: bool = True
     ) -> bool:
         """Keep samples, and let the key see them; False when it did already.
 
@@ -44,7 +41,7 @@ class SamplesStore:
             if not new and connection.execute(_STAY, {"samples": row.id}).first() is None:
                 new = insert_new(connection, samples, stored)  # they were deleted at this moment
             if new:
-                publish()
+                publish(noted(connection))
             connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
             owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}
             return insert_new(connection, samples_keys, owned)
@@ -78,6 +75,7 @@ class SamplesStore:
             connection.execute(delete(samples_keys).where(owned, *_key_is(key_id)))
             if not shared:
                 connection.execute(delete(samples).where(here))
+                note_removals(connection, [sha256], self._clock())
         remove_unused(self._database, () if shared else (sha256,), remove_file)
         return True
 

@@ -179,6 +179,16 @@ retired = Table(
     Index("retired_by_time", "retired_at"),
 )
 
+# Files that are about to be removed, or were: noted before they are. Who has sealed the same content since looks here
+# whether it may be gone again.
+removals = Table(
+    "removals",
+    metadata,
+    Column("sha256", String(64), nullable=False),
+    Column("noted_at", Float, nullable=False),
+    PrimaryKeyConstraint("sha256", "noted_at"),
+)
+
 # API keys. The secret is not here: only the SHA-256 of it, which is 256 random bits long itself.
 keys = Table(
     "keys",

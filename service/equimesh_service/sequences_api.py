@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 from contextlib import ExitStack
+from functools import partial
 from hashlib import sha256
 from typing import Annotated, Any
 
@@ -205,7 +206,7 @@ async def step(
             key_id=caller.key_id,
             start=None if mesh_artifact is None else mesh_artifact.sha256,
             fields=made.fields,
-            publish=lambda: made.publish(service.files),
+            publish=partial(made.publish, service.files),
             discard=service.discard,
         )
         asked = await service.ask(

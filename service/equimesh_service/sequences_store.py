@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from equimesh_service.artifacts_store import insert_artifacts, remove_unused
+from equimesh_service.artifacts_store import insert_artifacts, noted, remove_unused
 from equimesh_service.database import Database
 from equimesh_service.deletion import delete_meshes, lock_meshes
 from equimesh_service.rows import CANCELED, FAILED, SUCCEEDED, NewMesh, NewStep, SequenceRow, StepTakenError
@@ -19,8 +19,9 @@ from equimesh_service.schema import meshes, sequences, steps
 class SequencesStore:
     """Sequences and their steps."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
         self._database = database
+        self._clock = clock
         self._read = database.read
 
     def get(self, sequence_id: str) -> SequenceRow | None:
@@ -68,7 +69,7 @@ class SequencesStore:
             if connection.execute(select(sequences.c.id).where(here).with_for_update()).first() is None:
                 return False
             made = connection.execute(select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id)).scalars()
-            deleted = delete_meshes(connection, made)
+            deleted = delete_meshes(connection, made, self._clock())
             connection.execute(delete(sequences).where(here))
         remove_unused(self._database, deleted.files, remove_file)
         return True
@@ -111,4 +112,4 @@ def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
     connection.execute(insert(steps).values(row))
     if step.fields is not None:
         insert_artifacts(connection, new.id, [step.fields])
-        step.publish()
+        step.publish(noted(connection))

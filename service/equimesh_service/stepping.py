@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import time
 from typing import Annotated, Any, TypeAlias
@@ -22,7 +23,7 @@ from equimesh.upload import read_npz
 from equimesh_service.admission import Admission, Admitted
 from equimesh_service.callers import Caller
 from equimesh_service.document import escaped, parse
-from equimesh_service.files import Files, StoredFile
+from equimesh_service.files import Files, Removed, StoredFile
 from equimesh_service.problems import Complaint, Problem, complaint_of, invalid, refused
 from equimesh_service.rows import NODAL, Artifact, SamplesRow
 from equimesh_service.sources import ExpressionSource
@@ -142,10 +143,10 @@ class Prepared:
     fields: Artifact | None
     path: Path | None
 
-    def publish(self, files: Files) -> None:
+    def publish(self, files: Files, removed: Removed) -> None:
         """Give the file of the fields its name."""
         if self.fields is not None and self.path is not None:
-            files.publish(self.path, StoredFile(self.fields.sha256, self.fields.size))
+            files.publish(self.path, StoredFile(self.fields.sha256, self.fields.size), removed)
 
 
 @dataclass(frozen=True)
@@ -202,7 +203,7 @@ class Stepping:
             file = self.files.seal(path)
             summary = {"kind": "nodal", "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
             row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, time())
-            self.store.samples.add(row, lambda: self.files.publish(path, file), key_id=caller.key_id)
+            self.store.samples.add(row, partial(self.files.publish, path, file), key_id=caller.key_id)
         return row
 
 

@@ -31,7 +31,7 @@ class Store:
         self.meshes = MeshesStore(self.database, clock)
         self.queue = QueueStore(self.database, clock)
         self.samples = SamplesStore(self.database, clock)
-        self.sequences = SequencesStore(self.database)
+        self.sequences = SequencesStore(self.database, clock)
         self.retention = RetentionStore(self.database, clock)
         self.keys = KeyStore(self.database, clock)
         self.quotas = QuotaStore(self.database)

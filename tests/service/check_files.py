@@ -23,7 +23,7 @@ def keep(files: Files, content: bytes) -> StoredFile:
     with files.unfinished(".bin") as path:
         path.write_bytes(content)
         file = files.seal(path)
-        files.publish(path, file)
+        files.publish(path, file, lambda _: False)
     return file
 
 
@@ -91,7 +91,7 @@ def check_undone(files: Files, folder: Path) -> None:
         path.write_bytes(b"undone")
         files.seal(path)
         files.remove(file.sha256)  # another mesh of the same content was deleted at this moment
-        files.publish(path, file)
+        files.publish(path, file, lambda sha256: sha256 == file.sha256)
     assert read(files, file.sha256) == b"undone"
     with contextlib.suppress(RuntimeError), files.unfinished(".bin") as path:
         path.write_bytes(b"half")

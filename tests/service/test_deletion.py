@@ -86,7 +86,7 @@ def test_samples_that_are_deleted_while_they_come_again_are_there(store: Store) 
     store.samples.add(row, key_id="a")
     with store.database.write() as connection:
         hold(connection, samples)
-        thread = beside(lambda: store.samples.add(row, lambda: published.append("again"), key_id="b"))
+        thread = beside(lambda: store.samples.add(row, lambda _: published.append("again"), key_id="b"))
         until(lambda: keeps_somebody_waiting(connection), 5.0)
         connection.execute(delete(samples_keys))
         connection.execute(delete(samples))

@@ -170,7 +170,7 @@ def test_memory_does_not_grow_with_the_file(files: Files, s3: S3Server) -> None:
             shelf.mkdir(parents=True)
             path.rename(shelf / file.sha256)
         else:
-            files.publish(path, file)
+            files.publish(path, file, lambda _: False)
     sent = 0
 
     async def send(message: dict[str, Any]) -> None:
@@ -198,6 +198,14 @@ def _peak() -> int:
     """Most bytes of memory that this process held since its peak was cleared."""
     text = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s*(\d+) kB", text)[1]) * 1024  # type: ignore[index]
+
+
+def test_publishing_in_s3_asks_nothing_unless_the_content_was_removed(tmp_path: Path) -> None:
+    nobody = Bucket(name="nowhere", endpoint="http://127.0.0.1:9", access_key=SecretStr("a"), secret_key=SecretStr("b"))
+    files, file = S3Files(nobody, tmp_path), StoredFile("0" * 64, 1)
+    files.publish(tmp_path, file, lambda _: False)
+    with pytest.raises(FilesError, match="does not answer"):
+        files.publish(tmp_path, file, lambda sha256: sha256 == file.sha256)
 
 
 def test_a_damaged_object_is_not_taken_for_a_mesh(s3: S3Server, tmp_path: Path) -> None:

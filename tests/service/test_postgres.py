@@ -43,7 +43,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     with files.unfinished(".npz") as path:
         path.write_bytes(b"an old mesh")
         sealed = files.seal(path)
-        files.publish(path, sealed)
+        files.publish(path, sealed, lambda _: False)
     with postgres_server(own=True) as server, server.database() as url:
         engine = create_engine(url)
         fill(engine, sealed.sha256, sealed.size)

@@ -122,7 +122,7 @@ def test_publishing_happens_only_for_the_attempt_that_counts(store: Store) -> No
     claim = claimed(store)
     published: list[str] = []
     store.queue.cancel("a")
-    assert not store.queue.finish(claim, publish=lambda: published.append("late"))
+    assert not store.queue.finish(claim, publish=lambda _: published.append("late"))
     assert published == []
 
 
@@ -130,7 +130,7 @@ def test_a_failed_publication_leaves_the_mesh_running(store: Store) -> None:
     add(store, "a")
     claim = claimed(store)
 
-    def fail() -> None:
+    def fail(_: object) -> None:
         raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
@@ -292,9 +292,9 @@ def test_a_spec_of_the_first_release_is_read(store: Store) -> None:
 def test_samples_of_two_keys_are_stored_once_and_are_each_ones_own(store: Store) -> None:
     row, later = SamplesRow("s-1", "3" * 64, 10, {}, 1.0), SamplesRow("s-1", "3" * 64, 10, {}, 2.0)
     published: list[str] = []
-    assert store.samples.add(row, lambda: published.append("a"), key_id="a")
+    assert store.samples.add(row, lambda _: published.append("a"), key_id="a")
     assert store.samples.get("s-1", "b") is None
-    assert store.samples.add(later, lambda: published.append("b"), key_id="b")
+    assert store.samples.add(later, lambda _: published.append("b"), key_id="b")
     assert published == ["a"]
     assert (store.samples.get("s-1", "a"), store.samples.get("s-1", "b")) == (row, later)
     assert store.samples.get("s-1") == row
