@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import gc
 import threading
+import time
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +18,7 @@ import pytest
 from equimesh_service import dispatcher as dispatcher_module
 from equimesh_service.dispatcher import Dispatcher, Rules
 from equimesh_service.engine import EngineError, Health, WorkerLostError
+from equimesh_service.job import Ending
 from equimesh_service.rows import Claim, NewMesh, Order
 from equimesh_service.service import Asked, Service
 from equimesh_service.store import Store
@@ -219,3 +221,89 @@ def test_a_dispatcher_that_is_stuck_is_not_alive(
     until(dispatcher.alive)
     dispatcher.stop()
     assert not dispatcher.alive()
+
+
+def _finish(store: Store, engine: Patient, number: int, name: str) -> None:
+    """Have the worker of a task end its mesh."""
+    store.queue.finish(Claim(name, 1))
+    engine.tasks[number].set_result(Ending(status="succeeded"))
+
+
+def _hold(dispatcher: Dispatcher, store: Store, name: str) -> None:
+    store.meshes.add(NewMesh(id=name, spec=SPEC), hold=dispatcher.hold)
+    dispatcher.begin(Claim(name, 1), ORDER)
+
+
+def test_a_line_forms_where_no_worker_is_free(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    until(dispatcher.reserve)
+    _hold(dispatcher, store, "a")
+    assert dispatcher.line_up().result(5.0) is True
+    first, second, third = (dispatcher.line_up() for _ in range(3))
+    assert not any(turn.done() for turn in (first, second, third))
+    _finish(store, engine, 0, "a")
+    assert first.result(0) is True  # at once: no thread has to come round
+    assert not second.done()
+    dispatcher.step_out(second)
+    dispatcher.release()
+    assert third.result(0) is True
+    assert not second.done()
+
+
+def test_a_worker_that_came_too_late_is_given_to_the_next(dispatcher: Dispatcher) -> None:
+    until(dispatcher.reserve)
+    late = dispatcher.line_up()
+    assert late.result(5.0) is True
+    turn = dispatcher.line_up()
+    assert not turn.done()
+    dispatcher.step_out(late)  # it has a worker, and nobody waits for it any more
+    assert turn.result(0) is True
+    assert not dispatcher.reserve()
+
+
+def test_the_line_and_the_queue_take_turns(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    until(dispatcher.reserve)
+    until(dispatcher.reserve)  # a look at the queue may have the worker for a moment
+    turns = [dispatcher.line_up() for _ in range(2)]
+    for name in ("queued 1", "queued 2"):
+        store.meshes.add(NewMesh(id=name, spec=SPEC))
+    dispatcher.wake()
+    for taken in ((1, 0), (1, 1), (2, 1), (2, 2)):
+        dispatcher.release()  # one worker is free
+        until(lambda now=taken: (sum(turn.done() for turn in turns), len(engine.tasks)) == now)
+        time.sleep(0.05)
+        assert (sum(turn.done() for turn in turns), len(engine.tasks)) == taken
+
+
+def test_a_line_has_an_end_and_ends_with_the_service(store: Store, engine: Patient) -> None:
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
+    dispatcher.start(alone=True)
+    until(dispatcher.reserve)
+    until(dispatcher.reserve)
+    turns = [dispatcher.line_up() for _ in range(64)]
+    assert dispatcher.line_up().result(0) is False
+    dispatcher.stop()
+    assert {turn.result(0) for turn in turns} == {False}
+    assert dispatcher.line_up().result(0) is False
+
+
+def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher) -> None:
+    until(dispatcher.reserve)
+    until(dispatcher.reserve)
+    service: Any = SimpleNamespace(dispatcher=dispatcher)
+    assert asyncio.run(Service._worker(service, 0.05)) is False
+    assert asyncio.run(Service._worker(service, 0.0)) is False
+    threading.Timer(0.05, dispatcher.release).start()
+    assert asyncio.run(Service._worker(service, 5.0)) is True
+    assert not dispatcher.reserve()  # nobody is left in the line, and no worker was lost
+    dispatcher.release()
+    until(dispatcher.reserve)
+
+
+def test_callers_beyond_the_workers_all_go_straight_to_one(http: httpx.Client) -> None:
+    def straight(number: int) -> bool:
+        mesh = http.post("/v1/meshes?reuse=false", json=small(label=str(number)), headers={"Prefer": "wait=30"}).json()
+        return bool(mesh["started_at"] == mesh["created_at"])
+
+    until(lambda: straight(-1))
+    with ThreadPoolExecutor(8) as callers:
+        assert sum(callers.map(straight, range(40))) >= 36  # a few may wait more than a second where all is slow
