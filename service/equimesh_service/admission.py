@@ -16,11 +16,12 @@ from pathlib import Path
 from time import time
 from typing import Any, TypeVar
 
-from equimesh_service import intake
+from equimesh_service import intake, trail
 from equimesh_service.assembly import build_grid, build_schwarz, check_problem, pointing
 from equimesh_service.callers import Caller
+from equimesh_service.desk import Desk
 from equimesh_service.document import parse
-from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
+from equimesh_service.engine import EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import Files
 from equimesh_service.intake import Arrays
 from equimesh_service.monitors import AnyMonitor, ArcLengthSpec, sources_of, with_samples
@@ -78,8 +79,8 @@ class Admission:
     settings: Settings
     store: Store
     files: Files
-    desk: Engine
-    aside: Callable[[], AbstractContextManager[None]]  # entered to wait for the desk
+    desk: Desk
+    aside: Callable[[str], AbstractContextManager[None]]  # entered to wait for the desk, by the key that does
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
     def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
@@ -186,9 +187,10 @@ class Admission:
 
     def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
         """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
+        key_id = trail.current().key_id
         try:
-            with pointing(pointer), self.aside():
-                return self.desk.submit(function, *arguments, time_limit=_WORK_SECONDS).result()
+            with pointing(pointer), self.aside(key_id):
+                return self.desk.submit(key_id, function, *arguments, time_limit=_WORK_SECONDS).result()
         except (TimeLimitError, MemoryLimitError) as error:
             message = f"this takes too long to check ({error}): send fewer samples, or send them on a grid"
             raise invalid(pointer or "/monitor", message) from None

@@ -13,6 +13,7 @@ from equimesh_service.admission import Admission
 from equimesh_service.callers import Callers
 from equimesh_service.checkers import Checkers
 from equimesh_service.database import UnusableDatabaseError, sqlite_file
+from equimesh_service.desk import Desk
 from equimesh_service.dispatcher import Dispatcher, Rules
 from equimesh_service.engine import Engine
 from equimesh_service.files_address import files_address
@@ -60,7 +61,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     engine = PebbleEngine(
         settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=worker.warm_up
     )
-    desk = PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare)
+    desk = Desk(PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
     wakeups, checkers = Wakeups(store.meshes.unfinished, settings.poll), Checkers()
     rules = Rules(
         time_limit=settings.time_limit,
@@ -112,7 +113,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     )
 
 
-def _health(engine: Engine) -> str:
+def _health(engine: Engine | Desk) -> str:
     health = engine.health()
     return OK if health.ready else health.detail
 

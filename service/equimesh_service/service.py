@@ -19,6 +19,7 @@ from equimesh_service import exports, tracing, trail
 from equimesh_service.admission import Admission, Admitted
 from equimesh_service.callers import Caller, Callers
 from equimesh_service.checkers import Checked, Checkers
+from equimesh_service.desk import Desk
 from equimesh_service.dispatcher import Dispatcher
 from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files import Files
@@ -68,7 +69,7 @@ class Service:
     store: Store
     files: Files
     engine: Engine
-    desk: Engine
+    desk: Desk
     dispatcher: Dispatcher
     retention: Retention
     wakeups: Wakeups
@@ -233,10 +234,11 @@ class Service:
         found = await run_in_threadpool(self.store.meshes.artifact, mesh_id, name)
         if found is not None:
             return found
-        task = Export(self.place, mesh_id, name, trail.current().request_id, tracing.traceparent())
+        here = trail.current()
+        task = Export(self.place, mesh_id, name, here.request_id, tracing.traceparent())
         future = self.exporting.get(task)
         if future is None:
-            future = self.desk.submit(exports.export, task, time_limit=self.settings.time_limit)
+            future = self.desk.submit(here.key_id, exports.export, task, time_limit=self.settings.time_limit)
             self.exporting[task] = future
             future.add_done_callback(lambda _: self.exporting.pop(task, None))
         try:

@@ -8,6 +8,7 @@ import anyio
 import pytest
 
 from equimesh_service.checkers import Checkers
+from equimesh_service.problems import Problem
 
 
 @pytest.mark.anyio
@@ -15,7 +16,7 @@ async def test_a_check_that_waits_for_a_worker_makes_room() -> None:
     checkers, done, waits = Checkers(threads=1), threading.Event(), threading.Event()
 
     def slow() -> None:
-        with checkers.aside():
+        with checkers.aside(""):
             waits.set()
             done.wait(20.0)
 
@@ -34,3 +35,34 @@ async def test_a_check_that_waits_for_a_worker_makes_room() -> None:
             await checkers.run(bool)
         assert scope.cancelled_caught
         busy.set()
+
+
+@pytest.mark.anyio
+async def test_one_key_does_not_take_all_the_room() -> None:
+    checkers, done = Checkers(threads=1), threading.Event()
+    refused: list[Problem] = []
+
+    def wait(key_id: str) -> None:
+        try:
+            with checkers.aside(key_id):
+                done.wait(20.0)
+        except Problem as problem:
+            refused.append(problem)
+
+    def let_through() -> str:
+        with checkers.aside("another"):
+            return "seen"
+
+    async with anyio.create_task_group() as group:
+        for _ in range(40):
+            group.start_soon(checkers.run, wait, "k")
+        with anyio.fail_after(10.0):
+            while len(refused) < 8:
+                await anyio.sleep(0.01)
+            assert await checkers.run(let_through) == "seen"
+        done.set()
+    assert {problem.name for problem in refused} == {"quota-exceeded"}
+    assert refused[0].headers["Retry-After"] == "5"
+    assert "This key has 32 requests whose samples wait to be read" in refused[0].detail
+    await checkers.run(wait, "k")  # done is set: there is room again
+    assert len(refused) == 8
