@@ -13,12 +13,13 @@ from starlette.responses import Response
 from equimesh.io import FORMATS
 from equimesh_service import body as bodies
 from equimesh_service.admission import Upload
+from equimesh_service.cursors import cursor_of, position_of
 from equimesh_service.job import Ending
 from equimesh_service.negotiation import explicit, preferred_wait
-from equimesh_service.problems import Problem, invalid
+from equimesh_service.problems import Problem
 from equimesh_service.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.results_api import check_done, mesh_bytes, mesh_file, mesh_format
-from equimesh_service.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, Writer, problems
+from equimesh_service.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.rows import CANCELED, MeshRow
 from equimesh_service.service import Service
 from equimesh_service.spec import MeshSpec
@@ -210,13 +211,13 @@ async def list_meshes(
     cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.")] = None,
 ) -> MeshList:
     """A page of meshes; the header `Link` with rel="next" leads to the next one."""
-    before = None if cursor is None else _position(cursor)
+    before = None if cursor is None else position_of(cursor, caller.only)
     rows = await run_in_threadpool(
         lambda: service.store.meshes.page(
             key_id=caller.only, status=status, label=label, before=before, limit=limit + 1
         )
     )
-    following = f"{rows[limit - 1].number:x}" if len(rows) > limit else None
+    following = cursor_of(rows[limit - 1], caller.only) if len(rows) > limit else None
     if following is not None:
         url = request.url.include_query_params(cursor=following)
         response.headers["Link"] = f'<{url.path}?{url.query}>; rel="next"'
@@ -311,13 +312,3 @@ def checked_key(key: str | None) -> str | None:
     if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
         raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")
     return key
-
-
-def _position(cursor: str) -> int:
-    try:
-        number = int(cursor, 16)
-    except ValueError:
-        number = -1
-    if not 0 < number < LARGEST:
-        raise invalid("", "not a cursor of this list", parameter="cursor")
-    return number

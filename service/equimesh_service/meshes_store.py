@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import Connection, Row, bindparam, insert, select, update
+from sqlalchemy import Connection, Row, bindparam, insert, select, tuple_, update
 from sqlalchemy.exc import IntegrityError
 
 from equimesh_service.artifacts_store import insert_artifacts, noted, remove_unused
@@ -27,6 +27,7 @@ from equimesh_service.rows import (
     NewMesh,
     NewStep,
     Order,
+    Position,
     SamplesGoneError,
     StepTakenError,
 )
@@ -162,11 +163,12 @@ class MeshesStore:
         key_id: str | None = None,
         status: str | None = None,
         label: str | None = None,
-        before: int | None = None,
+        before: Position | None = None,
         limit: int = 50,
     ) -> list[MeshRow]:
-        """Meshes, newest first, with ``number`` under ``before``; those of one key, unless that is None."""
-        query = select(*_SHOWN).order_by(meshes.c.number.desc()).limit(limit)
+        """Meshes, newest first, after the position ``before``; those of one key, unless that is None."""
+        order = (meshes.c.number,) if key_id is None else (meshes.c.created_at, meshes.c.id)
+        query = select(*_SHOWN).order_by(*(column.desc() for column in order)).limit(limit)
         if key_id is not None:
             query = query.where(meshes.c.key_id == key_id)
         if status is not None:
@@ -174,7 +176,7 @@ class MeshesStore:
         if label is not None:
             query = query.where(meshes.c.label == label)
         if before is not None:
-            query = query.where(meshes.c.number < before)
+            query = query.where(tuple_(*order) < before)
         with self._read() as connection:
             return [_mesh(row) for row in connection.execute(query)]
 

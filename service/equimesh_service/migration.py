@@ -10,7 +10,7 @@ from equimesh_service.database import Database, UnusableDatabaseError, lock
 from equimesh_service.schema import artifacts, meshes, metadata
 
 # The revision of the tables in `schema`, which is that of the last step in `migrations`.
-LATEST = "0005"
+LATEST = "0006"
 _FIRST = "0001"
 _log = logging.getLogger(__name__)
 # Alembic's own table, as it makes it.

@@ -15,6 +15,10 @@ FINISHED = (SUCCEEDED, FAILED, CANCELED)
 NODAL = "n-"
 
 
+# Where a page of meshes ends: at a number, for those who see all meshes; at a time and an id, for others.
+Position = tuple[int] | tuple[float, str]
+
+
 class SamplesGoneError(Exception):
     """A mesh that refers to samples which are not there."""
 

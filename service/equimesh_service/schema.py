@@ -73,7 +73,8 @@ meshes = Table(
     Column("spec_size", Integer, nullable=False, server_default="0"),  # bytes of the spec
     # With all that is asked of waiting meshes: their rows are long where samples stand in the spec.
     Index("meshes_by_status", "status", "number", "key_id", "n_xi", "n_eta"),
-    Index("meshes_by_key", "key_id", "number", "spec_size"),  # the sum of a key's specs comes from here alone
+    # A key's meshes as they are listed; the sum of its specs comes from here alone.
+    Index("meshes_by_key", "key_id", "created_at", "id", "spec_size"),
     Index("meshes_by_fingerprint", "fingerprint", "key_id", "number"),
     Index("meshes_by_finish", "finished_at"),
     sqlite_autoincrement=True,

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 
+from equimesh_service.cursors import cursor_of, position_of
 from equimesh_service.rows import Artifact, Claim, Hold, KeyReusedError, NewMesh, SamplesGoneError, SamplesRow
 from equimesh_service.schema import metadata
 from equimesh_service.spec import read_spec
@@ -215,7 +216,7 @@ def test_list_filters_and_pages(store: Store) -> None:
     for number in range(5):
         add(store, f"m{number}", label="odd" if number % 2 else "even")
     assert [row.id for row in store.meshes.page(limit=2)] == ["m4", "m3"]
-    assert [row.id for row in store.meshes.page(before=store.meshes.page(limit=2)[-1].number)] == ["m2", "m1", "m0"]
+    assert [row.id for row in store.meshes.page(before=(store.meshes.page(limit=2)[-1].number,))] == ["m2", "m1", "m0"]
     assert [row.id for row in store.meshes.page(label="odd")] == ["m3", "m1"]
     store.queue.cancel("m0")
     assert [row.id for row in store.meshes.page(status="canceled")] == ["m0"]
@@ -319,21 +320,29 @@ def test_each_key_has_its_own_list_and_its_own_idempotency_keys(store: Store) ->
     assert [row.id for row in store.meshes.page()] == ["of-b", "of-a"]
 
 
-def test_a_page_neither_leaves_out_nor_repeats_while_meshes_come_and_go(store: Store) -> None:
+@pytest.mark.parametrize("key_id", [None, ""], ids=["all", "own"])
+def test_a_page_neither_leaves_out_nor_repeats_while_meshes_come_and_go(
+    store: Store, clock: Clock, key_id: str | None
+) -> None:
     for number in range(12):
         add(store, f"m{number}")
+        clock.now += number % 2  # some are made at the same moment
     seen: list[str] = []
-    before, came = None, 0
-    while page := store.meshes.page(before=before, limit=3):
+    cursor, came = None, 0
+    while page := store.meshes.page(
+        key_id=key_id, before=None if cursor is None else position_of(cursor, key_id), limit=3
+    ):
         seen += [row.id for row in page]
-        before = page[-1].number
+        cursor = cursor_of(page[-1], key_id)
+        clock.now += 0.001
         add(store, f"new{came}")
         store.meshes.delete(seen[-1], lambda _: None)  # the very row that the next page begins after
         store.meshes.delete(f"m{came}", lambda _: None)  # from the other end
         came += 1
-    kept = [f"m{number}" for number in range(11, -1, -1)]
+    kept = [name for number in range(12) if store.meshes.get(name := f"m{number}")]
     assert len(seen) == len(set(seen))
-    assert [name for name in kept if store.meshes.get(name)] == [name for name in seen if store.meshes.get(name)]
+    left = [name for name in seen if store.meshes.get(name)]
+    assert (left[::-1] if key_id is None else sorted(left, key=kept.index)) == kept
     assert not any(name.startswith("new") for name in seen)
 
 
