@@ -20,12 +20,13 @@ from typing import Any, TypeVar
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from equimesh_service.engine import EngineError, Health, MemoryLimitError, TimeLimitError, WorkerLostError
-from equimesh_service.pool_watch import PoolWatch
+from equimesh_service.pool_watch import UNTOLD, PoolWatch
 
 Result = TypeVar("Result")
 _log = logging.getLogger(__name__)
 _warmed_up = 0.0  # seconds, in a worker
 _WATCH_SECONDS = 0.2
+_server_lock = threading.Lock()
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -53,6 +54,8 @@ class PebbleEngine:
         self._start = (memory_limit, prepare, warm_up, reader)
         self._lock = threading.Lock()
         self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
+        # Tasks lost with a whole pool. That is told once there is a new one: told before, they would be lost again.
+        self._bereft: list[tuple[Future[Any], WorkerLostError]] = []
         self._closed = threading.Event()
         self._pool, self._warm = self._new_pool()
         self._watcher = threading.Thread(target=self._watch, name="equimesh-pool-watch", daemon=True)
@@ -70,7 +73,7 @@ class PebbleEngine:
             try:
                 inner = self._pool.schedule(_run, args=(function, arguments), timeout=time_limit)
             except RuntimeError as error:  # the pool broke, and is about to be replaced
-                outer.set_exception(WorkerLostError(f"there are no workers: {error}"))
+                self._bereft.append((outer, WorkerLostError(f"there are no workers: {error}")))
                 return outer
             self._inner[outer] = inner
         inner.add_done_callback(lambda done: self._hand_over(done, outer))
@@ -86,7 +89,7 @@ class PebbleEngine:
     def health(self) -> Health:
         """Ready once a worker has warmed up."""
         with self._lock:
-            active = bool(self._pool.active) and not self._closed.is_set()
+            active = bool(self._pool.active) and not self._bereft and not self._closed.is_set()
             warm = self._warm.done() and not self._warm.cancelled() and self._warm.exception() is None
         detail = "" if active and warm else "workers are starting" if active else "the worker pool is down"
         return Health(ready=active and warm, workers=self._workers, detail=detail)
@@ -109,12 +112,13 @@ class PebbleEngine:
         for inner in left:
             inner.cancel()  # type: ignore[no-untyped-call]
         _stop(self._pool)
+        self._tell_bereft()
 
     def _watch(self) -> None:
         seen = PoolWatch(self._pool)
         while not self._closed.wait(_WATCH_SECONDS):
             try:
-                defect = seen.defect()
+                defect = seen.defect() or ("its workers are gone" if self._bereft else "")
                 if defect:
                     _log.warning("the worker pool is replaced: %s", defect)
                     self._replace(defect)
@@ -133,6 +137,13 @@ class PebbleEngine:
                 inner.set_exception(BrokenProcessPool(defect))
             except InvalidStateError:
                 continue  # it came to an end of its own
+        self._tell_bereft()
+
+    def _tell_bereft(self) -> None:
+        with self._lock:
+            bereft, self._bereft = self._bereft, []
+        for outer, error in bereft:
+            outer.set_exception(error)
 
     def _new_pool(self) -> tuple[ProcessPool, ProcessFuture[float]]:
         pool = ProcessPool(
@@ -154,28 +165,51 @@ class PebbleEngine:
                 outer.set_result(inner.result())
             case TimeoutError() if not hasattr(error, "traceback"):  # Pebble's own, not the function's
                 outer.set_exception(TimeLimitError("the time limit was reached"))
-            case ProcessExpired() | BrokenProcessPool():
+            case ProcessExpired(exitcode=code) if code != UNTOLD:
                 outer.set_exception(WorkerLostError(f"the worker died: {error}"))
+            case ProcessExpired() | BrokenProcessPool():
+                with self._lock:
+                    self._bereft.append((outer, WorkerLostError(f"the worker died: {error}")))
             case _:
                 outer.set_exception(error)
 
 
 def _context(preload: Sequence[str]) -> Any:
-    if "forkserver" not in multiprocessing.get_all_start_methods():  # pragma: no cover - Windows
+    if sys.platform == "win32":  # pragma: no cover
         return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
+    context = _Forking()
     context.set_forkserver_preload(list(preload))
-    # One thread in each worker: the workers are as many as the processors. The libraries read this when they
-    # are loaded, in the server that the workers are forked from.
-    missing = [name for name in _THREAD_COUNTS if name not in os.environ]
-    try:
-        for name in missing:
-            os.environ[name] = "1"
-        forkserver.ensure_running()
-    finally:
-        for name in missing:
-            del os.environ[name]
+    _start_server()
     return context
+
+
+if sys.platform != "win32":
+    from multiprocessing.context import ForkServerContext, ForkServerProcess
+
+    class _Worker(ForkServerProcess):
+        """A process that is forked from the server, which is started again when it is gone."""
+
+        def start(self) -> None:
+            _start_server()
+            super().start()
+
+    class _Forking(ForkServerContext):
+        Process = _Worker
+
+
+def _start_server() -> None:
+    """Start the process that workers are forked from, unless it runs."""
+    # One thread in each worker: the workers are as many as the processors. The libraries read this when they
+    # are loaded, in the server.
+    with _server_lock:
+        missing = [name for name in _THREAD_COUNTS if name not in os.environ]
+        try:
+            for name in missing:
+                os.environ[name] = "1"
+            forkserver.ensure_running()
+        finally:
+            for name in missing:
+                del os.environ[name]
 
 
 def _tell_warm_up(done: Future[float]) -> None:
@@ -210,7 +244,7 @@ def _initialize(
 ) -> None:
     # Pebble stops a worker by SIGTERM and waits for Python code to notice; a factorisation never would.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    threading.Thread(target=_die_with_service, args=(lifeline,), daemon=True).start()
+    threading.Thread(target=_die_with_others, args=(lifeline, os.getppid()), daemon=True).start()
     if prepare is not None:
         prepare()
     if warm_up is not None:
@@ -222,9 +256,12 @@ def _initialize(
         _limit_memory(memory_limit)
 
 
-def _die_with_service(lifeline: Connection[Any, Any]) -> None:
-    # The service may be killed without a chance to stop its workers; an orphan would compute for nobody.
-    lifeline.poll(None)
+def _die_with_others(lifeline: Connection[Any, Any], parent: int) -> None:
+    # The service may be killed without a chance to stop its workers; an orphan would compute for nobody. So it would
+    # without the server it was forked from, by which alone the service knows of it.
+    while not lifeline.poll(_WATCH_SECONDS):
+        if os.getppid() != parent:
+            break
     os._exit(1)
 
 

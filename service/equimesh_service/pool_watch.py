@@ -3,6 +3,9 @@
 Workers take tasks out of one pipe, one at a time: by a lock, which the system does not take from a process that dies
 with it. After that no worker gets a task, and none can be stopped. And a worker that dies at the moment it has begun
 a task may be forgotten before the pool hears that it had begun.
+
+And when the server dies that workers are forked from, the pool takes them for dead while they still live for a moment,
+and take its tasks.
 """
 
 from __future__ import annotations
@@ -16,6 +19,8 @@ from pebble import ProcessPool
 
 # Seconds. Workers hold the lock for less than a millisecond; for more when they have to import a module for a task.
 PATIENCE = 10.0
+# The exit code of a process whose server died before it could tell: see :mod:`multiprocessing.popen_forkserver`.
+UNTOLD = 255
 
 
 class PoolWatch:
@@ -39,8 +44,11 @@ class PoolWatch:
             if free:
                 self._free = now
         before, self._alive = self._alive, self._workers.workers.copy()
+        codes = {before[pid].exitcode for pid in before.keys() - self._alive.keys()}
+        if UNTOLD in codes:
+            return "the server that its workers are forked from died"
         # Those that the pool stops itself do not count: it takes the lock first.
-        if any(before[pid].exitcode != -signal.SIGTERM for pid in before.keys() - self._alive.keys()):
+        if codes - {-signal.SIGTERM}:
             self._died = now
         if now - self._free > PATIENCE and self._died >= self._free:
             return "a worker died while it took a task or gave a result"

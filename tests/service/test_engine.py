@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,43 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
         assert not engine.wait_until_ready(1.5)
     finally:
         engine.close()
+
+
+# In a process of its own: the server is all engines', and there are those of other tests here.
+SERVER_DIES = """
+import os, signal, time
+from equimesh_service.engine import WorkerLostError
+from equimesh_service.pebble_engine import PebbleEngine
+
+engine = PebbleEngine(1, preload=["equimesh_service.pebble_engine"])
+assert engine.wait_until_ready(60.0)
+server, worker = engine.submit(os.getppid).result(30.0), engine.submit(os.getpid).result(30.0)
+again = []
+running = engine.submit(time.sleep, 60.0)
+running.add_done_callback(lambda _: again.append(engine.submit(os.getpid)))
+time.sleep(0.2)
+os.kill(server, signal.SIGKILL)
+began = time.monotonic()
+while engine.health().ready:
+    assert time.monotonic() - began < 5.0, "says that it is ready"
+    time.sleep(0.01)
+assert isinstance(running.exception(30.0), WorkerLostError)
+assert again.pop().result(30.0) != worker  # not lost again, with the pool that is about to be replaced
+assert engine.wait_until_ready(30.0)
+assert engine.submit(os.getppid).result(30.0) != server
+assert engine.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(30.0) == "1"
+assert not os.path.exists(f"/proc/{worker}"), "the worker goes on, and nobody knows of it"
+engine.close()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks at processes")
+def test_the_server_of_the_workers_is_replaced_with_them() -> None:
+    """Nothing else than the service may start it: it would have other numbers of threads."""
+    variables = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    command = [sys.executable, "-c", SERVER_DIES]
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 # Called by tests only, and by other kernels only.
