@@ -133,7 +133,7 @@ class S3Files:
             yield piece
 
     def remove(self, sha256: str) -> None:
-        """Remove an object that nothing refers to any more, at the first attempt or not: a transaction waits."""
+        """Remove an object that nothing refers to any more, soon or not at all: a transaction waits."""
         import obstore
 
         with self._asking():
@@ -209,7 +209,8 @@ class S3Files:
 
 @lru_cache(maxsize=8)
 def _opened(bucket: Bucket, *, patient: bool = True) -> S3Store:
-    """The client of a bucket, once in each process: it keeps its connections. A ``patient`` one tries again."""
+    """The client of a bucket, once in each process: it keeps its connections. One that is not ``patient`` gives up
+    within 20 s."""
     from obstore.store import S3Store
 
     config: S3Config = {
@@ -231,7 +232,7 @@ def _opened(bucket: Bucket, *, patient: bool = True) -> S3Store:
             "timeout": "60s" if patient else "10s",  # of one request, which carries a part of a file at most
         },
         retry_config={
-            "max_retries": 3 if patient else 0,
+            "max_retries": 3 if patient else 1,  # a kept connection may have been closed
             "retry_timeout": timedelta(seconds=10),
             "backoff": {
                 "init_backoff": timedelta(milliseconds=50),
