@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import io
 import threading
 import time
@@ -13,7 +15,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from equimesh_service import Settings, running
+from equimesh_service import Settings, running, sequences_api
 from equimesh_service.files_address import files_address
 from equimesh_service.retention import Retention
 from equimesh_service.rows import Artifact, NewMesh, NewStep, SamplesRow, StepTakenError
@@ -136,6 +138,19 @@ def test_a_repeated_step_is_the_same_step(http: httpx.Client) -> None:
     key = {**WAIT, "Idempotency-Key": f"begin {sequence['id']}"}
     begun = [http.post("/v1/sequences", json=FRONT, headers=key).json()["id"] for _ in range(2)]
     assert begun[0] == begun[1]
+
+
+def test_a_large_step_does_not_hold_up_the_service(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence, _ = begin(http)
+    threads: list[bool] = []
+
+    def digest(data: bytes) -> Any:
+        threads.append(asyncio._get_running_loop() is None)
+        return hashlib.sha256(data)
+
+    monkeypatch.setattr(sequences_api, "sha256", digest)
+    assert http.post(sequence["links"]["steps"], content=b"no npz", headers=NPZ).status_code == 422
+    assert threads == [True]
 
 
 def test_what_is_wrong_with_a_step_is_told_where(http: httpx.Client) -> None:
