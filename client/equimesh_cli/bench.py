@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 
 if TYPE_CHECKING:
     from equimesh_cli.benchmark.rows import Row
@@ -88,7 +88,7 @@ def report(sizes: Sizes) -> dict[str, Any]:
 
         from equimesh_cli.benchmark import newton, peers, rows
     except ImportError as error:
-        raise Refused(f"the solver is not installed ({error.name}): pip install 'equimesh[solver]'") from error
+        raise NotInstalled("solver", error) from error
 
     print(f"{os.cpu_count()} cores; CPU time on one thread, medians of {rows.RUNS} runs\n", flush=True)
     measured: list[Row] = []

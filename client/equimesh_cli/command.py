@@ -10,6 +10,7 @@ from importlib.metadata import version
 
 from equimesh_cli import bench, check, config, database, demo, doctor, generate, keys, serve, solve
 from equimesh_cli.exits import EPILOG, Exit, code_of
+from equimesh_cli.parser import Parser
 
 EXAMPLES = """\
 examples:
@@ -27,11 +28,11 @@ examples:
 """
 
 
-def build_parser(command: str = "") -> argparse.ArgumentParser:
+def build_parser(command: str = "") -> Parser:
     """The parser of the command and all its subcommands. The options of `serve`, `config` and `doctor` are
     those of the service, which is imported only when ``command`` is one of them.
     """
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="equimesh",
         description="Adaptive 2D meshes for PDE solvers, by equidistribution, with a service or without.",
         epilog=EXAMPLES + EPILOG,

@@ -10,7 +10,8 @@ import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled
+from equimesh_cli.parser import Parser
 from equimesh_cli.serve import add_settings, chosen, given
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ class Shown:
 
 def add_parser(commands: Any, *, full: bool) -> None:
     """Add the command; with ``full`` its options, too."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser: Parser = commands.add_parser(
         "config",
         help="show the settings of a service",
         description="Print the settings that a service started here and now would have, and where each comes from.",
@@ -64,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         from equimesh_service.environment import complaint, unknown
     except ImportError as error:
-        raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
+        raise NotInstalled("service", error) from error
     options_given = given(options)
     rows = shown(chosen(options_given), options_given)
     foreign = unknown(os.environ)

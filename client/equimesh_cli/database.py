@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.serve import chosen
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def _answered(options: argparse.Namespace, action: Callable[[Settings], Found]) 
 
         from equimesh_service.database import UnusableDatabaseError
     except ImportError as error:
-        raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
+        raise NotInstalled("service", error) from error
     import sqlite3
 
     asked = {name: value for name in ("data_dir", "database_url") if (value := getattr(options, name)) is not None}

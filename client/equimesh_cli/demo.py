@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.serve import cannot_serve
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         import equimesh_service
         from equimesh_service.settings import Settings
     except ImportError as error:
-        raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
+        raise NotInstalled("service", error) from error
     from equimesh_client import Client
 
     output: Path = options.output

@@ -10,9 +10,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli import installation, machine, reach, storage
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.findings import Finding, Level, failed
 from equimesh_cli.generate import add_url
+from equimesh_cli.parser import Parser
 from equimesh_cli.serve import add_settings, chosen, given
 
 if TYPE_CHECKING:
@@ -26,9 +27,10 @@ examples:
   equimesh doctor --url https://meshes.example.org
 
 It takes the options of `equimesh serve`, and looks at what a service with them would find. It makes no folder and
-changes no data. The exit code is 1 when a check failed; warnings do not count.
+changes no data. With --url (or EQUIMESH_URL) it looks at the service there instead, and at nothing here. The exit code
+is 1 when a check failed; warnings do not count.
 
-needs the service: pip install 'equimesh[service]'
+needs the service, but for --url: pip install 'equimesh[service]'
 
 """
 HERE: dict[str, Callable[[Settings], Finding | None]] = {
@@ -47,7 +49,7 @@ HERE: dict[str, Callable[[Settings], Finding | None]] = {
     "port": reach.port,
     "exposure": reach.exposure,
 }
-# Of a service that runs; the others need the first.
+# Of a service that runs.
 THERE: dict[str, Callable[[Client], Finding]] = {
     "ready": reach.readiness,
     "version": reach.version,
@@ -58,10 +60,10 @@ THERE: dict[str, Callable[[Client], Finding]] = {
 
 def add_parser(commands: Any, *, full: bool) -> None:
     """Add the command; with ``full`` the settings of the service, too."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser: Parser = commands.add_parser(
         "doctor",
         help="check an installation",
-        description="Check what a service needs on this machine, and with --url one that runs; say what to do.",
+        description="Check what a service needs on this machine, or with --url one that runs; say what to do.",
         epilog=EXAMPLES + EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
@@ -76,13 +78,8 @@ def add_parser(commands: Any, *, full: bool) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Check, and say what was found, a line at a time."""
-    try:
-        import equimesh_service.settings  # noqa: F401
-    except ImportError as error:
-        raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
-    settings = chosen(given(options))
     found: list[tuple[str, Finding]] = []
-    for name, finding in findings(settings, options):
+    for name, finding in _there(options) if options.url else _here(options):
         found.append((name, finding))
         if not options.json:
             print(_shown(name, finding), flush=True)
@@ -95,36 +92,50 @@ def run(options: argparse.Namespace) -> int:
     return Exit.FAILED if levels[Level.FAILED] else Exit.DONE
 
 
-def findings(settings: Settings, options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
-    """What each check finds, by its name; a check that does not apply is left out."""
-    from equimesh_client import Client
-
+def _here(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
+    """What each check of this machine finds, by its name; a check that does not apply is left out."""
+    try:
+        import equimesh_service.settings  # noqa: F401
+    except ImportError as error:
+        raise NotInstalled("service", error) from error
+    settings = chosen(given(options))
     checks = {**HERE, **({"stored": storage.stored} if options.stored else {})}
     for name, check in checks.items():
         finding = _tried(check, settings)
         if finding is not None:
             yield name, finding
-    if options.url:
-        with Client(options.url, key=options.key, retries=1, timeout=reach.PATIENCE) as client:
-            for name, ask in THERE.items():
-                answer = _tried(ask, client)
-                if answer is not None:
-                    yield name, answer
-                if name == "ready" and answer is not None and answer.level is Level.FAILED:
-                    return
 
 
-def _tried(check: Callable[[Any], Finding | None], subject: Any) -> Finding | None:
+def _there(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
+    """What each check of a running service finds; the others need the first."""
+    from equimesh_client import Client, EquimeshClientError
+
+    if options.stored or given(options):
+        raise Refused(
+            "--stored and the options of `equimesh serve` are about this machine, and --url (or EQUIMESH_URL) about "
+            "another: leave out one of them; --url '' is none"
+        )
+    with Client(options.url, key=options.key, retries=1, timeout=reach.PATIENCE) as client:
+        for name, ask in THERE.items():
+            try:
+                finding = ask(client)
+            except EquimeshClientError as error:
+                finding = failed(str(error).splitlines()[0])
+            yield name, finding
+            if name == "ready" and finding.level is Level.FAILED:
+                return
+
+
+def _tried(check: Callable[[Settings], Finding | None], settings: Settings) -> Finding | None:
     """What a check finds; an error of what it looks at is a finding, too."""
     from sqlalchemy.exc import SQLAlchemyError
 
-    from equimesh_client import EquimeshClientError
     from equimesh_service.database import UnusableDatabaseError
     from equimesh_service.files import FilesError
 
     try:
-        return check(subject)
-    except (UnusableDatabaseError, EquimeshClientError) as error:
+        return check(settings)
+    except UnusableDatabaseError as error:
         return failed(str(error).splitlines()[0])
     except FilesError as error:
         return failed(error.strerror or str(error), "see EQUIMESH_FILES_URL and the settings of S3")

@@ -35,6 +35,13 @@ class Refused(Exception):
         self.code = code
 
 
+class NotInstalled(Refused):
+    """What a command needs another part of the package for: the "service", or the "solver"."""
+
+    def __init__(self, part: str, error: ImportError) -> None:
+        super().__init__(f"the {part} is not installed ({error.name}): pip install 'equimesh[{part}]'")
+
+
 def code_of(error: Exception) -> Exit | None:
     """The exit code for an exception that is meant for the user; None for a mistake in the program.
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.serve import chosen
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _opened(options: argparse.Namespace, *, new: bool = False) -> Iterator[KeySt
         from equimesh_service.database import UnusableDatabaseError
         from equimesh_service.store import Store
     except ImportError as error:
-        raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
+        raise NotInstalled("service", error) from error
     given = {name: value for name in ("data_dir", "database_url") if (value := getattr(options, name)) is not None}
     settings = chosen(given)
     file = settings.data_dir / "equimesh.sqlite3"

@@ -6,7 +6,8 @@ import argparse
 import errno
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.parser import Parser
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings
@@ -26,7 +27,7 @@ needs the service: pip install 'equimesh[service]'
 
 def add_parser(commands: Any, *, full: bool) -> None:
     """Add the command; with ``full`` its options, too, which are the settings that the service declares."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser: Parser = commands.add_parser(
         "serve",
         help="run a service",
         description="Run the service until it is stopped.",
@@ -39,12 +40,13 @@ def add_parser(commands: Any, *, full: bool) -> None:
         add_settings(parser)
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
+def add_settings(parser: Parser) -> None:
     """Add an option for every setting that the service declares."""
     try:
         from equimesh_service.settings import Settings
-    except ImportError:
-        return  # run says what is missing
+    except ImportError as error:
+        parser.lacks = str(NotInstalled("service", error))
+        return
     for name, field in Settings.model_fields.items():
         default = field.get_default(call_default_factory=True)
         parser.add_argument(
@@ -62,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
         from equimesh_service.database import UnusableDatabaseError
         from equimesh_service.exposure import ExposedError
     except ImportError as error:
-        raise Refused(f"the service is not installed ({error.name}): pip install 'equimesh[service]'") from error
+        raise NotInstalled("service", error) from error
     settings = chosen(given(options))
     try:
         equimesh_service.run(settings)

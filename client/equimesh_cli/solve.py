@@ -8,7 +8,7 @@ import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.options import add_mesh_options, check_options
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
 
         import equimesh as em
     except ImportError as error:
-        raise Refused(f"the solver is not installed ({error.name}): pip install 'equimesh[solver]'") from error
+        raise NotInstalled("solver", error) from error
     from equimesh_cli.compiling import compiling_told
     from equimesh_cli.problem import build_problem, build_schwarz
     from equimesh_client import Certificate, Convergence, Quality

@@ -220,10 +220,30 @@ def test_usage_is_refused_before_anything_is_sent(
         ),
     ],
 )
-def test_usage_that_argparse_refuses(generate: Any, arguments: list[str]) -> None:
+def test_usage_that_argparse_refuses(generate: Any, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         generate(*arguments)
     assert caught.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("equimesh: ")
+    assert said.endswith("; see equimesh generate --help\n")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("", "the following arguments are required: COMMAND; see equimesh --help"),
+        ("serve --prt 3", "unrecognized arguments: --prt 3; see equimesh serve --help"),
+        ("keys list x", "unrecognized arguments: x; see equimesh keys list --help"),
+    ],
+)
+def test_the_command_that_knows_its_options_refuses_others(
+    words: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(words.split())
+    assert (caught.value.code, capsys.readouterr().err) == (2, f"equimesh: {said}\n")
 
 
 def test_bad_input_is_a_sentence_with_a_caret(generate: Any) -> None:

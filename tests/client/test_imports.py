@@ -54,13 +54,23 @@ def test_the_command_generates_with_the_base_install(service: Any, tmp_path: Any
 
 @pytest.mark.parametrize(
     ("arguments", "extra"),
-    [(["solve", "x"], "solver"), (["bench"], "solver"), (["serve"], "service"), (["demo"], "service")],
+    [
+        (["solve", "x"], "solver"),
+        (["bench"], "solver"),
+        *((words, "service") for words in (["serve"], ["serve", "--port", "8000"], ["doctor"], ["demo"])),
+    ],
 )
 def test_what_needs_an_extra_says_which(arguments: list[str], extra: str) -> None:
     done = run(f"from equimesh_cli import main; sys.exit(main({arguments!r}))")
     assert done.returncode == 2
     assert f"pip install 'equimesh[{extra}]'" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_service_elsewhere_is_examined_with_the_base_install() -> None:
+    done = run("from equimesh_cli import main; sys.exit(main(['doctor', '--url', 'http://127.0.0.1:9']))")
+    assert (done.returncode, done.stderr) == (1, "")
+    assert done.stdout.startswith("failed   ready        http://127.0.0.1:9 does not answer")
 
 
 def test_only_one_module_of_the_client_knows_httpx() -> None:

@@ -314,7 +314,7 @@ def test_an_address_of_others_without_a_key(made: Settings) -> None:
 def test_a_service_that_runs(
     url: str, guarded_service: Guarded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doctor, "HERE", {})
+    """It alone is looked at, and not this machine."""
 
     def ask(url: str, key: str = "") -> tuple[int, dict[str, str]]:
         code = main(["doctor", "--json", "--url", url, "--key", key])
@@ -332,8 +332,13 @@ def test_a_service_that_runs(
     assert ask(url)[1]["version"] == "warning"
 
 
-def test_a_service_that_does_not_run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "HERE", {})
+@pytest.mark.parametrize("words", [["--stored"], ["--workers", "2"]])
+def test_a_service_elsewhere_or_this_machine(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--url", "http://127.0.0.1:9", *words]) == 2
+    assert "leave out one of them" in capsys.readouterr().err
+
+
+def test_a_service_that_does_not_run(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))
         assert main(["doctor", "--url", f"http://127.0.0.1:{nobody.getsockname()[1]}"]) == 1
