@@ -16,7 +16,7 @@ from equimesh.tokens import refuse
 from equimesh.vocabulary import LIMITS, PLANE
 
 Array: TypeAlias = npt.NDArray[np.float64]
-BLOCK = 8192  # points at a time: the jets of a few operations stay in the cache
+BLOCK = 16384  # points at a time: the jets of a few operations stay in the cache
 CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
 
 

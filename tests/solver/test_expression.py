@@ -347,7 +347,7 @@ def test_shapes() -> None:
 
 
 def test_blocks_join_without_a_seam() -> None:
-    x = np.linspace(0, 1, 3 * 8192 + 17)
+    x = np.linspace(0, 1, 3 * 16384 + 17)
     for part, wanted in zip(Expression("x**3*y").evaluate(x, 2 * x, 2), (2 * x**4, 6 * x**3, x**3), strict=False):
         np.testing.assert_allclose(part, wanted, rtol=1e-14)
 
