@@ -31,7 +31,7 @@ def test_files_are_there_in_their_order_once_they_are_published(files: FolderFil
         output.json("three", {"a": 1})
         artifacts = output.artifacts()
         assert list(files.listing()) == []
-        output.publish()
+        output.publish(lambda _: False)
     assert [(file.name, file.size) for file in artifacts] == [("one", 5), ("two", 10), ("three", 8)]
     for file in artifacts:
         with files.local(file.sha256) as path:
