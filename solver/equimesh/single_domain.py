@@ -1,8 +1,8 @@
 """The single-domain mesh, in nested iteration from the uniform mesh on a coarse grid up.
 
 Every level is solved by the chord iteration, the coarsest from the uniform mesh, finer ones from the coarser solution.
-Where the coarsest does not converge from there, it is tried from half its points; where none does, Newton's method and
-continuation take over.
+Where the coarsest does not converge from there, half the monitor leads up to it; where that does not either, Newton's
+method and continuation take over.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from equimesh.folding import smallest_jacobian
 from equimesh.grid import Grid
 from equimesh.local_solution import newton_steps, rounding
 from equimesh.mesh import Mesh
-from equimesh.nested import distance, halved, is_refined, nested_grids, prolong, refinement
+from equimesh.nested import distance, is_refined, nested_grids, prolong, refinement
 from equimesh.problem import Problem
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -32,6 +32,8 @@ Array: TypeAlias = npt.NDArray[np.float64]
 TIGHT, SHARE = 1e-10, 0.2
 # Algebraic error left on a coarsest level that only serves as a start, in units of its spacing.
 COARSE_SHARE = 0.01
+# Share of the monitor that leads up to one from whose uniform mesh the sweeps do not converge.
+LEADING = 0.5
 MOST_SWEEPS, MOST_COLD_SWEEPS = 100, 40
 # A sweep that does not lower the moves by this factor, so many times, is too slow: half sweeps are tried, then others.
 SLOWEST, MOST_SLOW = 0.9, 3
@@ -124,10 +126,11 @@ def iterate(
             known = before is not None and is_refined(grid, before.grid)  # the error of the discretisation can be told
             tight = level + 1 == len(grids) and (mode is Mode.TIGHT or not known)
             last = yield from _Level(here, label, before, tight, memory, threads).steps()
-            rough = (yield from _coarser(here, label, memory, threads)) if last is None and before is None else None
-            if rough is not None:
-                label = replace(label, mesh=guess_on(grid, [rough]))
-                last = yield from _Level(here, label, rough, tight, memory, threads).steps()
+            if last is None and before is None:
+                rough = yield from _weaker(here, replace(label, mesh=Mesh.uniform(grid)), memory, threads)
+                if rough is not None:
+                    label = replace(label, mesh=rough.mesh)
+                    last = yield from _Level(here, label, None, tight, memory, threads).steps()
         if last is None:
             plain = not sweeps or start is not None
             if start is None and solved:
@@ -141,17 +144,14 @@ def iterate(
         solved = [*solved[-1:], last]
 
 
-def _coarser(problem: Problem, label: Step, memory: Array, threads: int) -> Steps:
-    """Sweeps from the uniform mesh on half the points a side; ``None`` where they do not converge, either.
+def _weaker(problem: Problem, label: Step, memory: Array, threads: int) -> Steps:
+    """Sweeps from the uniform mesh for half the monitor; ``None`` where they do not converge, either.
 
-    The fewer the points, the less a front stands out from the smooth mesh: sweeps that fail on 17 points a side nearly
-    always converge on 9, and from there on 17.
+    From the uniform mesh a sweep for a steep front overshoots; from the mesh of half the front it seldom does.
     """
-    grid = halved(problem.grid)
-    if not is_refined(problem.grid, grid):
-        return None
-    label = replace(label, grid=grid, mesh=Mesh.uniform(grid))
-    return (yield from _Level(replace(problem, grid=grid), label, None, False, memory, threads).steps())
+    weak = replace(problem, monitor=problem.monitor.weakened(LEADING))
+    label = replace(label, relaxation=continuation.Relaxation(strength=LEADING))
+    return (yield from _Level(weak, label, None, False, memory, threads).steps())
 
 
 def iterate_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:

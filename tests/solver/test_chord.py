@@ -169,17 +169,19 @@ def test_interpolation_keeps_or_measures() -> None:
 
 
 @pytest.mark.parametrize("u", ["tanh(20*(x + y/2 - 0.6))", "tanh(20*(y - 0.5 - 0.25*sin(2*pi*x)))"])
-def test_sweeps_that_fail_on_the_coarsest_grid_start_on_a_coarser_one(u: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_half_the_monitor_leads_up_to_one_on_which_sweeps_fail(u: str, monkeypatch: pytest.MonkeyPatch) -> None:
     problem = em.Problem(monitor=em.ArcLength(u=em.Expression(u)), grid=em.Grid(n_xi=33, n_eta=33))
 
-    def levels() -> set[int]:
-        seen: list[int] = []
-        solution = em.solve(problem, observe=lambda step: seen.append(step.grid.n_xi))
+    def strengths() -> list[float]:
+        seen: list[float] = []
+        solution = em.solve(problem, observe=lambda step: seen.append(step.strength))
         assert solution.status is em.Status.CONVERGED
-        return set(seen)
+        assert solution.certificate.relaxed == ()
+        return sorted(set(seen))
 
     with monkeypatch.context() as patch:
         patch.setattr(single_domain, "_factorised", None)  # no Newton step is needed
-        assert levels() == {9, 17, 33}
-    monkeypatch.setattr(single_domain, "_coarser", lambda *_: iter(()))
-    assert levels() == {17, 33}  # by Newton's method, many times slower
+        assert strengths() == [0.5, 1.0]
+        patch.setattr(single_domain, "_weaker", lambda *_: iter(()))
+        with pytest.raises(TypeError):  # but for what is tested here
+            strengths()
