@@ -33,25 +33,24 @@ class Checkers:
         """Let another check take the place of this one, which waits for a worker; to be used inside a check.
 
         Else a few slow ones, each waiting for its turn, would keep all the quick ones of others waiting, too. Raises a
-        429 problem when the key has as many of them as it may have.
+        429 problem when the key has as many of them as it may have, and a 503 problem when all keys together have.
         """
-        made = from_thread.run_sync(self._step_aside, key_id)
+        from_thread.run_sync(self._step_aside, key_id)
         try:
             yield
         finally:
-            if made:
-                from_thread.run_sync(self._step_back, key_id)
+            from_thread.run_sync(self._step_back, key_id)
 
-    def _step_aside(self, key_id: str) -> bool:
+    def _step_aside(self, key_id: str) -> None:
         if self._aside[key_id] >= _MOST_OF_KEY:
             who = "This key has" if key_id else "Callers without a key have"
             detail = f"{who} {_MOST_OF_KEY} requests whose samples wait to be read: send more when these are answered."
             raise Problem("quota-exceeded", detail, headers={"Retry-After": "5"})
         if self._aside.total() >= _MOST_ASIDE:
-            return False
+            detail = f"The samples of {_MOST_ASIDE} requests wait to be read, which is as many as may."
+            raise Problem("unavailable", detail, headers={"Retry-After": "5"})
         self._aside[key_id] += 1
         self._limiter.total_tokens += 1
-        return True
 
     def _step_back(self, key_id: str) -> None:
         self._aside[key_id] -= 1

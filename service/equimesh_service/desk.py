@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from equimesh_service.engine import Engine, EngineError, Health
+from equimesh_service.engine import Engine, Health
 
 Result = TypeVar("Result")
 
@@ -58,7 +58,7 @@ class Desk:
         while (task := self._next()) is not None:
             try:
                 running = task.begin()
-            except EngineError as error:
+            except Exception as error:  # whatever it is, the worker stays free
                 running = Future()
                 running.set_exception(error)
             if running.done():  # there are no workers: by its callback each task would begin inside the one before

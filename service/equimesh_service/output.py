@@ -37,13 +37,15 @@ class Output:
             return self._files.seal(path)
 
         self._names.append(name)
-        if self._aside:
-            # Left before its file is removed: whoever gives up waits for it.
-            thread = self._stack.enter_context(ThreadPoolExecutor(1))
-            self._sealed.append((path, thread.submit(contextvars.copy_context().run, made).result))
-        else:
-            file = made()
-            self._sealed.append((path, lambda: file))
+        self._sealed.append((path, self._begin(made) if self._aside else _done(made)))
+
+    def _begin(self, made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+        # Left before its file is removed: whoever gives up waits for it.
+        thread = self._stack.enter_context(ThreadPoolExecutor(1))
+        try:
+            return thread.submit(contextvars.copy_context().run, made).result
+        except RuntimeError:  # no memory is left for a thread: there may be enough without
+            return _done(made)
 
     def artifacts(self) -> list[Artifact]:
         """All files, once they are written."""
@@ -54,3 +56,8 @@ class Output:
         """Give all files their names."""
         for path, sealed in self._sealed:
             self._files.publish(path, sealed(), removed)
+
+
+def _done(made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+    file = made()
+    return lambda: file

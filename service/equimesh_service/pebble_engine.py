@@ -125,6 +125,7 @@ class PebbleEngine:
                     seen = PoolWatch(self._pool)
             except Exception:  # no processes can be started, say
                 _log.exception("the worker pool is down; it is tried again")
+                self._tell_bereft()  # rather than have them wait for a pool that may never come
 
     def _replace(self, defect: str) -> None:
         fresh, warm = self._new_pool()

@@ -2,7 +2,7 @@
 
 Workers take tasks out of one pipe, one at a time: by a lock, which the system does not take from a process that dies
 with it. After that no worker gets a task, and none can be stopped. And a worker that dies at the moment it has begun
-a task may be forgotten before the pool hears that it had begun.
+a task may be forgotten before the pool hears that it had begun; so may one that cannot read the task.
 
 And when the server dies that workers are forked from, the pool takes them for dead while they still live for a moment,
 and take its tasks.
@@ -34,6 +34,8 @@ class PoolWatch:
         self._alive: dict[int, BaseProcess] = {}
         self._died = 0.0  # when last a worker had
         self._forgotten: dict[int, float] = {}  # tasks without a worker, and since when
+        self._known: dict[int, Any] = {}
+        self._last = 0  # task that was begun: the workers begin them in the order in which they came
 
     def defect(self) -> str:
         """Why the pool must be replaced; empty when it need not. To be asked several times a second."""
@@ -52,8 +54,12 @@ class PoolWatch:
             self._died = now
         if now - self._free > PATIENCE and self._died >= self._free:
             return "a worker died while it took a task or gave a result"
-        begun = [task for task in self._tasks.tasks.copy().values() if task.started]
+        earlier, self._known = self._known, self._tasks.tasks.copy()
+        tasks, ended = self._known.values(), (earlier[name] for name in earlier.keys() - self._known.keys())
+        begun = [task for task in tasks if task.started]
+        self._last = max([self._last, *(task.id for task in (*begun, *ended) if not task.future.cancelled())])
         lost = [task.id for task in begun if task.worker_id not in self._alive]
+        lost += [task.id for task in tasks if not task.started and task.id < self._last and not task.future.cancelled()]
         self._forgotten = {name: self._forgotten.get(name, now) for name in lost}
         if any(now - since > PATIENCE for since in self._forgotten.values()):
             return "a worker died as it began a task"

@@ -147,9 +147,17 @@ class Service:
             if again is not None:
                 trail.current().mesh_id = again
                 return Asked(again)
-        hold = self.dispatcher.hold if await self._worker(min(seconds, _PATIENCE)) else None
+        fingerprint = admitted.fingerprint(format) if step is None else step.fingerprint
+        reserved = seconds > 0 and self.dispatcher.reserve()
+        if not reserved:
+            known = await self._known(new, key, fingerprint)
+            if known is not None:  # a repeated request asks for no more than is there
+                trail.current().mesh_id = known
+                return Asked(known)
+            reserved = seconds > 0 and await self._stand_in_line(min(seconds, _PATIENCE))
+        hold = self.dispatcher.hold if reserved else None
         try:
-            asked = await self._add(admitted, caller, new, key, hold, step)
+            asked = await self._add(admitted, caller, new, key, fingerprint, hold, step)
         except BaseException:
             if hold is not None:
                 self.dispatcher.release()
@@ -157,12 +165,15 @@ class Service:
         trail.current().mesh_id = asked.mesh_id
         return asked
 
-    async def _worker(self, seconds: float) -> bool:
-        """Reserve a worker; False where none came free in time."""
-        if seconds <= 0:
-            return False
-        if self.dispatcher.reserve():
-            return True
+    async def _known(self, new: NewMesh, key: str | None, fingerprint: str) -> str | None:
+        """The mesh of an earlier request with this idempotency key."""
+        if key is None:
+            return None
+        with refusals():
+            return await run_in_threadpool(self.store.meshes.known, new.key_id, key, fingerprint)
+
+    async def _stand_in_line(self, seconds: float) -> bool:
+        """Wait for a worker to be reserved; False where none came free in time."""
         turn, reserved = self.dispatcher.line_up(), False
         try:
             async with asyncio.timeout(seconds):
@@ -180,15 +191,11 @@ class Service:
         caller: Caller,
         new: NewMesh,
         key: str | None,
+        fingerprint: str,
         hold: Hold | None,
         step: NewStep | None,
     ) -> Asked:
-        fingerprint = admitted.fingerprint(new.format) if step is None else step.fingerprint
         if hold is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
-            with refusals():
-                known = await run_in_threadpool(self.store.meshes.known, new.key_id, key, fingerprint)
-            if known is not None:  # a repeated request asks for no more than is there
-                return Asked(known)
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
         with tracing.span("enqueue"), refusals():
             mesh_id = await run_in_threadpool(

@@ -6,6 +6,7 @@ import asyncio
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from contextvars import Context
 from dataclasses import dataclass, field
 
 from starlette.concurrency import run_in_threadpool
@@ -50,7 +51,8 @@ class Wakeups:
         waiter = _Waiter(seen)
         self._waiting[mesh_id].add(waiter)
         if seen is not None and self._watching is None:
-            self._watching = self._loop.create_task(self._watch())
+            # Not in the context of this request: it looks for all others, too, and goes on after it.
+            self._watching = self._loop.create_task(self._watch(), context=Context())
         try:
             async with asyncio.timeout(timeout):
                 return await waiter.call.wait()

@@ -65,7 +65,7 @@ class Solution:
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
         quality = measure(self.mesh, self.problem.monitor, uniform=self._uniform, metrics=self._metrics)
-        vars(self).pop("_metrics")  # as much memory as the mesh, and of no use any more
+        vars(self).pop("_metrics", None)  # as much memory as the mesh, and of no use any more
         return quality
 
     @cached_property

@@ -66,3 +66,26 @@ async def test_one_key_does_not_take_all_the_room() -> None:
     assert "This key has 32 requests whose samples wait to be read" in refused[0].detail
     await checkers.run(wait, "k")  # done is set: there is room again
     assert len(refused) == 8
+
+
+@pytest.mark.anyio
+async def test_all_keys_together_leave_room_for_quick_checks() -> None:
+    checkers, done = Checkers(threads=1), threading.Event()
+    refused: list[Problem] = []
+
+    def wait(key_id: str) -> None:
+        try:
+            with checkers.aside(key_id):
+                done.wait(20.0)
+        except Problem as problem:
+            refused.append(problem)
+
+    async with anyio.create_task_group() as group:
+        for number in range(129):
+            group.start_soon(checkers.run, wait, f"key {number % 5}")
+        with anyio.fail_after(10.0):
+            while not refused:
+                await anyio.sleep(0.01)
+            assert await checkers.run(lambda: "quick") == "quick"
+        done.set()
+    assert [problem.name for problem in refused] == ["unavailable"]

@@ -290,10 +290,9 @@ def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher)
     until(dispatcher.reserve)
     until(dispatcher.reserve)
     service: Any = SimpleNamespace(dispatcher=dispatcher)
-    assert asyncio.run(Service._worker(service, 0.05)) is False
-    assert asyncio.run(Service._worker(service, 0.0)) is False
+    assert asyncio.run(Service._stand_in_line(service, 0.05)) is False
     threading.Timer(0.05, dispatcher.release).start()
-    assert asyncio.run(Service._worker(service, 5.0)) is True
+    assert asyncio.run(Service._stand_in_line(service, 5.0)) is True
     assert not dispatcher.reserve()  # nobody is left in the line, and no worker was lost
     dispatcher.release()
     until(dispatcher.reserve)

@@ -300,7 +300,10 @@ def test_a_factorisation_is_ended_within_a_second(http: httpx.Client, settings: 
     url = f"{http.base_url}/v1/meshes"
     thread.start()
     mesh = until(lambda: http.get("/v1/meshes?status=running").json()["items"])[0]["links"]["self"]
-    time.sleep(1.0)
+    until(
+        lambda: http.get(mesh).json()["progress"]["fraction"] > 0
+    )  # a worker has it; one that was replaced warms up first
+    time.sleep(0.5)
     workers = [pid for pid in children(os.getpid()) if runs(pid)]
     began = time.monotonic()
     answer = http.request(method, f"{mesh}/cancel" if method == "POST" else mesh)
@@ -343,6 +346,36 @@ def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
             assert engine.wait_until_ready(60.0)
             assert engine.submit(add, 1, 1).result(20.0) == 2
         until(lambda: _is_sound(engine), 20.0)
+    finally:
+        engine.close()
+
+
+def refuse() -> None:
+    """What a worker does that cannot read its task."""
+    raise ImportError("this release does not know it")
+
+
+class Unreadable:
+    """An argument that no worker can read."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (refuse, ())
+
+
+def test_a_task_that_no_worker_can_read_is_lost_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pool_watch, "PATIENCE", 2.0)
+    engine = PebbleEngine(2, preload=PRELOAD)
+    try:
+        assert engine.wait_until_ready(60.0)
+        slow = engine.submit(time.sleep, 30.0)  # else the pool would notice by itself
+        until(lambda: any(task.started for task in engine._pool._pool_manager.task_manager.tasks.copy().values()))
+        unreadable = engine.submit(add, 1, Unreadable())
+        quick = engine.submit(add, 1, 1)
+        assert isinstance(unreadable.exception(20.0), WorkerLostError)
+        assert quick.exception(20.0) is None or isinstance(quick.exception(), WorkerLostError)
+        assert isinstance(slow.exception(20.0), WorkerLostError)
+        assert engine.wait_until_ready(60.0)
+        assert engine.submit(add, 1, 1).result(20.0) == 2
     finally:
         engine.close()
 
