@@ -173,6 +173,7 @@ def test_classical_components_agree_and_overlap_helps(run: Run, tmp_path: Path) 
         check_picture(tmp_path / f"figure{number}.png")
 
 
+@pytest.mark.everything  # a table of many runs
 def test_two_is_the_best_whole_p_and_the_nonlinear_condition_leads_up_to_it(run: Run, tmp_path: Path) -> None:
     said = run("08")
     lines = re.findall(r"^ *([\d.]+) +(\S+e-\d+) +(\S+e-\d+)$", said, flags=re.MULTILINE)
@@ -228,6 +229,7 @@ def test_the_default_iteration_converges_where_the_papers_kinds_hardly_do(run: R
     check_picture(tmp_path / "schwarz-errors.png")
 
 
+@pytest.mark.everything  # a table of many runs
 def test_line_sums_make_iterations_independent_of_the_number_of_strips(run: Run, tmp_path: Path) -> None:
     said = run("13")
     page = (ROOT / "docs" / "schwarz-in-pictures.md").read_text()
