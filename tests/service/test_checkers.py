@@ -37,17 +37,25 @@ async def test_a_check_that_waits_for_a_worker_makes_room() -> None:
         busy.set()
 
 
+class Slow:
+    """Checks that wait for a worker until they are done, and what is said to those that may not wait."""
+
+    def __init__(self) -> None:
+        self.checkers, self.done = Checkers(threads=1), threading.Event()
+        self.refused: list[Problem] = []
+
+    def wait(self, key_id: str) -> None:
+        try:
+            with self.checkers.aside(key_id):
+                self.done.wait(20.0)
+        except Problem as problem:
+            self.refused.append(problem)
+
+
 @pytest.mark.anyio
 async def test_one_key_does_not_take_all_the_room() -> None:
-    checkers, done = Checkers(threads=1), threading.Event()
-    refused: list[Problem] = []
-
-    def wait(key_id: str) -> None:
-        try:
-            with checkers.aside(key_id):
-                done.wait(20.0)
-        except Problem as problem:
-            refused.append(problem)
+    slow = Slow()
+    checkers, done, refused, wait = slow.checkers, slow.done, slow.refused, slow.wait
 
     def let_through() -> str:
         with checkers.aside("another"):
@@ -70,15 +78,8 @@ async def test_one_key_does_not_take_all_the_room() -> None:
 
 @pytest.mark.anyio
 async def test_all_keys_together_leave_room_for_quick_checks() -> None:
-    checkers, done = Checkers(threads=1), threading.Event()
-    refused: list[Problem] = []
-
-    def wait(key_id: str) -> None:
-        try:
-            with checkers.aside(key_id):
-                done.wait(20.0)
-        except Problem as problem:
-            refused.append(problem)
+    slow = Slow()
+    checkers, done, refused, wait = slow.checkers, slow.done, slow.refused, slow.wait
 
     async with anyio.create_task_group() as group:
         for number in range(129):
