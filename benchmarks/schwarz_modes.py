@@ -26,7 +26,7 @@ STRIPS, STEP = (2, 4, 8), 1e-7
 
 def squared_lengths(metric: Any, x: Array, y: Array) -> tuple[Array, Array]:
     """Of the xi-edges on all lines inside, shape ``(n_xi - 1, n_eta - 2)``; and the metric of the cells."""
-    from equimesh import chord
+    from equimesh.sweeps import sweep as chord
 
     cells = np.empty((3, x.shape[0] - 1, x.shape[1] - 1))
     chord.cell_metrics(metric, x, y, cells)
@@ -123,7 +123,7 @@ def predicted(name: str, n: int, strips: int, corrections: int, kind: str) -> tu
 def measured(name: str, n: int, strips: int, corrections: int, kind: str) -> tuple[float, float]:
     """The mean factor between the last errors, and the cosine between the last two: 1 or -1 for an eigenvector."""
     import equimesh as em
-    from equimesh.history import observed_rate
+    from equimesh.schwarz.history import observed_rate
 
     problem, start, reference = schwarz_rates.case(name, n)
     settings = em.Schwarz(

@@ -50,7 +50,7 @@ def condition(kind: str) -> Any:
 def case(name: str, n: int) -> tuple[Any, Any, Any]:
     """The problem, the start of its iterations and its single-domain mesh."""
     import equimesh as em
-    from equimesh.nested import prolong
+    from equimesh.meshes.nested import prolong
 
     problem = em.Problem(
         monitor=em.ArcLength(u=em.Expression(FUNCTIONS[name].u), a=0.7, b=0.05), grid=em.Grid(n_xi=n, n_eta=n)
@@ -64,8 +64,8 @@ def case(name: str, n: int) -> tuple[Any, Any, Any]:
 def measure(name: str, n: int, settings: Any) -> dict[str, Any]:
     """The errors of one iteration, how many it takes to :data:`GOAL`, and the two rates."""
     import equimesh as em
-    from equimesh.history import observed_rate
-    from equimesh.rates import predicted_rate, steps_to_exact
+    from equimesh.schwarz.history import observed_rate
+    from equimesh.schwarz.rates import predicted_rate, steps_to_exact
 
     problem, start, reference = case(name, n)
     errors: list[float] = []

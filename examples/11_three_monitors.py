@@ -12,8 +12,7 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 
 import equimesh as em
-from equimesh.figure import figure_file
-from equimesh.plot import SINGLE_COLOUR
+from equimesh.plot import SINGLE_COLOUR, figure_file
 
 # A layer along the right side, a front that meets it, and a hill.
 U = em.Expression("exp(-40*(1 - x)) + tanh(30*(y - 0.3 - 0.2*x))/2 + exp(-40*((x - 0.3)**2 + (y - 0.75)**2))/2")

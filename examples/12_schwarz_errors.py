@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 import equimesh as em
-from equimesh.figure import figure_file, iteration_axis, semilog
+from equimesh.plot import figure_file, iteration_axis, semilog
 
 LAST = 14
 FIXED = em.Schwarz(fallback=False, tolerance=None, max_iterations=LAST, compare_single_domain=True)

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 import equimesh as em
-from equimesh.figure import COLOURS, MARKERS, figure_file, iteration_axis
+from equimesh.plot import COLOURS, MARKERS, figure_file, iteration_axis
 
 U = em.Expression("(1 - exp(15*(x - 1))) * sin(pi*y)")
 PROBLEM = em.Problem(monitor=em.ArcLength(u=U, a=0.7, b=0.05), grid=em.Grid(n_xi=65, n_eta=65))

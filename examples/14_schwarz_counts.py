@@ -19,8 +19,8 @@ from matplotlib.colors import LogNorm
 from PIL import Image
 
 import equimesh as em
-from equimesh.figure import figure_file
-from equimesh.nested import halved, prolong
+from equimesh.meshes import halved, prolong
+from equimesh.plot import figure_file
 
 COMMON = em.Schwarz(overlap=2, fallback=False, tolerance=None)
 TURNS = replace(COMMON, ordering=em.Ordering.ALTERNATING)

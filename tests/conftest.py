@@ -11,7 +11,9 @@ import pytest
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernels once, before several processes of tests, with services of theirs, all do so at once."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        subprocess.run([sys.executable, "-c", "from equimesh_service.worker import warm_up; warm_up()"], check=True)
+        subprocess.run(
+            [sys.executable, "-c", "from equimesh_service.worker.solve import warm_up; warm_up()"], check=True
+        )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

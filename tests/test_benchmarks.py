@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh_cli import bench, main
+from equimesh_cli import main
 from equimesh_cli.benchmark import newton, peers, solves
 from equimesh_cli.benchmark.quadrature import l2_error
 from equimesh_cli.benchmark.rows import Row, lines
+from equimesh_cli.commands import bench
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 TINY = bench.Sizes(large=65, small=(17,), newton=33, huge=None, kernels=False)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from equimesh_cli import bench, check, config, database, demo, doctor, generate, keys, serve, solve
+from equimesh_cli.commands import bench, check, config, database, demo, doctor, generate, keys, serve, solve
 from equimesh_cli.exits import EPILOG, Exit, code_of
 from equimesh_cli.parser import Parser
 

@@ -10,12 +10,12 @@
         mesh.download("mesh.vtu")
 """
 
-from equimesh_client.async_client import AsyncClient
-from equimesh_client.async_mesh import AsyncMesh
-from equimesh_client.async_sequence import AsyncSequence
-from equimesh_client.certificate import Certificate, Relaxation
-from equimesh_client.client import Client
-from equimesh_client.domains import AnnulusSector, Quadrilateral, Rectangle
+from equimesh_client.aio.client import AsyncClient
+from equimesh_client.aio.mesh import AsyncMesh
+from equimesh_client.aio.sequence import AsyncSequence
+from equimesh_client.blocking.client import Client
+from equimesh_client.blocking.mesh import Mesh
+from equimesh_client.blocking.sequence import Sequence
 from equimesh_client.errors import (
     BadArgument,
     Conflict,
@@ -38,16 +38,16 @@ from equimesh_client.errors import (
     TooLarge,
     Unauthorized,
 )
-from equimesh_client.mesh import Mesh
-from equimesh_client.monitors import ArcLength, Curvature, Intersection, Tensor, Weight
-from equimesh_client.pictures import Plot
-from equimesh_client.records import Convergence, Measure, MeshArrays, Progress, Quality
-from equimesh_client.retry import RetryPolicy
-from equimesh_client.sequence import Sequence
-from equimesh_client.sources import StoredSamples, Upload
-from equimesh_client.spec import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
-from equimesh_client.steps import Step
-from equimesh_client.stream import Event
+from equimesh_client.records.certificate import Certificate, Relaxation
+from equimesh_client.records.state import Convergence, Measure, MeshArrays, Progress, Quality
+from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
+from equimesh_client.spec.monitors import ArcLength, Curvature, Intersection, Tensor, Weight
+from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
+from equimesh_client.spec.sources import StoredSamples, Upload
+from equimesh_client.wire.pictures import Plot
+from equimesh_client.wire.retry import RetryPolicy
+from equimesh_client.wire.steps import Step
+from equimesh_client.wire.stream import Event
 
 __all__ = [
     "AnnulusSector",

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
-    from equimesh_client.records import MeshState
+    from equimesh_client.records.state import MeshState
 
 
 class EquimeshClientError(Exception):

@@ -8,36 +8,36 @@ from io import TextIOWrapper
 
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
-from equimesh_service import worker
-from equimesh_service.admission import Admission
-from equimesh_service.callers import Callers
-from equimesh_service.checkers import Checkers
-from equimesh_service.database import UnusableDatabaseError, sqlite_file
-from equimesh_service.desk import Desk
-from equimesh_service.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import Engine
-from equimesh_service.files_address import files_address
-from equimesh_service.job import Job, Place
-from equimesh_service.metrics import Glance, Metrics
-from equimesh_service.pebble_engine import PebbleEngine
-from equimesh_service.preparation import Preparation
-from equimesh_service.quotas import Quotas
-from equimesh_service.readiness import OK, Readiness
-from equimesh_service.retention import Retention
+from equimesh_service.admission.admit import Admission
+from equimesh_service.admission.callers import Callers
+from equimesh_service.admission.quotas import Quotas
+from equimesh_service.dispatch.check_threads import Checkers
+from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
+from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.dispatch.wakeups import Wakeups
+from equimesh_service.engine.pebble import PebbleEngine
+from equimesh_service.engine.port import Engine
+from equimesh_service.engine.preparation import Preparation
+from equimesh_service.files.address import files_address
 from equimesh_service.service import Service
 from equimesh_service.settings import Settings
-from equimesh_service.store import Store
-from equimesh_service.wakeups import Wakeups
+from equimesh_service.store.database import UnusableDatabaseError, sqlite_file
+from equimesh_service.store.store import Store
+from equimesh_service.upkeep.metrics import Glance, Metrics
+from equimesh_service.upkeep.readiness import OK, Readiness
+from equimesh_service.upkeep.retention import Retention
+from equimesh_service.worker import solve
+from equimesh_service.worker.job import Job, Place
 
 _log = logging.getLogger(__name__)
 # Files, pictures and samples have workers of their own, so that they never wait behind the solves.
 _DESK_WORKERS = 2
 # Modules that workers share the memory and the loading time of.
 PRELOAD = (
-    "equimesh_service.worker",
-    "equimesh_service.exports",
-    "equimesh_service.intake",
-    "equimesh.plot",
+    "equimesh_service.worker.solve",
+    "equimesh_service.worker.export",
+    "equimesh_service.assembly.samples",
+    "equimesh.plot.meshes",
     "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg",
 )
@@ -58,9 +58,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
     limit, prepare = settings.memory_limit, Preparation.of(settings)
-    engine = PebbleEngine(
-        settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=worker.warm_up
-    )
+    engine = PebbleEngine(settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up)
     desk = Desk(PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
     wakeups, checkers = Wakeups(store.meshes.unfinished, settings.poll), Checkers()
     rules = Rules(
@@ -75,7 +73,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         owner,
         store,
         engine,
-        lambda claim, order: (worker.solve_mesh, (Job(place, claim, settings.worker_threads, order),)),
+        lambda claim, order: (solve.solve_mesh, (Job(place, claim, settings.worker_threads, order),)),
         rules,
         wakeups.announce,
         metrics,

@@ -14,12 +14,12 @@ from contextlib import contextmanager
 
 import uvicorn
 
-from equimesh_service import logs
-from equimesh_service.app import create_app
+from equimesh_service.api.app import create_app
 from equimesh_service.environment import complaint, unknown
-from equimesh_service.exposure import check_exposure
 from equimesh_service.opening import check_database, check_files, check_folder
 from equimesh_service.settings import Settings
+from equimesh_service.telemetry import logs
+from equimesh_service.upkeep.exposure import check_exposure
 
 _log = logging.getLogger(__name__)
 _START_SECONDS, _GRACE_SECONDS = 300.0, 5  # the first start on a machine compiles the kernels
@@ -43,8 +43,8 @@ def run(settings: Settings) -> None:
     """Serve until the process is told to stop (SIGINT or SIGTERM).
 
     Raises :class:`~equimesh_service.opening.FolderInUseError` when another service uses the data folder,
-    :class:`~equimesh_service.database.UnusableDatabaseError` when the database cannot be worked with,
-    :class:`~equimesh_service.exposure.ExposedError` when others could use it without a key, and OSError when the
+    :class:`~equimesh_service.store.database.UnusableDatabaseError` when the database cannot be worked with,
+    :class:`~equimesh_service.upkeep.exposure.ExposedError` when others could use it without a key, and OSError when the
     address cannot be used.
     """
     logs.configure(settings.log_level, settings.log_format)
@@ -63,7 +63,7 @@ def running(settings: Settings) -> Iterator[str]:
 
     The main module of a program that uses it must be guarded by ``if __name__ == "__main__"``, as worker
     processes import it. Raises :class:`~equimesh_service.opening.FolderInUseError` when another service uses
-    the data folder, :class:`~equimesh_service.exposure.ExposedError` when others could use it without a key, and
+    the data folder, :class:`~equimesh_service.upkeep.exposure.ExposedError` when others could use it without a key, and
     :class:`RuntimeError` when the service does not start.
     """
     server = _server(settings)

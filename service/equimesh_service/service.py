@@ -15,22 +15,19 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service import exports, tracing, trail
-from equimesh_service.admission import Admission, Admitted
-from equimesh_service.callers import Caller, Callers
-from equimesh_service.checkers import Checked, Checkers
-from equimesh_service.desk import Desk
-from equimesh_service.dispatcher import Dispatcher
-from equimesh_service.engine import Engine, EngineError, MemoryLimitError, TimeLimitError
-from equimesh_service.files import Files
-from equimesh_service.job import Ending, Export, Place
-from equimesh_service.metrics import Metrics
-from equimesh_service.problems import Problem
-from equimesh_service.quota_store import QuotaError
-from equimesh_service.quotas import Quotas, exceeded
-from equimesh_service.readiness import Readiness
-from equimesh_service.retention import Retention
-from equimesh_service.rows import (
+from equimesh_service.admission.admit import Admission, Admitted
+from equimesh_service.admission.callers import Caller, Callers
+from equimesh_service.admission.quotas import Quotas, exceeded
+from equimesh_service.dispatch.check_threads import Checked, Checkers
+from equimesh_service.dispatch.dispatcher import Dispatcher
+from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.dispatch.wakeups import END, Wakeups
+from equimesh_service.engine.port import Engine, EngineError, MemoryLimitError, TimeLimitError
+from equimesh_service.files.port import Files
+from equimesh_service.problems.problem import Problem
+from equimesh_service.settings import Settings
+from equimesh_service.store.quotas import QuotaError
+from equimesh_service.store.rows import (
     Artifact,
     Claim,
     Hold,
@@ -43,9 +40,13 @@ from equimesh_service.rows import (
     SequenceRow,
     StepTakenError,
 )
-from equimesh_service.settings import Settings
-from equimesh_service.store import Store
-from equimesh_service.wakeups import END, Wakeups
+from equimesh_service.store.store import Store
+from equimesh_service.telemetry import log_context, tracing
+from equimesh_service.upkeep.metrics import Metrics
+from equimesh_service.upkeep.readiness import Readiness
+from equimesh_service.upkeep.retention import Retention
+from equimesh_service.worker import export
+from equimesh_service.worker.job import Ending, Export, Place
 
 _log = logging.getLogger(__name__)
 # Seconds that a request stands in line for a worker; then its mesh waits in the store, where nothing is lost.
@@ -145,14 +146,14 @@ class Service:
                     self.store.meshes.reuse, new, key=key, fingerprint=admitted.fingerprint(format)
                 )
             if again is not None:
-                trail.current().mesh_id = again
+                log_context.current().mesh_id = again
                 return Asked(again)
         fingerprint = admitted.fingerprint(format) if step is None else step.fingerprint
         reserved = seconds > 0 and self.dispatcher.reserve()
         if not reserved:
             known = await self._known(new, key, fingerprint)
             if known is not None:  # a repeated request asks for no more than is there
-                trail.current().mesh_id = known
+                log_context.current().mesh_id = known
                 return Asked(known)
             reserved = seconds > 0 and await self._stand_in_line(min(seconds, _PATIENCE))
         hold = self.dispatcher.hold if reserved else None
@@ -162,7 +163,7 @@ class Service:
             if hold is not None:
                 self.dispatcher.release()
             raise
-        trail.current().mesh_id = asked.mesh_id
+        log_context.current().mesh_id = asked.mesh_id
         return asked
 
     async def _known(self, new: NewMesh, key: str | None, fingerprint: str) -> str | None:
@@ -241,11 +242,11 @@ class Service:
         found = await run_in_threadpool(self.store.meshes.artifact, mesh_id, name)
         if found is not None:
             return found
-        here = trail.current()
+        here = log_context.current()
         task = Export(self.place, mesh_id, name, here.request_id, tracing.traceparent())
         future = self.exporting.get(task)
         if future is None:
-            future = self.desk.submit(here.key_id, exports.export, task, time_limit=self.settings.time_limit)
+            future = self.desk.submit(here.key_id, export.export, task, time_limit=self.settings.time_limit)
             self.exporting[task] = future
             future.add_done_callback(lambda _: self.exporting.pop(task, None))
         try:
@@ -285,7 +286,7 @@ def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh
         samples=tuple(admitted.samples),
         format=format,
         key_id=caller.key_id,
-        request_id=trail.current().request_id or None,
+        request_id=log_context.current().request_id or None,
         trace=tracing.traceparent(),
         fingerprint=admitted.points_fingerprint,
     )

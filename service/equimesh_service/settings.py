@@ -10,7 +10,7 @@ from typing import Literal
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from equimesh.workers import available
+from equimesh.numerics.threads import available
 
 MIB = 1024 * 1024
 

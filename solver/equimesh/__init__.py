@@ -11,13 +11,11 @@ The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistribut
 Decomposition*. Begin reading in ``schwarz_iteration.py``.
 """
 
-from equimesh.approach import Event, Initial
-from equimesh.boundary import Boundary
-from equimesh.certificate import Certificate, Relaxed
-from equimesh.curvature import Curvature
-from equimesh.curve import Curve
-from equimesh.decomposition import Decomposition
-from equimesh.domain import AnnulusSector, Domain, Rectangle
+from equimesh.domains.curve import Curve
+from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
+from equimesh.domains.quadrilateral import Quadrilateral
+from equimesh.equations.boundary import Boundary
+from equimesh.equations.problem import Problem
 from equimesh.errors import (
     DecompositionError,
     EquimeshError,
@@ -27,28 +25,20 @@ from equimesh.errors import (
     SamplesError,
     SolveError,
 )
-from equimesh.expression import Expression
-from equimesh.field import Field
-from equimesh.grid import Grid
-from equimesh.intersection import Intersection
-from equimesh.iteration import Iteration, SubdomainRecord
-from equimesh.mesh import Mesh
-from equimesh.mesh_data import MeshData
-from equimesh.monitor import ArcLength, Monitor
-from equimesh.nodal_field import NodalField, transfer
-from equimesh.problem import Problem
-from equimesh.quadrilateral import Quadrilateral
-from equimesh.quality import Quality, measure
-from equimesh.samples import GridSamples, ScatteredSamples
-from equimesh.schwarz import Acceleration, LocalSolver, Ordering, Schwarz
-from equimesh.schwarz_iteration import iterate
-from equimesh.single_domain import Mode, Step
-from equimesh.smoothed import Smoothed
-from equimesh.solution import Solution
-from equimesh.solving import solve
-from equimesh.status import Status
-from equimesh.tensor import Tensor, Weight
-from equimesh.transmission import (
+from equimesh.fields.expression import Expression
+from equimesh.fields.field import Field
+from equimesh.fields.nodal_field import NodalField, transfer
+from equimesh.fields.samples import GridSamples, ScatteredSamples
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_data import MeshData
+from equimesh.monitors.curvature import Curvature
+from equimesh.monitors.intersection import Intersection
+from equimesh.monitors.monitor import ArcLength, Monitor
+from equimesh.monitors.smoothed import Smoothed
+from equimesh.monitors.tensor import Tensor, Weight
+from equimesh.quality.measures import Quality, measure
+from equimesh.schwarz.conditions import (
     Classical,
     LinearRobin,
     LineData,
@@ -56,6 +46,16 @@ from equimesh.transmission import (
     Optimized,
     TransmissionCondition,
 )
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.iteration import iterate
+from equimesh.schwarz.records import Iteration, SubdomainRecord
+from equimesh.schwarz.settings import Acceleration, LocalSolver, Ordering, Schwarz
+from equimesh.single_domain.iteration import Mode, Step
+from equimesh.solving.certificate import Certificate, Relaxed
+from equimesh.solving.options import Event, Initial
+from equimesh.solving.solution import Solution
+from equimesh.solving.solve import solve
+from equimesh.solving.status import Status
 
 __all__ = [
     "Acceleration",

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from equimesh.solution import Solution
+    from equimesh.solving.solution import Solution
 
 
 class EquimeshError(Exception):

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from equimesh_cli.command import build_parser, main
-from equimesh_cli.options import schwarz_of
+from equimesh_cli.options.mesh import schwarz_of
 from equimesh_client import (
     AnnulusSector,
     ArcLength,
@@ -51,8 +51,8 @@ from equimesh_client import (
     Unauthorized,
     Weight,
 )
-from equimesh_client.async_client import AsyncMeshes, AsyncSamplesStore
-from equimesh_client.client import Meshes, SamplesStore
+from equimesh_client.aio.client import AsyncMeshes, AsyncSamplesStore
+from equimesh_client.blocking.client import Meshes, SamplesStore
 
 equimesh_service = pytest.importorskip("equimesh_service")
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
@@ -88,8 +88,8 @@ def heavy(**more: Any) -> dict[str, Any]:
 
 def test_client_service_and_solver_have_the_same_defaults() -> None:
     import equimesh as em
-    from equimesh_cli.problem import build_schwarz
-    from equimesh_service import schwarz as spec
+    from equimesh_cli.options.problem import build_schwarz
+    from equimesh_service.spec import schwarz as spec
 
     assert spec.SchwarzSpec.model_validate(Schwarz().json()) == spec.SchwarzSpec()
     assert set(Schwarz().json()) == set(spec.SchwarzSpec.model_fields)
@@ -534,7 +534,7 @@ def proxy(url: str) -> Iterator[CuttingProxy]:
 def test_every_event_comes_once_over_a_line_that_breaks(
     connect: Any, client: Any, proxy: CuttingProxy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("equimesh_service.events_api._RETRY_MILLISECONDS", 1)
+    monkeypatch.setattr("equimesh_service.api.events._RETRY_MILLISECONDS", 1)
     mesh = client.meshes.create(heavy())
     far = connect(proxy.url, retries=RetryPolicy(retries=99, first=0.001, longest=0.01)).meshes.get(mesh.id)
     proxy.cut(*(int(cut) for cut in np.random.default_rng(4).integers(1, 900, 500)))

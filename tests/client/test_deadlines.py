@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_client import AsyncClient, AsyncMesh, Client, DeadlineExceeded, Mesh, flows
+from equimesh_client import AsyncClient, AsyncMesh, Client, DeadlineExceeded, Mesh
+from equimesh_client.wire import flows
 
 SPEC: dict[str, Any] = {"monitor": {"u": {"expression": "x"}}}
 RECORD = {"id": "m", "status": "running"}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from equimesh_client import AnnulusSector, BadArgument, Quadrilateral, Rectangle
-from equimesh_client.domains import domain_json, read_domain
+from equimesh_client.spec.domains import domain_json, read_domain
 
 ROUND = Quadrilateral(
     bottom=("1+t", "0"),

@@ -19,7 +19,7 @@ from equimesh_client import (
     Tensor,
     Weight,
 )
-from equimesh_client.monitors import monitor_json
+from equimesh_client.spec.monitors import monitor_json
 
 BIG = np.ones((60, 60))
 

@@ -33,7 +33,9 @@ from equimesh_client import (
     Upload,
 )
 from equimesh_client.errors import EquimeshClientError, caret
-from equimesh_client.protocol import (
+from equimesh_client.records.tables import aligned, number
+from equimesh_client.spec.schwarz import mesh_spec, points_per_side, transmission
+from equimesh_client.wire.protocol import (
     Call,
     Reply,
     at_pointer,
@@ -48,8 +50,6 @@ from equimesh_client.protocol import (
     problem_of,
     sha256_of,
 )
-from equimesh_client.spec import mesh_spec, points_per_side, transmission
-from equimesh_client.tables import aligned, number
 
 CALL = Call(method="GET", path="/")
 

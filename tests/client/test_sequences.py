@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from equimesh_client import AsyncClient, BadArgument, Client, Conflict, InvalidInput, NotFound
-from equimesh_client.session import Session
+from equimesh_client.wire.session import Session
 from equimesh_service import Settings, running
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from equimesh_client import BadArgument
-from equimesh_client.sources import INLINE, StoredSamples, source_of, upload_of
+from equimesh_client.spec.sources import INLINE, StoredSamples, source_of, upload_of
 
 AXIS = [0.0, 0.5, 1.0]
 

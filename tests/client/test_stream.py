@@ -7,7 +7,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from equimesh_client.stream import Event, EventParser, RawEvent, StreamPosition
+from equimesh_client.wire.stream import Event, EventParser, RawEvent, StreamPosition
 
 
 def parsed(*chunks: bytes) -> list[RawEvent]:

@@ -32,18 +32,18 @@ from equimesh import (
     Status,
     solve,
 )
-from equimesh.expression import FUNCTIONS, LIMITS
-from equimesh.io import CELLS, FORMATS
-from equimesh.quality import PER_CELL
-from equimesh.upload import READERS
+from equimesh.fields.expression import FUNCTIONS, LIMITS
+from equimesh.io.write import CELLS, FORMATS
+from equimesh.quality.measures import PER_CELL
+from equimesh.upload.samples import READERS
 from equimesh_cli.command import build_parser
 from equimesh_cli.exits import Exit
 from equimesh_service import Settings, running
-from equimesh_service import schwarz as schwarz_spec
-from equimesh_service.app import create_app
-from equimesh_service.problems import KINDS
-from equimesh_service.resources import MeshResource
-from equimesh_service.spec import MeshSpec
+from equimesh_service.api.app import create_app
+from equimesh_service.api.resources import MeshResource
+from equimesh_service.problems.problem import KINDS
+from equimesh_service.spec import schwarz as schwarz_spec
+from equimesh_service.spec.mesh import MeshSpec
 
 ROOT = Path(__file__).parents[2]
 PAGES = {

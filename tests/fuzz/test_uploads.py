@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx
 
-from equimesh.upload import READERS
+from equimesh.upload.samples import READERS
 from fuzz.conftest import asked_cases
 from service.conftest import small, until
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.engine import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.engine.port import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
 
 SECONDS = 20.0
 

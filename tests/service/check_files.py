@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_service.files import PIECE, Files, ListedFile, StoredFile
+from equimesh_service.files.port import PIECE, Files, ListedFile, StoredFile
 
 # Larger than what goes up, or comes down, in one piece.
 LARGE = random.Random(1).randbytes(20_000_001)

@@ -10,8 +10,8 @@ from pathlib import Path
 import httpx
 
 from equimesh_service import Settings, running
-from equimesh_service.keys import KeyRow
-from equimesh_service.store import Store
+from equimesh_service.store.key_secrets import KeyRow
+from equimesh_service.store.store import Store
 
 
 @dataclass(frozen=True)

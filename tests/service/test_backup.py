@@ -20,8 +20,8 @@ from sqlalchemy import create_engine, insert, make_url, text
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
-from equimesh_service.migration import LATEST, current, upgrade
-from equimesh_service.schema import samples
+from equimesh_service.store.migration import LATEST, current, upgrade
+from equimesh_service.store.schema import samples
 from service.conftest import small
 from service.databases import Postgres, installed
 from service.test_migration import FIRST

@@ -7,8 +7,8 @@ import threading
 import anyio
 import pytest
 
-from equimesh_service.checkers import Checkers
-from equimesh_service.problems import Problem
+from equimesh_service.dispatch.check_threads import Checkers
+from equimesh_service.problems.problem import Problem
 
 
 @pytest.mark.anyio

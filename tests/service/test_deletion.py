@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 import pytest
 from sqlalchemy import Connection, Table, delete, select, text
 
-from equimesh_service.rows import NewMesh, NewStep, SamplesRow
-from equimesh_service.schema import meshes, samples, samples_keys, sequences
-from equimesh_service.store import Store
+from equimesh_service.store.rows import NewMesh, NewStep, SamplesRow
+from equimesh_service.store.schema import meshes, samples, samples_keys, sequences
+from equimesh_service.store.store import Store
 from service.conftest import until
 from service.databases import Postgres
 from service.test_store import SPEC

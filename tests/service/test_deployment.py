@@ -28,8 +28,8 @@ import pytest
 import yaml
 from sqlalchemy import make_url
 
-from equimesh_cli import machine
-from equimesh_cli.findings import Level
+from equimesh_cli.checks import machine
+from equimesh_cli.checks.findings import Level
 from equimesh_service.settings import Settings
 from service.databases import Postgres, installed
 

@@ -12,12 +12,13 @@ from typing import Any
 
 import pytest
 
-from equimesh_service import Settings, trail
-from equimesh_service.admission import Admission
-from equimesh_service.callers import ANYONE
-from equimesh_service.desk import Desk
-from equimesh_service.engine import EngineError, Health, WorkerLostError
+from equimesh_service import Settings
+from equimesh_service.admission.admit import Admission
+from equimesh_service.admission.callers import ANYONE
+from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.engine.port import EngineError, Health, WorkerLostError
 from equimesh_service.service import Service
+from equimesh_service.telemetry import log_context
 from service.conftest import small
 
 
@@ -113,7 +114,7 @@ async def test_samples_and_files_take_the_turns_of_who_asks() -> None:
     )
     store = SimpleNamespace(meshes=SimpleNamespace(artifact=lambda *_: None))
     service: Any = SimpleNamespace(store=store, place=None, exporting={}, desk=desk, settings=Settings())
-    with trail.follow(trail.Trail(key_id="k")):
+    with log_context.follow(log_context.Trail(key_id="k")):
         with pytest.raises(Asked):
             admission.receive(spec, None, ANYONE)
         with pytest.raises(Asked):

@@ -21,13 +21,15 @@ from numba.core.caching import CompileResultCacheImpl
 from sqlalchemy import create_engine, insert, text
 
 import equimesh
-from equimesh_cli import doctor, installation, machine, main, reach, storage
-from equimesh_cli.findings import Finding, Level
+from equimesh_cli import main
+from equimesh_cli.checks import installation, machine, reach, storage
+from equimesh_cli.checks.findings import Finding, Level
+from equimesh_cli.commands import doctor
 from equimesh_client import Client
 from equimesh_service import Settings
-from equimesh_service.migration import upgrade
-from equimesh_service.schema import meshes, samples
-from equimesh_service.store import Store
+from equimesh_service.store.migration import upgrade
+from equimesh_service.store.schema import meshes, samples
+from equimesh_service.store.store import Store
 from service.databases import ADDRESS, NEEDED, Postgres
 from service.guarded import Guarded
 from service.s3_server import ACCESS_KEY, SECRET_KEY, serving
@@ -148,7 +150,7 @@ def test_limits_of_a_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     limits = {"a__b__memory_DOT_max": "max\n", "a__memory_DOT_max": "2147483648\n", "a__cpu_DOT_max": "150000 100000"}
     groups(tmp_path, monkeypatch, "0::/a/b\n", **limits)
     assert (machine.allowed_memory(), machine.allowed_processors()) == (2 * 1024**3, 1.5)
-    monkeypatch.setattr("equimesh.workers.available", lambda: 8)
+    monkeypatch.setattr("equimesh.numerics.threads.available", lambda: 8)
     two = Settings(workers=2, threads=1, memory_limit=4096)
     assert look(machine.processors, two).remedy.endswith("EQUIMESH_WORKERS=1")
     assert look(machine.memory, two).level is WARNING

@@ -22,9 +22,9 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from equimesh_service.database import Database, sqlite_file
-from equimesh_service.schema import artifacts, meshes, samples
-from equimesh_service.store import Store
+from equimesh_service.store.database import Database, sqlite_file
+from equimesh_service.store.schema import artifacts, meshes, samples
+from equimesh_service.store.store import Store
 from service.conftest import PAPER, until
 from service.processes import ServiceProcess, service_process
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.opening import PRELOAD
-from equimesh_service.pebble_engine import PebbleEngine
 from service.check_engine import check_engine, expect_closed
 
 
@@ -41,10 +41,10 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
 # In a process of its own: the server is all engines', and there are those of other tests here.
 SERVER_DIES = """
 import os, signal, time
-from equimesh_service.engine import WorkerLostError
-from equimesh_service.pebble_engine import PebbleEngine
+from equimesh_service.engine.port import WorkerLostError
+from equimesh_service.engine.pebble import PebbleEngine
 
-engine = PebbleEngine(1, preload=["equimesh_service.pebble_engine"])
+engine = PebbleEngine(1, preload=["equimesh_service.engine.pebble"])
 assert engine.wait_until_ready(60.0)
 server, worker = engine.submit(os.getppid).result(30.0), engine.submit(os.getpid).result(30.0)
 again = []
@@ -79,7 +79,7 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
 ELSEWHERE = {"_absolute", "at_piece", "holds", "largest_ratio", "piece", "slopes_at_piece", "walk", "within"}
 COMPILED = """
 import importlib, pkgutil, equimesh
-from equimesh_service.worker import warm_up
+from equimesh_service.worker.solve import warm_up
 warm_up()
 for found in pkgutil.iter_modules(equimesh.__path__):
     module = importlib.import_module(f"equimesh.{found.name}")

@@ -15,14 +15,14 @@ from typing import Any
 import httpx
 import pytest
 
-from equimesh_service import dispatcher as dispatcher_module
-from equimesh_service.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import EngineError, Health, WorkerLostError
-from equimesh_service.job import Ending
-from equimesh_service.rows import Claim, NewMesh, Order
+from equimesh_service.dispatch import dispatcher as dispatcher_module
+from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
+from equimesh_service.dispatch.wakeups import Wakeups
+from equimesh_service.engine.port import EngineError, Health, WorkerLostError
 from equimesh_service.service import Asked, Service
-from equimesh_service.store import Store
-from equimesh_service.wakeups import Wakeups
+from equimesh_service.store.rows import Claim, NewMesh, Order
+from equimesh_service.store.store import Store
+from equimesh_service.worker.job import Ending
 from service.conftest import small, until
 
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}

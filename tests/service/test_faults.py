@@ -20,13 +20,14 @@ import httpx
 import pytest
 from pebble.pool.channel import WorkerChannel
 
-from equimesh_service import Settings, pool_watch, running
-from equimesh_service.dispatcher import Dispatcher, Rules
-from equimesh_service.engine import Health, TimeLimitError, WorkerLostError
+from equimesh_service import Settings, running
+from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
+from equimesh_service.engine import pool_watch
+from equimesh_service.engine.pebble import PebbleEngine
+from equimesh_service.engine.port import Health, TimeLimitError, WorkerLostError
 from equimesh_service.opening import PRELOAD, FolderInUseError, open_service
-from equimesh_service.pebble_engine import PebbleEngine
-from equimesh_service.rows import Claim, NewMesh
-from equimesh_service.store import Store
+from equimesh_service.store.rows import Claim, NewMesh
+from equimesh_service.store.store import Store
 from service.check_engine import add, allocate
 from service.conftest import SLOW, small, until
 from service.processes import children, runs, service_process

@@ -21,13 +21,13 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from equimesh_service import Settings, running
-from equimesh_service.files import Files, FilesError, StoredFile
-from equimesh_service.files_address import FilesAddress, files_address
-from equimesh_service.folder_files import FolderFiles
-from equimesh_service.problems import Problem
-from equimesh_service.s3_files import Bucket, S3Files
-from equimesh_service.sending import send_file
-from equimesh_service.unfinished import clear
+from equimesh_service.files.address import FilesAddress, files_address
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.files.port import Files, FilesError, StoredFile
+from equimesh_service.files.s3 import Bucket, S3Files
+from equimesh_service.files.unfinished import clear
+from equimesh_service.problems.problem import Problem
+from equimesh_service.wire.sending import send_file
 from service.check_files import CHECKS, keep, read
 from service.conftest import small, until
 from service.s3_server import ACCESS_KEY, SECRET_KEY, S3Server, serving

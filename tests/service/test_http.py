@@ -15,8 +15,8 @@ import httpx
 import numpy as np
 import pytest
 
-from equimesh.io import FORMATS
-from equimesh_service import admission
+from equimesh.io.write import FORMATS
+from equimesh_service.admission import admit
 from service.conftest import SLOW, small, until
 
 WAIT = {"Prefer": "wait=30"}
@@ -214,9 +214,9 @@ def test_a_key_makes_a_request_act_once(http: httpx.Client) -> None:
 
 
 def test_a_retry_may_meet_a_newer_release(monkeypatch: pytest.MonkeyPatch) -> None:
-    admitted = admission.Admitted({"label": None, "cells": "quad"}, {}, "digest")
+    admitted = admit.Admitted({"label": None, "cells": "quad"}, {}, "digest")
     request, points = admitted.fingerprint("vtu"), admitted.points_fingerprint
-    monkeypatch.setattr(admission, "_VERSION", "next")
+    monkeypatch.setattr(admit, "_VERSION", "next")
     assert admitted.fingerprint("vtu") == request
     assert admitted.points_fingerprint != points  # its points may be other ones
 

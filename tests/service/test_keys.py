@@ -16,13 +16,13 @@ import pytest
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
-from equimesh_service.app import create_app
-from equimesh_service.callers import ANYONE, Callers
-from equimesh_service.exposure import ExposedError, check_exposure, is_loopback
-from equimesh_service.key_store import KeyStore
-from equimesh_service.keys import KeyRow
-from equimesh_service.problems import Problem
-from equimesh_service.store import Store
+from equimesh_service.admission.callers import ANYONE, Callers
+from equimesh_service.api.app import create_app
+from equimesh_service.problems.problem import Problem
+from equimesh_service.store.key_secrets import KeyRow
+from equimesh_service.store.keys import KeyStore
+from equimesh_service.store.store import Store
+from equimesh_service.upkeep.exposure import ExposedError, check_exposure, is_loopback
 from service.conftest import small
 from service.guarded import Guarded
 

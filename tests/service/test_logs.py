@@ -12,10 +12,10 @@ import pytest
 from sqlalchemy.exc import OperationalError
 from starlette.types import Receive, Scope, Send
 
-from equimesh_service import logs
-from equimesh_service.metrics import Metrics
-from equimesh_service.observation import Observation
-from equimesh_service.trail import Trail, follow, request_id
+from equimesh_service.api.middleware import Observation
+from equimesh_service.telemetry import logs
+from equimesh_service.telemetry.log_context import Trail, follow, request_id
+from equimesh_service.upkeep.metrics import Metrics
 from service.conftest import small, until
 from service.observed import Observed
 

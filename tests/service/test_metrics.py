@@ -21,12 +21,12 @@ from prometheus_client.parser import text_string_to_metric_families as read_text
 from starlette.responses import Response
 
 from equimesh_service import Settings
-from equimesh_service.app import create_app
-from equimesh_service.callers import ANYONE
-from equimesh_service.job import Ending
-from equimesh_service.metrics import Glance, Metrics
-from equimesh_service.observation import Observation
-from equimesh_service.rows import STATUSES, Census
+from equimesh_service.admission.callers import ANYONE
+from equimesh_service.api.app import create_app
+from equimesh_service.api.middleware import Observation
+from equimesh_service.store.rows import STATUSES, Census
+from equimesh_service.upkeep.metrics import Glance, Metrics
+from equimesh_service.worker.job import Ending
 from service.conftest import SLOW, small, until
 from service.test_faults import children
 

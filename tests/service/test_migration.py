@@ -17,12 +17,12 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, create_engine, insert, inspect, text
 
 from equimesh_service import Settings, running
-from equimesh_service.database import UnusableDatabaseError
-from equimesh_service.migration import LATEST, NewerDatabaseError, current, upgrade
-from equimesh_service.schema import metadata
-from equimesh_service.store import Store
+from equimesh_service.store.database import UnusableDatabaseError
+from equimesh_service.store.migration import LATEST, NewerDatabaseError, current, upgrade
+from equimesh_service.store.schema import metadata
+from equimesh_service.store.store import Store
 
-FIRST = import_module("equimesh_service.migrations.versions.r0001_first_release").tables()
+FIRST = import_module("equimesh_service.store.migrations.versions.r0001_first_release").tables()
 SPEC = {
     "monitor": {"kind": "arc_length", "u": {"expression": "x*y", "parameters": {}, "t": 0.0}, "a": 0.7, "b": 0.05},
     "domain": {"kind": "rectangle", "x": [0.0, 1.0], "y": [0.0, 1.0]},
@@ -112,7 +112,7 @@ def test_a_new_database_is_what_all_steps_together_make(database_url: str, engin
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
         assert inspect(connection).get_columns("alembic_version")[0]["name"] == "version_num"
-    folder = Path(str(import_module("equimesh_service.migrations").__file__)).parent
+    folder = Path(str(import_module("equimesh_service.store.migrations").__file__)).parent
     assert ScriptDirectory(str(folder)).get_heads() == [LATEST]
 
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from equimesh_service.negotiation import chosen, explicit, preferred_types, preferred_wait
+from equimesh_service.wire.negotiation import chosen, explicit, preferred_types, preferred_wait
 
 OFFERS = {"vtu": "application/vnd.vtk.vtu+xml", "msh": "model/mesh"}
 

@@ -11,9 +11,9 @@ import pytest
 from fastapi import FastAPI
 
 from equimesh_service import Settings
-from equimesh_service.app import create_app
-from equimesh_service.meshes_api import EXAMPLES
-from equimesh_service.problems import KINDS
+from equimesh_service.api.app import create_app
+from equimesh_service.api.meshes import EXAMPLES
+from equimesh_service.problems.problem import KINDS
 from service.conftest import small
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_service.files import digest_of
-from equimesh_service.folder_files import FolderFiles
-from equimesh_service.output import Output
-from equimesh_service.rows import Artifact
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.files.port import digest_of
+from equimesh_service.store.rows import Artifact
+from equimesh_service.worker.output import Output
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ import pytest
 from sqlalchemy import create_engine
 
 from equimesh_service import Settings, running
-from equimesh_service.database import UnusableDatabaseError
-from equimesh_service.folder_files import FolderFiles
-from equimesh_service.store import Store
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.store.database import UnusableDatabaseError
+from equimesh_service.store.store import Store
 from service.conftest import SLOW, small, until
 from service.databases import Postgres, postgres_server
 from service.test_migration import fill

@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from equimesh_service.files import Publish, Removed, StoredFile
-from equimesh_service.folder_files import FolderFiles
-from equimesh_service.rows import Artifact, NewMesh, NewStep, SamplesRow
-from equimesh_service.schema import removals
-from equimesh_service.store import Store
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.files.port import Publish, Removed, StoredFile
+from equimesh_service.store.rows import Artifact, NewMesh, NewStep, SamplesRow
+from equimesh_service.store.schema import removals
+from equimesh_service.store.store import Store
 from service.test_store import SPEC, Clock, claimed
 
 

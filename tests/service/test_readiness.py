@@ -15,12 +15,12 @@ import httpx
 import pytest
 
 from equimesh_service import Settings
-from equimesh_service.app import create_app
-from equimesh_service.folder_files import FolderFiles
+from equimesh_service.api.app import create_app
+from equimesh_service.engine.pebble import PebbleEngine
+from equimesh_service.files.folder import FolderFiles
 from equimesh_service.opening import PRELOAD, _health
-from equimesh_service.pebble_engine import PebbleEngine
-from equimesh_service.readiness import OK, Readiness
-from equimesh_service.store import Store
+from equimesh_service.store.store import Store
+from equimesh_service.upkeep.readiness import OK, Readiness
 from service.check_engine import own_pid
 from service.conftest import until
 

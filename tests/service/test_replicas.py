@@ -14,7 +14,7 @@ import httpx
 import pytest
 from sqlalchemy import make_url
 
-from equimesh_service.store import Store
+from equimesh_service.store.store import Store
 from service.conftest import PAPER, SLOW, small, until
 from service.databases import Postgres
 from service.processes import ServiceProcess, service_process

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.files import StoredFile
-from equimesh_service.folder_files import FolderFiles
-from equimesh_service.retention import Retention, Swept
-from equimesh_service.rows import Artifact, NewMesh, SamplesRow
-from equimesh_service.store import Store
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.files.port import StoredFile
+from equimesh_service.store.rows import Artifact, NewMesh, SamplesRow
+from equimesh_service.store.store import Store
+from equimesh_service.upkeep.retention import Retention, Swept
 from service.test_store import SPEC, Clock, claimed
 
 DAY = 86_400.0

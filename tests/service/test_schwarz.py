@@ -9,9 +9,9 @@ import httpx
 import pytest
 
 from equimesh import Acceleration, LineData, LocalSolver, Ordering, Schwarz, TransmissionCondition
-from equimesh_service.assembly import build_schwarz
-from equimesh_service.schwarz import TRANSMISSION_USES, AnyTransmission, OptimizedSpec, SchwarzSpec
-from equimesh_service.spec import read_spec
+from equimesh_service.assembly.problem import build_schwarz
+from equimesh_service.spec.mesh import read_spec
+from equimesh_service.spec.schwarz import TRANSMISSION_USES, AnyTransmission, OptimizedSpec, SchwarzSpec
 from service.conftest import small
 
 WAIT = {"Prefer": "wait=30"}

@@ -16,11 +16,13 @@ import httpx
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from equimesh_service import Settings, body, logs
-from equimesh_service.app import create_app
-from equimesh_service.key_store import KeyStore
-from equimesh_service.meshes_store import MeshesStore
+from equimesh_service import Settings
+from equimesh_service.api.app import create_app
 from equimesh_service.server import _server
+from equimesh_service.store.keys import KeyStore
+from equimesh_service.store.meshes import MeshesStore
+from equimesh_service.telemetry import logs
+from equimesh_service.wire import body
 from service.conftest import small
 from service.guarded import Guarded
 

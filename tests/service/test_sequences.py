@@ -15,11 +15,12 @@ import jsonschema
 import numpy as np
 import pytest
 
-from equimesh_service import Settings, running, sequences_api
-from equimesh_service.files_address import files_address
-from equimesh_service.retention import Retention
-from equimesh_service.rows import Artifact, NewMesh, NewStep, SamplesRow, StepTakenError
-from equimesh_service.store import Store
+from equimesh_service import Settings, running
+from equimesh_service.api import sequences
+from equimesh_service.files.address import files_address
+from equimesh_service.store.rows import Artifact, NewMesh, NewStep, SamplesRow, StepTakenError
+from equimesh_service.store.store import Store
+from equimesh_service.upkeep.retention import Retention
 from service.conftest import small
 
 NPZ = {"Content-Type": "application/x-npz", "Prefer": "wait=30"}
@@ -148,7 +149,7 @@ def test_a_large_step_does_not_hold_up_the_service(http: httpx.Client, monkeypat
         threads.append(asyncio._get_running_loop() is None)
         return hashlib.sha256(data)
 
-    monkeypatch.setattr(sequences_api, "sha256", digest)
+    monkeypatch.setattr(sequences, "sha256", digest)
     assert http.post(sequence["links"]["steps"], content=b"no npz", headers=NPZ).status_code == 422
     assert threads == [True]
 

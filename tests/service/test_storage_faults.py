@@ -17,7 +17,7 @@ import httpx
 import pytest
 
 from equimesh_service import Settings
-from equimesh_service.app import create_app
+from equimesh_service.api.app import create_app
 from service.conftest import small
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="file systems of a chosen size are mounted")

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 
-from equimesh_service.cursors import cursor_of, position_of
-from equimesh_service.rows import Artifact, Claim, Hold, KeyReusedError, NewMesh, SamplesGoneError, SamplesRow
-from equimesh_service.schema import metadata
-from equimesh_service.spec import read_spec
-from equimesh_service.store import Store
+from equimesh_service.api.cursors import cursor_of, position_of
+from equimesh_service.spec.mesh import read_spec
+from equimesh_service.store.rows import Artifact, Claim, Hold, KeyReusedError, NewMesh, SamplesGoneError, SamplesRow
+from equimesh_service.store.schema import metadata
+from equimesh_service.store.store import Store
 from service.databases import database
 
 SPEC = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}

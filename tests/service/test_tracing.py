@@ -9,8 +9,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from equimesh_service import tracing
-from equimesh_service.rows import Claim
+from equimesh_service.store.rows import Claim
+from equimesh_service.telemetry import tracing
 from service.conftest import small, until
 from service.observed import Observed
 
@@ -63,7 +63,7 @@ def imports(path: Path) -> set[str]:
 def test_off_they_load_nothing_and_do_nothing() -> None:
     modules = sorted(Path(tracing.__file__).parent.rglob("*.py"))
     assert [path.stem for path in modules if any("opentelemetry" in name for name in imports(path))] == ["spans"]
-    assert not [path.stem for path in modules if "equimesh_service.spans" in imports(path)]
+    assert not [path.stem for path in modules if "equimesh_service.telemetry.spans" in imports(path)]
     assert tracing.open_tracer("", "service") is None
     assert tracing.span("a") is tracing.span("b") is tracing.follow("c", f"00-{TRACE}-{CALLER}-01")
     assert tracing.traceparent() is None
@@ -72,7 +72,7 @@ def test_off_they_load_nothing_and_do_nothing() -> None:
 
 
 def test_a_missing_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "equimesh_service.spans", raising=False)
+    monkeypatch.delitem(sys.modules, "equimesh_service.telemetry.spans", raising=False)
     monkeypatch.setitem(sys.modules, "opentelemetry.sdk.trace", None)
     assert tracing.open_tracer("", "service") is None
     with pytest.raises(tracing.TracingMissingError, match=r"pip install 'equimesh\[tracing\]', or leave"):

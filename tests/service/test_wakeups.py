@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import anyio
 import pytest
 
-from equimesh_service.wakeups import END, Wakeups
+from equimesh_service.dispatch.wakeups import END, Wakeups
 
 
 class Looks:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
-from equimesh.bicubic import Bicubic
+from equimesh.fields.bicubic import Bicubic
 
 PARTIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 

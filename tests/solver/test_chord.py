@@ -7,10 +7,13 @@ import pytest
 
 import equimesh as em
 from cases import FUNCTIONS, problem
-from equimesh import chord, kernels, single_domain, workers
-from equimesh.equations import Cells
-from equimesh.folding import smallest_jacobian
-from equimesh.single_domain import SHARE, TIGHT
+from equimesh.equations.mesh_equations import Cells
+from equimesh.meshes.folding import smallest_jacobian
+from equimesh.numerics import threads as workers
+from equimesh.single_domain import iteration
+from equimesh.single_domain.iteration import SHARE, TIGHT
+from equimesh.sweeps import kernels
+from equimesh.sweeps import sweep as chord
 
 
 def distance(one: em.Mesh, other: em.Mesh) -> float:
@@ -33,8 +36,8 @@ def disturbed(case: em.Problem, size: float = 0.01) -> em.Mesh:
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_mesh_is_that_of_newton(name: str, boundary: em.Boundary) -> None:
     case = problem(name, 49, 41, boundary=boundary, b=0.1)
-    *_, fast = single_domain.iterate(case)
-    *_, reference = single_domain.iterate(case, sweeps=False)
+    *_, fast = iteration.iterate(case)
+    *_, reference = iteration.iterate(case, sweeps=False)
     if reference.relaxation.is_none:
         assert fast.relaxation.is_none
         assert distance(fast.mesh, reference.mesh) < 1e-9
@@ -43,7 +46,7 @@ def test_the_mesh_is_that_of_newton(name: str, boundary: em.Boundary) -> None:
 
 def test_it_converges_on_all_functions_with_the_trace_condition() -> None:
     for name in FUNCTIONS:
-        *_, last = single_domain.iterate(problem(name, 65))
+        *_, last = iteration.iterate(problem(name, 65))
         assert last.converged
         assert last.residual < TIGHT, "the finest level was not solved by sweeps to their tolerance"
         assert last.algebraic_error > 0.0, "sweeps, not Newton steps"
@@ -51,9 +54,9 @@ def test_it_converges_on_all_functions_with_the_trace_condition() -> None:
 
 def test_sweeps_do_not_grow_with_the_number_of_points() -> None:
     case = problem("tanh20", 257)
-    tight = {step.grid.n_xi: step.step for step in single_domain.iterate(case)}
+    tight = {step.grid.n_xi: step.step for step in iteration.iterate(case)}
     assert tight[257] <= 11
-    usual = {step.grid.n_xi: step.step for step in single_domain.iterate(case, mode=em.Mode.DISCRETIZATION)}
+    usual = {step.grid.n_xi: step.step for step in iteration.iterate(case, mode=em.Mode.DISCRETIZATION)}
     assert usual == {17: 9, 33: 2, 65: 2, 129: 2, 257: 1}
 
 
@@ -61,9 +64,9 @@ def test_sweeps_do_not_grow_with_the_number_of_points() -> None:
 def test_the_usual_mode_leaves_a_fifth_of_the_discretisation_error(name: str) -> None:
     """Both errors against meshes that know better: the tight one of the same grid, and the tight one of a finer."""
     case, finer = problem(name, 129), problem(name, 513)
-    *_, usual = single_domain.iterate(case, mode=em.Mode.DISCRETIZATION)
-    *_, tight = single_domain.iterate(case)
-    *_, reference = single_domain.iterate(finer)
+    *_, usual = iteration.iterate(case, mode=em.Mode.DISCRETIZATION)
+    *_, tight = iteration.iterate(case)
+    *_, reference = iteration.iterate(finer)
     exact = em.Mesh(reference.mesh.x[::4, ::4], reference.mesh.y[::4, ::4])
     algebraic, discretization = distance(usual.mesh, tight.mesh), distance(tight.mesh, exact)
     assert algebraic <= SHARE * discretization
@@ -74,7 +77,7 @@ def test_the_usual_mode_leaves_a_fifth_of_the_discretisation_error(name: str) ->
 def test_results_do_not_depend_on_the_number_of_threads() -> None:
     """Bit for bit: the strips that are shared out are always the same."""
     case = problem("ring", 301, 257)
-    meshes = [list(single_domain.iterate(case, threads=threads))[-1].mesh for threads in (1, 2, 3, 1)]
+    meshes = [list(iteration.iterate(case, threads=threads))[-1].mesh for threads in (1, 2, 3, 1)]
     assert all(np.array_equal(meshes[0].x, mesh.x) and np.array_equal(meshes[0].y, mesh.y) for mesh in meshes[1:])
     sweep = sweep_on(case, threads=3)
     assert sweep._threads == 3
@@ -117,7 +120,7 @@ def test_one_sweep_solves_the_leading_part() -> None:
 
 def test_the_solution_stays_where_it_is() -> None:
     case = problem("tanh20", 33)
-    *_, last = single_domain.iterate(case)
+    *_, last = iteration.iterate(case)
     assert sweep_on(case).correct(last.mesh.x, last.mesh.y).move < 1e-11
 
 
@@ -125,7 +128,7 @@ def test_the_sides_move_with_the_interior() -> None:
     """Nodes on the sides go where the equations of the sides want them, also at right angles to a moving interior."""
     for boundary in em.Boundary:
         case = problem("tanh20", 33, boundary=boundary, b=0.5)
-        *_, last = single_domain.iterate(case)
+        *_, last = iteration.iterate(case)
         equations = case.equations()
         assert abs(equations.residual(equations.vector(last.mesh))).max() < 1e-9 * equations.mean_flux(
             equations.vector(last.mesh)
@@ -180,8 +183,8 @@ def test_half_the_monitor_leads_up_to_one_on_which_sweeps_fail(u: str, monkeypat
         return sorted(set(seen))
 
     with monkeypatch.context() as patch:
-        patch.setattr(single_domain, "_factorised", None)  # no Newton step is needed
+        patch.setattr(iteration, "_factorised", None)  # no Newton step is needed
         assert strengths() == [0.5, 1.0]
-        patch.setattr(single_domain, "_weaker", lambda *_: iter(()))
+        patch.setattr(iteration, "_weaker", lambda *_: iter(()))
         with pytest.raises(TypeError):  # but for what is tested here
             strengths()

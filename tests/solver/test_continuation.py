@@ -7,8 +7,8 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.continuation import LADDER, scale
-from equimesh.single_domain import iterate
+from equimesh.single_domain.continuation import LADDER, scale
+from equimesh.single_domain.iteration import iterate
 
 
 def two_peaks(points: int, **settings: float) -> em.Problem:
@@ -73,7 +73,7 @@ def test_the_strength_is_lowered_last() -> None:
 
 
 def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("equimesh.single_domain.MOST_FACTORISED", 33 * 33)
+    monkeypatch.setattr("equimesh.single_domain.iteration.MOST_FACTORISED", 33 * 33)
     solution = em.solve(two_peaks(65))
     assert solution.status is em.Status.RELAXED
     assert {r.what: r.reached for r in solution.relaxed}["points"] == 33
@@ -83,8 +83,8 @@ def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest
 
 def test_an_interpolated_mesh_is_not_called_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where sweeps fail on a grid too large to factorise, what is left is the solution of a coarser one."""
-    monkeypatch.setattr("equimesh.single_domain.MOST_FACTORISED", 33 * 33)
-    monkeypatch.setattr("equimesh.single_domain.MOST_SWEEPS", 1)
+    monkeypatch.setattr("equimesh.single_domain.iteration.MOST_FACTORISED", 33 * 33)
+    monkeypatch.setattr("equimesh.single_domain.iteration.MOST_SWEEPS", 1)
     solution = em.solve(problem("tanh20", 65))
     assert solution.status is em.Status.RELAXED
     assert [(r.what, r.asked, r.reached) for r in solution.relaxed] == [("points", 65.0, 33.0)]

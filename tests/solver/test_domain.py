@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domain import mapped
-from equimesh.upload import read_arrays, read_samples
+from equimesh.domains.domain import mapped
+from equimesh.upload.samples import read_arrays, read_samples
 
 RNG = np.random.default_rng(11)
 S, T = RNG.random((2, 40, 30))

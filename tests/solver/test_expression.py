@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import equimesh.expression as module
+import equimesh.fields.expression as module
 from equimesh.errors import ExpressionError, InputError
-from equimesh.expression import FUNCTIONS, LIMITS, Expression
-from equimesh.functions import OPERATIONS
-from equimesh.jet import constant, coordinates
-from equimesh.vocabulary import ARGUMENTS, RESERVED
+from equimesh.fields.expression import FUNCTIONS, LIMITS, Expression
+from equimesh.formulas.functions import OPERATIONS
+from equimesh.formulas.jet import constant, coordinates
+from equimesh.formulas.vocabulary import ARGUMENTS, RESERVED
 
 
 def values(text: str, x: float, y: float, order: int = 2, **parameters: float) -> list[float]:

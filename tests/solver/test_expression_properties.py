@@ -22,7 +22,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from equimesh.errors import ExpressionError
-from equimesh.expression import FUNCTIONS, Expression
+from equimesh.fields.expression import FUNCTIONS, Expression
 
 STEP = 1e-40
 LARGE = 1e5  # beyond, rounding may differ between any two evaluators

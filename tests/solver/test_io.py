@@ -20,10 +20,10 @@ import pytest
 import skfem
 
 from equimesh.errors import InputError
-from equimesh.io import FORMATS, Cells, MeshData, load_npz, write_mesh
-from equimesh.mesh import SIDES, Mesh
-from equimesh.upload import read_samples
-from equimesh.vtu import write_vtu
+from equimesh.io.vtu import write_vtu
+from equimesh.io.write import FORMATS, Cells, MeshData, load_npz, write_mesh
+from equimesh.meshes.mesh import SIDES, Mesh
+from equimesh.upload.samples import read_samples
 
 N_XI, N_ETA = 7, 5
 CELL_COUNT = (N_XI - 1) * (N_ETA - 1)
@@ -127,7 +127,7 @@ class TestReadBack:
     def test_vtu_in_pieces(self, tmp_path: Path, kind: Cells, monkeypatch: pytest.MonkeyPatch) -> None:
         """A file is the same however many pieces it is written in, and whatever the last one's size."""
         whole = self.write(tmp_path, "vtu", kind).read_bytes()
-        monkeypatch.setattr("equimesh.vtu.PIECE", 33)
+        monkeypatch.setattr("equimesh.io.vtu.PIECE", 33)
         assert self.write(tmp_path, "vtu", kind).read_bytes() == whole
         values = {f"<{n}>": np.arange(n, dtype=">f8") for n in range(1, 9)}
         for name, array in values.items():
@@ -432,7 +432,7 @@ class TestDisk:
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(meshio, "write", full)
-        monkeypatch.setattr("equimesh.io.write_vtu", full)
+        monkeypatch.setattr("equimesh.io.write.write_vtu", full)
         for name in ("vtu", "vtk", "xdmf"):
             with pytest.raises(OSError, match="No space left"):
                 write_mesh(tmp_path / "mesh.out", DATA, format=name)
@@ -467,7 +467,7 @@ class TestFormats:
         assert len({known.media_type for known in FORMATS.values()}) == len(FORMATS)
 
     def test_only_io_imports_meshio(self) -> None:
-        folder = Path(sys.modules["equimesh.io"].__file__ or "").parent
+        folder = Path(sys.modules["equimesh.io.write"].__file__ or "").parent
         importers = [p.name for p in folder.glob("*.py") if re.search(r"^\s*(import|from) meshio", p.read_text(), re.M)]
         assert importers == ["io.py"]
 

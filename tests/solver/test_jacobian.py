@@ -9,10 +9,10 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations import MeshEquations
-from equimesh.subdomain import CornerLink, Link, SubdomainProblem
-from equimesh.transmission import InterfaceData
-from equimesh.yielding_subdomains import YieldingSubdomains
+from equimesh.equations.mesh_equations import MeshEquations
+from equimesh.schwarz.conditions import InterfaceData
+from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.schwarz.optimized.subdomains import YieldingSubdomains
 
 STEPS = (1e-3, 5e-4, 2.5e-4)
 

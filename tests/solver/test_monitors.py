@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import equimesh as em
-from equimesh import spd
-from equimesh.monitor import Monitor
+from equimesh.monitors.monitor import Monitor
+from equimesh.numerics import spd
 
 STEEP = em.Expression("tanh(30*(x + y/2 - 0.75))")
 WAVE = em.Expression("tanh(50*(y - 0.5 - 0.25*sin(2*pi*x)))")

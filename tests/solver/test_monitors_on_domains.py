@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh import chord, single_domain
-from equimesh.domain import mapped
-from equimesh.equations import MeshEquations
+from equimesh.domains.domain import mapped
+from equimesh.equations.mesh_equations import MeshEquations
+from equimesh.single_domain import iteration
+from equimesh.sweeps import sweep
 
 BELL = em.Expression("exp(-8*((x - 0.4)**2 + (y - 0.6)**2))")
 DOMAINS: dict[str, em.Domain] = {
@@ -51,12 +52,12 @@ def distance(one: em.Mesh, other: em.Mesh) -> float:
 @pytest.mark.parametrize(("monitor", "domain"), PAIRS)
 def test_the_mesh_is_that_of_newton(monitor: str, domain: str) -> None:
     problem = case(monitor, domain, 21, 18)
-    *_, fast = single_domain.iterate(problem)
-    *_, reference = single_domain.iterate(problem, sweeps=False)
+    *_, fast = iteration.iterate(problem)
+    *_, reference = iteration.iterate(problem, sweeps=False)
     assert fast.relaxation.is_none
     assert reference.relaxation.is_none
     assert distance(fast.mesh, reference.mesh) < 1e-9
-    assert chord.deviation(problem.metric, problem.boundary, reference.mesh) < 1e-9
+    assert sweep.deviation(problem.metric, problem.boundary, reference.mesh) < 1e-9
     assert distance(fast.mesh, em.Mesh.uniform(problem.grid)) > 0.01, "nothing was adapted to"
 
 
@@ -106,9 +107,7 @@ def test_second_order(monitor: em.Monitor, domain: str, boundary: em.Boundary) -
     sizes, meshes = (33, 65, 129, 257), {}
     for n in sizes:
         grid = em.Grid(n_xi=n, n_eta=n)
-        *_, last = single_domain.iterate(
-            em.Problem(monitor=monitor, grid=grid, domain=DOMAINS[domain], boundary=boundary)
-        )
+        *_, last = iteration.iterate(em.Problem(monitor=monitor, grid=grid, domain=DOMAINS[domain], boundary=boundary))
         assert last.relaxation.is_none
         meshes[n] = last.mesh
     errors = []

@@ -10,11 +10,11 @@ from scipy.sparse import csc_array
 
 import equimesh as em
 from cases import problem
-from equimesh import dissection, newton
-from equimesh.field import Array
-from equimesh.local_solution import newton_steps
-from equimesh.nested import nested_grids, prolong
-from equimesh.single_domain import iterate
+from equimesh.equations.newton_solve import newton_steps
+from equimesh.fields.field import Array
+from equimesh.meshes.nested import nested_grids, prolong
+from equimesh.numerics import dissection, newton
+from equimesh.single_domain.iteration import iterate
 
 
 def square(z: Array) -> Array:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domain import mapped
+from equimesh.domains.domain import mapped
 from equimesh.errors import InputError, SamplesError
-from equimesh.mesh_map import MeshMap, reference_of
+from equimesh.fields.mesh_map import MeshMap, reference_of
 
 WAVY = em.Expression("sin(3*x + y)*exp(y/2)")
 ANYWHERE = np.random.default_rng(7).uniform(0.0, 1.0, (2, 500))

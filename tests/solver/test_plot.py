@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh.decomposition import Decomposition
 from equimesh.errors import InputError
-from equimesh.grid import Grid
-from equimesh.mesh import Mesh
-from equimesh.mesh_data import MeshData
-from equimesh.mesh_lines import SHARED, MeshLines
-from equimesh.plot import (
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_data import MeshData
+from equimesh.plot.mesh_lines import SHARED, MeshLines
+from equimesh.plot.meshes import (
     MOST_LINES,
     OVERLAP_COLOUR,
     SINGLE_COLOUR,
@@ -33,6 +32,7 @@ from equimesh.plot import (
     draw_quality,
     draw_surface,
 )
+from equimesh.schwarz.decomposition import Decomposition
 
 matplotlib = pytest.importorskip("matplotlib")
 
@@ -153,9 +153,9 @@ def test_pyplot_is_never_imported_and_matplotlib_only_when_drawing(tmp_path: Pat
 import sys
 import numpy as np
 from equimesh import plot
-from equimesh.mesh import Mesh
-from equimesh.mesh_data import MeshData
-from equimesh.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_data import MeshData
+from equimesh.meshes.grid import Grid
 assert "matplotlib" not in sys.modules
 mesh, cells = Mesh.uniform(Grid(n_xi=4, n_eta=4)), (3, 3)
 data = MeshData(mesh=mesh, u=mesh.x, q_eq=np.ones(cells), subdomain=np.zeros(cells, dtype=np.int64))

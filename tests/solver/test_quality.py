@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh import bilinear, quality
-from equimesh.bilinear import BilinearCells
-from equimesh.grid import Grid
-from equimesh.interpolation import ErrorRule, errors_of, interpolation_errors
-from equimesh.mesh import Mesh
-from equimesh.monitor import ArcLength
-from equimesh.quality import alignment, equidistribution, measure, shape_regularity
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.monitor import ArcLength
+from equimesh.quality import cells as bilinear
+from equimesh.quality import measures
+from equimesh.quality.cells import BilinearCells
+from equimesh.quality.interpolation import ErrorRule, errors_of, interpolation_errors
+from equimesh.quality.measures import alignment, equidistribution, measure, shape_regularity
 
 Partial = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -269,7 +270,7 @@ def test_reflection_reflects_every_measure() -> None:
     mesh = wavy()
     mirrored = Mesh(mesh.x[:, ::-1], 1 - mesh.y[:, ::-1])
     first, second = (measure(m, ArcLength(u=PAPER)) for m in (mesh, mirrored))
-    for name in quality.PER_CELL:
+    for name in measures.PER_CELL:
         assert getattr(second, name).cells == pytest.approx(getattr(first, name).cells[:, ::-1]), name
     assert second.interpolation_error.l2 == pytest.approx(first.interpolation_error.l2)
     assert second.interpolation_error.h1 == pytest.approx(first.interpolation_error.h1)
@@ -279,7 +280,7 @@ def test_exchanging_the_axes_transposes_every_measure() -> None:
     mesh, u = wavy(), PAPER
     turned = Analytic(lambda x, y: u.value(y, x), lambda x, y: u.along_y(y, x), lambda x, y: u.along_x(y, x))
     first, second = measure(mesh, ArcLength(u=u)), measure(Mesh(mesh.y.T, mesh.x.T), ArcLength(u=turned))
-    for name in quality.PER_CELL:
+    for name in measures.PER_CELL:
         assert getattr(second, name).cells == pytest.approx(getattr(first, name).cells.T), name
 
 
@@ -287,7 +288,7 @@ def test_blocks_do_not_change_the_measures(monkeypatch: pytest.MonkeyPatch) -> N
     whole = measure(wavy(), ArcLength(u=PAPER)).summary(arrays=True)
     monkeypatch.setattr(bilinear, "BLOCK", 64 * 7)  # seven cells at a time, 96 in all
     blocked = measure(wavy(), ArcLength(u=PAPER)).summary(arrays=True)
-    for name in quality.PER_CELL:
+    for name in measures.PER_CELL:
         assert np.array(blocked[name]["cells"]) == pytest.approx(np.array(whole[name]["cells"]), rel=1e-12)
     assert blocked["interpolation_error"] == pytest.approx(whole["interpolation_error"], rel=1e-12)
 
@@ -334,7 +335,7 @@ def test_few_points_a_cell_suffice_on_many_cells(text: str) -> None:
     x, y = grid.x, grid.y  # towards the front of the second function
     mesh = Mesh(x + 0.2 * x * (1 - x) * np.sin(3 * y), y - 0.15 * y * (1 - y) * (1 + x))
     full = measure(mesh, monitor, gauss=8)
-    lean = equidistribution(mesh, monitor, gauss=quality.GAUSS_POINTS_BEYOND)
+    lean = equidistribution(mesh, monitor, gauss=measures.GAUSS_POINTS_BEYOND)
     assert lean == pytest.approx(full.q_eq.cells, rel=1e-5)
     exact, fast = full.interpolation_error, interpolation_errors(mesh, monitor.u)
     assert exact is not None

@@ -9,13 +9,14 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh import single_domain, yielding
-from equimesh.functional_subdomains import FunctionalSubdomains
-from equimesh.local_solution import LocalSolution
-from equimesh.raspen import Raspen, Slope
-from equimesh.schwarz_iteration import Subdomains
-from equimesh.subdomain_sweeps import SubdomainSweeps
-from equimesh.yielding_subdomains import YieldingSubdomains
+from equimesh.equations.newton_solve import LocalSolution
+from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.iteration import Subdomains
+from equimesh.schwarz.local_sweeps import SubdomainSweeps
+from equimesh.schwarz.optimized import sides as yielding
+from equimesh.schwarz.optimized.subdomains import YieldingSubdomains
+from equimesh.schwarz.raspen import Raspen, Slope
+from equimesh.single_domain import iteration as single_domain
 
 SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))
 
@@ -141,7 +142,7 @@ def test_a_step_that_folds_is_halved_and_then_left_out(monkeypatch: pytest.Monke
     start, result = em.Mesh.uniform(case.grid), bent(case, 0.0)
     step = np.concatenate([(result.x - start.x).ravel(), (result.y - start.y).ravel()])
     raspen = Raspen(yielding_subdomains(case, em.Decomposition(grid=case.grid), em.Optimized()), 0.0)
-    monkeypatch.setattr("equimesh.raspen.Slope", lambda *_: None)
+    monkeypatch.setattr("equimesh.schwarz.raspen.Slope", lambda *_: None)
     for factor, share in ((1.0, 1.0), (8.0, 0.125), (1000.0, None)):
         monkeypatch.setattr(Raspen, "_step", lambda *_, factor=factor: factor * step)
         found = raspen.combined(start, result, [])

@@ -16,9 +16,9 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.decomposition import Decomposition
-from equimesh.rates import predicted_rate, steps_to_exact
-from equimesh.turns import turns
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.ordering import turns
+from equimesh.schwarz.rates import predicted_rate, steps_to_exact
 
 Array = npt.NDArray[np.float64]
 POINTS = 33

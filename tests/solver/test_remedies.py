@@ -8,8 +8,8 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh import remedies
-from equimesh.schwarz import smallest_tolerance
+from equimesh.schwarz.settings import smallest_tolerance
+from equimesh.solving import remedies
 
 PAPER = problem("paper", 24, 20)
 CLASSICAL = em.Schwarz(transmission=em.Classical(), ordering=em.Ordering.ALTERNATING, max_iterations=6)

@@ -12,8 +12,8 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.history import observed_rate
-from equimesh.iteration import estimated
+from equimesh.schwarz.history import observed_rate
+from equimesh.schwarz.records import estimated
 
 PAPER = problem("paper", 24, 20)
 
@@ -171,7 +171,7 @@ def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> No
         for record in em.iterate(*arguments, threads=threads):  # type: ignore[arg-type]
             yield replace(record, mesh=em.Mesh(record.mesh.x[::-1].copy(), record.mesh.y))
 
-    monkeypatch.setattr("equimesh.schwarz_solve.iterate", folding)
+    monkeypatch.setattr("equimesh.solving.schwarz.iterate", folding)
     with pytest.raises(em.SolveError, match=r"inverted cell\. Run more iterations, lower a") as caught:
         em.solve(PAPER, settings)
     assert caught.value.solution.status is em.Status.FOLDED

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.line_corrections import LineCorrections
-from equimesh.nested import halved, prolong
+from equimesh.meshes.nested import halved, prolong
+from equimesh.schwarz.line_corrections import LineCorrections
 
 FUNCTIONS = ("paper", "sine", "ring", "tanh20", "tanh60", "wave")
 COUNTS = (2, 4, 8, 16, 32)

@@ -21,10 +21,10 @@ import numpy as np
 import pytest
 
 from equimesh.errors import SamplesError
-from equimesh.io import Cells, MeshData, write_mesh
-from equimesh.mesh import Mesh
-from equimesh.samples import GridSamples, ScatteredSamples
-from equimesh.upload import MAX_BYTES, READERS, read_samples
+from equimesh.fields.samples import GridSamples, ScatteredSamples
+from equimesh.io.write import Cells, MeshData, write_mesh
+from equimesh.meshes.mesh import Mesh
+from equimesh.upload.samples import MAX_BYTES, READERS, read_samples
 
 X, Y = np.linspace(0, 1, 6), np.array([0.0, 0.1, 0.4, 0.7, 1.0])
 TABLE = np.sin(3 * X)[:, None] + Y**2

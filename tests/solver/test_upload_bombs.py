@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from equimesh.errors import SamplesError
-from equimesh.upload import read_arrays
+from equimesh.upload.samples import read_arrays
 
 ZEROS = bytes(20_000_000)
 MOST = 8_000_000

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 import equimesh as em
-from equimesh import chord, dissection, newton
-from equimesh.nested import distance, nested_grids, prolong
-from equimesh.single_domain import TIGHT
+from equimesh.meshes.nested import distance, nested_grids, prolong
+from equimesh.numerics import dissection, newton
+from equimesh.single_domain.iteration import TIGHT
+from equimesh.sweeps import sweep as chord
 from equimesh_cli.benchmark.rows import Row, cpu_seconds
 from equimesh_cli.benchmark.solves import front
 

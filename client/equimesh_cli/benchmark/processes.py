@@ -86,7 +86,7 @@ def use_all_kernels() -> dict[str, Any]:
     from numba.core.dispatcher import Dispatcher
 
     import equimesh as em
-    from equimesh import spd
+    from equimesh.numerics import spd
 
     imported = time.process_time()
     u, grid, sector = em.Expression("tanh(5*(x - y))"), em.Grid(n_xi=33, n_eta=33), em.AnnulusSector()

@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 
 import equimesh as em
-from equimesh.nested import distance, refinement
+from equimesh.meshes.nested import distance, refinement
 from equimesh_cli.benchmark.rows import Row, cpu_seconds
 
 # As steep as tanh, at half the price: about 10 ns a point.

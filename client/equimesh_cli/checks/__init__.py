@@ -1,0 +1,1 @@
+"""What `equimesh doctor` examines."""

@@ -1,0 +1,126 @@
+"""Checks of what is installed: Python, packages, settings, compiled loops, and that it all makes the right mesh."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from equimesh_cli.checks.findings import Finding, failed, ok, warning
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
+
+    from equimesh_service.settings import Settings
+
+# The largest q_eq of a single domain in Table 1 of Haynes and Howse, as it is printed.
+TABLE_1 = "1.1979"
+
+
+def variables(settings: Settings) -> Finding:  # noqa: ARG001
+    """Whether every variable that means to be a setting is one."""
+    from equimesh_service.environment import complaint, unknown
+
+    foreign = unknown(os.environ)
+    if foreign:
+        said = "; ".join(complaint(name, nearest) for name, nearest in foreign.items())
+        return warning(said, "correct or unset what is misspelled; `equimesh config` shows the settings in force")
+    return ok("every EQUIMESH_ variable is a setting")
+
+
+def python(settings: Settings) -> Finding:  # noqa: ARG001
+    """Whether this Python is one that the package is made for."""
+    from packaging.specifiers import SpecifierSet
+
+    wanted = importlib.metadata.metadata("equimesh")["Requires-Python"]
+    here = platform.python_version()
+    if not SpecifierSet(wanted).contains(here, prereleases=True):
+        return failed(f"Python {here}, and equimesh needs {wanted}", "install it with a Python that it is made for")
+    return ok(f"{here} (needs {wanted})")
+
+
+def packages(settings: Settings) -> Finding:
+    """Whether all packages that the settings need are there, in versions that go together."""
+    extras = ["service"]
+    if settings.database.startswith("postgres"):
+        extras.append("postgres")
+    if settings.files_url.startswith("s3:"):
+        extras.append("s3")
+    if settings.trace_endpoint:
+        extras.append("tracing")
+    wanted = {str(requirement): requirement for extra in extras for requirement in _wanted(extra)}
+    wrong = sorted(filter(None, map(_complaint, wanted.values())))
+    if wrong:
+        return failed("; ".join(wrong), f"pip install 'equimesh[{','.join(extras)}]'")
+    version = importlib.metadata.version("equimesh")
+    return ok(f"equimesh {version} with {', '.join(extras)}: {len(wanted)} packages as they should be")
+
+
+def kernels(settings: Settings) -> Finding:  # noqa: ARG001
+    """Whether the machine code of the loops can be kept."""
+    from numba.core.caching import FunctionCache
+
+    from equimesh.sweeps import kernels
+
+    kernel = next(value for value in vars(kernels).values() if hasattr(value, "py_func"))
+    try:
+        folder = FunctionCache(kernel.py_func).cache_path  # type: ignore[no-untyped-call]
+        os.makedirs(folder, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (RuntimeError, OSError):  # numba's own word for no folder at all, and the system's
+        return warning(
+            "there is no folder to keep compiled loops in: every start compiles them, for about 15 s",
+            "set NUMBA_CACHE_DIR to a folder that the service may write to",
+        )
+    return ok(f"compiled loops are kept in {folder}")
+
+
+def solve(settings: Settings) -> Finding:  # noqa: ARG001
+    """Whether the mesh of the paper comes out as it is printed."""
+    import equimesh as em
+    from equimesh_cli.compiling import compiling_told
+
+    u = em.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
+    grid = em.Grid(n_xi=12, n_eta=12)
+    problem = em.Problem(monitor=em.ArcLength(u=u, a=0.7, b=0.05), grid=grid, boundary=em.Boundary.EQUIDISTRIBUTED_1D)
+    began = time.perf_counter()
+    with compiling_told():
+        solution = em.solve(problem, initial=em.Initial.UNIFORM)
+    took = time.perf_counter() - began
+    found = f"{solution.quality.q_eq.max:.4f}"
+    if found != TABLE_1:
+        return failed(
+            f"the mesh of Table 1 has the quality {found}, and the paper {TABLE_1}",
+            "install the versions of constraints.txt, and empty the folder of compiled loops",
+        )
+    return ok(f"the mesh of Table 1 comes out, q_eq {found}, in {took:.2g} s")
+
+
+def _wanted(extra: str) -> Iterator[Requirement]:
+    """What an extra needs, the extras that it names included."""
+    from packaging.requirements import Requirement
+
+    for text in importlib.metadata.requires("equimesh") or []:
+        requirement = Requirement(text)
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": extra}):
+            continue
+        if requirement.name == "equimesh":
+            for further in sorted(requirement.extras):
+                yield from _wanted(further)
+        else:
+            requirement.marker = None
+            yield requirement
+
+
+def _complaint(requirement: Requirement) -> str | None:
+    try:
+        here = importlib.metadata.version(requirement.name)
+    except importlib.metadata.PackageNotFoundError:
+        return f"{requirement.name} is not installed"
+    if not requirement.specifier.contains(here, prereleases=True):
+        return f"{requirement.name} is {here}, and {requirement.specifier} is needed"
+    return None

@@ -1,0 +1,100 @@
+"""Checks of the machine: processors and memory, as far as the system or a container lets this process have them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from equimesh_cli.checks.findings import Finding, failed, ok, warning
+
+if TYPE_CHECKING:
+    from equimesh_service.settings import Settings
+
+MIB = 1024 * 1024
+CGROUPS, OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+# What the service itself takes, with its workers at rest; and the least that a worker does something useful with.
+SERVICE_MIB, LEAST_WORKER_MIB = 512, 128
+# Version 1 says "no limit" with a number near the largest there is.
+_NO_LIMIT = 1 << 60
+
+
+def processors(settings: Settings) -> Finding:
+    """Whether there is a processor for every worker, and for every thread of them."""
+    from equimesh.numerics.threads import available
+
+    here, allowed = available(), allowed_processors()
+    count = float(here) if allowed is None else min(float(here), allowed)
+    said = f"{settings.workers} workers with {settings.worker_threads} threads each, on {count:g} processors"
+    if settings.workers > max(1.0, count):
+        return warning(said, f"a solve keeps one processor busy: set EQUIMESH_WORKERS={max(1, int(count))}")
+    if settings.workers * settings.worker_threads > max(1.0, count):
+        return warning(said, "set EQUIMESH_THREADS=0, which shares the processors out, or fewer EQUIMESH_WORKERS")
+    return ok(said)
+
+
+def memory(settings: Settings) -> Finding:
+    """Whether all workers can have the memory that they may take."""
+    present = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    allowed = allowed_memory()
+    where = "machine" if allowed is None or allowed >= present else "container"
+    room = (present if allowed is None else min(present, allowed)) // MIB
+    most = settings.workers * settings.memory_limit + SERVICE_MIB
+    least = settings.workers * LEAST_WORKER_MIB + SERVICE_MIB
+    said = (
+        f"{settings.workers} workers may take {settings.memory_limit} MiB each and the service {SERVICE_MIB} MiB, "
+        f"{most} MiB in all; this {where} has {room} MiB"
+    )
+    if room < least:
+        return failed(said, f"give it {least} MiB at least, or fewer EQUIMESH_WORKERS")
+    if room < most:
+        fits = max(16, (room - SERVICE_MIB) // settings.workers)
+        return warning(
+            said, f"lower EQUIMESH_MEMORY_LIMIT, to {fits}, or EQUIMESH_WORKERS, or the system may kill them"
+        )
+    return ok(said)
+
+
+def allowed_memory() -> int | None:
+    """Bytes that the control groups of this process allow it; None without a limit."""
+    found = [
+        int(text)
+        for text in _limits("memory", "memory.max", "memory.limit_in_bytes")
+        if text.isdigit() and int(text) < _NO_LIMIT
+    ]
+    return min(found, default=None)
+
+
+def allowed_processors() -> float | None:
+    """Processors that the control groups of this process allow it; None without a limit."""
+    found = []
+    for text in _limits("cpu", "cpu.max", "cpu.cfs_quota_us"):
+        quota, _, period = text.partition(" ")
+        if quota.isdigit():
+            found.append(int(quota) / int(period or 100_000))
+    return min(found, default=None)
+
+
+def _limits(controller: str, file: str, file_v1: str) -> Iterator[str]:
+    """What a file says in the group of this process and in all above it, for both versions of control groups."""
+    try:
+        lines = OWN_GROUP.read_text().splitlines()
+    except OSError:
+        return  # not Linux
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":
+            root, name = CGROUPS, file
+        elif controller in controllers.split(","):
+            root, name = CGROUPS / controllers, file_v1
+            if not root.is_dir():
+                root = CGROUPS / controller
+        else:
+            continue
+        group = root / path.lstrip("/")
+        # Inside a container the path may be that of the host, and its groups be mounted at the root.
+        while group != root.parent:
+            if (group / name).is_file():
+                yield (group / name).read_text().strip()
+            group = group.parent

@@ -1,0 +1,125 @@
+"""Checks of how a service is reached: its port, who may use it, and one that runs."""
+
+from __future__ import annotations
+
+import errno
+import importlib.metadata
+import socket
+from typing import TYPE_CHECKING
+
+from equimesh_cli.checks.findings import Finding, failed, ok, warning
+
+if TYPE_CHECKING:
+    from equimesh_client import Client
+    from equimesh_service.settings import Settings
+
+PATIENCE = 10.0
+
+
+def port(settings: Settings) -> Finding:
+    """Whether the service can have its address, or already has it."""
+    place = f"{settings.host} port {settings.port}"
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((settings.host, settings.port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE and _is_ours(settings):
+                return ok(f"a service of equimesh answers at {place}")
+            remedy = "choose another with EQUIMESH_PORT; 0 takes a free one"
+            if error.errno == errno.EADDRINUSE:
+                return failed(f"{place} is in use by another program", remedy)
+            return failed(f"{place} cannot be had: {error.strerror or error}", "see EQUIMESH_HOST; " + remedy)
+    return ok(f"{place} is free" if settings.port else f"{settings.host} has free ports")
+
+
+def exposure(settings: Settings) -> Finding:
+    """Whether others can use the service without a key."""
+    from equimesh_cli.checks.storage import has_tables, inspected
+    from equimesh_service.upkeep.exposure import is_loopback
+
+    if is_loopback(settings.host):
+        return ok(f"only this machine reaches {settings.host}")
+    guarded = False
+    if has_tables(settings):
+        with inspected(settings) as inspection:
+            guarded = inspection.has_keys()
+    if guarded:
+        return ok(f"other machines reach {settings.host}, and need an API key")
+    remedy = "make a key: equimesh keys create --name admin --scope admin"
+    if settings.allow_anonymous:
+        return warning(f"whoever reaches {settings.host} may use the service, without a key", remedy)
+    return failed(f"other machines reach {settings.host}, and there is no key: the service will not start", remedy)
+
+
+def readiness(client: Client) -> Finding:
+    """Whether a running service says that it is ready."""
+    import httpx
+
+    try:
+        answer = httpx.get(f"{client.url}/readyz", timeout=PATIENCE)
+        checks = answer.json()["checks"]
+    except httpx.HTTPError as error:
+        return failed(f"{client.url} does not answer ({type(error).__name__})", "start the service, or correct --url")
+    except (ValueError, KeyError, TypeError):
+        return failed(f"{client.url} is no service of equimesh", "correct --url, or what the proxy in front does")
+    wrong = [f"{name}: {said}" for name, said in checks.items() if said != "ok"]
+    if wrong or answer.status_code != 200:
+        return failed("; ".join(wrong) or f"status {answer.status_code}", "its log says more")
+    return ok(f"{client.url} is ready: {', '.join(checks)}")
+
+
+def version(client: Client) -> Finding:
+    """Whether a running service is of the release that is installed here."""
+    here, there = importlib.metadata.version("equimesh"), str(client.capabilities()["version"])
+    if here != there:
+        return warning(f"the service is of release {there}, and this is {here}", "restart it after an upgrade")
+    return ok(f"release {there}, as here")
+
+
+def key(client: Client) -> Finding:
+    """Whether the key, or none, is enough to look at meshes."""
+    from equimesh_client.errors import Forbidden, Unauthorized
+
+    try:
+        next(iter(client.meshes.list()), None)
+    except (Unauthorized, Forbidden) as error:
+        said = str(error).splitlines()[0]
+        return failed(f"the service refuses the key: {said}", "set EQUIMESH_KEY to one of `equimesh keys create`")
+    return ok("the key is good" if _asks_for_keys(client) else "no key is needed")
+
+
+def round_trip(client: Client) -> Finding:
+    """Whether a running service makes a small mesh, and gives it away."""
+    from equimesh_client.errors import EquimeshClientError, Forbidden, Unauthorized
+
+    try:
+        mesh = client.generate(
+            "tanh(5*(x - y))", 9, label="equimesh doctor", reuse=False, deadline=60.0, progress=False
+        )
+        points = len(mesh.points)
+        mesh.delete()
+    except (Forbidden, Unauthorized) as error:
+        return warning(f"no mesh was asked for: {str(error).splitlines()[0]}", "give a key with the scope write")
+    except EquimeshClientError as error:
+        return failed(f"no mesh came back: {str(error).splitlines()[0]}", "the log of the service says more")
+    return ok(f"a mesh of {points} points came back, and is deleted again")
+
+
+def _asks_for_keys(client: Client) -> bool:
+    import httpx
+
+    return httpx.get(f"{client.url}/v1/meshes?limit=1", timeout=PATIENCE).status_code == 401
+
+
+def _is_ours(settings: Settings) -> bool:
+    import httpx
+
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(settings.host, settings.host)
+    shown = f"[{host}]" if ":" in host else host
+    try:
+        answer = httpx.get(f"http://{shown}:{settings.port}/readyz", timeout=PATIENCE, trust_env=False)
+        return "dispatcher" in answer.json()["checks"]
+    except (httpx.HTTPError, ValueError, KeyError, TypeError):
+        return False

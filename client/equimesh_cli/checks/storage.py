@@ -1,0 +1,180 @@
+"""Checks of where a service keeps its data: folder, database, clock, files. They leave nothing behind."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from equimesh_cli.checks.findings import Finding, failed, ok, warning
+
+if TYPE_CHECKING:
+    from equimesh_service.settings import Settings
+    from equimesh_service.store.inspection import InspectionStore
+
+MOUNTS = Path("/proc/self/mountinfo")
+# File systems whose locks and shared memory SQLite in WAL mode cannot rely on.
+NETWORK = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "afs", "ceph", "lustre", "gfs2", "beegfs", "vboxsf"}
+GIB = 1024**3
+LEAST_FREE, FREE = 0.1 * GIB, 1.0 * GIB
+
+
+def folder(settings: Settings) -> Finding:
+    """Whether the data folder can be written to, or made."""
+    from equimesh_service.store.database import sqlite_file
+
+    place = settings.data_dir.resolve()
+    try:
+        there = _writable(place)
+    except OSError as error:
+        said = f"the data folder {place} cannot be written to: {error.strerror}"
+        return failed(said, "give it to the user of the service, or choose another with EQUIMESH_DATA_DIR")
+    kind = file_system(there)
+    if kind.removeprefix("fuse.").startswith(tuple(NETWORK | {"sshfs", "s3fs", "glusterfs", "rclone"})):
+        said = f"the data folder {place} is on a network file system ({kind})"
+        if sqlite_file(settings.database) is not None:
+            return failed(said, "SQLite needs a local disk: choose one with EQUIMESH_DATA_DIR, or take PostgreSQL")
+        return ok(f"{said}, which is as good as that is; the database is elsewhere")
+    return ok(f"{place} can be written to ({kind})" if there == place else f"{place} can be made in {there} ({kind})")
+
+
+def disk(settings: Settings) -> Finding:
+    """Whether there is room in the data folder."""
+    there = _existing(settings.data_dir.resolve())
+    free = shutil.disk_usage(there).free
+    said = f"{free / GIB:.1f} GiB are free in {there}"
+    remedy = "make room, or lower EQUIMESH_RETENTION_DAYS; without it the service answers 507"
+    if free < LEAST_FREE:
+        return failed(said, remedy)
+    return warning(said, remedy) if free < FREE else ok(said)
+
+
+def database(settings: Settings) -> Finding:
+    """Whether the database answers, is sound, and of which revision it is."""
+    from equimesh_service.store.database import sqlite_file
+    from equimesh_service.store.migration import LATEST, current
+
+    file = sqlite_file(settings.database)
+    if file is not None and not file.exists():
+        return ok(f"the first start makes {file}")
+    kind = "PostgreSQL" if file is None else f"SQLite, {file}"
+    revision = current(settings.database)
+    if revision is None:
+        return ok(f"{kind}: it answers, and is empty; the first start makes its tables")
+    if revision != LATEST:
+        said = f"{kind}: it is of revision {revision}; the next start brings it up to {LATEST}"
+        return warning(said, "back it up before, see docs/upgrade.md")
+    with inspected(settings) as inspection:
+        fault = inspection.fault()
+    if fault is not None:
+        return failed(f"{kind}: the database is damaged ({fault})", "restore the last backup, see docs/back-up.md")
+    return ok(f"{kind}: revision {revision}, which is that of this release")
+
+
+def clock(settings: Settings) -> Finding | None:
+    """Whether this machine's clock agrees with the database; None where there is nothing to compare with."""
+    if not has_tables(settings):
+        return None
+    with inspected(settings) as inspection:
+        ahead = inspection.clock_ahead()
+    said = f"the database is {abs(ahead):.1f} s {'ahead of' if ahead > 0 else 'behind'} the clock of this machine"
+    if abs(ahead) > settings.lease:
+        return failed(said, "set the clocks (NTP): services on one database must agree to within EQUIMESH_LEASE")
+    if abs(ahead) > settings.lease / 4:
+        return warning(said, "set the clocks (NTP), before they differ by EQUIMESH_LEASE")
+    return ok(f"the clocks agree to {abs(ahead):.1f} s")
+
+
+def files(settings: Settings) -> Finding:
+    """Whether files can be written and read where they are kept."""
+    from equimesh_service.files.address import files_address
+    from equimesh_service.files.folder import FolderFiles
+
+    address = files_address(settings)
+    kept = address.open()
+    if isinstance(kept, FolderFiles):
+        try:
+            there = _writable(kept.folder)
+        except OSError as error:
+            said = f"the folder {kept.folder} cannot be written to: {error.strerror}"
+            return failed(said, "give it to the user of the service, or choose another with EQUIMESH_FILES_URL")
+        return ok(f"{kept.folder}" if there == kept.folder else f"{kept.folder} can be made")
+    with tempfile.TemporaryDirectory() as here:  # what it makes of its own accord is not left in the data folder
+        replace(address, folder=Path(here) / "files").open().prepare(alone=False)
+    return ok("the bucket takes an object, gives it back, and removes it")
+
+
+def stored(settings: Settings) -> Finding | None:
+    """Whether every file that the database names is there; None for a database without tables."""
+    from equimesh_service.files.address import files_address
+    from equimesh_service.files.folder import FolderFiles
+
+    if not has_tables(settings):
+        return None
+    with inspected(settings) as inspection:
+        named = inspection.named_files()
+    kept = files_address(settings).open()
+    none = isinstance(kept, FolderFiles) and not kept.folder.is_dir()
+    present = {} if none else {file.sha256: file.size for file in kept.listing()}
+    lost = sorted(name for name in named if name not in present)
+    damaged = sorted(name for name, size in named.items() if present.get(name, size) != size)
+    if lost or damaged:
+        said = f"of {len(named)} files that the database names {len(lost)} are missing and {len(damaged)} are damaged"
+        return failed(f"{said}, first {(lost or damaged)[0]}", "copy them from the last backup, see docs/back-up.md")
+    return ok(f"all {len(named)} files that the database names are there")
+
+
+def file_system(path: Path) -> str:
+    """The kind of file system that a path is on; "unknown" where the system does not say."""
+    try:
+        lines = MOUNTS.read_text().splitlines()
+    except OSError:
+        return "unknown"
+    best, kind = "", "unknown"
+    for line in lines:
+        mount, _, source = line.partition(" - ")
+        point = mount.split()[4].encode().decode("unicode_escape")  # blanks are written \040
+        if path.is_relative_to(point) and len(point) >= len(best):
+            best, kind = point, source.split()[0]
+    return kind
+
+
+def has_tables(settings: Settings) -> bool:
+    """Whether the database is there, with the tables of this release."""
+    from equimesh_service.store.database import sqlite_file
+    from equimesh_service.store.migration import LATEST, current
+
+    file = sqlite_file(settings.database)
+    return (file is None or file.exists()) and current(settings.database) == LATEST
+
+
+@contextmanager
+def inspected(settings: Settings) -> Iterator[InspectionStore]:
+    """The database, to be looked at."""
+    from equimesh_service.store.database import Database
+    from equimesh_service.store.inspection import InspectionStore
+
+    database = Database(settings.database, durable=False)
+    try:
+        yield InspectionStore(database, time.time)
+    finally:
+        database.close()
+
+
+def _existing(path: Path) -> Path:
+    """The path, or the nearest folder above it that is there."""
+    while not path.exists():
+        path = path.parent
+    return path
+
+
+def _writable(path: Path) -> Path:
+    """Where a file was written for a moment: the path, or the nearest folder above it. Raises OSError."""
+    there = _existing(path)
+    tempfile.TemporaryFile(dir=there).close()
+    return there

@@ -1,0 +1,93 @@
+"""`equimesh check`: what is wrong with an expression."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+from typing import Any
+
+from equimesh_cli.commands.generate import DEFAULT_URL, add_url
+from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.options.mesh import parameter
+from equimesh_cli.options.monitors import domain
+
+EXAMPLES = """\
+examples:
+  equimesh check '(1-exp(15*(x-1)))*sin(pi*y)'
+  equimesh check 'tanh(c*(x-y))' --parameter c=30
+  equimesh check 'sin(pi*x' --url http://127.0.0.1:8000
+
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "check",
+        help="check an expression",
+        description="Parse an expression and evaluate it on a domain. Works here when the solver is "
+        "installed and no --url is given, otherwise through a service.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("u", metavar="EXPR", help="u(x, y)")
+    parser.add_argument("--parameter", metavar="NAME=VALUE", action="append", default=[], type=parameter)
+    parser.add_argument("--t", type=float, help="value of the name t")
+    parser.add_argument(
+        "--domain", type=domain, help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 or @FILE (the unit square)"
+    )
+    add_url(parser, default=None)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check here or at a service, and say what was found."""
+    local = options.url is None and importlib.util.find_spec("scipy") is not None
+    found = _here(options) if local else _there(options)
+    print("ok")
+    for name in ("names", "u", "gradient", "constant"):
+        if name in found:
+            print(f"  {name}: {_words(found[name])}")
+    return Exit.DONE
+
+
+def _here(options: argparse.Namespace) -> dict[str, Any]:
+    import numpy as np
+
+    import equimesh as em
+    from equimesh_cli.options.problem import build_domain, pointed
+
+    where = build_domain(options.domain)
+    try:
+        expression = em.Expression(options.u, parameters=dict(options.parameter), t=options.t or 0.0)
+        expression.check_finite(domain=where)
+    except em.ExpressionError as error:
+        raise Refused(pointed(error, options.u)) from error
+    s, t = np.meshgrid(np.linspace(0, 1, 33), np.linspace(0, 1, 33), indexing="ij")
+    u, u_x, u_y = expression.evaluate(*where.map(s, t), order=1)
+    slope = np.hypot(u_x, u_y)
+    return {
+        "names": sorted(expression.names),
+        "u": {"min": float(u.min()), "max": float(u.max())},
+        "gradient": {"min": float(slope.min()), "max": float(slope.max())},
+        "constant": bool(u.min() == u.max() and not slope.any()),
+    }
+
+
+def _there(options: argparse.Namespace) -> dict[str, Any]:
+    from equimesh_client import Client
+
+    with Client(options.url or DEFAULT_URL, key=options.key, retries=2) as client:
+        return client.check(options.u, parameters=dict(options.parameter), t=options.t, domain=options.domain)
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, dict) and value.keys() == {"min", "max"}:
+        return f"{value['min']:.6g} to {value['max']:.6g}"
+    if isinstance(value, bool):
+        return "yes, the mesh will be uniform" if value else "no"
+    if isinstance(value, list) and all(isinstance(v, str) for v in value):
+        return ", ".join(value) or "none"
+    return json.dumps(value)

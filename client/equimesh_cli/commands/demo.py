@@ -1,0 +1,131 @@
+"""`equimesh demo`: the whole way, from a service that is started for it to mesh files."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from equimesh_cli.commands.serve import cannot_serve
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+
+if TYPE_CHECKING:
+    from equimesh_client import Client, Mesh
+
+FORMATS = ("vtu", "vtk", "xdmf", "msh")
+PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
+EXAMPLES = """\
+examples:
+  equimesh demo
+  equimesh demo --output meshes
+
+needs the service: pip install 'equimesh[service]'
+
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "demo",
+        help="see it work",
+        description="Start a service, ask it for two meshes, print their quality and write their files.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--output",
+        metavar="DIR",
+        type=Path,
+        default=Path("demo-output"),
+        help="folder for files (demo-output)",
+    )
+    parser.add_argument("--port", type=int, default=0, help="port of the service (a free one)")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve, ask, report, write."""
+    try:
+        import equimesh_service
+        from equimesh_service.settings import Settings
+    except ImportError as error:
+        raise NotInstalled("service", error) from error
+    from equimesh_client import Client
+
+    output: Path = options.output
+    with tempfile.TemporaryDirectory(prefix="equimesh-demo-", ignore_cleanup_errors=True) as folder:
+        chosen = {
+            "host": "127.0.0.1",
+            "port": options.port,
+            "data_dir": Path(folder),
+            "workers": 1,
+            "log_level": "warning",
+        }
+        settings = Settings(**chosen)
+        print("Starting a service ...", flush=True)
+        with ExitStack() as stack:
+            try:
+                url = stack.enter_context(equimesh_service.running(settings))
+            except OSError as error:
+                raise Refused(cannot_serve(settings, error), Exit.UNREACHABLE) from error
+            except RuntimeError as error:
+                raise Refused(f"the service cannot be started: {error}", Exit.UNREACHABLE) from error
+            output.mkdir(parents=True, exist_ok=True)
+            client = stack.enter_context(Client(url, key=""))
+            print(f"It answers at {url}.", flush=True)
+            written = [*paper(client, output), *ring(client, output)]
+    print(f"\nFiles in {output}:")
+    for path in written:
+        print(f"  {path.name:<28}{path.stat().st_size:>9} bytes")
+    print("\nOpen a .vtu file in ParaView. Most solvers read the .msh; FEniCSx the .xdmf with the files beside it.")
+    return Exit.DONE
+
+
+def paper(client: Client, output: Path) -> list[Path]:
+    """The paper's mesh on two subdomains, and the convergence of the Schwarz iteration."""
+    from equimesh_client import LinearRobin, Schwarz
+
+    heading("1. The paper's mesh: 12 x 12 points, two subdomains that share 2 columns")
+    print(f"u(x, y) = {PAPER}", flush=True)
+    asked: dict[str, Any] = {"a": 0.7, "b": 0.05, "boundary": "equidistributed_1d"}
+    paper = Schwarz(overlap=2, transmission=LinearRobin(2.3), ordering="alternating", compare_single_domain=True)
+    mesh = client.generate(PAPER, 12, **asked, initial="uniform", schwarz=paper, label="demo: the paper")
+    print(f"\nSchwarz iteration, error against the mesh of a single domain:\n\n{mesh.convergence}")
+    default = Schwarz(subdomains=(3, 2), overlap=2, compare_single_domain=True)
+    same = client.generate(PAPER, 12, **asked, schwarz=default, label="demo: the paper's, by default settings")
+    print(f"\nThe same mesh by the default settings, on 3 x 2 subdomains:\n\n{same.convergence}")
+    print(f"\nQuality:\n\n{mesh.quality}")
+    return write(mesh, output, "paper", plots=("mesh", "convergence"))
+
+
+def ring(client: Client, output: Path) -> list[Path]:
+    """A mesh from samples: nothing but numbers on a grid is sent."""
+    heading("2. A mesh from samples: a ring, known at 65 x 65 points")
+    axis = np.linspace(0.0, 1.0, 65)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    values = np.tanh(20.0 * ((x - 0.5) ** 2 + (y - 0.5) ** 2 - 0.09))
+    print("u = tanh(20*((x-1/2)^2 + (y-1/2)^2 - 0.09))", flush=True)
+    mesh = client.generate(values, 65, label="demo: samples")
+    print(f"\nQuality:\n\n{mesh.quality}")
+    return write(mesh, output, "ring", plots=("mesh",))
+
+
+def write(mesh: Mesh, output: Path, name: str, *, plots: tuple[str, ...]) -> list[Path]:
+    """Download the mesh in every format of the demonstration, and its pictures."""
+    files = [mesh.download(output / f"{name}.{suffix}") for suffix in FORMATS]
+    for kind in plots:
+        path = output / (f"{name}.png" if kind == "mesh" else f"{name}-{kind}.png")
+        mesh.plot(path, kind)
+        files.append(path)
+    return files
+
+
+def heading(text: str) -> None:
+    """Print a heading."""
+    print(f"\n{text}\n{'=' * len(text)}", flush=True)

@@ -1,0 +1,154 @@
+"""`equimesh doctor`: whether an installation works, and what to do where it does not."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from equimesh_cli.checks import installation, machine, reach, storage
+from equimesh_cli.checks.findings import Finding, Level, failed
+from equimesh_cli.commands.generate import add_url
+from equimesh_cli.commands.serve import add_settings, chosen, given
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.parser import Parser
+
+if TYPE_CHECKING:
+    from equimesh_client import Client
+    from equimesh_service.settings import Settings
+
+EXAMPLES = """\
+examples:
+  equimesh doctor
+  equimesh doctor --data-dir /var/lib/equimesh --stored
+  equimesh doctor --url https://meshes.example.org
+
+It takes the options of `equimesh serve`, and looks at what a service with them would find. It makes no folder and
+changes no data. With --url (or EQUIMESH_URL) it looks at the service there instead, and at nothing here. The exit code
+is 1 when a check failed; warnings do not count.
+
+needs the service, but for --url: pip install 'equimesh[service]'
+
+"""
+HERE: dict[str, Callable[[Settings], Finding | None]] = {
+    "python": installation.python,
+    "packages": installation.packages,
+    "settings": installation.variables,
+    "kernels": installation.kernels,
+    "solve": installation.solve,
+    "processors": machine.processors,
+    "memory": machine.memory,
+    "folder": storage.folder,
+    "disk": storage.disk,
+    "database": storage.database,
+    "clock": storage.clock,
+    "files": storage.files,
+    "port": reach.port,
+    "exposure": reach.exposure,
+}
+# Of a service that runs.
+THERE: dict[str, Callable[[Client], Finding]] = {
+    "ready": reach.readiness,
+    "version": reach.version,
+    "key": reach.key,
+    "round trip": reach.round_trip,
+}
+
+
+def add_parser(commands: Any, *, full: bool) -> None:
+    """Add the command; with ``full`` the settings of the service, too."""
+    parser: Parser = commands.add_parser(
+        "doctor",
+        help="check an installation",
+        description="Check what a service needs on this machine, or with --url one that runs; say what to do.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_url(parser, default=None)
+    parser.add_argument("--stored", action="store_true", help="also see that every file the database names is there")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+    if full:
+        add_settings(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check, and say what was found, a line at a time."""
+    found: list[tuple[str, Finding]] = []
+    for name, finding in _there(options) if options.url else _here(options):
+        found.append((name, finding))
+        if not options.json:
+            print(_shown(name, finding), flush=True)
+    levels = Counter(finding.level for _, finding in found)
+    if options.json:
+        checks = [{"check": name, **asdict(finding)} for name, finding in found]
+        print(json.dumps({"status": max(levels, key=list(Level).index), "checks": checks}, indent=2))
+    else:
+        print(f"\n{len(found)} checks: {levels[Level.FAILED]} failed, {levels[Level.WARNING]} with a warning")
+    return Exit.FAILED if levels[Level.FAILED] else Exit.DONE
+
+
+def _here(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
+    """What each check of this machine finds, by its name; a check that does not apply is left out."""
+    try:
+        import equimesh_service.settings  # noqa: F401
+    except ImportError as error:
+        raise NotInstalled("service", error) from error
+    settings = chosen(given(options))
+    checks = {**HERE, **({"stored": storage.stored} if options.stored else {})}
+    for name, check in checks.items():
+        finding = _tried(check, settings)
+        if finding is not None:
+            yield name, finding
+
+
+def _there(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
+    """What each check of a running service finds; the others need the first."""
+    from equimesh_client import Client, EquimeshClientError
+
+    if options.stored or given(options):
+        raise Refused(
+            "--stored and the options of `equimesh serve` are about this machine, and --url (or EQUIMESH_URL) about "
+            "another: leave out one of them; --url '' is none"
+        )
+    with Client(options.url, key=options.key, retries=1, timeout=reach.PATIENCE) as client:
+        for name, ask in THERE.items():
+            try:
+                finding = ask(client)
+            except EquimeshClientError as error:
+                finding = failed(str(error).splitlines()[0])
+            yield name, finding
+            if name == "ready" and finding.level is Level.FAILED:
+                return
+
+
+def _tried(check: Callable[[Settings], Finding | None], settings: Settings) -> Finding | None:
+    """What a check finds; an error of what it looks at is a finding, too."""
+    from sqlalchemy.exc import SQLAlchemyError
+
+    from equimesh_service.files.port import FilesError
+    from equimesh_service.store.database import UnusableDatabaseError
+
+    try:
+        return check(settings)
+    except UnusableDatabaseError as error:
+        return failed(str(error).splitlines()[0])
+    except FilesError as error:
+        return failed(error.strerror or str(error), "see EQUIMESH_FILES_URL and the settings of S3")
+    except ImportError as error:
+        return failed(f"{error.name} is not installed", "see the check of the packages")
+    except SQLAlchemyError as error:
+        # The text of the error may name the address with its password.
+        cause = type(getattr(error, "orig", None) or error).__name__
+        return failed(f"the database does not answer ({cause})", "see that EQUIMESH_DATABASE_URL is right and it runs")
+    except OSError as error:
+        return failed(f"{error.filename or ''} {error.strerror or error}".strip(), "see that it can be reached")
+
+
+def _shown(name: str, finding: Finding) -> str:
+    remedy = f"\n{'':<22}-> {finding.remedy}" if finding.remedy else ""
+    return f"{finding.level:<9}{name:<13}{finding.said}{remedy}"

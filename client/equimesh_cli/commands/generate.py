@@ -1,0 +1,143 @@
+"""`equimesh generate`: a mesh from a service."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from typing import TYPE_CHECKING, Any
+
+from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.options.mesh import add_mesh_options, check_options, schwarz_of
+from equimesh_cli.options.monitors import monitor_of
+
+if TYPE_CHECKING:
+    from equimesh_client import Client, Mesh
+
+SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
+DEFAULT_URL = "http://127.0.0.1:8000"
+EXAMPLES = """\
+examples:
+  equimesh generate '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
+  equimesh generate 'tanh(c*(x-y))' --parameter c=30 -n 65 --plot mesh.png
+  equimesh generate --samples u.npz -n 129 --subdomains 2x2 --overlap 6 -o mesh.msh
+  equimesh generate 'tanh(20*(x-y))' -n 65 --monitor curvature --domain annulus:1,2,0,90 -o mesh.vtu
+  equimesh generate x*y -n 33 --url http://meshes.example:8000 --json
+
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "generate",
+        help="ask a service for a mesh",
+        description="Ask a service for the mesh that is adapted to u, wait for it, and write it to a file.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_mesh_options(parser)
+    service = parser.add_argument_group("service")
+    add_url(service, default=DEFAULT_URL)
+    service.add_argument("--deadline", metavar="SECONDS", type=float, default=600.0, help="(600)")
+    service.add_argument("--label", help="free text, for the service's list of meshes")
+    service.add_argument(
+        "--no-reuse", action="store_true", help="compute it, even if the service has the mesh of the same request"
+    )
+    parser.set_defaults(run=run)
+
+
+def add_url(parser: Any, *, default: str | None) -> None:
+    """Add --url and --key, which EQUIMESH_URL and EQUIMESH_KEY also set."""
+    said = f" ({default})" if default else ""
+    parser.add_argument(
+        "--url",
+        default=os.environ.get("EQUIMESH_URL") or default,
+        help=f"address of the service; also EQUIMESH_URL{said}",
+    )
+    parser.add_argument(
+        "--key", help="API key; better in EQUIMESH_KEY, since other users of this machine can read options"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Ask, wait, download, report."""
+    check_options(options, SUFFIXES)
+    from equimesh_client import Client, DeadlineExceeded, MeshFailed
+
+    quiet = options.quiet or None
+    with Client(options.url, key=options.key) as client:
+        try:
+            mesh = _generated(client, options, progress=False if quiet else None)
+        except MeshFailed as error:
+            _failed(client, options, error.mesh.record)
+            raise
+        except DeadlineExceeded as error:
+            advice = "The mesh was canceled; give it more time with --deadline, or ask for fewer points."
+            raise Refused(f"{error}\n{advice}", Exit.DEADLINE) from error
+        files = _write(mesh, options)
+        if options.json:
+            parts = {"quality": mesh.quality.record, "convergence": mesh.convergence.record}
+            print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
+        elif not options.quiet:
+            print(f"mesh {mesh.id} of {client.url}")
+            if mesh.reused_from is not None:
+                print(f"made before, as mesh {mesh.reused_from}; --no-reuse computes it anew")
+            print(f"{options.n_xi} x {_n_eta(options)} points: {mesh.record['convergence']['message']}")
+            if mesh.certificate is not None:
+                print(mesh.certificate)
+            print(mesh.quality)
+            if options.subdomains is not None:
+                print(f"\n{mesh.convergence}")
+            for file in files:
+                print(f"wrote {file}")
+    return Exit.DONE
+
+
+def _n_eta(options: argparse.Namespace) -> int:
+    return int(options.n_xi if options.n_eta is None else options.n_eta)
+
+
+def _failed(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
+    """Write and tell what there is of a mesh that failed."""
+    files = []
+    if options.partial and record.get("partial"):
+        files = _write(client.meshes.get(str(record["id"])), options, partial=True)
+    if options.json:
+        print(json.dumps({"mesh": record, "files": files}, indent=2))
+    elif not options.quiet:
+        for file in files:
+            print(f"wrote {file}, a partial mesh")
+
+
+def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) -> list[str]:
+    """Write the asked files and return their names."""
+    files = []
+    if options.output is not None:
+        files.append(str(mesh.download(options.output, partial=partial, deadline=options.deadline)))
+    if options.plot is not None:
+        mesh.plot(options.plot, options.plot_kind, deadline=options.deadline)
+        files.append(str(options.plot))
+    return files
+
+
+def _generated(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
+    return client.generate(
+        options.u if options.samples is None else options.samples,
+        (options.n_xi, _n_eta(options)),
+        monitor=monitor_of(options),
+        domain=options.domain,
+        schwarz=schwarz_of(options),
+        boundary=options.boundary,
+        initial=options.initial,
+        mode=options.mode,
+        allow_relaxed=not options.no_relax,
+        cells=options.cells,
+        label=options.label,
+        parameters=dict(options.parameter),
+        t=options.t,
+        reuse=not options.no_reuse,
+        deadline=options.deadline,
+        progress=progress,
+    )

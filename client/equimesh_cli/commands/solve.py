@@ -1,0 +1,178 @@
+"""`equimesh solve`: a mesh without a service."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.options.mesh import add_mesh_options, check_options
+
+if TYPE_CHECKING:
+    import equimesh
+    from equimesh import Event, Solution
+
+SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
+# Read by the linear algebra when it is loaded. Its systems here are many and small: more threads make it slower.
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# What a solve and its quality measures take; measured at 1025 x 1025 points.
+BYTES_PER_POINT = 600
+EXAMPLES = """\
+examples:
+  equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
+  equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 12 --boundary equidistributed_1d --initial uniform \\
+      --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --ordering alternating --compare \\
+      --plot convergence.png --plot-kind convergence
+  equimesh solve 'tanh(20*(x-y))' -n 129 --subdomains 8x1 --tolerance discretization -o mesh.vtu
+  equimesh solve -n 33 -- '-x*y'
+  equimesh solve --samples u.csv -n 129 -o mesh.msh --cells triangle
+  equimesh solve 'tanh(20*(x-y))' -n 65 --monitor curvature --norm h1 --domain annulus:1,2,0,90
+  equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
+
+needs the solver: pip install 'equimesh[solver]', and [plot] for --plot
+
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "solve",
+        help="make a mesh here, without a service",
+        description="Make the mesh that is adapted to u in this process, and write it to a file.",
+        epilog=EXAMPLES + EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_mesh_options(parser)
+    parser.add_argument("--threads", metavar="N", type=int, help="threads that share large grids (one for every core)")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Solve, write, report."""
+    check_options(options, SUFFIXES)
+    for name in THREAD_COUNTS:
+        os.environ.setdefault(name, "1")
+    try:
+        import scipy  # noqa: F401  # what the extra brings
+
+        import equimesh as em
+    except ImportError as error:
+        raise NotInstalled("solver", error) from error
+    from equimesh_cli.compiling import compiling_told
+    from equimesh_cli.options.problem import build_problem, build_schwarz
+    from equimesh_client import Certificate, Convergence, Quality
+
+    grid = em.Grid(n_xi=options.n_xi, n_eta=options.n_xi if options.n_eta is None else options.n_eta)
+    _check_memory(grid)
+    try:
+        with compiling_told(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
+            solution = em.solve(
+                build_problem(options, grid),
+                build_schwarz(options),
+                initial=em.Initial(options.initial),
+                mode=em.Mode(options.mode),
+                allow_relaxed=not options.no_relax,
+                threads=options.threads,
+                observe=observer,
+            )
+            quality = solution.quality.summary()
+    except em.SolveError as error:
+        _failed(options, error.solution)
+        raise
+    files = _write(options, solution)
+    certificate, convergence = solution.certificate.summary(), solution.convergence()
+    if options.json:
+        parts = {"certificate": certificate, "quality": quality, "convergence": convergence}
+        print(json.dumps({**_said(solution), **parts, "files": files}, indent=2))
+    elif not options.quiet:
+        print(f"{grid} points: {solution.message}")
+        print(Certificate.from_json(certificate))
+        print(Quality.from_json(quality))
+        if options.subdomains is not None:
+            print(f"\n{Convergence.from_json(convergence)}")
+        for file in files:
+            print(f"wrote {file}")
+    return Exit.DONE
+
+
+def _failed(options: argparse.Namespace, solution: Solution) -> None:
+    """Write and tell what there is of a mesh that failed."""
+    files = _write(options, solution) if options.partial and not solution.mesh.is_folded else []
+    if options.json:
+        parts = {"certificate": solution.certificate.summary(), "convergence": solution.convergence()}
+        print(json.dumps({**_said(solution), **parts, "files": files}, indent=2))
+    elif not options.quiet:
+        if options.subdomains is not None:
+            from equimesh_client import Convergence
+
+            print(f"{Convergence.from_json(solution.convergence())}\n")
+        for file in files:
+            print(f"wrote {file}, a partial mesh")
+
+
+def _said(solution: Solution) -> dict[str, str]:
+    return {"status": solution.status.value, "message": solution.message}
+
+
+def _check_memory(grid: equimesh.Grid) -> None:
+    """Refuse a mesh that this machine cannot hold, before an hour of work comes to that."""
+    needed, present = BYTES_PER_POINT * grid.points, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if needed > present:
+        raise Refused(
+            f"{grid} points need about {needed / 1e9:.0f} GB of memory, and this machine has {present / 1e9:.0f} GB: "
+            "take fewer points"
+        )
+
+
+def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
+    """Write the asked files and return their names."""
+    files = []
+    if options.output is not None:
+        from equimesh.io.write import write_mesh
+
+        write_mesh(options.output, solution.data(), cells=options.cells)
+        files.append(str(options.output))
+    if options.plot is not None:
+        try:
+            from equimesh.plot import meshes
+        except ImportError as error:
+            raise Refused("--plot needs matplotlib: pip install 'equimesh[plot]'") from error
+        match options.plot_kind:
+            case "convergence":
+                meshes.draw_convergence(solution.convergence(), options.plot)
+            case "quality":
+                meshes.draw_quality(solution.data(), options.plot)
+            case _:
+                meshes.draw_mesh(solution.data(), options.plot, decomposition=solution.decomposition)
+        files.append(str(options.plot))
+    return files
+
+
+class Observer:
+    """Shows every step of a solve in one line, on a terminal only; a context manager."""
+
+    def __init__(self, *, shown: bool) -> None:
+        from tqdm import tqdm
+
+        self._line = tqdm(bar_format="{desc} {elapsed}", disable=None if shown else True, leave=False)
+
+    def __call__(self, event: Event) -> None:
+        step = getattr(event, "step", None)
+        if step is None:
+            said = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"  # type: ignore[union-attr]
+        else:
+            said = f"step {step} on {event.grid}, residual {event.residual:.1e}"  # type: ignore[union-attr]
+        self._line.set_description_str(said)
+
+    def __enter__(self) -> Observer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._line.close()

@@ -1,0 +1,221 @@
+"""Options that describe a mesh: the same for `generate` and `solve`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from equimesh_cli.exits import Refused
+from equimesh_cli.options.monitors import add_monitor_options, check_monitor, domain
+
+if TYPE_CHECKING:
+    from equimesh_client import Schwarz
+
+SCHWARZ = (
+    "overlap",
+    "transmission",
+    "interface_data",
+    "p",
+    "ordering",
+    "line_correction",
+    "acceleration",
+    "local_solver",
+    "no_fallback",
+    "tolerance",
+    "max_iterations",
+    "compare",
+)
+PLOT_SUFFIXES = (".png", ".svg")
+PLOT_KINDS = ("mesh", "quality", "convergence")
+
+
+def add_mesh_options(parser: argparse.ArgumentParser) -> None:
+    """Add u, grid, monitor, boundary and Schwarz options, and where results go."""
+    parser.add_argument(
+        "u", metavar="U", nargs="?", help="u(x, y), e.g. 'tanh(20*(x-y))'; after -- if it begins with -"
+    )
+    parser.add_argument(
+        "--samples",
+        metavar="FILE",
+        type=Path,
+        help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf",
+    )
+    parser.add_argument(
+        "--parameter",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        type=parameter,
+        help="value of a further name in U; may be repeated",
+    )
+    parser.add_argument("--t", type=float, help="value of the name t in U")
+    add_monitor_options(parser)
+    mesh = parser.add_argument_group("mesh")
+    mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, default=64, help="points a side, along xi (64)")
+    mesh.add_argument("--n-eta", type=int, help="points along eta (as along xi)")
+    mesh.add_argument(
+        "--domain",
+        metavar="DOMAIN",
+        type=domain,
+        help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 (degrees), or @FILE with any domain as JSON "
+        "(the unit square)",
+    )
+    mesh.add_argument(
+        "--boundary",
+        choices=("trace", "equidistributed_1d", "orthogonal"),
+        default="trace",
+        help="how points move along the sides (trace)",
+    )
+    mesh.add_argument("--initial", choices=("nested", "uniform"), default="nested", help="first mesh (nested)")
+    mesh.add_argument(
+        "--mode",
+        choices=("discretization", "tight"),
+        default="discretization",
+        help="solve to the error of the grid, or to rounding (discretization)",
+    )
+    mesh.add_argument("--no-relax", action="store_true", help="fail rather than adapt less than asked")
+    mesh.add_argument(
+        "--partial", action="store_true", help="write the mesh of a failed solve, too, if it is not folded"
+    )
+    mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
+    _add_schwarz_options(parser)
+    results = parser.add_argument_group("results")
+    results.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="the mesh: .vtu .vtk .xdmf .msh .mesh .su2 .npz"
+    )
+    results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
+    results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
+    results.add_argument("--json", action="store_true", help="print one JSON object instead of tables")
+    results.add_argument("--quiet", action="store_true", help="no progress bar, no tables")
+
+
+def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
+    schwarz = parser.add_argument_group("Schwarz iteration", "without --subdomains there is a single domain")
+    schwarz.add_argument("--subdomains", metavar="AxB", type=_subdomains, help="along xi and eta, e.g. 2x1")
+    schwarz.add_argument("--overlap", type=int, help="points that neighbours share, at least 2 (4)")
+    schwarz.add_argument(
+        "--transmission",
+        choices=("optimized", "classical", "linear_robin", "nonlinear_robin"),
+        help="condition at the interfaces (optimized)",
+    )
+    schwarz.add_argument(
+        "--interface-data",
+        choices=("line_sums", "local"),
+        help="optimized: what an interface knows of the lines beyond it (line_sums)",
+    )
+    schwarz.add_argument(
+        "--p", type=_number_or("auto"), help="parameter of a Robin condition, a positive number or auto (auto)"
+    )
+    schwarz.add_argument(
+        "--ordering",
+        choices=("parallel", "alternating", "symmetric", "coloured"),
+        help="which subdomains are solved at the same time (parallel)",
+    )
+    schwarz.add_argument(
+        "--line-correction",
+        metavar="N",
+        type=_whole_or_auto,
+        help="corrections of all grid lines after every iteration, 0 to 10, or auto (auto: 3 for optimized, else 0)",
+    )
+    schwarz.add_argument(
+        "--acceleration",
+        choices=("auto", "none", "anderson", "newton"),
+        help="what is made of several iterations (auto: anderson for optimized, else none)",
+    )
+    schwarz.add_argument("--local-solver", choices=("sweeps", "newton"), help="how a subdomain is solved (sweeps)")
+    schwarz.add_argument(
+        "--no-fallback", action="store_true", default=None, help="never change to optimized where another stalls"
+    )
+    schwarz.add_argument(
+        "--tolerance",
+        type=_number_or("discretization", "none"),
+        help="end of the iteration: an estimated error, discretization for a part of that of the grid, or none to run "
+        "--max-iterations (1e-10)",
+    )
+    schwarz.add_argument("--max-iterations", type=int, help="most iterations (100)")
+    schwarz.add_argument(
+        "--compare", action="store_true", default=None, help="record the error against the single domain"
+    )
+
+
+def check_options(options: argparse.Namespace, suffixes: tuple[str, ...]) -> None:
+    """Raises :class:`Refused` for options that do not go together, before any work is done."""
+    check_monitor(options)
+    given = [name for name in SCHWARZ if getattr(options, name) is not None]
+    if given and options.subdomains is None:
+        flags = ", ".join("--" + name.replace("_", "-") for name in given)
+        raise Refused(f"{flags} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
+    for path, allowed in ((options.output, suffixes), (options.plot, PLOT_SUFFIXES)):
+        if path is None:
+            continue
+        if not str(path).lower().endswith(allowed):
+            raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}")
+        if not path.parent.is_dir():
+            raise Refused(f"{path.parent}: there is no such folder")
+
+
+def schwarz_of(options: argparse.Namespace) -> Schwarz | None:
+    """The Schwarz settings of the client, None for a single domain."""
+    from equimesh_client.spec.schwarz import Schwarz, transmission
+
+    if options.subdomains is None:
+        return None
+    defaults = Schwarz()
+    tolerance = defaults.tolerance if options.tolerance is None else options.tolerance
+    return Schwarz(
+        subdomains=options.subdomains,
+        overlap=_given(options.overlap, defaults.overlap),
+        transmission=transmission(options.transmission or "optimized", options.p, options.interface_data),
+        ordering=options.ordering or defaults.ordering,
+        line_correction=defaults.line_correction if options.line_correction is None else options.line_correction,
+        acceleration=options.acceleration or defaults.acceleration,
+        local_solver=options.local_solver or defaults.local_solver,
+        fallback=not options.no_fallback,
+        tolerance=None if tolerance == "none" else tolerance,
+        max_iterations=_given(options.max_iterations, defaults.max_iterations),
+        compare_single_domain=bool(options.compare),
+    )
+
+
+def _given(value: int | None, default: int) -> int:
+    return default if value is None else value
+
+
+def _subdomains(text: str) -> tuple[int, int]:
+    try:
+        along_xi, along_eta = text.lower().replace("×", "x").split("x")
+        return int(along_xi), int(along_eta)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not like 2x1") from None
+
+
+def parameter(text: str) -> tuple[str, float]:
+    """A pair of name and value, of ``c=2.5``."""
+    name, equals, value = text.partition("=")
+    try:
+        if name and equals:
+            return name.strip(), float(value)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text!r} is not like c=2.5")
+
+
+def _number_or(*words: str) -> Callable[[str], float | str]:
+    def read(text: str) -> float | str:
+        if text.lower() in words:
+            return text.lower()
+        try:
+            return float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor {' nor '.join(words)}") from None
+
+    return read
+
+
+def _whole_or_auto(text: str) -> int | Literal["auto"]:
+    try:
+        return "auto" if text.lower() == "auto" else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None

@@ -1,0 +1,120 @@
+"""Options that say what a mesh adapts to and where: monitors and domains."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from equimesh_cli.exits import Refused
+
+if TYPE_CHECKING:
+    from equimesh_client.spec.domains import Domain
+    from equimesh_client.spec.monitors import Monitor
+
+NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
+ALLOWED = {
+    "arc-length": ("a", "b", "smoothing"),
+    "curvature": ("norm", "isotropic", "smoothing"),
+    "weight": ("rho", "smoothing"),
+    "tensor": ("m11", "m12", "m22", "smoothing"),
+}
+SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
+
+
+def add_monitor_options(parser: argparse.ArgumentParser) -> None:
+    """Add the monitor and its settings."""
+    group = parser.add_argument_group(
+        "monitor", "R, M11, M12 and M22 are expressions, with the values of --parameter and --t, or files of samples"
+    )
+    group.add_argument("--monitor", choices=tuple(ALLOWED), default="arc-length", help="(arc-length)")
+    group.add_argument("-a", type=float, help="arc-length: strength of the adaptation, 0 to 1 (0.7)")
+    group.add_argument("-b", type=float, help="arc-length: damping where u is steep, not negative (0.05)")
+    group.add_argument("--norm", choices=("l2", "h1"), help="curvature: the error to be made small (l2)")
+    group.add_argument(
+        "--isotropic", action="store_true", default=None, help="curvature: small cells, without a preferred direction"
+    )
+    group.add_argument("--rho", metavar="R", help="weight: the function, positive; U is not needed")
+    for name in ("m11", "m12", "m22"):
+        group.add_argument(f"--{name}", metavar=name.upper(), help="tensor: an entry; U is not needed")
+    group.add_argument(
+        "--smoothing",
+        metavar="RADIUS",
+        type=float,
+        help="average the metric over this part of the domain, at most 0.25 (0)",
+    )
+
+
+def check_monitor(options: argparse.Namespace) -> None:
+    """Raises :class:`Refused` for options that do not go together."""
+    kind, needed = options.monitor, NEEDED.get(options.monitor, ())
+    if options.u is not None and options.samples is not None:
+        raise Refused("give either an expression U or --samples FILE")
+    if options.u is None and options.samples is None and not needed:
+        raise Refused("give either an expression U or --samples FILE")
+    every = {name for names in ALLOWED.values() for name in names}
+    foreign = [name for name in sorted(every) if getattr(options, name) is not None and name not in ALLOWED[kind]]
+    if foreign:
+        owner = next(other for other, names in ALLOWED.items() if foreign[0] in names)
+        raise Refused(f"{_flag(foreign[0])} is for --monitor {owner}, and this is --monitor {kind}")
+    missing = [_flag(name) for name in needed if getattr(options, name) is None]
+    if missing:
+        raise Refused(f"--monitor {kind} needs {', '.join(missing)}")
+    texts = [options.u, *(getattr(options, name) for name in needed)]
+    formulas = [text for text in texts if text is not None and not isinstance(function(text), Path)]
+    if not formulas and (options.parameter or options.t is not None):
+        raise Refused("--parameter and --t belong to an expression, not to --samples")
+
+
+def function(text: str) -> str | Path:
+    """A function given on the command line: an expression, or a file of samples by its name."""
+    return Path(text) if text.lower().endswith(SUFFIXES) else text
+
+
+def monitor_of(options: argparse.Namespace) -> Monitor:
+    """The monitor as the client has it; without its u."""
+    from equimesh_client import ArcLength, Curvature, Tensor, Weight
+
+    smoothing = options.smoothing or 0.0
+    match options.monitor:
+        case "curvature":
+            return Curvature(norm=options.norm or "l2", isotropic=bool(options.isotropic), smoothing=smoothing)
+        case "weight":
+            return Weight(function(options.rho), smoothing=smoothing)
+        case "tensor":
+            m11, m12, m22 = (function(getattr(options, name)) for name in NEEDED["tensor"])
+            return Tensor(m11, m12, m22, smoothing=smoothing)
+        case _:
+            plain = ArcLength()
+            a, b = (plain.a if options.a is None else options.a), (plain.b if options.b is None else options.b)
+            return ArcLength(a=a, b=b, smoothing=smoothing)
+
+
+def domain(text: str) -> Domain:
+    """The domain that ``text`` names: ``rectangle:0,2,0,1``, ``annulus:1,2,0,90`` or ``@file.json``."""
+    from equimesh_client import AnnulusSector, BadArgument, Rectangle
+    from equimesh_client.spec.domains import read_domain
+
+    if text.startswith("@"):
+        try:
+            return read_domain(json.loads(Path(text[1:]).read_bytes()))
+        except OSError as error:
+            raise argparse.ArgumentTypeError(f"{text[1:]}: {error.strerror or error}") from None
+        except (ValueError, BadArgument) as error:
+            raise argparse.ArgumentTypeError(f"{text[1:]} holds no domain: {error}") from None
+    kind, _, rest = text.partition(":")
+    try:
+        first, second, third, fourth = (float(part) for part in rest.split(","))
+    except ValueError:
+        first = second = third = fourth = float("nan")
+        kind = ""
+    if kind == "rectangle":
+        return Rectangle(x=(first, second), y=(third, fourth))
+    if kind == "annulus":
+        return AnnulusSector(radii=(first, second), angles=(third, fourth))
+    raise argparse.ArgumentTypeError(f"{text!r} is not like rectangle:0,2,0,1, annulus:1,2,0,90 or @domain.json")
+
+
+def _flag(name: str) -> str:
+    return f"-{name}" if len(name) == 1 else f"--{name}"

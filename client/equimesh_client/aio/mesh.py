@@ -1,0 +1,161 @@
+"""A mesh at the service, for asyncio: the twin of ``mesh``."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from equimesh_client.errors import DeadlineExceeded
+from equimesh_client.progress_bar import Watch
+from equimesh_client.records.state import Convergence, MeshArrays, MeshState, Quality, arrays_of
+from equimesh_client.spec.request import DEADLINE, meshio_mesh, settled
+from equimesh_client.wire import flows, protocol
+from equimesh_client.wire.archives import unpack_xdmf
+from equimesh_client.wire.downloads import PartFile
+from equimesh_client.wire.flows import Deadline
+from equimesh_client.wire.pictures import Plot, plot_format
+from equimesh_client.wire.session import AsyncSession
+from equimesh_client.wire.stream import Event, StreamPosition
+
+
+class AsyncMesh(MeshState):
+    """A mesh at the service. What is large is fetched when it is first asked for, and kept."""
+
+    def __init__(self, session: AsyncSession, record: Mapping[str, Any]) -> None:
+        super().__init__(record)
+        self._session = session
+        self._arrays: MeshArrays | None = None
+        self._quality: Quality | None = None
+        self._convergence: Convergence | None = None
+
+    async def refresh(self, *, deadline: float | None = None) -> AsyncMesh:
+        """The mesh itself, after asking the service for its present state."""
+        self.record = await self._session.fetch(protocol.get_mesh(self.id), deadline)
+        return self
+
+    async def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE) -> AsyncMesh:
+        """The mesh itself, once it is finished.
+
+        Raises :class:`MeshFailed`, :class:`MeshCanceled`, or :class:`DeadlineExceeded` after ``deadline``
+        seconds; the mesh then goes on, and can be waited for again.
+        """
+        with Watch(progress) as watch:
+            await self._wait(Deadline.after(deadline), watch)
+        settled(self)
+        return self
+
+    def events(self, *, after: int = 0, deadline: float = DEADLINE) -> AsyncIterator[Event]:
+        """The events of the mesh from number ``after`` on, up to ``done``, as they happen.
+
+        A dropped connection is opened again where it ended: no event is lost, none comes twice.
+        """
+        return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
+
+    async def cancel(self, *, deadline: float | None = None) -> AsyncMesh:
+        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it had finished."""
+        settings = self._session.settings
+        self.record = await self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
+        return self
+
+    async def delete(self, *, deadline: float | None = None) -> None:
+        """Delete the mesh and its files at the service."""
+        settings = self._session.settings
+        flow = flows.delete(protocol.delete_mesh(self.id), settings, settings.deadline(deadline))
+        await self._session.run(flow)
+
+    async def quality(self, *, deadline: float | None = None) -> Quality:
+        """All quality measures; ``print(await mesh.quality())`` shows a table."""
+        if self._quality is None:
+            call = protocol.mesh_part(self.id, "quality")
+            self._quality = Quality.from_json(await self._session.fetch(call, deadline))
+        return self._quality
+
+    async def quality_of_cells(self, *, deadline: float | None = None) -> Quality:
+        """All quality measures with their values per cell, ``quality.q_eq.cells`` and so on; fetched each time."""
+        call = protocol.mesh_part(self.id, "quality", arrays="true")
+        return Quality.from_json(await self._session.fetch(call, deadline))
+
+    async def convergence(self, *, deadline: float | None = None) -> Convergence:
+        """The Schwarz iteration; ``print(await mesh.convergence())`` shows a table."""
+        if self._convergence is None:
+            call = protocol.mesh_part(self.id, "convergence")
+            self._convergence = Convergence.from_json(await self._session.fetch(call, deadline))
+        return self._convergence
+
+    async def spec(self, *, deadline: float | None = None) -> dict[str, Any]:
+        """The spec with all defaults filled in; creating it again gives the same mesh."""
+        return await self._session.fetch(protocol.mesh_part(self.id, "spec"), deadline)
+
+    async def download(
+        self,
+        path: str | Path,
+        format: str | None = None,
+        *,
+        cells: str | None = None,
+        partial: bool = False,
+        deadline: float = DEADLINE,
+    ) -> Path:
+        """Write the mesh to ``path`` and return it; the format follows from the suffix.
+
+        A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
+
+        The file is complete and has the checksum that the service announced, or does not appear at all. A transfer
+        that breaks is gone on with where it ended, also by the next download to this name, for which what has arrived
+        stays beside it, as ``.NAME.SHA256.part``.
+        ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
+        ``partial`` takes the mesh of a failed solve, too, if it is not folded.
+        """
+        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
+        settings, limit = self._session.settings, Deadline.after(deadline)
+        if format is None and Path(path).suffix.lower() == ".xdmf":
+            return unpack_xdmf(await self._session.run(flows.verified(call, settings, limit)), path)
+        with PartFile(path) as part:
+            await self._session.run(flows.save(call, settings, limit, part))
+        return Path(path)
+
+    async def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:
+        """All arrays of the mesh, fetched once: points, cells, boundary, x, y, u."""
+        if self._arrays is None:
+            flow = flows.verified(protocol.mesh_file(self.id, "npz"), self._session.settings, Deadline.after(deadline))
+            self._arrays = arrays_of(await self._session.run(flow))
+        return self._arrays
+
+    async def to_meshio(self, *, deadline: float = DEADLINE) -> Any:
+        """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
+        return meshio_mesh(await self.arrays(deadline=deadline))
+
+    async def plot(
+        self,
+        path: str | Path | None = None,
+        kind: str = "mesh",
+        *,
+        format: str | None = None,
+        deadline: float | None = None,
+    ) -> Plot:
+        """A picture drawn by the service: ``mesh``, ``quality`` or ``convergence``; written to ``path`` if
+        given.
+
+        svg, unless the suffix or ``format`` says png. Shows itself in a notebook.
+        """
+        chosen = plot_format(path, format)
+        settings = self._session.settings
+        flow = flows.request(protocol.mesh_plot(self.id, kind, chosen), settings, settings.deadline(deadline))
+        reply = await self._session.run(flow)
+        plot = Plot(data=reply.body, format=chosen)
+        if path is not None:
+            plot.save(path)
+        return plot
+
+    async def _wait(self, deadline: Deadline, watch: Watch) -> None:
+        def report(record: Mapping[str, Any]) -> None:
+            self.record = dict(record)
+            watch.update(record)
+
+        try:
+            await self._session.run(
+                flows.wait(self.record, self._session.settings, deadline, watched=watch.shown), report
+            )
+        except DeadlineExceeded as error:
+            error.mesh = self
+            raise

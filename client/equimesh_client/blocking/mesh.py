@@ -1,0 +1,189 @@
+"""A mesh at the service, for the blocking client."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from equimesh_client.errors import DeadlineExceeded
+from equimesh_client.progress_bar import Watch
+from equimesh_client.records.state import Array, Convergence, IntArray, MeshArrays, MeshState, Quality, arrays_of
+from equimesh_client.spec.request import DEADLINE, meshio_mesh, settled
+from equimesh_client.wire import flows, protocol
+from equimesh_client.wire.archives import unpack_xdmf
+from equimesh_client.wire.downloads import PartFile
+from equimesh_client.wire.flows import Deadline
+from equimesh_client.wire.pictures import Plot, plot_format
+from equimesh_client.wire.session import Session
+from equimesh_client.wire.stream import Event, StreamPosition
+
+
+class Mesh(MeshState):
+    """A mesh at the service. What is large is fetched when it is first asked for, and kept."""
+
+    def __init__(self, session: Session, record: Mapping[str, Any]) -> None:
+        super().__init__(record)
+        self._session = session
+        self._arrays: MeshArrays | None = None
+        self._quality: Quality | None = None
+        self._convergence: Convergence | None = None
+
+    def refresh(self, *, deadline: float | None = None) -> Mesh:
+        """The mesh itself, after asking the service for its present state."""
+        self.record = self._session.fetch(protocol.get_mesh(self.id), deadline)
+        return self
+
+    def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE) -> Mesh:
+        """The mesh itself, once it is finished.
+
+        Raises :class:`MeshFailed`, :class:`MeshCanceled`, or :class:`DeadlineExceeded` after ``deadline``
+        seconds; the mesh then goes on, and can be waited for again.
+        """
+        with Watch(progress) as watch:
+            self._wait(Deadline.after(deadline), watch)
+        settled(self)
+        return self
+
+    def events(self, *, after: int = 0, deadline: float = DEADLINE) -> Iterator[Event]:
+        """The events of the mesh from number ``after`` on, up to ``done``, as they happen.
+
+        A dropped connection is opened again where it ended: no event is lost, none comes twice.
+        """
+        return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
+
+    def cancel(self, *, deadline: float | None = None) -> Mesh:
+        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it had finished."""
+        settings = self._session.settings
+        self.record = self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
+        return self
+
+    def delete(self, *, deadline: float | None = None) -> None:
+        """Delete the mesh and its files at the service."""
+        settings = self._session.settings
+        flow = flows.delete(protocol.delete_mesh(self.id), settings, settings.deadline(deadline))
+        self._session.run(flow)
+
+    @property
+    def quality(self) -> Quality:
+        """All quality measures; ``print(mesh.quality)`` shows a table."""
+        if self._quality is None:
+            self._quality = Quality.from_json(self._session.fetch(protocol.mesh_part(self.id, "quality")))
+        return self._quality
+
+    def quality_of_cells(self, *, deadline: float | None = None) -> Quality:
+        """All quality measures with their values per cell, ``quality.q_eq.cells`` and so on; fetched each time."""
+        call = protocol.mesh_part(self.id, "quality", arrays="true")
+        return Quality.from_json(self._session.fetch(call, deadline))
+
+    @property
+    def convergence(self) -> Convergence:
+        """The Schwarz iteration; ``print(mesh.convergence)`` shows a table."""
+        if self._convergence is None:
+            self._convergence = Convergence.from_json(self._session.fetch(protocol.mesh_part(self.id, "convergence")))
+        return self._convergence
+
+    def spec(self, *, deadline: float | None = None) -> dict[str, Any]:
+        """The spec with all defaults filled in; creating it again gives the same mesh."""
+        return self._session.fetch(protocol.mesh_part(self.id, "spec"), deadline)
+
+    def download(
+        self,
+        path: str | Path,
+        format: str | None = None,
+        *,
+        cells: str | None = None,
+        partial: bool = False,
+        deadline: float = DEADLINE,
+    ) -> Path:
+        """Write the mesh to ``path`` and return it; the format follows from the suffix.
+
+        A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
+
+        The file is complete and has the checksum that the service announced, or does not appear at all. A transfer
+        that breaks is gone on with where it ended, also by the next download to this name, for which what has arrived
+        stays beside it, as ``.NAME.SHA256.part``.
+        ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
+        ``partial`` takes the mesh of a failed solve, too, if it is not folded.
+        """
+        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
+        settings, limit = self._session.settings, Deadline.after(deadline)
+        if format is None and Path(path).suffix.lower() == ".xdmf":
+            return unpack_xdmf(self._session.run(flows.verified(call, settings, limit)), path)
+        with PartFile(path) as part:
+            self._session.run(flows.save(call, settings, limit, part))
+        return Path(path)
+
+    def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:
+        """All arrays of the mesh, fetched once."""
+        if self._arrays is None:
+            flow = flows.verified(protocol.mesh_file(self.id, "npz"), self._session.settings, Deadline.after(deadline))
+            self._arrays = arrays_of(self._session.run(flow))
+        return self._arrays
+
+    @property
+    def points(self) -> Array:
+        """Node coordinates, shape ``(n_xi * n_eta, 2)``."""
+        return self.arrays().points
+
+    @property
+    def cells(self) -> IntArray:
+        """Nodes of every cell, counter-clockwise, shape ``(m, 4)``, or ``(m, 3)`` for triangles."""
+        return self.arrays().cells
+
+    @property
+    def boundary(self) -> Mapping[str, IntArray]:
+        """Edges ``(k, 2)`` of the sides ``left``, ``right``, ``bottom`` and ``top``."""
+        return self.arrays().boundary
+
+    @property
+    def x(self) -> Array:
+        """The x coordinates, shape ``(n_xi, n_eta)``."""
+        return self.arrays().x
+
+    @property
+    def y(self) -> Array:
+        """The y coordinates, shape ``(n_xi, n_eta)``."""
+        return self.arrays().y
+
+    @property
+    def u(self) -> Array | None:
+        """The values of u at the nodes, shape ``(n_xi, n_eta)``; None where the monitor has no u."""
+        return self.arrays().u
+
+    def to_meshio(self, *, deadline: float = DEADLINE) -> Any:
+        """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
+        return meshio_mesh(self.arrays(deadline=deadline))
+
+    def plot(
+        self,
+        path: str | Path | None = None,
+        kind: str = "mesh",
+        *,
+        format: str | None = None,
+        deadline: float | None = None,
+    ) -> Plot:
+        """A picture drawn by the service: ``mesh``, ``quality`` or ``convergence``; written to ``path`` if
+        given.
+
+        svg, unless the suffix or ``format`` says png. Shows itself in a notebook.
+        """
+        chosen = plot_format(path, format)
+        settings = self._session.settings
+        flow = flows.request(protocol.mesh_plot(self.id, kind, chosen), settings, settings.deadline(deadline))
+        reply = self._session.run(flow)
+        plot = Plot(data=reply.body, format=chosen)
+        if path is not None:
+            plot.save(path)
+        return plot
+
+    def _wait(self, deadline: Deadline, watch: Watch) -> None:
+        def report(record: Mapping[str, Any]) -> None:
+            self.record = dict(record)
+            watch.update(record)
+
+        try:
+            self._session.run(flows.wait(self.record, self._session.settings, deadline, watched=watch.shown), report)
+        except DeadlineExceeded as error:
+            error.mesh = self
+            raise

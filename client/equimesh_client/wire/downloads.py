@@ -1,0 +1,224 @@
+"""Downloads that go on where they broke off, in memory or in a file beside the one that they are to become."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+import re
+import secrets
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO
+
+from equimesh_client.errors import BadArgument, DownloadDamaged
+from equimesh_client.wire.protocol import Reply, continues, resumable, sha256_of
+
+if sys.platform != "win32":
+    import fcntl
+
+
+class Download:
+    """What has arrived of a file, over any number of connections; kept in memory.
+
+    ``sha256`` is that of the whole file, as its ETag says it; None while it is not known. ``received`` counts bytes.
+    """
+
+    def __init__(self) -> None:
+        self.sha256: str | None = None
+        self.received = 0
+        self._resumable = False
+        self._digest = hashlib.sha256()
+        self._chunks: list[bytes] = []
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """Request headers that ask for the rest, if the file is still the same; none when all of it is needed."""
+        if not (self._resumable and self.received):
+            return {}
+        return {"Range": f"bytes={self.received}-", "If-Range": f'"{self.sha256}"'}
+
+    @property
+    def whole(self) -> bool:
+        """Whether every byte is there, by the checksum."""
+        return self.sha256 == self._digest.hexdigest()
+
+    def begin(self, reply: Reply) -> bool:
+        """Make ready for the body of a 200 or 206. False when it is a part that does not fit to what is there, which
+        is then thrown away.
+        """
+        if reply.status == 206 and continues(reply, self.sha256, self.received):
+            return True
+        self.restart(reply)
+        return reply.status == 200
+
+    def restart(self, reply: Reply | None = None) -> None:
+        """Throw away what has arrived; ``reply`` is the answer whose body comes instead."""
+        self._resumable = reply is not None and reply.status == 200 and resumable(reply)
+        self.sha256 = None if reply is None else sha256_of(reply.headers)
+        self.received = 0
+        self._digest = hashlib.sha256()
+        self._empty()
+
+    def write(self, chunk: bytes) -> None:
+        """Append bytes."""
+        self._append(chunk)
+        self._digest.update(chunk)
+        self.received += len(chunk)
+
+    def check(self) -> None:
+        """Raises :class:`DownloadDamaged` when what has arrived is not what was announced."""
+        if self.sha256 is not None and not self.whole:
+            raise DownloadDamaged("the bytes received do not have the checksum that the service announced")
+
+    def body(self) -> bytes:
+        """All that has arrived."""
+        return b"".join(self._chunks)
+
+    def _empty(self) -> None:
+        self._chunks = []
+
+    def _append(self, chunk: bytes) -> None:
+        self._chunks.append(chunk)
+
+
+class PartFile(Download):
+    """A download into ``.NAME.SHA256.part`` beside the file NAME, which it becomes by :meth:`commit`.
+
+    The name of the part says of which file it is a part, so that what a broken download, or a program that was ended,
+    left behind is gone on with by the next download to the same name; no content but this fits to it. A lock keeps two
+    programs from writing the same part: the second one takes a part of its own, which it does not leave behind.
+    A context manager. Raises :class:`BadArgument` when the folder cannot be written.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        super().__init__()
+        if self.path.is_dir():
+            raise BadArgument(f"cannot write {self.path}: it is a folder")
+        self._keep = True
+        self._part, self._file = self._left() or self._own()
+
+    def restart(self, reply: Reply | None = None) -> None:
+        """Throw away what has arrived; ``reply`` is the answer whose body comes instead."""
+        super().restart(reply)
+        name = self._name(self.sha256) if self._resumable and self.sha256 else None
+        if name == self._part:
+            return
+        taken = None if name is None else _opened(name, "x+b")
+        if name is None or taken is None:
+            if self._is_named:
+                self._drop()
+                self._part, self._file = self._own()
+            return
+        self._drop()
+        self._part, self._file = name, taken
+
+    def commit(self) -> Path:
+        """Give the file its name."""
+        self._file.flush()
+        if sys.platform == "win32":  # which does not rename what is open
+            self._file.close()
+        os.replace(self._part, self.path)
+        self._file.close()  # not before: the lock ends here, and the part is then nobody's
+        return self.path
+
+    def discard(self) -> None:
+        """Leave nothing behind: no later download goes on with this."""
+        self._keep = False
+
+    def __enter__(self) -> PartFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file.closed:
+            return
+        if self._keep and self._is_named and self._resumable and self.received:
+            self._file.close()
+        else:
+            self._drop()
+
+    def _empty(self) -> None:
+        self._file.seek(0)
+        self._file.truncate()
+
+    def _append(self, chunk: bytes) -> None:
+        self._file.write(chunk)
+
+    @property
+    def _is_named(self) -> bool:
+        return _SHA256.search(self._part.name) is not None
+
+    def _name(self, sha256: str) -> Path:
+        return self.path.with_name(f".{self.path.name}.{sha256}.part")
+
+    def _own(self) -> tuple[Path, BinaryIO]:
+        part = self.path.with_name(f".{self.path.name}.{secrets.token_hex(6)}.part")
+        try:
+            return part, part.open("x+b")
+        except OSError as error:
+            raise BadArgument(f"cannot write {self.path}: {error.strerror or error}") from error
+
+    def _left(self) -> tuple[Path, BinaryIO] | None:
+        """The newest part that a download left behind, read; older ones are removed."""
+        found = None
+        pattern = f".{glob.escape(self.path.name)}.*.part"
+        for part in sorted(self.path.parent.glob(pattern), key=_age):
+            named = _SHA256.search(part.name)
+            # the rest of the name is that of the file: "a" leaves the parts of "a.b" alone
+            if named is None or part != self._name(named[1]):
+                continue
+            file = _opened(part, "r+b")
+            if file is None:
+                continue
+            if found is not None:
+                part.unlink(missing_ok=True)
+                file.close()
+                continue
+            while chunk := file.read(2**20):
+                self._digest.update(chunk)
+                self.received += len(chunk)
+            self.sha256, self._resumable = named[1], True
+            found = part, file
+        return found
+
+    def _drop(self) -> None:
+        if sys.platform == "win32":  # which does not remove what is open
+            self._file.close()
+        self._part.unlink(missing_ok=True)
+        self._file.close()
+
+
+_SHA256 = re.compile(r"\.([0-9a-f]{64})\.part$")
+
+
+def _age(part: Path) -> float:
+    try:
+        return -part.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _opened(part: Path, mode: str) -> BinaryIO | None:
+    """The part, open and locked; None when another program has it, or it cannot be locked here."""
+    if sys.platform == "win32":  # no such locks: there, every download begins anew
+        return None
+    try:
+        file: BinaryIO = part.open(mode)  # type: ignore[assignment]
+    except OSError:
+        return None
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # who had it may have given it its name, or removed it, since it was opened
+        if os.path.samestat(os.fstat(file.fileno()), part.stat()):
+            return file
+    except BlockingIOError:
+        pass
+    except OSError:  # no locks in this file system, or no such part any more
+        if mode == "x+b":
+            part.unlink(missing_ok=True)
+    file.close()
+    return None

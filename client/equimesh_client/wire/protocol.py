@@ -1,0 +1,372 @@
+"""The HTTP interface as plain functions: requests are built and answers are read here, nothing is sent."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import quote, unquote
+
+from equimesh_client.errors import BadArgument, InputProblem, ProblemError, ServiceUnreachable, error_class
+from equimesh_client.spec.domains import Box
+from equimesh_client.spec.sources import Upload
+from equimesh_client.wire.retry import retry_after_of
+from equimesh_client.wire.stream import StreamPosition
+
+FORMATS = ("vtu", "vtk", "xdmf", "msh", "su2", "npz")  # those whose suffix is their name
+SUFFIXES: Mapping[str, str] = {
+    ".xdmf.zip": "xdmf",
+    ".zip": "xdmf",
+    ".mesh": "medit",
+    **{f".{name}": name for name in FORMATS},
+}
+PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Call:
+    """One request. ``body`` is complete, so that a repeated call sends the same bytes; ``sent`` is the JSON
+    in it, which error messages quote from; ``patience`` is how long the service may take before it answers.
+    """
+
+    method: str
+    path: str
+    query: Mapping[str, str] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    body: bytes | None = None
+    sent: Any = None
+    patience: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reply:
+    """One answer: status, headers with lower-case names, the body (empty when it went into a file)."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: bytes = b""
+
+
+def create_mesh(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str, reuse: bool = True) -> Call:
+    """Ask for a mesh. ``key`` makes repeated calls the same request; ``wait`` is in seconds, 0 for none; without
+    ``reuse`` it is computed even if the service has the same one.
+    """
+    headers = {"Accept": "application/json", "Idempotency-Key": key}
+    if wait:
+        headers["Prefer"] = f"wait={wait}"
+    body = encoded(spec)
+    if upload is None:
+        headers["Content-Type"] = "application/json"
+    else:
+        part = Upload(filename="", data=body, media_type="application/json")
+        headers["Content-Type"], body = multipart({"spec": part, "samples": upload})
+    query = {} if reuse else {"reuse": "false"}
+    return Call(
+        method="POST",
+        path="/v1/meshes",
+        query=query,
+        headers=headers,
+        body=body,
+        sent=dict(spec),
+        patience=float(wait),
+    )
+
+
+def create_sequence(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str, keep: int) -> Call:
+    """Begin a sequence with the mesh of a spec; ``keep`` is how many of its last meshes are kept."""
+    call = create_mesh(spec, upload, wait=wait, key=key)
+    return replace(call, path="/v1/sequences", query={"keep": str(keep)})
+
+
+def sequence(sequence_id: str, *, method: str = "GET") -> Call:
+    """Look up or delete a sequence."""
+    return Call(method=method, path=_sequence(sequence_id), headers={"Accept": "application/json"})
+
+
+def create_step(sequence_id: str, body: bytes, media_type: str, *, sent: Any = None) -> Call:
+    """Take a step of a sequence; the answer is its mesh as npz."""
+    key = hashlib.sha256(sequence_id.encode() + b" " + body).hexdigest()
+    headers = {"Accept": "application/x-npz", "Content-Type": media_type, "Idempotency-Key": key}
+    path = f"{_sequence(sequence_id)}/steps"
+    return Call(method="POST", path=path, headers=headers, body=body, sent=sent)
+
+
+def list_meshes(*, status: str | None, label: str | None, limit: int, cursor: str | None) -> Call:
+    """One page of the list of meshes."""
+    asked = {"status": status, "label": label, "limit": str(limit), "cursor": cursor}
+    return _get("/v1/meshes", query={key: value for key, value in asked.items() if value is not None})
+
+
+def get_mesh(mesh_id: str, *, wait: int = 0) -> Call:
+    """One mesh; with ``wait`` the answer comes when it is finished or after so many seconds."""
+    return _get(_mesh(mesh_id), query={"wait": str(wait)} if wait else {}, patience=float(wait))
+
+
+def events(mesh_id: str, position: StreamPosition) -> Call:
+    """The stream of events after ``position``."""
+    headers = {"Accept": "text/event-stream", "Cache-Control": "no-store", **position.headers}
+    return Call(method="GET", path=_mesh(mesh_id, "events"), headers=headers)
+
+
+def cancel_mesh(mesh_id: str) -> Call:
+    """Cancel a mesh."""
+    return Call(method="POST", path=_mesh(mesh_id, "cancel"), headers={"Accept": "application/json"})
+
+
+def delete_mesh(mesh_id: str) -> Call:
+    """Delete a mesh and its files."""
+    return Call(method="DELETE", path=_mesh(mesh_id))
+
+
+def mesh_file(mesh_id: str, format: str, *, cells: str | None = None, partial: bool = False) -> Call:
+    """The mesh as a file; ``cells`` overrules what the spec says."""
+    query = {"format": format}
+    if cells is not None:
+        query["cells"] = cells
+    if partial:
+        query["partial"] = "true"
+    # as it is: the parts of a file that a proxy compresses do not fit together
+    headers = {"Accept": "*/*", "Accept-Encoding": "identity"}
+    return Call(method="GET", path=_mesh(mesh_id, "file"), query=query, headers=headers)
+
+
+def mesh_part(mesh_id: str, part: str, **query: str) -> Call:
+    """``quality``, ``convergence`` or ``spec`` of a mesh."""
+    return _get(_mesh(mesh_id, part), query=query)
+
+
+def mesh_plot(mesh_id: str, kind: str, format: str) -> Call:
+    """A picture of a mesh. Raises :class:`BadArgument` for a format other than svg and png."""
+    if format not in PLOTS:
+        raise BadArgument(f"plots are svg or png, not {format!r}")
+    return Call(
+        method="GET",
+        path=_mesh(mesh_id, "plot"),
+        query={"kind": kind, "format": format},
+        headers={"Accept": PLOTS[format]},
+    )
+
+
+def upload_samples(upload: Upload) -> Call:
+    """Store samples once, for any number of meshes."""
+    content_type, body = multipart({"samples": upload})
+    headers = {"Accept": "application/json", "Content-Type": content_type}
+    return Call(method="POST", path="/v1/samples", headers=headers, body=body)
+
+
+def stored_samples(samples_id: str, *, method: str = "GET") -> Call:
+    """Look up or delete stored samples."""
+    return Call(
+        method=method,
+        path=f"/v1/samples/{quote(samples_id, safe='')}",
+        headers={"Accept": "application/json"},
+    )
+
+
+def check_expression(
+    expression: str,
+    parameters: Mapping[str, float] | None,
+    t: float | None,
+    domain: Mapping[str, Any] | None = None,
+) -> Call:
+    """Have an expression parsed and evaluated on ``domain``, the unit square unless given."""
+    sent: dict[str, Any] = {"expression": expression}
+    if parameters:
+        sent["parameters"] = dict(parameters)
+    if t is not None:
+        sent["t"] = t
+    if domain is not None:
+        sent["domain"] = dict(domain)
+    headers = {"Accept": "application/json", "Content-Type": "application/json"}
+    return Call(method="POST", path="/v1/expressions/check", headers=headers, body=encoded(sent), sent=sent)
+
+
+def capabilities() -> Call:
+    """What the service can do."""
+    return _get("/v1/capabilities")
+
+
+def encoded(value: object) -> bytes:
+    """JSON bytes. Raises :class:`BadArgument` for what JSON cannot carry (NaN, infinity, foreign objects)."""
+    try:
+        return json.dumps(value, allow_nan=False, default=_plain).encode()
+    except (TypeError, ValueError) as error:
+        raise BadArgument(f"the request cannot be written as JSON: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    """A number or list for numpy's scalars and arrays."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{value!r} is no JSON value")
+
+
+def multipart(parts: Mapping[str, Upload]) -> tuple[str, bytes]:
+    """Content type and body of ``multipart/form-data``. The same parts give the same bytes."""
+    boundary = "equimesh-" + hashlib.sha256(b"\0".join(part.data for part in parts.values())).hexdigest()[:40]
+    lines: list[bytes] = []
+    for name, part in parts.items():
+        disposition = f'Content-Disposition: form-data; name="{name}"'
+        if part.filename:
+            safe = part.filename.replace("\\", "_").replace('"', "%22").replace("\r", "%0D").replace("\n", "%0A")
+            disposition += f'; filename="{safe}"'
+        lines += [
+            b"--" + boundary.encode(),
+            disposition.encode(),
+            f"Content-Type: {part.media_type}".encode(),
+            b"",
+        ]
+        lines += [part.data]
+    lines += [b"--" + boundary.encode() + b"--", b""]
+    return f"multipart/form-data; boundary={boundary}", b"\r\n".join(lines)
+
+
+def json_of(reply: Reply) -> dict[str, Any]:
+    """The JSON object of an answer. Raises :class:`ServiceUnreachable` when it is none: something else
+    answered.
+    """
+    try:
+        value = json.loads(reply.body)
+    except ValueError:
+        value = None
+    if not isinstance(value, dict):
+        kind = reply.headers.get("content-type", "no content type")
+        raise ServiceUnreachable(
+            f"something answered (HTTP {reply.status}, {kind}), but not as an equimesh service does; check the URL"
+        )
+    return value
+
+
+def mesh_of(reply: Reply) -> dict[str, Any]:
+    """The mesh resource of an answer; its id may come from the ``Location`` header."""
+    record = json_of(reply)
+    if "id" not in record:
+        found = re.search(r"/v1/meshes/([^/?#]+)", reply.headers.get("location", ""))
+        if found is None:
+            raise ServiceUnreachable("the answer holds no mesh; check that the URL is that of an equimesh service")
+        record["id"] = unquote(found.group(1))
+    return record
+
+
+def box_of(reply: Reply) -> Box:
+    """The box of the domain in the answer to a check of an expression."""
+    try:
+        (x0, x1), (y0, y1) = json_of(reply)["domain"]["box"]
+        return (float(x0), float(x1)), (float(y0), float(y1))
+    except (KeyError, TypeError, ValueError):
+        raise ServiceUnreachable(
+            "the answer names no box of a domain; the service may be too old for domains"
+        ) from None
+
+
+def checked(reply: Reply, call: Call) -> Reply:
+    """The reply itself when it is a success; otherwise raises the :class:`ProblemError` that it holds."""
+    if 200 <= reply.status < 300:
+        return reply
+    raise problem_of(reply, call)
+
+
+def problem_of(reply: Reply, call: Call) -> ProblemError:
+    """The exception for an answer that is no success, whatever its body looks like."""
+    try:
+        document = json.loads(reply.body)
+    except ValueError:
+        document = None
+    if not isinstance(document, dict):
+        document = {}
+    phrase = next((s.phrase for s in HTTPStatus if s.value == reply.status), "unexpected answer")
+    detail = document.get("detail", "")
+    if not detail and 300 <= reply.status < 400:
+        detail = f"the service is at another address: {reply.headers.get('location', 'not named')}"
+    kind = str(document.get("type", "about:blank"))
+    return error_class(reply.status, kind)(
+        status=reply.status,
+        type=kind,
+        title=str(document.get("title") or phrase),
+        detail=detail if isinstance(detail, str) else json.dumps(detail),
+        errors=[_input_problem(error, call.sent) for error in _objects(document.get("errors"))],
+        problem=document,
+        retry_after=retry_after_of(reply.headers),
+    )
+
+
+def _objects(value: Any) -> Sequence[Mapping[str, Any]]:
+    return [item for item in value if isinstance(item, dict)] if isinstance(value, list) else []
+
+
+def _input_problem(error: Mapping[str, Any], sent: Any) -> InputProblem:
+    pointer = str(error.get("pointer") or error.get("parameter") or "")
+    position = error.get("position")
+    place = position if isinstance(position, dict) else {}
+    text = at_pointer(sent, pointer) if place else None
+    line, column = place.get("line"), place.get("column")
+    return InputProblem(
+        pointer=pointer,
+        message=str(error.get("message", "")),
+        line=line if isinstance(line, int) else None,
+        column=column if isinstance(column, int) else None,
+        text=text if isinstance(text, str) else None,
+    )
+
+
+def at_pointer(document: Any, pointer: str) -> Any:
+    """The value at a JSON pointer (RFC 6901), None when there is none."""
+    value = document
+    for token in pointer.removeprefix("#").split("/")[1:]:
+        key = unquote(token).replace("~1", "/").replace("~0", "~")
+        if isinstance(value, dict) and key in value:
+            value = value[key]
+        elif isinstance(value, list) and key.isdigit() and int(key) < len(value):
+            value = value[int(key)]
+        else:
+            return None
+    return value
+
+
+def sha256_of(headers: Mapping[str, str]) -> str | None:
+    """The sha256 in the ETag of a file, None when the ETag holds none."""
+    found = re.search(r"(?<![0-9a-f])[0-9a-f]{64}(?![0-9a-f])", headers.get("etag", "").lower())
+    return found.group() if found else None
+
+
+def continues(reply: Reply, sha256: str | None, start: int) -> bool:
+    """Whether a 206 is what comes after the first ``start`` bytes of the file with this sha256."""
+    found = re.match(r"bytes (\d+)-\d+/", reply.headers.get("content-range", ""))
+    return found is not None and int(found[1]) == start and resumable(reply) and sha256_of(reply.headers) == sha256
+
+
+def resumable(reply: Reply) -> bool:
+    """Whether the rest of this file can be asked for later: a strong ETag names these very bytes."""
+    plain = reply.headers.get("content-encoding", "identity") == "identity"
+    return plain and reply.headers.get("etag", "").startswith('"') and sha256_of(reply.headers) is not None
+
+
+def format_of(path: str, format: str | None = None) -> str:
+    """The mesh format: ``format`` itself, or what the suffix of ``path`` says.
+
+    Raises :class:`BadArgument` when neither tells.
+    """
+    if format is not None:
+        return format
+    for suffix, name in SUFFIXES.items():
+        if path.lower().endswith(suffix):
+            return name
+    raise BadArgument(f"{path}: the suffix names no mesh format; use {', '.join(SUFFIXES)}, or give the format")
+
+
+def _sequence(sequence_id: str) -> str:
+    return f"/v1/sequences/{quote(sequence_id, safe='')}"
+
+
+def _mesh(mesh_id: str, part: str = "") -> str:
+    if not mesh_id:
+        raise BadArgument("the id of a mesh is empty")
+    return f"/v1/meshes/{quote(mesh_id, safe='')}" + (f"/{part}" if part else "")
+
+
+def _get(path: str, *, query: Mapping[str, str] | None = None, patience: float = 0.0) -> Call:
+    return Call(method="GET", path=path, query=query or {}, headers={"Accept": "application/json"}, patience=patience)

@@ -1,0 +1,212 @@
+"""The only module that knows httpx: sends one request, once, and turns its failures into values.
+
+A timeout of httpx starts anew with every byte. What holds a request to its deadline is `asyncio.timeout` here, and for
+the blocking client the connections of `punctual`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
+from typing import Any
+
+import httpx
+
+from equimesh_client.errors import BadArgument
+from equimesh_client.wire.flows import Deadline, Disconnected, Send
+from equimesh_client.wire.protocol import Call, Reply
+from equimesh_client.wire.punctual import Punctual
+
+LATE = "the answer did not arrive in time"
+
+
+class Dropped(Exception):
+    """A stream that broke, or could not be opened."""
+
+
+def base_url(url: str) -> str:
+    """The URL without a slash at its end. Raises :class:`BadArgument` when it is no http(s) URL."""
+    try:
+        parsed = httpx.URL(url)
+    except (httpx.InvalidURL, TypeError) as error:
+        raise BadArgument(f"{url!r} is not a URL: {error}") from error
+    if parsed.scheme not in ("http", "https") or not parsed.host:
+        raise BadArgument(f"{url!r} is not the URL of a service; write e.g. http://127.0.0.1:8000")
+    return url.rstrip("/")
+
+
+def _options(url: str, headers: Mapping[str, str]) -> dict[str, Any]:
+    """Arguments of the httpx clients. A proxy cannot reach this machine's own addresses: there, none is
+    used.
+    """
+    host = httpx.URL(url).host
+    try:
+        local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = host == "localhost"
+    return {"base_url": url, "headers": dict(headers), "trust_env": not local, "follow_redirects": False}
+
+
+def _request(client: httpx.Client | httpx.AsyncClient, call: Call, timeout: float) -> httpx.Request:
+    return client.build_request(
+        call.method,
+        call.path,
+        params=dict(call.query) or None,
+        headers=dict(call.headers),
+        content=call.body,
+        timeout=httpx.Timeout(timeout),
+    )
+
+
+def _head(response: httpx.Response, body: bytes = b"") -> Reply:
+    headers = {name.lower(): value for name, value in response.headers.items()}
+    return Reply(status=response.status_code, headers=headers, body=body)
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, httpx.TimeoutException):
+        return f"no answer in time: {type(error).__name__}"
+    words = str(error).strip()
+    return words or type(error).__name__
+
+
+class _Body:
+    """Collects a body, into memory or the sink of a successful answer, as long as the deadline allows."""
+
+    def __init__(self, step: Send, head: Reply) -> None:
+        self._step = step
+        self._head = head
+        self._sink = step.sink if head.status in (200, 206) else None
+        self._chunks: list[bytes] = []
+        if self._sink is not None and not self._sink.begin(head):
+            raise Dropped("the part of the file that came is not the one asked for")
+
+    def add(self, chunk: bytes) -> None:
+        if self._sink is not None:
+            self._sink.write(chunk)
+        else:
+            self._chunks.append(chunk)
+        if self._step.deadline.left <= 0:
+            raise Dropped(LATE)
+
+    def reply(self) -> Reply:
+        return Reply(status=self._head.status, headers=self._head.headers, body=b"".join(self._chunks))
+
+
+class SyncTransport:
+    """Blocking requests over one pool of connections."""
+
+    def __init__(self, url: str, headers: Mapping[str, str]) -> None:
+        self._client = httpx.Client(**_options(url, headers))
+        self._punctual = Punctual()
+        # httpx has no way to say it: its transports, that of a proxy among them, each have a pool of httpcore.
+        for transport in (self._client._transport, *self._client._mounts.values()):
+            if isinstance(transport, httpx.HTTPTransport):
+                transport._pool._network_backend = self._punctual.over(transport._pool._network_backend)
+
+    def send(self, step: Send) -> Reply | Disconnected:
+        """The answer, or why there is none."""
+        try:
+            with self._punctual.until(step.deadline):
+                response = self._client.send(_request(self._client, step.call, step.timeout), stream=True)
+                try:
+                    body = _Body(step, _head(response))
+                    for chunk in response.iter_bytes():
+                        body.add(chunk)
+                    return body.reply()
+                finally:
+                    response.close()
+        except (httpx.RequestError, Dropped) as error:
+            return Disconnected(reason=_reason(error))
+
+    @contextmanager
+    def stream(self, call: Call, timeout: float, deadline: Deadline) -> Iterator[tuple[Reply, Iterator[bytes]]]:
+        """The head of an answer and its chunks; the body of a failure is in the reply. Raises
+        :class:`Dropped`.
+        """
+        try:
+            with self._punctual.until(deadline):
+                response = self._client.send(_request(self._client, call, timeout), stream=True)
+            try:
+                with self._punctual.until(deadline):
+                    body = response.read() if response.status_code != 200 else b""
+                yield _head(response, body), iter(()) if body else self._chunks(response, deadline)
+            finally:
+                response.close()
+        except httpx.RequestError as error:
+            raise Dropped(_reason(error)) from error
+
+    def _chunks(self, response: httpx.Response, deadline: Deadline) -> Iterator[bytes]:
+        chunks = response.iter_bytes()
+        while True:
+            # not around the yield: between two chunks the same thread may send other requests
+            with self._punctual.until(deadline):
+                chunk = next(chunks, None)
+            if chunk is None:
+                return
+            yield chunk
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._client.close()
+
+
+class AsyncTransport:
+    """Requests for asyncio over one pool of connections."""
+
+    def __init__(self, url: str, headers: Mapping[str, str]) -> None:
+        self._client = httpx.AsyncClient(**_options(url, headers))
+
+    async def send(self, step: Send) -> Reply | Disconnected:
+        """The answer, or why there is none."""
+        try:
+            async with asyncio.timeout(step.deadline.left):
+                response = await self._client.send(_request(self._client, step.call, step.timeout), stream=True)
+                try:
+                    body = _Body(step, _head(response))
+                    async for chunk in response.aiter_bytes():
+                        body.add(chunk)
+                    return body.reply()
+                finally:
+                    await response.aclose()
+        except TimeoutError:
+            return Disconnected(reason=LATE)
+        except (httpx.RequestError, Dropped) as error:
+            return Disconnected(reason=_reason(error))
+
+    @asynccontextmanager
+    async def stream(
+        self, call: Call, timeout: float, deadline: Deadline
+    ) -> AsyncIterator[tuple[Reply, AsyncIterator[bytes]]]:
+        """The head of an answer and its chunks; the body of a failure is in the reply. Raises
+        :class:`Dropped`.
+        """
+        try:
+            async with asyncio.timeout(deadline.left):
+                response = await self._client.send(_request(self._client, call, timeout), stream=True)
+            try:
+                async with asyncio.timeout(deadline.left):
+                    body = await response.aread() if response.status_code != 200 else b""
+                yield _head(response, body), self._chunks(response, deadline)
+            finally:
+                await response.aclose()
+        except TimeoutError:
+            raise Dropped(LATE) from None
+        except httpx.RequestError as error:
+            raise Dropped(_reason(error)) from error
+
+    @staticmethod
+    async def _chunks(response: httpx.Response, deadline: Deadline) -> AsyncIterator[bytes]:
+        chunks = response.aiter_bytes()
+        while True:
+            async with asyncio.timeout(deadline.left):
+                chunk = await anext(chunks, None)
+            if chunk is None:
+                return
+            yield chunk
+
+    async def close(self) -> None:
+        """Close all connections."""
+        await self._client.aclose()

@@ -1,0 +1,255 @@
+"""Admission: everything that is checked of a request before its mesh may wait in the queue."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from time import time
+from typing import Any, TypeVar
+
+from equimesh_service.admission.callers import Caller
+from equimesh_service.assembly import samples as intake
+from equimesh_service.assembly.problem import build_grid, build_schwarz, check_problem, pointing
+from equimesh_service.assembly.samples import Arrays
+from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.engine.port import EngineError, MemoryLimitError, TimeLimitError
+from equimesh_service.files.port import Files
+from equimesh_service.problems.problem import Problem, invalid
+from equimesh_service.settings import Settings
+from equimesh_service.spec.document import parse
+from equimesh_service.spec.mesh import MeshSpec, read_spec
+from equimesh_service.spec.monitors import AnyMonitor, ArcLengthSpec, sources_of, with_samples
+from equimesh_service.spec.sources import UPLOAD, ExpressionSource, GridSource, ScatteredSource, StoredSource
+from equimesh_service.store.rows import SamplesRow
+from equimesh_service.store.store import Store
+from equimesh_service.telemetry import log_context
+
+# Longest that one request may keep a worker busy with its samples.
+_WORK_SECONDS = 60.0
+# How many monitors are remembered as good for their domain.
+_REMEMBERED = 1000
+_VERSION = version("equimesh")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file as it came: its bytes, and the name whose suffix tells its format."""
+
+    data: bytes
+    filename: str
+
+    @cached_property
+    def is_light(self) -> bool:
+        """Whether reading it takes no longer than asking a worker to."""
+        return intake.is_light(self.data, self.filename)
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """A spec that will be solved: canonical, with the stored samples that it uses, from their ids to their files."""
+
+    spec: Mapping[str, Any]
+    samples: Mapping[str, str]
+    digest: str  # the same for specs of the same points
+
+    @property
+    def points_fingerprint(self) -> str:
+        """The same for meshes that have the same points and come from the same release."""
+        return sha256(f"{self.digest} {_VERSION}".encode()).hexdigest()
+
+    def fingerprint(self, format: str | None) -> str:
+        """The same for requests that ask for the same, whichever release takes them: a retry may meet a newer one."""
+        more = json.dumps([self.spec["label"], self.spec["cells"], format])
+        return sha256(f"{self.digest} {more}".encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Admission:
+    """Checks requests against the settings, and keeps the samples that come with them."""
+
+    settings: Settings
+    store: Store
+    files: Files
+    desk: Desk
+    aside: Callable[[str], AbstractContextManager[None]]  # entered to wait for the desk, by the key that does
+    known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
+
+    def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
+        """Read a spec, and :meth:`admit` it; raises a 400 problem where it is not JSON."""
+        return self.admit(parse(body), upload, caller)
+
+    def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
+        """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
+        spec = read_spec(document)
+        self._check_limits(spec)
+        sources = dict(sources_of(spec.monitor))
+        stored = {pointer: source.samples for pointer, source in sources.items() if isinstance(source, StoredSource)}
+        wanting = [f"{pointer}/samples" for pointer, name in stored.items() if name == UPLOAD]
+        if wanting and upload is None:
+            message = 'send the request as multipart, with parts "spec" and "samples", or give the id of stored samples'
+            raise invalid(wanting[0], message)
+        if upload is not None and not wanting:
+            raise invalid(next(iter(sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
+        build_schwarz(spec)
+        rows = {name: self.stored(name, f"{at}/samples", caller) for at, name in stored.items() if name != UPLOAD}
+        canonical = spec.canonical()
+        if upload is None:
+            self._check(spec, canonical, rows, {})
+        else:
+            # The numbers first: an upload is not kept for a spec that is refused.
+            with self._converted(upload, wanting[0], alone=False) as (path, summary, arrays):
+                if arrays is not None and summary["kind"] == "grid" and _is_plain(spec.monitor):
+                    check_problem(spec, {UPLOAD: arrays})
+                else:
+                    self._check(spec, None, rows, {UPLOAD: path})
+                row, _ = self._keep(path, summary, caller, durable=False)
+            rows[row.id] = row
+            with_samples(canonical["monitor"], UPLOAD, row.id)
+            self._remember(_mark(canonical))
+        return Admitted(canonical, {row.id: row.sha256 for row in rows.values()}, _digest(canonical))
+
+    def stored(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
+        """Samples that the caller has uploaded before; raises a 422 problem."""
+        row = self.store.samples.get(samples_id, caller.only)
+        if row is None:
+            raise invalid(pointer, "there are no samples with this id; POST /v1/samples gives one")
+        return row
+
+    def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
+        """Read uploaded samples and keep them; the second value tells whether they are new."""
+        with self._converted(upload, "", alone=True) as (path, summary, _):
+            return self._keep(path, summary, caller, durable=True)
+
+    @contextmanager
+    def _converted(
+        self, upload: Upload, pointer: str, *, alone: bool
+    ) -> Iterator[tuple[Path, dict[str, Any], Arrays | None]]:
+        """Uploaded samples as a canonical npz file that is not published, what they are, and light ones as arrays."""
+        with self.files.unfinished(".npz") as path:
+            most, arrays = 4 * self.settings.max_body, None
+            if upload.is_light:
+                with pointing(pointer):
+                    arrays = intake.read(upload.data, upload.filename, most, alone=alone)
+                    summary = intake.write(arrays, path)
+            else:
+                with self.files.unfinished(".upload") as source:
+                    source.write_bytes(upload.data)
+                    read = partial(intake.convert, alone=alone)
+                    summary = self._work(pointer, read, source, upload.filename, path, most)
+            self._check_samples(math.prod(summary["shape"]), pointer)
+            yield path, summary, arrays
+
+    def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
+        file = self.files.seal(path)
+        row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
+        new = self.store.samples.add(
+            row, partial(self.files.publish, path, file), key_id=caller.key_id, durable=durable
+        )
+        return (row, True) if new else (self.stored(row.id, "", caller), False)
+
+    def _check(
+        self,
+        spec: MeshSpec,
+        canonical: Mapping[str, Any] | None,
+        rows: Mapping[str, SamplesRow],
+        paths: Mapping[str, Path],
+    ) -> None:
+        """See that the monitor can be used on the domain; what takes long is a worker's work, and is done once."""
+        if _is_quick(spec.monitor):
+            check_problem(spec, paths)
+            return
+        mark = None if canonical is None else _mark(canonical)
+        if mark in self.known:
+            build_grid(spec)
+            return
+        with ExitStack() as stack:
+            try:
+                stored = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
+            except FileNotFoundError:
+                raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
+            self._work("", check_problem, spec, {**stored, **paths})
+        if mark is not None:
+            self._remember(mark)
+
+    def _remember(self, mark: str) -> None:
+        self.known[mark] = None
+        while len(self.known) > _REMEMBERED:
+            self.known.popitem(last=False)
+
+    def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
+        key_id = log_context.current().key_id
+        try:
+            with pointing(pointer), self.aside(key_id):
+                return self.desk.submit(key_id, function, *arguments, time_limit=_WORK_SECONDS).result()
+        except (TimeLimitError, MemoryLimitError) as error:
+            message = f"this takes too long to check ({error}): send fewer samples, or send them on a grid"
+            raise invalid(pointer or "/monitor", message) from None
+        except (EngineError, CancelledError) as error:
+            raise Problem("unavailable", f"The request was not checked: {error}.") from None
+
+    def _check_limits(self, spec: MeshSpec) -> None:
+        most = self.settings
+        # One direction at a time as well: an absurd number is told as such, whatever the other one is.
+        for name, points in (("n_xi", spec.grid.n_xi), ("n_eta", spec.grid.n_eta)):
+            if points > most.max_points // 4:
+                message = f"too many points: a mesh of this service has at most {most.max_points} in all"
+                raise invalid(f"/grid/{name}", message)
+        points = spec.grid.n_xi * spec.grid.n_eta
+        if spec.grid.n_xi > 0 and points > most.max_points:
+            message = f"{points} points; a mesh of this service has at most {most.max_points}: lower n_xi or n_eta"
+            raise invalid("/grid", message)
+        for pointer, source in sources_of(spec.monitor):
+            if isinstance(source, GridSource):
+                self._check_samples(sum(map(len, source.grid.values)), f"{pointer}/grid/values")
+            elif isinstance(source, ScatteredSource):
+                self._check_samples(len(source.scattered.points), f"{pointer}/scattered/points")
+        if spec.schwarz is not None:
+            along_xi, along_eta = spec.schwarz.subdomains
+            if max(along_xi, along_eta) > most.max_subdomains or along_xi * along_eta > most.max_subdomains:
+                message = f"too many: this service takes at most {most.max_subdomains} subdomains in all"
+                raise invalid("/schwarz/subdomains", message)
+            if spec.schwarz.overlap > max(spec.grid.n_xi, spec.grid.n_eta):
+                message = "the overlap is larger than the grid: 2 to 8 points are usual"
+                raise invalid("/schwarz/overlap", message)
+            if spec.schwarz.max_iterations > most.max_iterations:
+                message = f"too many: this service runs at most {most.max_iterations} iterations"
+                raise invalid("/schwarz/max_iterations", message)
+
+    def _check_samples(self, number: int, pointer: str) -> None:
+        if number > self.settings.max_samples:
+            message = f"{number} samples; this service takes at most {self.settings.max_samples}: send fewer"
+            raise invalid(pointer, message)
+
+
+def _digest(canonical: Mapping[str, Any]) -> str:
+    """The ids of samples in the spec come from their content; label and cells change nothing."""
+    spec = {key: value for key, value in canonical.items() if key not in ("label", "cells")}
+    text = json.dumps(spec, sort_keys=True, allow_nan=False)
+    return sha256(text.encode()).hexdigest()
+
+
+def _is_quick(monitor: AnyMonitor) -> bool:
+    """Whether a check takes no longer than looking at a formula in many points."""
+    quick = (ExpressionSource, GridSource)
+    return _is_plain(monitor) and all(isinstance(source, quick) for _, source in sources_of(monitor))
+
+
+def _is_plain(monitor: AnyMonitor) -> bool:
+    return isinstance(monitor, ArcLengthSpec) and monitor.smoothing == 0.0
+
+
+def _mark(canonical: Mapping[str, Any]) -> str:
+    """The same for specs of the same monitor on the same domain: the id of samples tells their content."""
+    text = json.dumps([canonical["monitor"], canonical["domain"]], sort_keys=True, allow_nan=False)
+    return sha256(text.encode()).hexdigest()

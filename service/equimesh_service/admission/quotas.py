@@ -1,0 +1,153 @@
+"""Limits for each API key: what it may have, and how often it may ask."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from starlette.concurrency import run_in_threadpool
+
+from equimesh_service.admission.callers import Caller
+from equimesh_service.problems.problem import Problem
+from equimesh_service.settings import Settings
+from equimesh_service.store.quotas import Quota, QuotaError, QuotaStore
+
+_MINUTE = 60
+# Bytes are summed anew after so many seconds, or after so many times as long as the sum took.
+_SUM_SECONDS, _SUM_SHARE = 5.0, 50.0
+# Who has deleted something waits no longer than this until there is room.
+_AGAIN_SECONDS = 0.5
+# Seconds after which to ask again; else 10. Unfinished meshes come to an end, and waits do so soon, while bytes go when
+# somebody deletes them.
+_AGAIN = {"key_max_bytes": "3600", "key_max_waits": "2"}
+_WHAT = {
+    "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
+    "key_max_points": ("points in unfinished meshes", "wait until some are finished, or ask for fewer points"),
+    "key_max_waits": ("open waits and event streams", "wait until some have ended, or ask without waiting"),
+    "key_max_bytes": ("bytes in files, samples and specs", "delete meshes and samples that are no longer needed"),
+}
+
+
+class _Minute:
+    """How many requests there were in the last 60 seconds, and in which of them."""
+
+    def __init__(self) -> None:
+        self.total = 0
+        self._seconds: deque[tuple[int, int]] = deque()  # a second, and the requests in it
+
+    def forget(self, now: float) -> None:
+        """Forget what was more than a minute ago."""
+        while self._seconds and self._seconds[0][0] < math.floor(now) - _MINUTE:
+            self.total -= self._seconds.popleft()[1]
+
+    def add(self, now: float) -> None:
+        """Count a request."""
+        second, number = math.floor(now), 0
+        if self._seconds and self._seconds[-1][0] == second:
+            number = self._seconds.pop()[1]
+        self._seconds.append((second, number + 1))
+        self.total += 1
+
+    def next_forgotten(self, now: float) -> int:
+        """Seconds until some of them are forgotten."""
+        oldest = self._seconds[0][0] if self._seconds else math.floor(now)
+        return max(1, math.ceil(oldest + _MINUTE + 1 - now))
+
+
+@dataclass(frozen=True)
+class _Sum:
+    """Stored bytes of a key with what came since they were summed; until when that is taken for true, and from when
+    on they are summed again before something is refused.
+    """
+
+    size: int
+    until: float
+    again: float
+
+
+class Quotas:
+    """The limits of all keys. For one event loop; callers without a key have none but the service's own, and that of
+    waits, which they share.
+
+    ``clock`` gives seconds that only grow.
+    """
+
+    def __init__(self, settings: Settings, store: QuotaStore, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._settings, self._store, self._clock = settings, store, clock
+        self._minutes: dict[str, _Minute] = {}
+        self._sums: dict[str, _Sum] = {}
+        self._waits: Counter[str] = Counter()
+
+    def count_request(self, caller: Caller) -> dict[str, str]:
+        """The headers that say how many requests are left; raises a 429 problem when none is."""
+        most = self._settings.key_requests_per_minute
+        if not caller.key_id or not most:
+            return {}
+        now, minute = self._clock(), self._minutes.setdefault(caller.key_id, _Minute())
+        minute.forget(now)
+        if minute.total < most:
+            minute.add(now)
+        else:
+            wait = minute.next_forgotten(now)
+            detail = (
+                f"This key may send {most} requests a minute (EQUIMESH_KEY_REQUESTS_PER_MINUTE) and has sent them: "
+                f"try again in {wait} seconds; one GET /v1/meshes tells the states of many meshes."
+            )
+            raise Problem("rate-limited", detail, headers={**_rate(most, 0, wait), "Retry-After": str(wait)})
+        return _rate(most, most - minute.total, minute.next_forgotten(now))
+
+    def for_mesh(self, caller: Caller) -> Quota | None:
+        """What :meth:`MeshesStore.add` is to hold this caller to."""
+        if not caller.key_id:
+            return None
+        return Quota(queued=self._settings.key_max_queued, points=self._settings.key_max_points)
+
+    @contextmanager
+    def waiting(self, caller: Caller, seconds: float) -> Iterator[None]:
+        """Have the caller wait so many seconds at most, 0 being none; raises a 429 problem when too many do."""
+        key_id, most = caller.key_id, self._settings.key_max_waits
+        if not (seconds and most):
+            yield
+            return
+        if self._waits[key_id] >= most:
+            who = "This key has" if key_id else "Callers without a key have"
+            raise exceeded(QuotaError("key_max_waits", self._waits[key_id], most), who)
+        self._waits[key_id] += 1
+        try:
+            yield
+        finally:
+            self._waits[key_id] -= 1
+            if not self._waits[key_id]:
+                del self._waits[key_id]
+
+    async def check_bytes(self, caller: Caller, more: int = 0) -> None:
+        """Raise a 429 problem when the caller has stored as much as it may, or would with ``more`` bytes."""
+        most = self._settings.key_max_bytes
+        if not caller.key_id or not most:
+            return
+        now, more = self._clock(), max(1, more)
+        found = self._sums.get(caller.key_id)
+        if found is None or now >= found.until or (found.size + more > most and now >= found.again):
+            size = await run_in_threadpool(self._store.stored_bytes, caller.key_id)
+            took = self._clock() - now
+            wait = _SUM_SHARE * took
+            found = _Sum(size, now + max(_SUM_SECONDS, wait), now + max(_AGAIN_SECONDS, wait))
+        fits = found.size + more <= most
+        self._sums[caller.key_id] = replace(found, size=found.size + more) if fits else found
+        if not fits:
+            raise exceeded(QuotaError("key_max_bytes", found.size, most))
+
+
+def _rate(most: int, left: int, seconds: int) -> dict[str, str]:
+    return {"RateLimit-Policy": f'"key";q={most};w={_MINUTE}', "RateLimit": f'"key";r={left};t={seconds}'}
+
+
+def exceeded(error: QuotaError, who: str = "This key has") -> Problem:
+    """The 429 problem of a limit that is reached."""
+    what, remedy = _WHAT[error.limit]
+    detail = f"{who} {error.used} {what}, and may have {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
+    return Problem("quota-exceeded", detail, headers={"Retry-After": _AGAIN.get(error.limit, "10")})

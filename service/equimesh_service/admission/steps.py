@@ -1,0 +1,221 @@
+"""Steps of sequences: what a time-stepper sends, checked, and made into the mesh that is to come next."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import time
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import FailFast, Field, Tag
+
+from equimesh.errors import InputError, SamplesError
+from equimesh.fields.nodal_field import nodal_values
+from equimesh.io.write import NPZ_ARRAYS, load_npz
+from equimesh.meshes.mesh import Mesh
+from equimesh.upload.samples import read_npz
+from equimesh_service.admission.admit import Admission, Admitted
+from equimesh_service.admission.callers import Caller
+from equimesh_service.files.port import Files, Removed, StoredFile
+from equimesh_service.problems.problem import Complaint, Problem, complaint_of, invalid, refused
+from equimesh_service.spec.document import escaped, parse
+from equimesh_service.spec.mesh import read_spec
+from equimesh_service.spec.sources import ExpressionSource
+from equimesh_service.spec.strict import TAG, Numbers, Strict, by_key, validated
+from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
+from equimesh_service.store.store import Store
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+FIELDS = "fields"  # the name of the artifact
+MOST_FIELDS = 32
+# Names in files that are something else, and those that numpy.savez keeps for itself.
+RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
+KINDS = ("arc_length", "curvature")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
+_U = "/monitor/u"
+
+_Rows = Annotated[list[Numbers], FailFast()]
+
+
+class NodesSource(Strict):
+    """u at the nodes of the current mesh."""
+
+    nodes: _Rows = Field(description="nodes[i][j] is u at the node (i, j): n_xi rows of n_eta values.")
+
+
+class StepSpec(Strict):
+    """The next step of a sequence."""
+
+    step: int = Field(description="The step that this one follows: whose mesh u and the fields are given on.")
+    u: Annotated[
+        Annotated[NodesSource, Tag(TAG + "nodes")] | Annotated[ExpressionSource, Tag(TAG + "expression")],
+        by_key("nodes", "expression"),
+    ] = Field(description="What the next mesh adapts to.")
+    fields: dict[str, _Rows] = Field(
+        default_factory=dict,
+        max_length=MOST_FIELDS,
+        description="Further values at the nodes, as u.nodes, to be carried to the next mesh; by names of letters, "
+        "digits and underscores.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """A step as it was sent: ``u`` at the nodes or as an expression, and fields, not yet compared with the mesh."""
+
+    step: int
+    u: Any
+    fields: Mapping[str, Any]
+
+    def checked(self, mesh: Mesh) -> tuple[Array | None, dict[str, Array]]:
+        """u, None for an expression, and the fields, at the nodes of ``mesh``; raises a 422 problem."""
+        complaints: list[Complaint] = []
+
+        def read(values: Any, name: str, pointer: str) -> Array | None:
+            try:
+                return nodal_values(values, mesh, name)
+            except InputError as error:
+                complaints.append(complaint_of(error, pointer))
+                return None
+
+        u = None if isinstance(self.u, ExpressionSource) else read(self.u, "u", "/u/nodes")
+        fields = {}
+        for name, values in self.fields.items():
+            pointer = f"/fields{escaped(name)}"
+            if not _NAME.fullmatch(name) or name in RESERVED:
+                reserved = ", ".join(sorted(RESERVED))
+                message = f"a field has a name of at most 32 letters, digits and underscores, none of {reserved}"
+                complaints.append(Complaint(pointer=pointer, message=message))
+            elif (found := read(values, name, pointer)) is not None:
+                fields[name] = found
+        if complaints:
+            raise refused(complaints)
+        return u, fields
+
+
+def read_json(data: bytes) -> Move:
+    """A step in JSON; raises 400 and 422 problems."""
+    spec = validated(StepSpec, parse(data))
+    return Move(step=spec.step, u=spec.u.nodes if isinstance(spec.u, NodesSource) else spec.u, fields=spec.fields)
+
+
+def read_arrays(data: bytes, max_bytes: int) -> Move:
+    """A step in npz: the arrays ``step`` (a single number) and ``u``, all others are fields; raises 422 problems."""
+    try:
+        arrays = read_npz(data, max_bytes=max_bytes)
+    except SamplesError as error:
+        raise refused([complaint_of(error, escaped(error.field) if error.field else "")]) from None
+    for name in ("step", "u"):
+        if name not in arrays:
+            raise invalid(
+                f"/{name}", f"the npz file needs an array {name}: step is the number of the step that follows"
+            )
+    step = arrays.pop("step")
+    if step.size != 1 or step.dtype.kind not in "iu":
+        raise invalid("/step", "this must be a single whole number: the step that this one follows")
+    u = arrays.pop("u")
+    if len(arrays) > MOST_FIELDS:
+        raise invalid("/fields", f"{len(arrays)} fields; a step carries at most {MOST_FIELDS}")
+    return Move(step=int(step.reshape(-1)[0]), u=u, fields=arrays)
+
+
+def first_spec(admitted: Admitted) -> Admitted:
+    """The spec of a sequence's first mesh, if a sequence can go on from it; raises a 422 problem."""
+    kind = admitted.spec["monitor"]["kind"]
+    if kind not in KINDS:
+        message = f"a sequence follows one function u: its monitor is {' or '.join(KINDS)}, not {kind}"
+        raise invalid("/monitor/kind", message)
+    return admitted
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prepared:
+    """A step that can be asked for, with its fields in a file that is sealed but not published."""
+
+    admitted: Admitted
+    fields: Artifact | None
+    path: Path | None
+
+    def publish(self, files: Files, removed: Removed) -> None:
+        """Give the file of the fields its name."""
+        if self.fields is not None and self.path is not None:
+            files.publish(self.path, StoredFile(self.fields.sha256, self.fields.size), removed)
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """Makes specs of steps; what comes with them is kept."""
+
+    admission: Admission
+    store: Store
+    files: Files
+
+    def prepare(self, move: Move, mesh_id: str, caller: Caller, stack: ExitStack) -> Prepared:
+        """The spec of the mesh after ``mesh_id``; raises 409 and 422 problems. Files last until ``stack`` closes."""
+        spec, mesh = self.store.meshes.spec(mesh_id), self._mesh(mesh_id)
+        if spec is None:
+            raise _gone()
+        u, fields = move.checked(mesh)
+        if u is None:
+            admitted = self._of_expression(spec, move.u, caller)
+        else:
+            row = self._keep(mesh, u, caller)
+            monitor = {**spec["monitor"], "u": {"samples": row.id}}
+            canonical = read_spec({**spec, "monitor": monitor}).canonical()
+            admitted = Admitted(canonical, {row.id: row.sha256}, "")
+        if not fields:
+            return Prepared(admitted=admitted, fields=None, path=None)
+        path = stack.enter_context(self.files.unfinished(".npz"))
+        np.savez(path, **fields)  # type: ignore[arg-type]
+        file = self.files.seal(path)
+        return Prepared(admitted=admitted, fields=Artifact(FIELDS, file.sha256, file.size), path=path)
+
+    def _of_expression(self, spec: Mapping[str, Any], u: ExpressionSource, caller: Caller) -> Admitted:
+        document = {**spec, "monitor": {**spec["monitor"], "u": u.model_dump(mode="json")}}
+        try:
+            return self.admission.admit(document, None, caller)
+        except Problem as problem:
+            if not problem.errors:
+                raise
+            raise refused([_moved(complaint) for complaint in problem.errors]) from None
+
+    def _mesh(self, mesh_id: str) -> Mesh:
+        artifact = self.store.meshes.artifact(mesh_id, "mesh")
+        if artifact is None:
+            raise _gone()
+        try:
+            with self.files.local(artifact.sha256) as path:
+                return load_npz(path).mesh
+        except FileNotFoundError:
+            raise _gone() from None
+
+    def _keep(self, mesh: Mesh, u: Array, caller: Caller) -> SamplesRow:
+        """Keep u as samples, which any monitor can name."""
+        with self.files.unfinished(".npz") as path:
+            np.savez(path, x=mesh.x, y=mesh.y, values=u)
+            file = self.files.seal(path)
+            summary = {"kind": "nodal", "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
+            row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, time())
+            self.store.samples.add(row, partial(self.files.publish, path, file), key_id=caller.key_id)
+        return row
+
+
+def _gone() -> Problem:
+    return Problem("conflict", "The mesh that this step follows was deleted.")
+
+
+def _moved(complaint: Complaint) -> Complaint:
+    """What was said of the spec, where the step has it."""
+    if not complaint.pointer.startswith(_U):
+        return complaint
+    pointer = "/u" + complaint.pointer.removeprefix(_U)
+    return Complaint(
+        pointer=pointer, message=complaint.message, position=complaint.position, parameter=complaint.parameter
+    )

@@ -1,0 +1,1 @@
+"""Routes, and the models of their answers."""

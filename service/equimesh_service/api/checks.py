@@ -1,0 +1,121 @@
+"""Routes that answer questions before a mesh is asked for: is this expression good, what can the service do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from fastapi import APIRouter, Request
+
+from equimesh import Boundary, Initial
+from equimesh.fields.expression import FUNCTIONS, LIMITS
+from equimesh.io.write import CELLS, FORMATS
+from equimesh_service.admission import steps
+from equimesh_service.api.resources import DomainReport, ExpressionReport, Range
+from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
+from equimesh_service.assembly.problem import build_domain, build_expression, pointing
+from equimesh_service.problems.problem import Problem
+from equimesh_service.spec import domains, monitors, schwarz
+from equimesh_service.spec.document import parse
+from equimesh_service.spec.mesh import MODE_USES, read_expression_check
+from equimesh_service.wire import body as bodies
+from equimesh_service.worker.export import PICTURES, PLOTS
+
+router = APIRouter(prefix="/v1", tags=["checks"])
+
+_POINTS = 65
+_BODY = {
+    "required": True,
+    "content": {
+        "application/json": {
+            "schema": {"$ref": "#/components/schemas/ExpressionCheck"},
+            "example": {"expression": "tanh(k*(x - 0.5))", "parameters": {"k": 20}},
+        }
+    },
+}
+
+
+@router.post(
+    "/expressions/check",
+    summary="Check an expression",
+    operation_id="checkExpression",
+    responses={**problems(400, 408, 413, 415, 422), **KEY_PROBLEMS},
+    openapi_extra={"requestBody": _BODY},
+)
+async def check(request: Request, service: ServiceDependency, caller: Reader) -> ExpressionReport:  # noqa: ARG001
+    """Parse the expression and evaluate it on the domain, the unit square unless given.
+
+    A 422 says what is wrong, and at which column.
+    """
+    if bodies.media_type(request) != bodies.JSON:
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON}.")
+    data = await bodies.read_body(request, service.settings.max_body)
+    return await service.check(_report, data)
+
+
+@router.get("/capabilities", summary="What this service can do", operation_id="getCapabilities")
+async def capabilities(service: ServiceDependency) -> dict[str, Any]:
+    """Formats and who reads them, limits, the language of expressions, the choices of a spec, the engine."""
+    settings = service.settings
+    health = service.engine.health()
+    return {
+        "version": version("equimesh"),
+        "formats": [asdict(form) for form in FORMATS.values()],
+        "cells": list(CELLS),
+        "plots": {"kinds": list(PLOTS), "formats": dict(PICTURES)},
+        "samples": {
+            "formats": ["npz", "npy", "csv", "json", "vtu", "vtk", "xdmf"],
+            "max_samples": settings.max_samples,
+        },
+        "sequences": {"monitors": list(steps.KINDS), "max_fields": steps.MOST_FIELDS},
+        "monitors": _named(monitors.USES),
+        "domains": _named(domains.USES),
+        "modes": _named(MODE_USES),
+        "boundaries": [str(kind) for kind in Boundary],
+        "initials": [str(kind) for kind in Initial],
+        "transmissions": _named(schwarz.TRANSMISSION_USES),
+        "interface_data": _named(schwarz.INTERFACE_DATA_USES),
+        "orderings": _named(schwarz.ORDERING_USES),
+        "accelerations": _named(schwarz.ACCELERATION_USES),
+        "local_solvers": _named(schwarz.LOCAL_SOLVER_USES),
+        "expressions": {
+            "names": ["x", "y", "t", "pi", "e"],
+            "functions": dict(FUNCTIONS),
+            "limits": asdict(LIMITS),
+        },
+        "limits": {
+            "max_points": settings.max_points,
+            "max_body": settings.max_body,
+            "max_samples": settings.max_samples,
+            "max_subdomains": settings.max_subdomains,
+            "max_iterations": settings.max_iterations,
+            "max_wait": settings.max_wait,
+            "time_limit": settings.time_limit,
+            "memory_limit": settings.memory_limit,
+        },
+        "engine": {"kind": "pebble", "workers": health.workers, "ready": health.ready},
+    }
+
+
+def _named(uses: Mapping[str, str]) -> list[dict[str, str]]:
+    return [{"name": name, "when_to_use": use} for name, use in uses.items()]
+
+
+def _report(data: bytes) -> ExpressionReport:
+    asked = read_expression_check(parse(data))
+    domain = build_domain(asked.domain)
+    with pointing("", default="expression"):
+        expression = build_expression(asked, domain)
+    line = np.linspace(0.0, 1.0, _POINTS)
+    u, u_x, u_y = expression.evaluate(*domain.map(*np.meshgrid(line, line, indexing="ij")), order=1)
+    gradient = np.hypot(u_x, u_y)
+    return ExpressionReport(
+        names=sorted(expression.names),
+        u=Range(min=float(u.min()), max=float(u.max())),
+        gradient=Range(min=float(gradient.min()), max=float(gradient.max())),
+        constant=bool(u.min() == u.max() and not gradient.any()),
+        domain=DomainReport(box=[list(ends) for ends in domain.box], area=domain.area),
+    )

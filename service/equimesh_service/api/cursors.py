@@ -1,0 +1,43 @@
+"""Cursors of the list of meshes: where a page ends, as a text that a client sends back.
+
+Who sees all meshes is told the number of the last one. A key that sees its own only is told when that was made and its
+id, which it knows: the number would tell how many meshes others make. Neither changes when meshes come and go.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from struct import pack, unpack
+
+from equimesh_service.api.routing import LARGEST
+from equimesh_service.problems.problem import Problem, invalid
+from equimesh_service.store.rows import MeshRow, Position
+
+_NUMBER = re.compile(r"[0-9a-f]{1,16}")
+_MOMENT = re.compile(r"([0-9a-f]{16})([!-~]{1,40})")
+
+
+def cursor_of(row: MeshRow, key_id: str | None) -> str:
+    """The cursor of a page that ends with this mesh, for a key, or for who sees all."""
+    return f"{row.number:x}" if key_id is None else f"{pack('>d', row.created_at).hex()}{row.id}"
+
+
+def position_of(cursor: str, key_id: str | None) -> Position:
+    """Where the page of this cursor ends; raises a 422 problem."""
+    if key_id is None:
+        number = int(cursor, 16) if _NUMBER.fullmatch(cursor) else 0
+        if 0 < number < LARGEST:
+            return (number,)
+        raise _none()
+    found = _MOMENT.fullmatch(cursor)
+    if found is None:
+        raise _none()
+    [moment] = unpack(">d", bytes.fromhex(found[1]))
+    if not math.isfinite(moment):
+        raise _none()
+    return moment, found[2]
+
+
+def _none() -> Problem:
+    return invalid("", "not a cursor of this list", parameter="cursor")

@@ -1,0 +1,314 @@
+"""Routes that ask for meshes and look after them."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header, Query, Request
+from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from equimesh.io.write import FORMATS
+from equimesh_service.admission.admit import Upload
+from equimesh_service.api.cursors import cursor_of, position_of
+from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
+from equimesh_service.api.results import check_done, mesh_bytes, mesh_file, mesh_format
+from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
+from equimesh_service.problems.problem import Problem
+from equimesh_service.service import Service
+from equimesh_service.spec.mesh import MeshSpec
+from equimesh_service.spec.strict import WITHOUT_NUL
+from equimesh_service.store.rows import CANCELED, MeshRow
+from equimesh_service.wire import body as bodies
+from equimesh_service.wire.negotiation import explicit, preferred_wait
+from equimesh_service.worker.job import Ending
+from equimesh_service.worker.solve import file_name
+
+router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
+
+EXAMPLES: dict[str, Any] = {
+    "single domain": {
+        "summary": "One expression, everything else by default",
+        "value": {"monitor": {"u": {"expression": "tanh(20*(x + y/2 - 0.75))"}}},
+    },
+    "paper": {
+        "summary": "The mesh of Haynes and Howse's Table 1, classical conditions",
+        "value": {
+            "monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}, "a": 0.7, "b": 0.05},
+            "grid": {"n_xi": 12, "n_eta": 12},
+            "boundary": "equidistributed_1d",
+            "initial": "uniform",
+            "schwarz": {
+                "subdomains": [2, 1],
+                "overlap": 2,
+                "transmission": {"kind": "classical"},
+                "ordering": "parallel",
+                "tolerance": None,
+                "max_iterations": 5,
+            },
+        },
+    },
+    "curvature": {
+        "summary": "The least interpolation error on a part of a ring",
+        "value": {
+            "monitor": {"kind": "curvature", "u": {"expression": "tanh(10*(x - y))"}, "smoothing": 0.05},
+            "domain": {"kind": "annulus_sector", "radii": [1, 2], "angles": [0, 90]},
+            "grid": {"n_xi": 33, "n_eta": 33},
+        },
+    },
+    "weight": {
+        "summary": "Cells three times smaller along the bottom of a channel with a bump",
+        "value": {
+            "monitor": {"kind": "weight", "rho": {"expression": "1 + 8*exp(-(4*y)**2)"}},
+            "domain": {
+                "kind": "quadrilateral",
+                "bottom": {"x": "3*t", "y": "h*exp(-(6*t - 3)**2)", "parameters": {"h": 0.2}},
+                "right": {"x": "3", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
+                "top": {"points": [[0, 1], [3, 1]]},
+                "left": {"x": "0", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
+            },
+            "grid": {"n_xi": 49, "n_eta": 17},
+            "mode": "tight",
+        },
+    },
+    "samples": {
+        "summary": "u as samples on a grid",
+        "value": {
+            "monitor": {
+                "u": {"grid": {"x": [0, 0.5, 1], "y": [0, 1], "values": [[0, 0], [1, 1], [0, 0]]}},
+            },
+            "grid": {"n_xi": 16, "n_eta": 16},
+        },
+    },
+}
+_SPEC = {"$ref": "#/components/schemas/MeshSpec"}
+MESH_BODY = {
+    "required": True,
+    "content": {
+        "application/json": {"schema": _SPEC, "examples": EXAMPLES},
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["spec"],
+                "properties": {
+                    "spec": _SPEC,
+                    "samples": {
+                        "type": "string",
+                        "contentMediaType": "application/octet-stream",
+                        "description": "For {'samples': 'upload'}: npz, npy, csv, json, vtu, vtk or xdmf.",
+                    },
+                },
+            },
+            "encoding": {"spec": {"contentType": "application/json"}},
+        },
+    },
+}
+_MESH_FILES: dict[str, Any] = {form.media_type: {} for form in FORMATS.values()}
+_LOCATION = {"Location": {"description": "The mesh.", "schema": {"type": "string"}}}
+_REUSED = {
+    "Equimesh-Reused": {
+        "description": "The earlier mesh whose points and files these are; absent if the mesh was computed.",
+        "schema": {"type": "string"},
+    }
+}
+
+
+@router.post(
+    "",
+    summary="Ask for a mesh",
+    operation_id="createMesh",
+    status_code=201,
+    response_model=None,
+    responses={
+        201: {
+            "description": "The finished mesh; its file, when a mesh format was asked for.",
+            "model": MeshResource,
+            "headers": {**_LOCATION, **_REUSED},
+            "content": _MESH_FILES,
+        },
+        202: {"description": "It waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
+        **problems(400, 406, 408, 409, 413, 415, 422, 429, 503, 507),
+    },
+    openapi_extra={"requestBody": MESH_BODY},
+)
+async def create(
+    request: Request,
+    service: ServiceDependency,
+    caller: Writer,
+    format: Annotated[
+        str | None,
+        Query(
+            description="Answer with the mesh file in this format, when it finishes in time.",
+            json_schema_extra={"enum": [*FORMATS]},
+        ),
+    ] = None,
+    prefer: Annotated[
+        str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")
+    ] = None,
+    idempotency_key: Annotated[
+        str | None,
+        Header(
+            description="A repeated request with the same key gives the same mesh.",
+            json_schema_extra={"minLength": 1, "maxLength": 255},
+        ),
+    ] = None,
+    reuse: Annotated[
+        bool, Query(description="Answer with a finished mesh of the same spec and samples, where there is one.")
+    ] = True,
+) -> Response:
+    """Ask for a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
+
+    With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip. A mesh that fails in this
+    time answers 201, too, with status `failed` and the reason in `error`; where its file was asked for, it answers
+    with the problem, as the request for the file would.
+
+    Where the same mesh has been computed before, the answer is at once a mesh of its own with the same points and
+    files; `reused_from` and the header `Equimesh-Reused` name the earlier one, and `reuse=false` declines.
+    """
+    name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), media_types())
+    key = checked_key(idempotency_key)
+    document, upload = await read_request(request, service)
+    # Before the samples that come along are kept.
+    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
+    admitted = await service.check(service.admission.receive, document, upload, caller)
+    if upload is not None:
+        service.metrics.uploaded()
+    wanted = preferred_wait(prefer)
+    seconds = min(wanted or 0, int(service.settings.max_wait))
+    with service.quotas.waiting(caller, seconds):
+        asked = await service.ask(admitted, caller, key=key, format=name, seconds=seconds, reuse=reuse)
+        headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
+        if wanted is not None:
+            headers["Preference-Applied"] = f"wait={seconds}"
+        began = time.monotonic()
+        ending = await service.ending(asked, seconds)
+        if ending is not None and name is not None and (file := ending.file(file_name(name, admitted.spec["cells"]))):
+            return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
+        row = await service.finished(asked.mesh_id, seconds - (time.monotonic() - began), caller)
+    if row.reused_from is not None:
+        headers["Equimesh-Reused"] = row.reused_from
+    if row.finished and name is not None:
+        check_done(row, partial=False, headers=headers)
+        return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)
+    if not row.finished:
+        headers["Retry-After"] = "1"
+    return _answer(service, row, 201 if row.finished else 202, headers)
+
+
+@router.get("", summary="List meshes, newest first", operation_id="listMeshes", responses=problems(422))
+async def list_meshes(
+    request: Request,
+    response: Response,
+    service: ServiceDependency,
+    caller: Reader,
+    status: Annotated[
+        Literal["queued", "running", "succeeded", "failed", "canceled"] | None, Query(description="Only these.")
+    ] = None,
+    label: Annotated[str | None, Query(pattern=WITHOUT_NUL, description="Only those with exactly this label.")] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Most meshes on a page.")] = 50,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.")] = None,
+) -> MeshList:
+    """A page of meshes; the header `Link` with rel="next" leads to the next one."""
+    before = None if cursor is None else position_of(cursor, caller.only)
+    rows = await run_in_threadpool(
+        lambda: service.store.meshes.page(
+            key_id=caller.only, status=status, label=label, before=before, limit=limit + 1
+        )
+    )
+    following = cursor_of(rows[limit - 1], caller.only) if len(rows) > limit else None
+    if following is not None:
+        url = request.url.include_query_params(cursor=following)
+        response.headers["Link"] = f'<{url.path}?{url.query}>; rel="next"'
+    return MeshList(items=[mesh_resource(row, service.settings.root) for row in rows[:limit]], next_cursor=following)
+
+
+@router.get("/{id}", summary="Look at a mesh", operation_id="getMesh", responses=problems(404, 410, 422))
+async def get_mesh(
+    id: str,
+    service: ServiceDependency,
+    caller: Reader,
+    wait: Annotated[
+        float, Query(ge=0, le=3600, allow_inf_nan=False, description="Seconds to wait for it to finish.")
+    ] = 0.0,
+) -> MeshResource:
+    """State, progress, quality, and links; also of a mesh that failed, whose `error` says why."""
+    with service.quotas.waiting(caller, wait):
+        return mesh_resource(await service.finished(id, wait, caller), service.settings.root)
+
+
+@router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 410, 409))
+async def cancel(id: str, service: ServiceDependency, caller: Writer) -> MeshResource:
+    """Cancel a mesh that is not finished; a worker that computes it is stopped."""
+    await service.mesh(id, caller)
+    if await run_in_threadpool(service.store.queue.cancel, id):
+        service.metrics.ended(Ending(status=CANCELED))
+        service.dispatcher.cancel(id)
+    row = await service.mesh(id, caller)
+    if row.status != CANCELED:
+        raise Problem("conflict", f"The mesh has {row.status} already.")
+    return mesh_resource(row, service.settings.root)
+
+
+@router.delete(
+    "/{id}", summary="Delete a mesh", operation_id="deleteMesh", status_code=204, responses=problems(404, 410)
+)
+async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
+    """Delete the record and the files; a mesh that is not finished is canceled first."""
+    await service.mesh(id, caller)
+    if await run_in_threadpool(service.store.queue.cancel, id):
+        service.metrics.ended(Ending(status=CANCELED))
+    if not await run_in_threadpool(service.store.meshes.delete, id, service.discard):
+        raise Problem("not-found", "There is no mesh with this id.")
+    service.dispatcher.cancel(id)
+
+
+@router.get(
+    "/{id}/spec",
+    summary="The spec with all defaults",
+    operation_id="getMeshSpec",
+    response_model=MeshSpec,
+    responses=problems(404, 410),
+)
+async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Response:
+    """The spec as it was computed: posting it again gives the same mesh."""
+    await service.mesh(id, caller)
+    spec = await run_in_threadpool(service.store.meshes.spec, id)
+    if spec is None:
+        raise Problem("not-found", "There is no mesh with this id.")
+    return JSONResponse(spec)
+
+
+async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None]:
+    """The spec of a mesh as it came, and the samples that came with it."""
+    kind = bodies.media_type(request)
+    if kind not in (bodies.JSON, bodies.MULTIPART):
+        shown = repr(kind[:80]) if kind else "no Content-Type"
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.MULTIPART}, not {shown}.")
+    data = await bodies.read_body(request, service.settings.max_body)
+    upload = None
+    if kind == bodies.MULTIPART:
+        parts = await bodies.read_parts(request, data, ("spec", "samples"))
+        if "spec" not in parts:
+            raise Problem("malformed-body", 'The multipart body needs a part "spec".')
+        data = parts["spec"].data
+        if "samples" in parts:
+            upload = bodies.upload_of(parts["samples"])
+    return data, upload
+
+
+def _answer(service: Service, row: MeshRow, status: int, headers: dict[str, str]) -> Response:
+    return JSONResponse(mesh_resource(row, service.settings.root).model_dump(mode="json"), status, headers)
+
+
+def media_types() -> dict[str, str]:
+    """The media types of the mesh formats, by their names."""
+    return {name: form.media_type for name, form in FORMATS.items()}
+
+
+def checked_key(key: str | None) -> str | None:
+    """An idempotency key that can be one; raises a 400 problem."""
+    if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
+        raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")
+    return key

@@ -1,0 +1,74 @@
+"""Routes for operators: health, metrics, explanations of problems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse, PlainTextResponse
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from equimesh_service.api.routing import KEY_PROBLEMS, Admin, ServiceDependency, problems
+from equimesh_service.problems.problem import KINDS, Problem
+from equimesh_service.upkeep.readiness import OK
+
+router = APIRouter(tags=["operations"])
+
+_UNREADY: dict[int | str, dict[str, Any]] = {503: {"description": "Something is not ready; the body says what."}}
+_OPENMETRICS = "application/openmetrics-text"
+
+
+@router.get("/livez", summary="Is the process alive", operation_id="getLiveness")
+@router.head("/livez", summary="As GET, without a body", operation_id="headLiveness")
+async def livez() -> dict[str, str]:
+    """200 as long as the process answers."""
+    return {"status": "ok"}
+
+
+@router.get(
+    "/readyz",
+    summary="Can the service work",
+    operation_id="getReadiness",
+    response_model=dict[str, Any],
+    responses=_UNREADY,
+)
+@router.head("/readyz", summary="As GET, without a body", operation_id="headReadiness", responses=_UNREADY)
+async def readyz(service: ServiceDependency) -> Response:
+    """Whether the store, the files, the engine and the dispatcher do their work, by a look at most a second old."""
+    checks = await service.readiness.look()
+    ready = all(result == OK for result in checks.values())
+    return JSONResponse({"status": OK if ready else "unavailable", "checks": checks}, 200 if ready else 503)
+
+
+@router.get(
+    "/metrics",
+    summary="Metrics for Prometheus",
+    operation_id="getMetrics",
+    response_class=PlainTextResponse,
+    responses={
+        200: {"content": {media: {"schema": {"type": "string"}} for media in ("text/plain", _OPENMETRICS)}},
+        **problems(404),
+        **KEY_PROBLEMS,
+    },
+)
+async def get_metrics(request: Request, service: ServiceDependency, caller: Admin) -> Response:  # noqa: ARG001
+    """What the service counts, in the text format of Prometheus or, where Accept asks for it, of OpenMetrics."""
+    if not service.settings.metrics:
+        raise Problem("not-found", "Metrics are switched off (EQUIMESH_METRICS).")
+    content, media_type = await run_in_threadpool(service.metrics.scrape, request.headers.get("accept", ""))
+    return Response(content, headers={"Content-Type": media_type})
+
+
+@router.get(
+    "/problems/{name}",
+    summary="What a problem means",
+    operation_id="getProblem",
+    responses=problems(404),
+)
+async def get_problem(name: str) -> dict[str, Any]:
+    """The explanation of a problem's `type`."""
+    kind = KINDS.get(name)
+    if kind is None:
+        raise Problem("not-found", f"There is no such problem; there are {', '.join(KINDS)}.")
+    return {"type": kind.type, "title": kind.title, "status": kind.status, "remedy": kind.remedy}

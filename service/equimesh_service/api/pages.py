@@ -1,0 +1,58 @@
+"""The pages for people: a front page with a playground, the documentation, and all that they load.
+
+Pages, scripts and styles are files in ``assets``. Addresses in them are relative, so that they are right under any path
+that a proxy serves this at.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from html import escape
+from importlib.resources import files
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse
+from starlette.responses import Response
+
+from equimesh_service.problems.problem import Problem
+from equimesh_service.wire.security_headers import page_policy
+
+router = APIRouter(include_in_schema=False)
+
+_OURS, _SWAGGER = "equimesh_service.api.assets", "fastapi_swagger.resources"
+_ASSETS = {
+    "docs.js": (_OURS, "text/javascript"),
+    "front.css": (_OURS, "text/css"),
+    "playground.js": (_OURS, "text/javascript"),
+    "swagger-ui-bundle.js": (_SWAGGER, "text/javascript"),
+    "swagger-ui.css": (_SWAGGER, "text/css"),
+    "favicon-32x32.png": (_SWAGGER, "image/png"),
+}
+_FRONT_POLICY = page_policy(pictures="'self' blob:")
+_DOCS_POLICY = page_policy(pictures="'self' data:")
+
+
+@router.get("/")
+async def front(request: Request) -> HTMLResponse:
+    """The front page."""
+    page = _read("front.html").decode().replace("BASE", escape(str(request.base_url).rstrip("/")))
+    return HTMLResponse(page, headers={"Content-Security-Policy": _FRONT_POLICY})
+
+
+@router.get("/docs")
+async def docs() -> HTMLResponse:
+    """The description of the interface, to read and to try."""
+    return HTMLResponse(_read("docs.html"), headers={"Content-Security-Policy": _DOCS_POLICY})
+
+
+@router.get("/docs/assets/{name}")
+async def asset(name: str) -> Response:
+    """A file that a page loads; ``name`` is looked up, and is never part of a path."""
+    if name not in _ASSETS:
+        raise Problem("not-found", "No such file.")
+    return Response(_read(name), media_type=_ASSETS[name][1], headers={"Cache-Control": "max-age=86400"})
+
+
+@cache
+def _read(name: str) -> bytes:
+    return files(_ASSETS[name][0] if name in _ASSETS else _OURS).joinpath(name).read_bytes()

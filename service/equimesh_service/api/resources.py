@@ -1,0 +1,286 @@
+"""What the service answers: the models of its JSON, and how they come from the rows of the store."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from equimesh_service.store.rows import SUCCEEDED, EventRow, MeshRow, SamplesRow, SequenceRow
+
+Status = Literal["queued", "running", "succeeded", "failed", "canceled"]
+
+
+class Position(BaseModel):
+    """A place inside an expression."""
+
+    offset: int = Field(description="0-based, in characters.")
+    line: int
+    column: int = Field(description="1-based.")
+
+
+class InputComplaint(BaseModel):
+    """One thing wrong with the input."""
+
+    pointer: str = Field(description="JSON pointer into the body.")
+    message: str = Field(description="What is wrong, and what would be right.")
+    position: Position | None = None
+    parameter: str | None = Field(None, description="The query parameter or header, when it is one.")
+
+
+class ProblemDetails(BaseModel):
+    """A problem, after RFC 9457."""
+
+    type: str = Field(description="Stable; GET it for an explanation.", examples=["/problems/invalid-input"])
+    title: str
+    detail: str
+    remedy: str = Field(description="What to try.")
+    status: int | None = Field(None, description="HTTP status; absent in the error of a mesh.")
+    request_id: str | None = Field(None, description="Of a 5xx: what the service's log calls this request.")
+    errors: list[InputComplaint] | None = None
+
+
+class Progress(BaseModel):
+    """How far a mesh is."""
+
+    model_config = ConfigDict(extra="allow")
+
+    stage: str = Field(description="queued, start, single_domain, schwarz, writing, done.")
+    iteration: int | None = Field(None, description="Newton step, or Schwarz iteration.")
+    residual: float | None = Field(None, description="Relative to the mean flux.")
+    fraction: float = Field(0.0, description="Estimated part of the work that is done, 0 to 1.")
+
+
+class ConvergenceSummary(BaseModel):
+    """How the solve went, in one line."""
+
+    status: str = Field(description="converged, completed, relaxed, not_converged, newton_failed, folded.")
+    message: str
+    iterations: int = Field(description="Schwarz iterations; 0 for a single domain.")
+    newton_steps: int
+    transmission: str | None = Field(
+        None, description="The Schwarz condition in use at the end: not the asked one after a fallback."
+    )
+    work: int | None = Field(None, description="Nodes corrected in all Schwarz iterations, as often as they were.")
+    traffic: int | None = Field(None, description="Bytes that subdomains on machines of their own would have sent.")
+    residual: float | None
+    change: float | None
+    error: float | None
+    max_q_eq: float | None
+    rate: float | None
+    predicted_rate: float | None
+
+
+class Relaxation(BaseModel):
+    """One thing that was asked and not reached."""
+
+    what: str = Field(description="a (of the arc length), strength (of other monitors), cross_line, points.")
+    asked: float
+    reached: float
+
+
+class InterpolationGain(BaseModel):
+    """How many times smaller the interpolation error is than on the uniform mesh."""
+
+    l2: float | None
+    h1: float | None
+
+
+class MeshCertificate(BaseModel):
+    """How well the mesh solves what was asked; null for what is not known."""
+
+    status: str = Field(description="As in convergence; relaxed: for a weaker or smoother monitor than asked.")
+    mode: str | None
+    equation_residual: float | None = Field(
+        description="Largest relative difference of a squared metric length from the mean of its grid line."
+    )
+    discretization_error: float | None = Field(
+        description="Estimated error of the nodes for want of grid points, in units of the reference square."
+    )
+    algebraic_error: float | None = Field(description="Estimated error of the solution of the discrete equations.")
+    min_jacobian: float | None = Field(description="Smallest corner Jacobian; 1 for the uniform mesh.")
+    relaxed: list[Relaxation]
+    warnings: list[str] = Field(description="What a user of the mesh should know.")
+    interpolation_gain: InterpolationGain | None = Field(description="null without a u.")
+
+
+class Timings(BaseModel):
+    """Where the time went, in seconds."""
+
+    queued: float | None = None
+    solve: float | None = None
+    write: float | None = None
+    total: float | None = None
+
+
+class GridSize(BaseModel):
+    """Points in each direction."""
+
+    n_xi: int
+    n_eta: int
+
+
+class MeshResource(BaseModel):
+    """A mesh: its state, and when it is done, its quality and where its files are."""
+
+    id: str
+    status: Status
+    label: str | None
+    grid: GridSize
+    cells: str
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    attempts: int = Field(description="How often a worker has begun it.")
+    progress: Progress
+    quality: dict[str, Any] | None = Field(description="As GET …/quality, without the values per cell.")
+    certificate: MeshCertificate | None = Field(description="How well it solves what was asked; null before the end.")
+    convergence: ConvergenceSummary | None
+    timings: Timings
+    error: ProblemDetails | None = Field(description="Why it failed.")
+    partial: bool = Field(description="Whether a mesh that failed downloads with ?partial=true.")
+    reused_from: str | None = Field(description="The earlier mesh whose points and files these are; null if computed.")
+    links: dict[str, str]
+
+
+class MeshList(BaseModel):
+    """A page of meshes, newest first."""
+
+    items: list[MeshResource]
+    next_cursor: str | None = Field(description="The cursor of the next page, null on the last.")
+
+
+class MeshEvent(BaseModel):
+    """One thing that happened to a mesh."""
+
+    id: int = Field(description="1, 2, 3, … for each mesh.")
+    time: datetime
+    event: Literal["status", "progress", "done"]
+    data: dict[str, Any]
+
+
+class MeshEvents(BaseModel):
+    """Events of a mesh, in order."""
+
+    items: list[MeshEvent]
+    last: int = Field(description="Number of the last event here, for ?after=.")
+    done: bool = Field(description="Whether nothing comes after these.")
+
+
+class SamplesResource(BaseModel):
+    """Stored samples of a monitor function."""
+
+    id: str
+    kind: Literal["grid", "scattered", "nodal"] = Field(description="nodal: at the nodes of a sequence's mesh.")
+    shape: list[int]
+    min: float
+    max: float
+    size: int = Field(description="Bytes of the stored npz file.")
+    created_at: datetime
+    links: dict[str, str]
+
+
+class SequenceResource(BaseModel):
+    """A mesh that follows a time-stepper: where it is, and the mesh of that step."""
+
+    id: str
+    step: int = Field(description="Number of the step that `mesh` is; 0 is the first mesh.")
+    keep: int = Field(description="How many of the last meshes are kept.")
+    created_at: datetime
+    used_at: datetime = Field(description="When the last step was asked for.")
+    mesh: MeshResource
+    links: dict[str, str]
+
+
+class Range(BaseModel):
+    """Extremes over the sample grid."""
+
+    min: float
+    max: float
+
+
+class DomainReport(BaseModel):
+    """What a domain is."""
+
+    box: list[list[float]] = Field(description="[[x0, x1], [y0, y1]], the smallest box around it.")
+    area: float
+
+
+class ExpressionReport(BaseModel):
+    """What an expression is on a domain."""
+
+    valid: Literal[True] = True
+    names: list[str] = Field(description="The variables and parameters that occur.")
+    u: Range
+    gradient: Range = Field(description="Length of the gradient.")
+    constant: bool = Field(description="Whether the mesh will be uniform.")
+    domain: DomainReport
+
+
+def mesh_resource(row: MeshRow, root: str) -> MeshResource:
+    """The mesh as clients see it; ``root`` is what all addresses begin with."""
+    here = f"{root}/v1/meshes/{row.id}"
+    result = row.result or {}
+    parts = ("events", "cancel", "file", "quality", "convergence", "plot", "spec")
+    started = row.started_at
+    return MeshResource(
+        id=row.id,
+        status=row.status,  # type: ignore[arg-type]
+        label=row.label,
+        grid=GridSize(n_xi=row.n_xi, n_eta=row.n_eta),
+        cells=row.cells,
+        created_at=_moment(row.created_at),
+        started_at=None if started is None else _moment(started),
+        finished_at=None if row.finished_at is None else _moment(row.finished_at),
+        attempts=row.attempt,
+        progress=_progress(row),
+        quality=result.get("quality"),
+        certificate=result.get("certificate"),
+        convergence=result.get("solution"),
+        timings=Timings(
+            queued=None if started is None else round(max(0.0, started - row.created_at), 6),
+            total=None if row.finished_at is None else round(max(0.0, row.finished_at - row.created_at), 6),
+            **result.get("timings", {}),
+        ),
+        error=None if row.error is None else ProblemDetails(**row.error),
+        partial=row.partial,
+        reused_from=row.reused_from,
+        links={"self": here, **{part: f"{here}/{part}" for part in parts}},
+    )
+
+
+def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str) -> SequenceResource:
+    """The sequence at a step, as clients see it; ``root`` is what all addresses begin with."""
+    here, of_mesh = f"{root}/v1/sequences/{row.id}", f"{root}/v1/meshes/{mesh.id}"
+    return SequenceResource(
+        id=row.id,
+        step=step,
+        keep=row.keep,
+        created_at=_moment(row.created_at),
+        used_at=_moment(row.used_at),
+        mesh=mesh_resource(mesh, root),
+        links={"self": here, "steps": f"{here}/steps", "mesh": of_mesh, "file": f"{of_mesh}/file?format=npz"},
+    )
+
+
+def event_resource(row: EventRow) -> MeshEvent:
+    """An event as clients see it."""
+    return MeshEvent(id=row.number, time=_moment(row.time), event=row.kind, data=row.data)  # type: ignore[arg-type]
+
+
+def samples_resource(row: SamplesRow, root: str) -> SamplesResource:
+    """Samples as clients see them; ``root`` is what all addresses begin with."""
+    here = f"{root}/v1/samples/{row.id}"
+    links = {"self": here, "file": f"{here}?format=npz"}
+    return SamplesResource(id=row.id, size=row.size, created_at=_moment(row.created_at), links=links, **row.summary)
+
+
+def _progress(row: MeshRow) -> Progress:
+    if row.status == SUCCEEDED:
+        return Progress(**{**(row.progress or {}), "stage": "done", "fraction": 1.0})
+    return Progress(**(row.progress or {"stage": row.status}))
+
+
+def _moment(seconds: float) -> datetime:
+    return datetime.fromtimestamp(seconds, UTC)

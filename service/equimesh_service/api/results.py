@@ -1,0 +1,246 @@
+"""Routes that give what was computed: the mesh file, its quality, its convergence, pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import JSONResponse, Response
+
+from equimesh.io.write import FORMATS
+from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
+from equimesh_service.files.port import StoredFile
+from equimesh_service.problems.problem import Problem
+from equimesh_service.service import Service
+from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
+from equimesh_service.wire.negotiation import chosen
+from equimesh_service.wire.sending import send_file
+from equimesh_service.worker.convergence import NO_ITERATIONS, ConvergenceHistory, table
+from equimesh_service.worker.export import ARRAYS, PICTURES, plot_name
+from equimesh_service.worker.solve import CONVERGENCE, file_name
+
+router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"], responses=KEY_PROBLEMS)
+
+_TEXT = {"type": "string"}
+_FILES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "The mesh.",
+        "content": {form.media_type: {} for form in FORMATS.values()},
+        "headers": {"ETag": {"description": "The SHA-256 of the bytes.", "schema": _TEXT}},
+    },
+    206: {"description": "The part that Range asks for."},
+    304: {"description": "If-None-Match names the same bytes."},
+    **problems(404, 410, 406, 409, 412, 416, 422, 503, 507),
+}
+_FORMAT = Query(
+    description=f"One of {', '.join(FORMATS)}; it wins over Accept. Default vtu.",
+    json_schema_extra={"enum": [*FORMATS]},
+)
+_CELLS = Query(description="Cells of the file; by default as the spec says.")
+_PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
+
+
+@router.get(
+    "/file",
+    summary="Download the mesh",
+    operation_id="getMeshFile",
+    response_class=Response,
+    responses=_FILES,
+)
+async def get_file(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    caller: Reader,
+    format: Annotated[str | None, _FORMAT] = None,
+    cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
+    partial: Annotated[bool, _PARTIAL] = False,
+) -> Response:
+    """The mesh in a format that a solver reads; made on the first request, then kept."""
+    row = await service.mesh(id, caller)
+    name = mesh_format(format) if format is not None else _accepted(request)
+    check_done(row, partial=partial)
+    return await mesh_file(request, service, row, name, cells or row.cells)
+
+
+@router.head(
+    "/file",
+    summary="Headers of the mesh file",
+    operation_id="headMeshFile",
+    response_class=Response,
+    responses=_FILES,
+)
+async def head_file(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    caller: Reader,
+    format: Annotated[str | None, _FORMAT] = None,
+    cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
+    partial: Annotated[bool, _PARTIAL] = False,
+) -> Response:
+    """As GET, without the bytes."""
+    return await get_file(id, request, service, caller, format, cells, partial)
+
+
+@router.get(
+    "/quality",
+    summary="Quality of the mesh",
+    operation_id="getMeshQuality",
+    response_class=Response,
+    responses={200: {"content": {"application/json": {}}}, **problems(404, 410, 409, 422, 503)},
+)
+async def get_quality(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    caller: Reader,
+    arrays: Annotated[bool, Query(description="With `cells`, the values per cell, xi first.")] = False,
+) -> Response:
+    """All measures with maximum, minimum, mean and root mean square over the cells; also of a partial mesh."""
+    row = await service.mesh(id, caller)
+    quality = (row.result or {}).get("quality")
+    if quality is None:
+        check_done(row, partial=False)
+        raise Problem("not-found", "There is no mesh with this id.")
+    if arrays:
+        return await _send(request, service, await service.artifact(id, ARRAYS), "application/json")
+    return JSONResponse(quality)
+
+
+@router.get(
+    "/convergence",
+    summary="The Schwarz iteration",
+    operation_id="getMeshConvergence",
+    response_class=Response,
+    responses={
+        200: {"model": ConvergenceHistory, "content": {"application/json": {}, "text/csv": {}}},
+        **problems(404, 410, 406, 409, 422),
+    },
+)
+async def get_convergence(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    caller: Reader,
+    format: Annotated[Literal["json", "csv"] | None, Query(description="It wins over Accept.")] = None,
+) -> Response:
+    """Each iteration: change, error, work, traffic, and what every subdomain did; iteration 0 is the start."""
+    row = await service.mesh(id, caller)
+    artifact = await run_in_threadpool(service.store.meshes.artifact, id, CONVERGENCE)
+    if artifact is None and row.result is None:
+        check_done(row, partial=False)
+    offers = {"json": "application/json", "csv": "text/csv"}
+    name = format or chosen(request.headers.get("accept"), offers)
+    if name is None:
+        raise Problem("not-acceptable", "Convergence is application/json or text/csv.")
+    if name == "json" and artifact is not None:
+        return await _send(request, service, artifact, "application/json")
+    headers = {"Vary": "Accept"}
+    if name == "json":
+        return JSONResponse(NO_ITERATIONS, headers=headers)
+    text = table(NO_ITERATIONS) if artifact is None else await run_in_threadpool(_csv, service, artifact)
+    return Response(text, media_type="text/csv", headers=headers)
+
+
+@router.get(
+    "/plot",
+    summary="A picture",
+    operation_id="getMeshPlot",
+    response_class=Response,
+    responses={
+        200: {"content": {media: {} for media in PICTURES.values()}},
+        **problems(404, 410, 406, 409, 422, 503),
+    },
+)
+async def get_plot(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    caller: Reader,
+    kind: Annotated[Literal["mesh", "convergence", "quality"], Query(description="What to draw.")] = "mesh",
+    format: Annotated[Literal["svg", "png"] | None, Query(description="It wins over Accept.")] = None,
+) -> Response:
+    """The mesh with its subdomains, its cells coloured by Q_eq, or the history of the Schwarz iteration."""
+    name = format or chosen(request.headers.get("accept"), PICTURES)
+    if name is None:
+        raise Problem("not-acceptable", f"Pictures are {', '.join(PICTURES.values())}.")
+    row = await service.mesh(id, caller)
+    if row.result is None or (kind != "convergence" and row.result.get("quality") is None):
+        check_done(row, partial=False)
+    artifact = await service.artifact(id, plot_name(kind, name))
+    return await _send(request, service, artifact, PICTURES[name])
+
+
+async def mesh_file(
+    request: Request,
+    service: Service,
+    row: MeshRow,
+    format: str,
+    cells: str,
+    *,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The file of a finished mesh."""
+    artifact = await service.artifact(row.id, file_name(format, cells))
+    return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
+
+
+async def mesh_bytes(
+    request: Request,
+    service: Service,
+    mesh_id: str,
+    format: str,
+    artifact: Artifact,
+    *,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The file of a mesh in a format."""
+    form = FORMATS[format]
+    name = f"equimesh-{mesh_id}{form.suffix}"
+    file = StoredFile(artifact.sha256, artifact.size)
+    return await send_file(request, service.files, file, form.media_type, filename=name, headers=headers, status=status)
+
+
+def mesh_format(name: str) -> str:
+    """A known name of a mesh format; raises a 406 problem."""
+    if name not in FORMATS:
+        raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}.")
+    return name
+
+
+def _accepted(request: Request) -> str:
+    offers = {name: form.media_type for name, form in FORMATS.items()}
+    name = chosen(request.headers.get("accept"), offers)
+    if name is None:
+        raise Problem("not-acceptable", f"Meshes are {', '.join(offers.values())}.")
+    return name
+
+
+def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None = None) -> None:
+    """Nothing for a mesh that has files to give; raises the problem why there are none, else."""
+    more = dict(headers or {})
+    if row.status == SUCCEEDED or (partial and row.partial):
+        return
+    if row.status == CANCELED:
+        raise Problem("canceled", "It was canceled before it was finished.", headers=more)
+    if row.status != FAILED:
+        raise Problem("not-finished", f"It is {row.status}.", headers={**more, "Retry-After": "1"})
+    error = row.error or {}
+    name = str(error.get("type", "")).rpartition("/")[2]
+    raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
+
+
+def _csv(service: Service, artifact: Artifact) -> str:
+    with service.files.local(artifact.sha256) as path:
+        return table(json.loads(path.read_bytes()))
+
+
+async def _send(request: Request, service: Service, artifact: Artifact, media_type: str) -> Response:
+    file = StoredFile(artifact.sha256, artifact.size)
+    return await send_file(request, service.files, file, media_type)

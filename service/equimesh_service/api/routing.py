@@ -1,0 +1,91 @@
+"""What all routes share: the service behind them, and the problems that they document."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, cast
+
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer, SecurityScopes
+
+from equimesh_service.admission.callers import Caller
+from equimesh_service.problems.problem import MEDIA_TYPE, Problem
+from equimesh_service.service import Service
+from equimesh_service.store.key_secrets import ADMIN, READ, WRITE
+from equimesh_service.telemetry import log_context
+from equimesh_service.wire.security_headers import add_headers
+
+LARGEST = 2**62
+
+_MEANINGS = {
+    400: "The body or a header cannot be read.",
+    401: "An API key is needed, or this one is not in force.",
+    403: "The API key does not allow this.",
+    404: "There is no such thing.",
+    406: "No such format.",
+    408: "The body did not come in time.",
+    409: "The mesh is not in a state for this.",
+    410: "It was removed after its time (EQUIMESH_RETENTION_DAYS).",
+    412: "If-Match names another file.",
+    413: "The body is too large.",
+    415: "The body's type is not supported.",
+    416: "The file ends before the range.",
+    422: "The input cannot be used: `errors` says where and what.",
+    429: "Too many requests, or too many meshes: see Retry-After.",
+    503: "The service cannot do this now.",
+    507: "The service has no room left.",
+}
+
+
+def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """The documentation of error answers."""
+    return {
+        status: {
+            "description": _MEANINGS[status],
+            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}},
+        }
+        for status in statuses
+    }
+
+
+async def _service(request: Request) -> Service:  # on the event loop: it would cost a thread else
+    return cast(Service, request.app.state.service)
+
+
+ServiceDependency = Annotated[Service, Depends(_service)]
+
+# What every route with a caller may answer.
+KEY_PROBLEMS = problems(401, 403, 429)
+_bearer = HTTPBearer(
+    auto_error=False,
+    scheme_name="ApiKey",
+    bearerFormat="em_<id>_<secret>",
+    description="An API key that `equimesh keys create` printed. None is asked for while none was ever created.",
+)
+
+
+async def secret_of(given: Annotated[HTTPAuthorizationCredentials | None, Security(_bearer)]) -> str | None:
+    """The secret of the request's API key."""
+    return None if given is None else given.credentials
+
+
+async def _caller(
+    request: Request,
+    scopes: SecurityScopes,
+    service: ServiceDependency,
+    secret: Annotated[str | None, Depends(secret_of)],
+) -> Caller:
+    """Who asks; raises a 401, 403 or 429 problem for those who may not."""
+    caller = await service.callers.identify(secret)
+    log_context.current().key_id = caller.key_id
+    add_headers(request, service.quotas.count_request(caller))
+    missing = set(scopes.scopes) - caller.scopes
+    if missing:
+        needed, held = ", ".join(sorted(missing)), ", ".join(sorted(caller.scopes))
+        raise Problem("forbidden", f"This needs a key with the scope {needed}; this one has {held}.")
+    return caller
+
+
+# The caller, who may at least this.
+Reader = Annotated[Caller, Security(_caller, scopes=[READ])]
+Writer = Annotated[Caller, Security(_caller, scopes=[WRITE])]
+Admin = Annotated[Caller, Security(_caller, scopes=[ADMIN])]

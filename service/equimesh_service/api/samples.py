@@ -1,0 +1,111 @@
+"""Routes for samples of monitor functions: uploaded once, used by any number of meshes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from equimesh_service.api.resources import SamplesResource, samples_resource
+from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
+from equimesh_service.files.port import StoredFile
+from equimesh_service.problems.problem import Problem
+from equimesh_service.wire.body import read_upload
+from equimesh_service.wire.sending import send_file
+
+router = APIRouter(prefix="/v1/samples", tags=["samples"], responses=KEY_PROBLEMS)
+
+_BINARY = {"type": "string", "contentMediaType": "application/octet-stream"}
+_BODY = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {"type": "object", "required": ["samples"], "properties": {"samples": _BINARY}}
+        },
+        "application/json": {
+            "schema": {"type": "object"},
+            "example": {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [1, 2]]}},
+        },
+        "text/csv": {"schema": {"type": "string"}, "example": "x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,2\n"},
+        "application/x-npz": {"schema": _BINARY},
+        "application/x-npy": {"schema": _BINARY},
+        "application/vnd.vtk.vtu+xml": {"schema": _BINARY},
+        "application/vnd.vtk": {"schema": _BINARY},
+        "application/zip": {"schema": _BINARY},
+        "application/octet-stream": {"schema": _BINARY},
+    },
+}
+
+
+@router.post(
+    "",
+    summary="Upload samples",
+    operation_id="createSamples",
+    status_code=201,
+    response_model=SamplesResource,
+    responses={
+        200: {"description": "They were here already.", "model": SamplesResource},
+        **problems(400, 408, 413, 415, 422, 503, 507),
+    },
+    openapi_extra={"requestBody": _BODY},
+)
+async def create(
+    request: Request,
+    service: ServiceDependency,
+    caller: Writer,
+    filename: Annotated[
+        str | None, Query(max_length=200, description="Its suffix tells the format of a raw body.")
+    ] = None,
+) -> Response:
+    """Samples of a function as npz, npy, csv, json, vtu, vtk or xdmf; the same samples give the same id."""
+    upload = await read_upload(request, service.settings.max_body, filename)
+    await service.quotas.check_bytes(caller, len(upload.data))
+    row, new = await service.check(service.admission.keep, upload, caller)
+    service.metrics.uploaded()
+    headers = {"Location": f"{service.settings.root}/v1/samples/{row.id}"}
+    return JSONResponse(
+        samples_resource(row, service.settings.root).model_dump(mode="json"), 201 if new else 200, headers
+    )
+
+
+@router.get(
+    "/{id}",
+    summary="Look at samples",
+    operation_id="getSamples",
+    response_model=SamplesResource,
+    responses={200: {"content": {"application/x-npz": {}}}, **problems(404, 410, 412, 416, 422, 503)},
+)
+async def get(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    caller: Reader,
+    format: Annotated[Literal["json", "npz"], Query(description="npz gives the samples themselves.")] = "json",
+) -> Response:
+    """What the samples are, or the samples as npz."""
+    row = await run_in_threadpool(service.store.samples.get, id, caller.only)
+    if row is None:
+        raise await service.missing(id, caller, "There are no samples with this id.")
+    if format == "npz":
+        file = StoredFile(row.sha256, row.size)
+        return await send_file(request, service.files, file, "application/x-npz", filename=f"{row.id}.npz")
+    return JSONResponse(samples_resource(row, service.settings.root).model_dump(mode="json"))
+
+
+@router.delete(
+    "/{id}",
+    summary="Delete samples",
+    operation_id="deleteSamples",
+    status_code=204,
+    responses=problems(404, 410, 409),
+)
+async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
+    """Delete samples that no waiting or running mesh needs."""
+    done = await run_in_threadpool(service.store.samples.delete, id, service.discard, caller.only)
+    if done is None:
+        raise await service.missing(id, caller, "There are no samples with this id.")
+    if not done:
+        raise Problem("conflict", "A mesh that is not finished needs these samples.")

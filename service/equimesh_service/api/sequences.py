@@ -1,0 +1,283 @@
+"""Routes of sequences: meshes that follow a time-stepper, one round trip for each step."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from contextlib import ExitStack
+from functools import partial
+from hashlib import sha256
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request
+from fastapi.responses import JSONResponse
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from equimesh.io.write import FORMATS
+from equimesh_service.admission import steps
+from equimesh_service.admission.callers import Caller
+from equimesh_service.api.meshes import MESH_BODY, checked_key, media_types, read_request
+from equimesh_service.api.resources import SequenceResource, sequence_resource
+from equimesh_service.api.results import check_done, mesh_bytes, mesh_file, mesh_format
+from equimesh_service.api.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, Writer, problems
+from equimesh_service.problems.problem import Problem
+from equimesh_service.service import Asked, Service, refusals
+from equimesh_service.store.rows import CANCELED, FAILED, NewStep
+from equimesh_service.wire import body as bodies
+from equimesh_service.wire.negotiation import explicit, preferred_wait
+from equimesh_service.worker.job import Ending
+from equimesh_service.worker.solve import file_name
+
+router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
+
+NPZ = FORMATS["npz"].media_type
+KEPT = "How many of the last meshes are kept; those before are deleted as the sequence moves on."
+STEP_EXAMPLES: dict[str, Any] = {
+    "expression": {
+        "summary": "u as a formula, at the time t of this step",
+        "value": {"step": 0, "u": {"expression": "tanh(20*(x - 0.5 - t))", "t": 0.05}},
+    },
+    "nodes": {
+        "summary": "u, and a field to be carried along, at the nodes of a mesh of 4 x 4 points",
+        "value": {
+            "step": 0,
+            "u": {"nodes": [[0, 0, 0, 0], [0.2, 0.2, 0.2, 0.2], [0.8, 0.8, 0.8, 0.8], [1, 1, 1, 1]]},
+            "fields": {"pressure": [[1, 1, 1, 1], [1, 1, 1, 1], [2, 2, 2, 2], [2, 2, 2, 2]]},
+        },
+    },
+}
+_STEP_BODY = {
+    "required": True,
+    "content": {
+        "application/json": {"schema": {"$ref": "#/components/schemas/StepSpec"}, "examples": STEP_EXAMPLES},
+        NPZ: {
+            "schema": {
+                "type": "string",
+                "contentMediaType": "application/octet-stream",
+                "description": "Arrays `step` (a number), `u`, and one for each field, of shape (n_xi, n_eta).",
+            }
+        },
+    },
+}
+_TEXT = {"type": "string"}
+_HEADERS = {
+    "Location": {"description": "The sequence; of a step, its mesh.", "schema": _TEXT},
+    "Equimesh-Step": {"description": "The number of the step.", "schema": _TEXT},
+}
+_ANSWERS: dict[int | str, dict[str, Any]] = {
+    201: {
+        "description": "The finished mesh with its sequence; its file, when a mesh format was asked for.",
+        "model": SequenceResource,
+        "headers": _HEADERS,
+        "content": {form.media_type: {} for form in FORMATS.values()},
+    },
+    202: {"description": "The mesh waits or runs; see Location.", "model": SequenceResource, "headers": _HEADERS},
+}
+_Format = Annotated[
+    str | None,
+    Query(
+        description="Answer with the mesh file in this format, when it finishes in time; npz has the fields, too.",
+        json_schema_extra={"enum": [*FORMATS]},
+    ),
+]
+_Prefer = Annotated[str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")]
+_Key = Annotated[
+    str | None,
+    Header(
+        description="A repeated request with the same key gives the same mesh.",
+        json_schema_extra={"minLength": 1, "maxLength": 255},
+    ),
+]
+
+
+@router.post(
+    "",
+    summary="Begin a sequence",
+    operation_id="createSequence",
+    status_code=201,
+    response_model=None,
+    responses={**_ANSWERS, **problems(400, 406, 408, 409, 413, 415, 422, 429, 503, 507)},
+    openapi_extra={"requestBody": MESH_BODY},
+)
+async def create(
+    request: Request,
+    service: ServiceDependency,
+    caller: Writer,
+    format: _Format = None,
+    prefer: _Prefer = None,
+    idempotency_key: _Key = None,
+    keep: Annotated[int, Query(ge=2, le=1000, description=KEPT)] = 2,
+) -> Response:
+    """Begin with a first mesh, of a spec as that of a mesh; its monitor is of the kind arc_length or curvature.
+
+    The answer names the sequence, and waits for the first mesh as a request for a mesh does.
+    """
+    waiting = _Waiting.of(request, service, format, prefer)
+    key = checked_key(idempotency_key)
+    document, upload = await read_request(request, service)
+    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
+    admitted = steps.first_spec(await service.check(service.admission.receive, document, upload, caller))
+    if upload is not None:
+        service.metrics.uploaded()
+    step = NewStep(
+        sequence_id=f"q-{secrets.token_hex(10)}",
+        number=0,
+        keep=keep,
+        fingerprint=sha256(f"sequence {keep} {admitted.fingerprint(waiting.format)}".encode()).hexdigest(),
+        key_id=caller.key_id,
+    )
+    with service.quotas.waiting(caller, waiting.seconds):
+        asked = await service.ask(
+            admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=step
+        )
+        return await waiting.answer(request, service, caller, asked, admitted.spec["cells"])
+
+
+@router.get("/{id}", summary="Look at a sequence", operation_id="getSequence", responses=problems(404, 410))
+async def get(id: str, service: ServiceDependency, caller: Reader) -> SequenceResource:
+    """The sequence at its last step that has not failed, with the mesh of that."""
+    row = await service.sequence(id, caller)
+    mesh = await service.mesh(row.mesh_id, caller)
+    return sequence_resource(row, row.number, mesh, service.settings.root)
+
+
+@router.post(
+    "/{id}/steps",
+    summary="Take a step",
+    operation_id="createStep",
+    status_code=201,
+    response_model=None,
+    responses={**_ANSWERS, **problems(400, 404, 406, 408, 409, 410, 413, 415, 422, 429, 503, 507)},
+    openapi_extra={"requestBody": _STEP_BODY},
+)
+async def step(
+    id: str,
+    request: Request,
+    service: ServiceDependency,
+    caller: Writer,
+    format: _Format = None,
+    prefer: _Prefer = None,
+    idempotency_key: _Key = None,
+) -> Response:
+    """The next mesh, for u at the nodes of the current one or for an expression, and the fields carried to it.
+
+    `step` is the step that this one follows: when another one has done so meanwhile, the answer is 409. A step that
+    fails is no step, and another one can be asked for in its place. With `?format=npz` the file of the mesh has u and
+    the fields at its nodes.
+    """
+    sequence = await service.sequence(id, caller)
+    if sequence.key_id not in ("", caller.key_id):  # the step's mesh would not be there for the sequence's own key
+        raise Problem("forbidden", "Only the key that began a sequence takes its steps.")
+    waiting = _Waiting.of(request, service, format, prefer)
+    key = checked_key(idempotency_key)
+    kind = bodies.media_type(request)
+    if kind not in (bodies.JSON, NPZ):
+        shown = repr(kind[:80]) if kind else "no Content-Type"
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {NPZ}, not {shown}.")
+    data = await bodies.read_body(request, service.settings.max_body)
+
+    def repeated() -> tuple[str, str | None]:
+        digest = sha256(f"{id} {waiting.format} {kind} ".encode())
+        digest.update(data)
+        return digest.hexdigest(), service.store.meshes.known(caller.key_id, key, digest.hexdigest())
+
+    with refusals():
+        fingerprint, again = await run_in_threadpool(repeated)
+    if again is not None:
+        mesh = await service.mesh(again, caller)
+        with service.quotas.waiting(caller, waiting.seconds):
+            return await waiting.answer(request, service, caller, Asked(again), mesh.cells)
+    await service.quotas.check_bytes(caller, len(data))
+    if kind == NPZ:
+        move = await service.check(steps.read_arrays, data, 4 * service.settings.max_body)
+    else:
+        move = await service.check(steps.read_json, data)
+    start = await _start(service, caller, sequence.id, move.step)
+    prepare = steps.Stepping(service.admission, service.store, service.files).prepare
+    with service.quotas.waiting(caller, waiting.seconds), ExitStack() as stack:
+        made = await service.check(prepare, move, start, caller, stack)
+        mesh_artifact = await run_in_threadpool(service.store.meshes.artifact, start, "mesh")
+        new = NewStep(
+            sequence_id=id,
+            number=move.step + 1,
+            keep=sequence.keep,
+            fingerprint=fingerprint,
+            key_id=caller.key_id,
+            start=None if mesh_artifact is None else mesh_artifact.sha256,
+            fields=made.fields,
+            publish=partial(made.publish, service.files),
+            discard=service.discard,
+        )
+        asked = await service.ask(
+            made.admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=new
+        )
+        return await waiting.answer(request, service, caller, asked, made.admitted.spec["cells"])
+
+
+@router.delete(
+    "/{id}", summary="Delete a sequence", operation_id="deleteSequence", status_code=204, responses=problems(404, 410)
+)
+async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
+    """Delete the sequence and the meshes that it still has; one that is not finished is canceled first."""
+    await service.sequence(id, caller)
+    meshes = await run_in_threadpool(service.store.sequences.meshes, id)
+    for mesh_id in meshes:
+        if await run_in_threadpool(service.store.queue.cancel, mesh_id):
+            service.metrics.ended(Ending(status=CANCELED))
+    if not await run_in_threadpool(service.store.sequences.delete, id, service.discard):
+        raise Problem("not-found", "There is no sequence with this id.")
+    for mesh_id in meshes:
+        service.dispatcher.cancel(mesh_id)
+
+
+async def _start(service: Service, caller: Caller, sequence_id: str, step: int) -> str:
+    """The finished mesh of the step that another one is to follow; raises the problem why there is none."""
+    sequence = await service.sequence(sequence_id, caller)
+    number = step if 0 <= step < LARGEST else -1
+    mesh_id = None
+    if number == sequence.number or (number < sequence.number and sequence.status in (FAILED, CANCELED)):
+        mesh_id = await run_in_threadpool(service.store.sequences.mesh_of, sequence_id, number)
+    if mesh_id is None:
+        detail = f"The sequence is at step {sequence.number}, not {step}: give u at the nodes of its current mesh."
+        raise Problem("conflict", detail, remedy="GET the sequence for its step and its mesh.")
+    check_done(await service.mesh(mesh_id, caller), partial=False)
+    return mesh_id
+
+
+class _Waiting:
+    """How a request wants to be answered: with the file in a format, after so many seconds at most."""
+
+    def __init__(self, format: str | None, seconds: int, wanted: int | None) -> None:
+        self.format, self.seconds, self._wanted = format, seconds, wanted
+
+    @classmethod
+    def of(cls, request: Request, service: Service, format: str | None, prefer: str | None) -> _Waiting:
+        name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), media_types())
+        wanted = preferred_wait(prefer)
+        return cls(name, min(wanted or 0, int(service.settings.max_wait)), wanted)
+
+    async def answer(self, request: Request, service: Service, caller: Caller, asked: Asked, cells: str) -> Response:
+        """The answer with the mesh, its file or its state, and the sequence that it belongs to."""
+        began, root = time.monotonic(), service.settings.root
+        found = await run_in_threadpool(service.store.sequences.step_of, asked.mesh_id)
+        if found is None:
+            raise Problem("conflict", "The sequence was deleted at this moment.")
+        sequence_id, number = found
+        place = f"{root}/v1/meshes/{asked.mesh_id}" if number else f"{root}/v1/sequences/{sequence_id}"
+        headers = {"Location": place, "Equimesh-Step": str(number)}
+        if self._wanted is not None:
+            headers["Preference-Applied"] = f"wait={self.seconds}"
+        name = self.format
+        ending = await service.ending(asked, self.seconds)
+        if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
+            return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
+        row = await service.finished(asked.mesh_id, self.seconds - (time.monotonic() - began), caller)
+        if row.finished and name is not None:
+            check_done(row, partial=False, headers=headers)
+            return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)
+        if not row.finished:
+            headers["Retry-After"] = "1"
+        sequence = await service.sequence(sequence_id, caller)
+        resource = sequence_resource(sequence, number, row, root)
+        return JSONResponse(resource.model_dump(mode="json"), 201 if row.finished else 202, headers)

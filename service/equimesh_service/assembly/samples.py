@@ -1,0 +1,109 @@
+"""What a worker does with samples that come in: read them, and see that a field can be made of them.
+
+Interpolation of scattered samples takes seconds where there are many. A worker can be stopped, and its linear
+algebra runs on one thread, which is tens of times faster for the many small systems here.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+import equimesh
+from equimesh.domains.domain import Box, Interval
+from equimesh.errors import SamplesError
+from equimesh.fields.samples import CUBIC
+from equimesh.inputs import counted, real_array
+from equimesh.upload.samples import read_arrays, samples_of
+
+Arrays: TypeAlias = Mapping[str, Any]
+LIGHT = 256 * 1024  # bytes
+# The sides of a mesh may leave out this share of the box around a domain with curved sides.
+_RIM = 0.05
+
+
+def is_light(data: bytes, filename: str) -> bool:
+    """Whether a file is read in about a millisecond: npz or npy, and small when it is unpacked, too."""
+    if filename.lower().endswith(".npy"):
+        return len(data) <= LIGHT
+    if not filename.lower().endswith(".npz") or len(data) > LIGHT:
+        return False
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return sum(entry.file_size for entry in archive.infolist()) <= LIGHT
+    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+        return False  # a worker will say what is wrong
+
+
+def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
+    """The canonical arrays of an upload.
+
+    ``alone`` says that they come without a domain: what is wrong with them on any is then found here, else by who
+    makes a field of them. Raises :class:`~equimesh.errors.SamplesError`.
+    """
+    arrays = _canonical(read_arrays(data, filename, max_bytes=max_bytes))
+    if alone and "points" not in arrays:
+        samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
+    return arrays
+
+
+def write(arrays: Arrays, target: Path) -> dict[str, Any]:
+    """Write canonical arrays as the npz ``target``; returns what the samples are."""
+    with target.open("wb") as file:
+        np.savez(file, **arrays)
+    values = arrays["values"]
+    return {
+        "kind": "scattered" if "points" in arrays else "grid",
+        "shape": list(values.shape),
+        "min": float(values.min()),
+        "max": float(values.max()),
+    }
+
+
+def convert(source: Path, filename: str, target: Path, max_bytes: int, *, alone: bool) -> dict[str, Any]:
+    """:func:`read` a file, and :func:`write` what it holds."""
+    return write(read(source.read_bytes(), filename, max_bytes, alone=alone), target)
+
+
+def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:
+    """A function from canonical samples, stored or as they came, which must cover ``box``."""
+    given = _stored(samples) if isinstance(samples, Path) else samples
+    if "x" not in given or given["x"].ndim == 1:
+        return samples_of(given, box=box)
+    for name, (low, high) in zip(("x", "y"), box, strict=True):
+        rim = _RIM * (high - low)
+        if abs(given[name].min() - low) > rim or abs(given[name].max() - high) > rim:
+            raise SamplesError("these are values at the nodes of a mesh of another domain", field=name)
+    return equimesh.NodalField(mesh=equimesh.Mesh(given["x"], given["y"]), values=given["values"])
+
+
+def _stored(path: Path) -> Arrays:
+    with np.load(path, allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _canonical(arrays: dict[str, Any]) -> dict[str, Any]:
+    """The arrays as floats of the right dimensions."""
+    if "points" not in arrays:
+        axes: dict[str, Any] = {name: real_array(arrays[name], name, ndim=1) for name in ("x", "y") if name in arrays}
+        return {**axes, "values": real_array(arrays["values"], "values", ndim=2)}
+    points, values = real_array(arrays["points"], "points", ndim=2), real_array(arrays["values"], "values", ndim=1)
+    if points.shape[1] != 2:
+        raise SamplesError(f"points has shape {points.shape}: it must be (n, 2), one row x, y each", field="points")
+    if len(points) != len(values):
+        message = f"there are {len(points)} points and {len(values)} values: each point needs one value"
+        raise SamplesError(message, field="values")
+    if len(points) < CUBIC:
+        raise SamplesError(f"{counted(len(points))}: scattered samples need at least {CUBIC}", field="points")
+    return {"points": points, "values": values}
+
+
+def _ends(axis: npt.NDArray[np.float64]) -> Interval:
+    """The ends of an axis; of one that is to be refused anything."""
+    return (float(axis[0]), float(axis[-1])) if axis.size > 1 and axis[0] < axis[-1] else (0.0, 1.0)

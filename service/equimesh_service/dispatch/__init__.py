@@ -1,0 +1,1 @@
+"""Who waits for what: the queue's dispatcher, side workers, wake-ups."""

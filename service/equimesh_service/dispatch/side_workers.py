@@ -1,0 +1,91 @@
+"""The desk: workers that make files and pictures and read samples, for all keys in turns."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from equimesh_service.engine.port import Engine, Health
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class _Task:
+    begin: Callable[[], Future[Any]]
+    told: Future[Any]
+
+
+class Desk:
+    """Gives an engine as many tasks as it has workers, and takes the next from each key in turn.
+
+    However many tasks one key has waiting here, another key's first one begins when any of those that run has ended.
+    Every method returns at once and may be called from any thread.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._lock = threading.Lock()  # of the two that follow
+        self._waiting: OrderedDict[str, deque[_Task]] = OrderedDict()  # by key; whose turn it is stands first
+        self._free = engine.health().workers
+
+    def submit(
+        self, key_id: str, function: Callable[..., Result], *arguments: Any, time_limit: float | None = None
+    ) -> Future[Result]:
+        """Run ``function(*arguments)`` when it is the key's turn; see :class:`~equimesh_service.engine.port.Engine`."""
+        told: Future[Result] = Future()
+        told.set_running_or_notify_cancel()
+        begin = partial(self._engine.submit, function, *arguments, time_limit=time_limit)
+        with self._lock:
+            self._waiting.setdefault(key_id, deque()).append(_Task(begin, told))
+        self._fill()
+        return told
+
+    def health(self) -> Health:
+        """Whether tasks can run now."""
+        return self._engine.health()
+
+    def close(self) -> None:
+        """Stop all workers; what runs or waits is given up."""
+        self._engine.close()
+
+    def _fill(self) -> None:
+        while (task := self._next()) is not None:
+            try:
+                running = task.begin()
+            except Exception as error:  # whatever it is, the worker stays free
+                running = Future()
+                running.set_exception(error)
+            if running.done():  # there are no workers: by its callback each task would begin inside the one before
+                self._end(task, running)
+            else:
+                running.add_done_callback(partial(self._end_and_fill, task))
+
+    def _next(self) -> _Task | None:
+        with self._lock:
+            if not self._free or not self._waiting:
+                return None
+            key_id, tasks = self._waiting.popitem(last=False)
+            task = tasks.popleft()
+            if tasks:
+                self._waiting[key_id] = tasks
+            self._free -= 1
+            return task
+
+    def _end_and_fill(self, task: _Task, ended: Future[Any]) -> None:
+        self._end(task, ended)
+        self._fill()
+
+    def _end(self, task: _Task, ended: Future[Any]) -> None:
+        with self._lock:
+            self._free += 1
+        error = CancelledError() if ended.cancelled() else ended.exception()
+        if error is None:
+            task.told.set_result(ended.result())
+        else:
+            task.told.set_exception(error)

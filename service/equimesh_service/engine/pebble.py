@@ -1,0 +1,278 @@
+"""The embedded engine: a pool of worker processes on this machine, by Pebble."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future, InvalidStateError
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+from pebble import ProcessExpired, ProcessFuture, ProcessPool
+
+from equimesh_service.engine.pool_watch import UNTOLD, PoolWatch
+from equimesh_service.engine.port import EngineError, Health, MemoryLimitError, TimeLimitError, WorkerLostError
+
+Result = TypeVar("Result")
+_log = logging.getLogger(__name__)
+_warmed_up = 0.0  # seconds, in a worker
+_WATCH_SECONDS = 0.2
+_server_lock = threading.Lock()
+_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class PebbleEngine:
+    """A pool of ``workers`` processes; ``memory_limit`` is in MiB for each, over what it needs to start.
+
+    ``preload`` names modules that are imported once, before the workers are forked off, and ``warm_up`` runs
+    in each worker before its first task, after ``prepare``, which gives the process what is not a task's: its log.
+    A worker that dies is replaced; a pool that breaks, too.
+    """
+
+    def __init__(
+        self,
+        workers: int,
+        *,
+        memory_limit: int | None = None,
+        preload: Sequence[str] = (),
+        warm_up: Callable[[], None] | None = None,
+        prepare: Callable[[], None] | None = None,
+    ) -> None:
+        self._workers = workers
+        self._context = _context(preload)
+        # Workers hold the reading end: it tells them when this process is gone, however it went.
+        reader, self._lifeline = self._context.Pipe(duplex=False)
+        self._start = (memory_limit, prepare, warm_up, reader)
+        self._lock = threading.Lock()
+        self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
+        # Tasks lost with a whole pool. That is told once there is a new one: told before, they would be lost again.
+        self._bereft: list[tuple[Future[Any], WorkerLostError]] = []
+        self._closed = threading.Event()
+        self._pool, self._warm = self._new_pool()
+        self._watcher = threading.Thread(target=self._watch, name="equimesh-pool-watch", daemon=True)
+        self._watcher.start()
+
+    def submit(
+        self, function: Callable[..., Result], *arguments: Any, time_limit: float | None = None
+    ) -> Future[Result]:
+        """Run ``function(*arguments)`` in a worker; see :class:`~equimesh_service.engine.port.Engine`."""
+        outer: Future[Result] = Future()
+        outer.set_running_or_notify_cancel()
+        with self._lock:
+            if self._closed.is_set():
+                raise EngineError("the engine is closed")
+            try:
+                inner = self._pool.schedule(_run, args=(function, arguments), timeout=time_limit)
+            except RuntimeError as error:  # the pool broke, and is about to be replaced
+                self._bereft.append((outer, WorkerLostError(f"there are no workers: {error}")))
+                return outer
+            self._inner[outer] = inner
+        inner.add_done_callback(lambda done: self._hand_over(done, outer))
+        return outer
+
+    def cancel(self, task: Future[Any]) -> None:
+        """Give the task up; a worker that runs it is killed and replaced."""
+        with self._lock:
+            inner = self._inner.get(task)
+        if inner is not None:
+            inner.cancel()  # type: ignore[no-untyped-call]
+
+    def health(self) -> Health:
+        """Ready once a worker has warmed up."""
+        with self._lock:
+            active = bool(self._pool.active) and not self._bereft and not self._closed.is_set()
+            warm = self._warm.done() and not self._warm.cancelled() and self._warm.exception() is None
+        detail = "" if active and warm else "workers are starting" if active else "the worker pool is down"
+        return Health(ready=active and warm, workers=self._workers, detail=detail)
+
+    def wait_until_ready(self, timeout: float) -> bool:
+        """Block until a worker has warmed up; False when that takes longer than ``timeout`` seconds."""
+        end = time.monotonic() + timeout
+        while not self.health().ready:
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.01)
+        return True
+
+    def close(self) -> None:
+        """Stop all workers at once."""
+        with self._lock:
+            self._closed.set()
+            left = list(self._inner.values())
+        self._watcher.join()  # no pool is new from now on
+        for inner in left:
+            inner.cancel()  # type: ignore[no-untyped-call]
+        _stop(self._pool)
+        self._tell_bereft()
+
+    def _watch(self) -> None:
+        seen = PoolWatch(self._pool)
+        while not self._closed.wait(_WATCH_SECONDS):
+            try:
+                defect = seen.defect() or ("its workers are gone" if self._bereft else "")
+                if defect:
+                    _log.warning("the worker pool is replaced: %s", defect)
+                    self._replace(defect)
+                    seen = PoolWatch(self._pool)
+            except Exception:  # no processes can be started, say
+                _log.exception("the worker pool is down; it is tried again")
+                self._tell_bereft()  # rather than have them wait for a pool that may never come
+
+    def _replace(self, defect: str) -> None:
+        fresh, warm = self._new_pool()
+        with self._lock:
+            broken, self._pool, self._warm = self._pool, fresh, warm
+            lost = list(self._inner.values())
+        _stop(broken)  # without the lock: its threads may be handing over what they have
+        for inner in lost:
+            try:
+                inner.set_exception(BrokenProcessPool(defect))
+            except InvalidStateError:
+                continue  # it came to an end of its own
+        self._tell_bereft()
+
+    def _tell_bereft(self) -> None:
+        with self._lock:
+            bereft, self._bereft = self._bereft, []
+        for outer, error in bereft:
+            outer.set_exception(error)
+
+    def _new_pool(self) -> tuple[ProcessPool, ProcessFuture[float]]:
+        pool = ProcessPool(
+            max_workers=self._workers, initializer=_initialize, initargs=self._start, context=self._context
+        )
+        warm: ProcessFuture[float] = pool.schedule(_warm_up_seconds)
+        warm.add_done_callback(_tell_warm_up)
+        return pool, warm
+
+    def _hand_over(self, inner: Future[Any], outer: Future[Any]) -> None:
+        with self._lock:
+            self._inner.pop(outer, None)
+        if inner.cancelled():
+            outer.set_exception(CancelledError())
+            return
+        error = inner.exception()
+        match error:
+            case None:
+                outer.set_result(inner.result())
+            case TimeoutError() if not hasattr(error, "traceback"):  # Pebble's own, not the function's
+                outer.set_exception(TimeLimitError("the time limit was reached"))
+            case ProcessExpired(exitcode=code) if code != UNTOLD:
+                outer.set_exception(WorkerLostError(f"the worker died: {error}"))
+            case ProcessExpired() | BrokenProcessPool():
+                with self._lock:
+                    self._bereft.append((outer, WorkerLostError(f"the worker died: {error}")))
+            case _:
+                outer.set_exception(error)
+
+
+def _context(preload: Sequence[str]) -> Any:
+    if sys.platform == "win32":  # pragma: no cover
+        return multiprocessing.get_context("spawn")
+    context = _Forking()
+    context.set_forkserver_preload(list(preload))
+    _start_server()
+    return context
+
+
+if sys.platform != "win32":
+    from multiprocessing.context import ForkServerContext, ForkServerProcess
+
+    class _Worker(ForkServerProcess):
+        """A process that is forked from the server, which is started again when it is gone."""
+
+        def start(self) -> None:
+            _start_server()
+            super().start()
+
+    class _Forking(ForkServerContext):
+        Process = _Worker
+
+
+def _start_server() -> None:
+    """Start the process that workers are forked from, unless it runs."""
+    # One thread in each worker: the workers are as many as the processors. The libraries read this when they
+    # are loaded, in the server.
+    with _server_lock:
+        missing = [name for name in _THREAD_COUNTS if name not in os.environ]
+        try:
+            for name in missing:
+                os.environ[name] = "1"
+            forkserver.ensure_running()
+        finally:
+            for name in missing:
+                del os.environ[name]
+
+
+def _tell_warm_up(done: Future[float]) -> None:
+    if not done.cancelled() and done.exception() is None and done.result() > 0.0:
+        _log.info("a worker warmed up in %.1f s; the first on a machine compiles the kernels", done.result())
+
+
+def _stop(pool: ProcessPool) -> None:
+    pool.stop()  # type: ignore[no-untyped-call]
+    pool.join()
+
+
+def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
+    try:
+        return function(*arguments)
+    except MemoryError:
+        pass
+    gc.collect()  # now that nothing refers to what the task held: the next one needs the room
+    raise MemoryLimitError("the memory limit was reached")
+
+
+def _warm_up_seconds() -> float:
+    """How long the warm-up of this worker took."""
+    return _warmed_up
+
+
+def _initialize(
+    memory_limit: int | None,
+    prepare: Callable[[], None] | None,
+    warm_up: Callable[[], None] | None,
+    lifeline: Connection[Any, Any],
+) -> None:
+    # Pebble stops a worker by SIGTERM and waits for Python code to notice; a factorisation never would.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_die_with_others, args=(lifeline, os.getppid()), daemon=True).start()
+    if prepare is not None:
+        prepare()
+    if warm_up is not None:
+        global _warmed_up
+        began = time.perf_counter()
+        warm_up()
+        _warmed_up = time.perf_counter() - began
+    if memory_limit is not None:
+        _limit_memory(memory_limit)
+
+
+def _die_with_others(lifeline: Connection[Any, Any], parent: int) -> None:
+    # The service may be killed without a chance to stop its workers; an orphan would compute for nobody. So it would
+    # without the server it was forked from, by which alone the service knows of it.
+    while not lifeline.poll(_WATCH_SECONDS):
+        if os.getppid() != parent:
+            break
+    os._exit(1)
+
+
+def _limit_memory(mebibytes: int) -> None:
+    if sys.platform != "linux":  # pragma: no cover - elsewhere the system does not enforce this limit
+        return
+    import resource
+
+    with open("/proc/self/statm") as file:
+        held = int(file.read().split()[0]) * resource.getpagesize()
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = held + mebibytes * 1024 * 1024
+    resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))

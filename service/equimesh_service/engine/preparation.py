@@ -1,0 +1,27 @@
+"""What a worker process gets before its first task: a log like the service's, and a tracer where traces are wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from equimesh_service.settings import Settings
+from equimesh_service.telemetry import logs, tracing
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preparation:
+    """A picklable record of it; calling it does it."""
+
+    log_level: str
+    log_format: str
+    trace_endpoint: str
+
+    @classmethod
+    def of(cls, settings: Settings) -> Preparation:
+        """As the settings say."""
+        return cls(log_level=settings.log_level, log_format=settings.log_format, trace_endpoint=settings.trace_endpoint)
+
+    def __call__(self) -> None:
+        """Prepare this process."""
+        logs.configure(self.log_level, self.log_format)
+        tracing.use(tracing.open_tracer(self.trace_endpoint, "worker"))

@@ -1,1 +1,0 @@
-"""Steps from the tables of an older release to those of :mod:`equimesh_service.schema`, for alembic."""

@@ -1,0 +1,1 @@
+"""Errors over the wire: one table of problems."""

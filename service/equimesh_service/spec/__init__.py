@@ -1,0 +1,1 @@
+"""Strict models of what clients send."""

@@ -1,0 +1,82 @@
+"""Strict reading of JSON: what `json` lets pass (duplicate keys, lone surrogates) is refused here."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from equimesh_service.problems.problem import Problem, invalid
+
+_SURROGATE_ESCAPE = re.compile(rb"\\u[dD][89a-fA-F]")
+
+
+def parse(data: bytes) -> Any:
+    """The value that ``data`` spells.
+
+    NaN and infinities pass: the models refuse them where they stand, with a pointer.
+    Raises a 400 :class:`~equimesh_service.problems.problem.Problem` for anything that is not JSON in UTF-8, for a
+    key that comes twice, and for nesting too deep to read.
+    """
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise Problem("malformed-body", f"The body is not UTF-8: bad byte at offset {error.start}.") from None
+    try:
+        value = json.loads(text, object_pairs_hook=_object, parse_int=_integer)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise Problem("malformed-body", f"The body is not JSON: {error.msg} at {where}.") from None
+    except RecursionError:
+        raise Problem("malformed-body", "The JSON is nested too deeply.") from None
+    if _SURROGATE_ESCAPE.search(data):
+        for pointer, string in _strings(value):
+            if not _is_text(string):
+                raise invalid(pointer, "the text holds half of a surrogate pair; send whole characters")
+    return value
+
+
+def escaped(part: object) -> str:
+    """One reference token of a JSON pointer (RFC 6901), safe to encode."""
+    token = str(part).encode("utf-8", "backslashreplace").decode()
+    return "/" + token.replace("~", "~0").replace("/", "~1")
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen: set[str] = set()
+        for key, _ in pairs:
+            if key in seen:
+                shown = key.encode("utf-8", "backslashreplace").decode()[:80]
+                raise Problem("malformed-body", f"The key {shown!r} comes twice in one object.")
+            seen.add(key)
+    return found
+
+
+def _integer(digits: str) -> int | float:
+    # Python refuses to read very long integers; as a number they are infinite, and are refused as that.
+    return int(digits) if len(digits) <= 400 else float("-inf" if digits.startswith("-") else "inf")
+
+
+def _strings(value: Any) -> Iterator[tuple[str, str]]:
+    """Every key and string with its pointer; no recursion, as the nesting is the sender's choice."""
+    left: list[tuple[str, Any]] = [("", value)]
+    while left:
+        pointer, member = left.pop()
+        if isinstance(member, str):
+            yield pointer, member
+        elif isinstance(member, dict):
+            yield from ((pointer, key) for key in member)
+            left.extend((pointer + escaped(key), child) for key, child in member.items())
+        elif isinstance(member, list):
+            left.extend((f"{pointer}/{index}", child) for index, child in enumerate(member))
+
+
+def _is_text(string: str) -> bool:
+    try:
+        string.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,122 @@
+"""Monitors in a spec: what the mesh is to equidistribute."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import Field, FiniteFloat, Tag
+
+from equimesh_service.spec.sources import AnySource, Source
+from equimesh_service.spec.strict import TAG, Strict, by_kind
+
+MOST_MONITORS = 8
+USES = {
+    "arc_length": "Fronts and layers: small cells where u is steep. The default, after Haynes and Howse.",
+    "curvature": "The least interpolation error of u (norm l2) or of its gradient (h1): small cells where u is curved.",
+    "weight": "You know how small cells are to be where: they are as small as rho > 0 is large, and not stretched.",
+    "tensor": "You know sizes and directions, for instance from an error estimate: a positive definite metric.",
+    "intersection": "Several of the others at once: cells as small as each of them asks.",
+}
+
+_Smoothing = Annotated[
+    FiniteFloat,
+    Field(
+        description="Radius over which the metric is averaged, in units of the domain's shorter extent, at most 0.25; "
+        "0 for none."
+    ),
+]
+
+
+class ArcLengthSpec(Strict):
+    """The scaled arc length of Haynes and Howse: M = k grad u grad u^T + I."""
+
+    kind: Literal["arc_length"] = "arc_length"
+    u: Source
+    a: FiniteFloat = Field(0.7, description="Strength of the adaptation, in [0, 1]; 0 gives the uniform mesh.")
+    b: FiniteFloat = Field(0.05, description="Damping where u is steep, not negative.")
+    smoothing: _Smoothing = 0.0
+
+
+class CurvatureSpec(Strict):
+    """Huang's optimal metric tensors for the interpolation of u, made of its second derivatives."""
+
+    kind: Literal["curvature"]
+    u: Source
+    norm: Literal["l2", "h1"] = Field("l2", description="The error to be made small: that of u, or of its gradient.")
+    isotropic: bool = Field(False, description="Small cells only, without a preferred direction.")
+    smoothing: _Smoothing = 0.0
+
+
+class WeightSpec(Strict):
+    """The metric rho I."""
+
+    kind: Literal["weight"]
+    rho: Source = Field(description="Positive on the whole domain.")
+    u: Source | None = Field(None, description="What interpolation is measured with.")
+    smoothing: _Smoothing = 0.0
+
+
+class TensorSpec(Strict):
+    """The metric m11 dx^2 + 2 m12 dx dy + m22 dy^2."""
+
+    kind: Literal["tensor"]
+    m11: Source
+    m12: Source
+    m22: Source
+    u: Source | None = Field(None, description="What interpolation is measured with.")
+    smoothing: _Smoothing = 0.0
+
+
+PlainMonitor = Annotated[
+    Annotated[ArcLengthSpec, Tag(TAG + "arc_length")]
+    | Annotated[CurvatureSpec, Tag(TAG + "curvature")]
+    | Annotated[WeightSpec, Tag(TAG + "weight")]
+    | Annotated[TensorSpec, Tag(TAG + "tensor")],
+    by_kind("arc_length", "curvature", "weight", "tensor", default="arc_length"),
+]
+
+
+class IntersectionSpec(Strict):
+    """Several monitors: no length is less than in any of them. The first u is what interpolation is measured with."""
+
+    kind: Literal["intersection"]
+    monitors: list[PlainMonitor] = Field(
+        max_length=MOST_MONITORS, description="2 to 8, none of them an intersection.", json_schema_extra={"minItems": 2}
+    )
+    smoothing: _Smoothing = 0.0
+
+
+AnyMonitor: TypeAlias = ArcLengthSpec | CurvatureSpec | WeightSpec | TensorSpec | IntersectionSpec
+Monitor = Annotated[
+    Annotated[ArcLengthSpec, Tag(TAG + "arc_length")]
+    | Annotated[CurvatureSpec, Tag(TAG + "curvature")]
+    | Annotated[WeightSpec, Tag(TAG + "weight")]
+    | Annotated[TensorSpec, Tag(TAG + "tensor")]
+    | Annotated[IntersectionSpec, Tag(TAG + "intersection")],
+    by_kind(*USES, default="arc_length"),
+]
+
+_FUNCTIONS = ("u", "rho", "m11", "m12", "m22")
+
+
+def sources_of(monitor: AnyMonitor, pointer: str = "/monitor") -> Iterator[tuple[str, AnySource]]:
+    """Every function of a monitor, with the JSON pointer of its place."""
+    if isinstance(monitor, IntersectionSpec):
+        for number, member in enumerate(monitor.monitors):
+            yield from sources_of(member, f"{pointer}/monitors/{number}")
+        return
+    for name in _FUNCTIONS:
+        source = getattr(monitor, name, None)
+        if source is not None:
+            yield f"{pointer}/{name}", source
+
+
+def with_samples(monitor: dict[str, Any], old: str, new: str) -> None:
+    """Have the JSON of a monitor speak of the samples ``new`` wherever it speaks of ``old``."""
+    for member in monitor.get("monitors", ()):
+        with_samples(member, old, new)
+    for name in _FUNCTIONS:
+        source = monitor.get(name)
+        if source is not None and source.get("samples") == old:
+            source["samples"] = new

@@ -1,0 +1,68 @@
+"""Functions of x and y in a spec: expressions and samples."""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeAlias
+
+from pydantic import FailFast, Field, FiniteFloat, Tag
+
+from equimesh_service.spec.strict import TAG, Numbers, Pair, Parameters, Strict, by_key
+
+UPLOAD = "upload"
+
+
+class ExpressionSource(Strict):
+    """A function as an expression in x and y."""
+
+    expression: str = Field(
+        description="u(x, y); names, functions and limits are listed in /v1/capabilities.",
+        examples=["(1-exp(15*(x-1)))*sin(pi*y)"],
+    )
+    parameters: Parameters = Field(default_factory=dict, description="Values of further names used in the expression.")
+    t: FiniteFloat = Field(0.0, description="Value of the name t.")
+
+
+class GridValues(Strict):
+    """Samples on a rectilinear grid that covers the box of the domain."""
+
+    x: Numbers = Field(description="Increasing, from one side of the domain's box to the other.")
+    y: Numbers = Field(description="Increasing, from one side of the domain's box to the other.")
+    values: Annotated[list[Numbers], FailFast()] = Field(description="values[i][j] is u at (x[i], y[j]).")
+
+
+class GridSource(Strict):
+    """A function as samples on a grid."""
+
+    grid: GridValues
+
+
+class ScatteredValues(Strict):
+    """Samples at points in any order whose hull covers the box of the domain."""
+
+    points: Annotated[list[Pair], FailFast()] = Field(description="[[x, y], …]")
+    values: Numbers = Field(description="u at each point.")
+
+
+class ScatteredSource(Strict):
+    """A function as samples at scattered points."""
+
+    scattered: ScatteredValues
+
+
+class StoredSource(Strict):
+    """A function as samples that were uploaded."""
+
+    samples: str = Field(
+        description="The id that POST /v1/samples gave, or 'upload' for the part `samples` of this request.",
+        max_length=100,
+    )
+
+
+AnySource: TypeAlias = ExpressionSource | GridSource | ScatteredSource | StoredSource
+Source = Annotated[
+    Annotated[ExpressionSource, Tag(TAG + "expression")]
+    | Annotated[GridSource, Tag(TAG + "grid")]
+    | Annotated[ScatteredSource, Tag(TAG + "scattered")]
+    | Annotated[StoredSource, Tag(TAG + "samples")],
+    by_key("expression", "grid", "scattered", "samples"),
+]

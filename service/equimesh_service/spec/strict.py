@@ -1,0 +1,149 @@
+"""Strict models of JSON bodies, and what is said of a body that does not fit one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, TypeVar, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    FailFast,
+    Field,
+    FiniteFloat,
+    Tag,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
+from pydantic_core import PydanticCustomError
+
+from equimesh_service.problems.problem import Complaint, refused
+from equimesh_service.spec.document import escaped
+
+# Tags of unions start with this character, so that they can be taken out of a pointer again.
+TAG = "\x00"
+MOST_COMPLAINTS = 20
+# Texts that databases take: PostgreSQL refuses U+0000.
+WITHOUT_NUL = r"^[^\x00]*$"
+Model = TypeVar("Model", bound=BaseModel)
+
+Numbers = Annotated[list[FiniteFloat], FailFast()]
+Pair = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+Parameters = Annotated[dict[str, FiniteFloat], Field(max_length=64)]
+
+
+class Strict(BaseModel):
+    """A JSON object without other keys, whose values have the types that are written."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+def by_key(*keys: str) -> Discriminator:
+    """The branch of a union is the one whose key is there."""
+
+    def tag(value: Any) -> str | None:
+        if isinstance(value, Mapping):
+            return next((TAG + key for key in keys if key in value), None)
+        return next((TAG + key for key in keys if hasattr(value, key)), None)
+
+    message = f"this must be an object with one of the keys {', '.join(keys)}"
+    return Discriminator(tag, custom_error_type="source", custom_error_message=message)
+
+
+def by_kind(*kinds: str, default: str | None = None) -> Discriminator:
+    """The branch of a union is named by the key ``kind``."""
+
+    def tag(value: Any) -> str | None:
+        kind = value.get("kind", default) if isinstance(value, Mapping) else getattr(value, "kind", None)
+        return TAG + kind if isinstance(kind, str) and kind in kinds else None
+
+    message = f"an object whose kind is one of {', '.join(kinds)}"
+    return Discriminator(tag, custom_error_type="kind", custom_error_message=message)
+
+
+def either(words: str) -> WrapValidator:
+    """One sentence for a union of plain values, in place of a complaint of each of its branches."""
+
+    def validate(value: Any, inner: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return inner(value)
+        except ValidationError:
+            raise PydanticCustomError("either", "this must be {words}", {"words": words}) from None
+
+    return WrapValidator(validate)
+
+
+def validated(model: type[Model], document: Any) -> Model:
+    """The model of a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
+    if not isinstance(document, Mapping):
+        raise refused([Complaint(pointer="", message="the body must be one JSON object")])
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        entries = error.errors(include_url=False, include_context=True)
+        raise refused([_complaint(model, entry) for entry in entries[:MOST_COMPLAINTS]]) from None
+
+
+def _complaint(model: type[BaseModel], entry: Any) -> Complaint:
+    loc = list(entry["loc"])
+    place = [part for part in loc if not _is_tag(part)]
+    if entry["type"] == "kind" and isinstance(entry["input"], Mapping):
+        place.append("kind")
+    return Complaint(pointer="".join(map(escaped, place)), message=_sentence(model, entry, loc))
+
+
+def _sentence(model: type[BaseModel], entry: Any, loc: list[Any]) -> str:
+    match entry["type"]:
+        case "missing":
+            return "this key is required"
+        case "extra_forbidden":
+            return f"there is no such key here{_known_keys(model, loc[:-1])}"
+        case "finite_number":
+            return "this must be a finite number, not NaN or infinity"
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return "this must be a JSON object"
+        case "too_short" | "too_long" if entry["ctx"]["field_type"] == "List":
+            most = entry["ctx"].get("max_length", 2)
+            return f"this must be a list of {'2' if most == 2 else f'at most {most}'} items"
+        case "string_pattern_mismatch" if entry["ctx"]["pattern"] == WITHOUT_NUL:
+            return "this text must not hold the character U+0000"
+        case "literal_error":
+            return f"this must be {entry['ctx']['expected']}"
+        case "kind" if isinstance(entry["input"], Mapping):
+            return str(entry["msg"]).replace("an object whose kind is one of", "this key must be one of")
+        case "kind":
+            return f"this must be {entry['msg']}"
+        case _:
+            message = str(entry["msg"]).removeprefix("Input ")
+            return f"this {message}" if message.startswith("should") else message
+
+
+def _is_tag(part: object) -> bool:
+    return isinstance(part, str) and part.startswith(TAG)
+
+
+def _known_keys(model: type[BaseModel], loc: Sequence[Any]) -> str:
+    """What keys there are where ``loc`` leads, as the end of a sentence; empty where that is not known."""
+    found: Any = model
+    for part in loc:
+        models = _models(found)
+        if _is_tag(part):
+            found = next((branch for tag, branch in models if tag == part), None)
+        elif isinstance(part, str):
+            field = models[0][1].model_fields.get(part) if len(models) == 1 else None
+            found = field.annotation if field is not None else None
+    models = _models(found)
+    return "; known are " + ", ".join(models[0][1].model_fields) if len(models) == 1 else ""
+
+
+def _models(annotation: Any, tag: str | None = None) -> list[tuple[str | None, type[BaseModel]]]:
+    """The models that a type is made of, with their tags."""
+    if get_origin(annotation) is None:
+        is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
+        return [(tag, annotation)] if is_model else []
+    metadata = getattr(annotation, "__metadata__", None)
+    inner = get_args(annotation) if metadata is None else get_args(annotation)[:1]
+    tag = next((part.tag for part in metadata or () if isinstance(part, Tag)), tag)
+    return [found for part in inner for found in _models(part, tag)]

@@ -1,0 +1,76 @@
+"""SQL of what an operator wants to know of a database: is it sound, is its clock right, which files does it name."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+from sqlalchemy import func, select
+
+from equimesh_service.store.database import Database, UnusableDatabaseError, sqlite_file
+from equimesh_service.store.schema import artifacts, keys, meshes, samples
+
+
+class InspectionStore:
+    """Looks at a database that has the tables of this release, and changes nothing."""
+
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+        self._read = database.read
+        self._clock = clock
+
+    def fault(self) -> str | None:
+        """What an SQLite file says is wrong with itself; PostgreSQL looks after that on its own."""
+        with self._read() as connection:
+            if connection.dialect.name != "sqlite":
+                return None
+            said = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
+        return None if said == "ok" else said.splitlines()[-1]
+
+    def clock_ahead(self) -> float:
+        """Seconds that the database's clock, or the time of its newest mesh, is ahead of this machine's clock.
+
+        Negative when the clock of a database server is behind.
+        """
+        with self._read() as connection:
+            before = self._clock()
+            server: float | None = None
+            if connection.dialect.name == "postgresql":
+                server = float(connection.execute(select(func.extract("epoch", func.clock_timestamp()))).scalar_one())
+            here = (before + self._clock()) / 2
+            newest = connection.execute(select(func.max(meshes.c.created_at))).scalar() or 0.0
+        ahead = 0.0 if server is None else server - here
+        return max(ahead, newest - here) if newest > here else ahead
+
+    def named_files(self) -> dict[str, int]:
+        """The size of every file that a mesh or samples name, by its SHA-256."""
+        with self._read() as connection:
+            rows = [
+                *connection.execute(select(artifacts.c.sha256, artifacts.c.size)),
+                *connection.execute(select(samples.c.sha256, samples.c.size)),
+            ]
+        return {row.sha256: row.size for row in rows}
+
+    def has_keys(self) -> bool:
+        """Whether an API key was ever created."""
+        with self._read() as connection:
+            return connection.execute(select(keys.c.id).limit(1)).first() is not None
+
+
+def back_up(url: str, target: Path) -> int:
+    """Copy an SQLite database that may be in use, as it is at one moment; returns the bytes of the copy.
+
+    Raises :class:`~equimesh_service.store.database.UnusableDatabaseError` for PostgreSQL, which has programs of its own
+    for it, :class:`FileExistsError` when the target is there, and :class:`FileNotFoundError` when the database is not.
+    """
+    source = sqlite_file(url)
+    if source is None:
+        raise UnusableDatabaseError("this copies SQLite databases; for PostgreSQL use pg_dump --format=custom")
+    source.stat()
+    target.touch(mode=0o600, exist_ok=False)  # it holds the hashes of keys, and what users have sent
+    address = f"{source.resolve().as_uri()}?mode=ro"
+    with closing(sqlite3.connect(address, uri=True)) as live, closing(sqlite3.connect(target)) as copy:
+        live.backup(copy)  # in one step: a snapshot, during which others may write
+        copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
+    return target.stat().st_size

@@ -1,0 +1,60 @@
+"""SQL of API keys. Keys are never deleted: a revoked one still says that keys are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from sqlalchemy import Row, insert, select, update
+
+from equimesh_service.store.database import Database
+from equimesh_service.store.key_secrets import SCOPES, KeyRow, digest, new_secret
+from equimesh_service.store.schema import keys
+
+
+class KeyStore:
+    """The keys that there are."""
+
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+        self._read, self._write = database.read, database.write
+        self._clock = clock
+
+    def create(self, name: str, scopes: Sequence[str]) -> tuple[KeyRow, str]:
+        """A new key and its secret, which is not kept. Raises ValueError for a scope that does not exist."""
+        unknown = set(scopes).difference(SCOPES)
+        if unknown or not scopes:
+            raise ValueError(
+                f"scopes are {', '.join(SCOPES)}, at least one, not {', '.join(sorted(unknown)) or 'none'}"
+            )
+        key_id, secret = new_secret()
+        ordered = tuple(scope for scope in SCOPES if scope in scopes)
+        row = KeyRow(id=key_id, name=name, sha256=digest(secret), scopes=ordered, created_at=self._clock())
+        with self._write() as connection:
+            connection.execute(insert(keys).values({**vars(row), "scopes": list(ordered)}))
+        return row, secret
+
+    def list(self) -> list[KeyRow]:
+        """All keys, oldest first, revoked ones too."""
+        with self._read() as connection:
+            return [_key(row) for row in connection.execute(select(keys).order_by(keys.c.created_at, keys.c.id))]
+
+    def get(self, key_id: str) -> KeyRow | None:
+        """The key with this id."""
+        with self._read() as connection:
+            row = connection.execute(select(keys).where(keys.c.id == key_id)).first()
+        return None if row is None else _key(row)
+
+    def revoke(self, key_id: str) -> bool:
+        """Put a key out of force for good; False when there is none, or it was before."""
+        statement = update(keys).where(keys.c.id == key_id, keys.c.revoked_at.is_(None))
+        with self._write() as connection:
+            return bool(connection.execute(statement.values(revoked_at=self._clock())).rowcount)
+
+    def exist(self) -> bool:
+        """Whether a key was ever created, revoked or not."""
+        with self._read() as connection:
+            return connection.execute(select(keys.c.id).limit(1)).first() is not None
+
+
+def _key(row: Row[Any]) -> KeyRow:
+    return KeyRow(**{**row._mapping, "scopes": tuple(row.scopes)})

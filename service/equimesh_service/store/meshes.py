@@ -1,0 +1,323 @@
+"""SQL of meshes: what was asked for, what came of it, and what happened on the way."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from sqlalchemy import Connection, Row, bindparam, insert, select, tuple_, update
+from sqlalchemy.exc import IntegrityError
+
+from equimesh_service.files.port import Publish, publish_nothing
+from equimesh_service.store.artifacts import insert_artifacts, noted, remove_unused
+from equimesh_service.store.database import Database, to_json
+from equimesh_service.store.deletion import delete_ended, delete_meshes
+from equimesh_service.store.quotas import Quota, take
+from equimesh_service.store.rows import (
+    FINISHED,
+    QUEUED,
+    RUNNING,
+    SUCCEEDED,
+    Artifact,
+    EventRow,
+    Hold,
+    KeyReusedError,
+    MeshRow,
+    NewMesh,
+    NewStep,
+    Order,
+    Position,
+    SamplesGoneError,
+    StepTakenError,
+)
+from equimesh_service.store.schema import artifacts, events, idempotency, mesh_samples, meshes, samples, steps
+from equimesh_service.store.sequences import insert_step, take_turn
+
+# How exactly it is noted when samples were last used.
+_USED_SECONDS = 3600.0
+# How many meshes one query asks for by their ids.
+_AT_ONCE = 500
+_SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
+# Built once, since building them takes longer than executing them.
+_SHOW = select(*_SHOWN).where(meshes.c.id == bindparam("mesh"))
+_INSERT_MESH, _INSERT_USES, _INSERT_EVENTS = insert(meshes), insert(mesh_samples), insert(events)
+_USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
+
+
+class MeshesStore:
+    """Meshes, with their specs, events and artifacts."""
+
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+        self._database = database
+        self._read, self._write = database.read, database.write
+        self._clock = clock
+
+    def add(
+        self,
+        new: NewMesh,
+        *,
+        key: str | None = None,
+        fingerprint: str = "",
+        quota: Quota | None = None,
+        hold: Hold | None = None,
+        step: NewStep | None = None,
+    ) -> str:
+        """Put a mesh into the queue and return its id: an older one's when ``key`` was seen before.
+
+        With ``hold`` it does not wait there: it is claimed from the start, at its first attempt. As the ``step`` of a
+        sequence it takes the place of meshes that are no longer kept.
+
+        Raises :class:`KeyReusedError` when the key came with another ``fingerprint``,
+        :class:`SamplesGoneError` when the samples were deleted,
+        :class:`~equimesh_service.store.quotas.QuotaError` when it is one too many, and :class:`StepTakenError`.
+        """
+        held: set[str] = set()
+
+        def put(connection: Connection) -> bool:
+            if quota is not None:
+                take(connection, new.key_id, new.points, quota)
+            leaving = [] if step is None else take_turn(connection, step, self._clock())
+            self._insert_waiting(connection, new, hold)
+            if step is not None:
+                # After the mesh is there, whose samples may be those of a failed step that makes way.
+                held.update(delete_meshes(connection, leaving, self._clock()).files)
+                insert_step(connection, new, step)
+            return True
+
+        added = self._once(new, key, fingerprint, put)
+        assert added is not None
+        if step is not None and added == new.id:
+            remove_unused(self._database, held, step.discard)
+        return added
+
+    def known(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
+        """The mesh of an earlier request with this idempotency key; raises :class:`KeyReusedError`."""
+        return self._known(key_id, key, fingerprint)
+
+    def reuse(self, new: NewMesh, *, key: str | None = None, fingerprint: str = "") -> str | None:
+        """Make the mesh of one that has succeeded, with the same ``new.fingerprint`` and for the same API key.
+
+        It is a mesh of its own, and shares the files. Returns its id, or an older one's as :meth:`add` does; None when
+        there is nothing to make it of. Raises as :meth:`add`.
+        """
+        query = (
+            select(meshes.c.id, meshes.c.result)
+            .where(meshes.c.fingerprint == new.fingerprint, meshes.c.key_id == new.key_id)
+            .where(meshes.c.status == SUCCEEDED)
+            .order_by(meshes.c.number)
+            .limit(1)
+        )
+
+        def put(connection: Connection) -> bool:
+            # Locked, so that its files are not removed before they have a second owner.
+            source = connection.execute(query.with_for_update(read=True, key_share=True)).first()
+            if source is not None:
+                self._insert_reused(connection, new, source.id, source.result)
+            return source is not None
+
+        with self._read() as connection:
+            if new.fingerprint is None or connection.execute(query).first() is None:
+                return None
+        return self._once(new, key, fingerprint, put)
+
+    def get(self, mesh_id: str) -> MeshRow | None:
+        """The mesh with this id."""
+        with self._read() as connection:
+            row = connection.execute(_SHOW, {"mesh": mesh_id}).first()
+        return None if row is None else _mesh(row)
+
+    def unfinished(self, names: Sequence[str]) -> dict[str, int]:
+        """The number of the last event of each of these meshes that is not finished."""
+        found: dict[str, int] = {}
+        with self._read() as connection:
+            for start in range(0, len(names), _AT_ONCE):
+                here = meshes.c.id.in_(names[start : start + _AT_ONCE])
+                rows = connection.execute(select(meshes.c.id, meshes.c.status, meshes.c.last_event).where(here))
+                found |= {row.id: row.last_event for row in rows if row.status not in FINISHED}
+        return found
+
+    def spec(self, mesh_id: str) -> dict[str, Any] | None:
+        """The canonical spec of a mesh."""
+        with self._read() as connection:
+            text = connection.execute(select(meshes.c.spec).where(meshes.c.id == mesh_id)).scalar()
+        return None if text is None else json.loads(text)
+
+    def order(self, mesh_id: str) -> Order | None:
+        """What a worker needs to know of a mesh."""
+        asked = select(meshes.c.spec, meshes.c.format).where(meshes.c.id == mesh_id)
+        joined = mesh_samples.join(samples, samples.c.id == mesh_samples.c.samples_id)
+        files = select(samples.c.id, samples.c.sha256).select_from(joined).where(mesh_samples.c.mesh_id == mesh_id)
+        with self._read() as connection:
+            row = connection.execute(asked).first()
+            if row is None:
+                return None
+            held = {used.id: used.sha256 for used in connection.execute(files)}
+            step = connection.execute(select(steps.c.start, steps.c.fields).where(steps.c.mesh_id == mesh_id)).first()
+        start, fields = (None, None) if step is None else (step.start, step.fields)
+        return Order(spec=json.loads(row.spec), format=row.format, samples=held, start=start, fields=fields)
+
+    def page(
+        self,
+        *,
+        key_id: str | None = None,
+        status: str | None = None,
+        label: str | None = None,
+        before: Position | None = None,
+        limit: int = 50,
+    ) -> list[MeshRow]:
+        """Meshes, newest first, after the position ``before``; those of one key, unless that is None."""
+        order = (meshes.c.number,) if key_id is None else (meshes.c.created_at, meshes.c.id)
+        query = select(*_SHOWN).order_by(*(column.desc() for column in order)).limit(limit)
+        if key_id is not None:
+            query = query.where(meshes.c.key_id == key_id)
+        if status is not None:
+            query = query.where(meshes.c.status == status)
+        if label is not None:
+            query = query.where(meshes.c.label == label)
+        if before is not None:
+            query = query.where(tuple_(*order) < before)
+        with self._read() as connection:
+            return [_mesh(row) for row in connection.execute(query)]
+
+    def delete(self, mesh_id: str, remove_file: Callable[[str], None]) -> bool:
+        """Delete a mesh with its events and artifacts; files that nothing else needs go to ``remove_file``."""
+        with self._write() as connection:
+            deleted = delete_meshes(connection, [mesh_id], self._clock())
+        if deleted.sequences:
+            with self._write() as connection:
+                delete_ended(connection, deleted.sequences)
+        remove_unused(self._database, deleted.files, remove_file)
+        return bool(deleted.meshes)
+
+    def events(self, mesh_id: str, *, after: int = 0, limit: int = 1000) -> list[EventRow]:
+        """What happened to a mesh after event number ``after``."""
+        query = (
+            select(events.c.number, events.c.time, events.c.kind, events.c.data)
+            .where(events.c.mesh_id == mesh_id, events.c.number > after)
+            .order_by(events.c.number)
+            .limit(limit)
+        )
+        with self._read() as connection:
+            return [EventRow(*row) for row in connection.execute(query)]
+
+    def artifact(self, mesh_id: str, name: str) -> Artifact | None:
+        """The file of a mesh under a name."""
+        columns = (artifacts.c.name, artifacts.c.sha256, artifacts.c.size)
+        query = select(*columns).where(artifacts.c.mesh_id == mesh_id, artifacts.c.name == name)
+        with self._read() as connection:
+            row = connection.execute(query).first()
+        return None if row is None else Artifact(*row)
+
+    def add_artifact(self, mesh_id: str, file: Artifact, publish: Publish = publish_nothing) -> bool:
+        """Give a finished mesh one more file; False when the mesh is gone."""
+        with self._write() as connection:
+            query = select(meshes.c.id).where(meshes.c.id == mesh_id).with_for_update(key_share=True)
+            if connection.execute(query).first() is None:
+                return False
+            insert_artifacts(connection, mesh_id, [file])
+            publish(noted(connection))
+            return True
+
+    def _once(self, new: NewMesh, key: str | None, fingerprint: str, put: Callable[[Connection], bool]) -> str | None:
+        """The id of a new mesh, or of the one that the key stands for; None when there was none to ``put``."""
+        known = self._known(new.key_id, key, fingerprint)
+        if known is not None:
+            return known
+        try:
+            with self._write() as connection:
+                if not put(connection):
+                    return None
+                if key is not None:
+                    row = {"key_id": new.key_id, "key": key, "fingerprint": fingerprint, "mesh_id": new.id}
+                    connection.execute(insert(idempotency).values(row))
+        except (IntegrityError, StepTakenError):
+            known = self._known(new.key_id, key, fingerprint)  # the same key came at the same moment
+            if known is None:
+                raise
+            return known
+        return new.id
+
+    def _known(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
+        if key is None:
+            return None
+        here = (idempotency.c.key_id == key_id, idempotency.c.key == key)
+        query = select(idempotency.c.fingerprint, idempotency.c.mesh_id).where(*here)
+        with self._read() as connection:
+            row = connection.execute(query).first()
+        if row is None:
+            return None
+        if row.fingerprint != fingerprint:
+            raise KeyReusedError(key)
+        return str(row.mesh_id)
+
+    def _insert_waiting(self, connection: Connection, new: NewMesh, hold: Hold | None) -> None:
+        now = self._clock()
+        if hold is None:
+            self._insert(connection, new, now, {"status": QUEUED}, [("status", {"status": QUEUED})])
+            return
+        state = {"attempt": 1, "owner": hold.owner, "lease_until": now + hold.lease, "started_at": now}
+        began: dict[str, Any] = {"status": RUNNING, "attempt": 1}
+        story = [("status", {"status": QUEUED}), ("status", began)]
+        self._insert(connection, new, now, {"status": RUNNING, **state}, story)
+
+    def _insert_reused(self, connection: Connection, new: NewMesh, source: str, result: Mapping[str, Any]) -> None:
+        now = self._clock()
+        told = {key: value for key, value in (result or {}).items() if key != "timings"}  # which were another's
+        state = {"status": SUCCEEDED, "finished_at": now, "result": told, "reused_from": source}
+        done = {"status": SUCCEEDED, "reused_from": source}
+        self._insert(connection, new, now, state, [("done", done)])
+        columns = (artifacts.c.name, artifacts.c.sha256, artifacts.c.size)
+        files = connection.execute(select(*columns).where(artifacts.c.mesh_id == source)).all()
+        insert_artifacts(connection, new.id, [Artifact(*file) for file in files])
+
+    def _insert(
+        self,
+        connection: Connection,
+        new: NewMesh,
+        now: float,
+        state: Mapping[str, Any],
+        story: Sequence[tuple[str, Mapping[str, Any]]],
+    ) -> None:
+        """Insert a mesh in a state, and the events that tell how it came there."""
+        _use_samples(connection, new.samples, now)
+        spec = to_json(new.spec)
+        row = {
+            "id": new.id,
+            "label": new.spec["label"],
+            "spec": spec,
+            "spec_size": len(spec.encode()),
+            "n_xi": new.spec["grid"]["n_xi"],
+            "n_eta": new.spec["grid"]["n_eta"],
+            "cells": new.spec["cells"],
+            "format": new.format,
+            "key_id": new.key_id,
+            "fingerprint": new.fingerprint,
+            "created_at": now,
+            "request_id": new.request_id,
+            "trace": new.trace,
+            "last_event": len(story),
+            **state,
+        }
+        connection.execute(_INSERT_MESH, row)
+        if new.samples:
+            connection.execute(_INSERT_USES, [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
+        told = [
+            {"mesh_id": new.id, "number": number, "time": now, "kind": kind, "data": dict(data)}
+            for number, (kind, data) in enumerate(story, start=1)
+        ]
+        connection.execute(_INSERT_EVENTS, told)
+
+
+def _use_samples(connection: Connection, names: Sequence[str], now: float) -> None:
+    """Keep samples from being deleted before the mesh is there that needs them, and note that they are in use."""
+    for name in sorted(names):
+        used_at = connection.execute(_USED_AT, {"name": name}).scalar()
+        if used_at is None:
+            raise SamplesGoneError(name)
+        if used_at < now - _USED_SECONDS:
+            connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
+
+
+def _mesh(row: Row[Any]) -> MeshRow:
+    return MeshRow(**row._mapping)

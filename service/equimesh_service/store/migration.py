@@ -1,0 +1,88 @@
+"""The revision of a database's tables: found out, and brought up to this release."""
+
+from __future__ import annotations
+
+import logging
+
+from sqlalchemy import Column, Connection, MetaData, String, Table, insert, inspect, select
+
+from equimesh_service.store.database import Database, UnusableDatabaseError, lock
+from equimesh_service.store.schema import artifacts, meshes, metadata
+
+# The revision of the tables in `schema`, which is that of the last step in `migrations`.
+LATEST = "0006"
+_FIRST = "0001"
+_log = logging.getLogger(__name__)
+# Alembic's own table, as it makes it.
+_version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
+
+
+class NewerDatabaseError(UnusableDatabaseError):
+    """A database that a newer release has changed: this one would not understand it."""
+
+
+def current(url: str) -> str | None:
+    """The revision of the database behind ``url``; None for one without tables."""
+    database = Database(url, durable=True)
+    try:
+        with database.read() as connection:
+            return _revision(connection)
+    finally:
+        database.close()
+
+
+def upgrade(url: str) -> str:
+    """Bring the database behind ``url`` up to this release; returns its revision from now on.
+
+    Raises :class:`NewerDatabaseError`.
+    """
+    database = Database(url, durable=True)
+    try:
+        return prepare(database)
+    finally:
+        database.close()
+
+
+def prepare(database: Database) -> str:
+    """Make the tables, or change those of an older release, keeping what is in them; returns the revision.
+
+    One transaction, which others who do the same wait for. Raises :class:`NewerDatabaseError`.
+    """
+    with database.read() as connection:
+        if _revision(connection) == LATEST:
+            return LATEST  # most starts end here: no lock, and no alembic
+    with database.write() as connection:
+        lock(connection, ["migration"])
+        revision = _revision(connection)
+        if revision is None:
+            metadata.create_all(connection)
+            _version.create(connection)
+            connection.execute(insert(_version).values(version_num=LATEST))
+        elif revision != LATEST:
+            _log.info("the database is of revision %s; it is changed to %s", revision, LATEST)
+            _run(connection)
+    return LATEST
+
+
+def _revision(connection: Connection) -> str | None:
+    tables = set(inspect(connection).get_table_names())
+    if _version.name not in tables:
+        # Release 0.1 kept no record of its revision.
+        return _FIRST if {meshes.name, artifacts.name} <= tables else None
+    found = connection.execute(select(_version.c.version_num)).scalar()
+    if found is None or str(found) > LATEST:
+        raise NewerDatabaseError(
+            f"the database is of revision {found}, of a newer release of equimesh; this one knows {LATEST}: "
+            "install the newer release again, or restore a backup from before it"
+        )
+    return str(found)
+
+
+def _run(connection: Connection) -> None:
+    from alembic import command
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", "equimesh_service.store:migrations")
+    config.attributes["connection"] = connection
+    command.upgrade(config, "head")

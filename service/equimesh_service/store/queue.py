@@ -1,0 +1,209 @@
+"""SQL of the queue: who computes which mesh, and how it ends.
+
+A mesh goes ``queued -> running -> succeeded | failed | canceled``; a lost worker takes it back to ``queued``.
+Every change of a mesh is one transaction that also adds an event, so the events tell the whole story.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from sqlalchemy import Connection, bindparam, func, insert, or_, select, update
+from sqlalchemy.sql.dml import ReturningUpdate
+
+from equimesh_service.files.port import Publish, publish_nothing
+from equimesh_service.store.artifacts import insert_artifacts, noted
+from equimesh_service.store.database import Database
+from equimesh_service.store.rows import CANCELED, FAILED, QUEUED, RUNNING, STATUSES, SUCCEEDED, Artifact, Census, Claim
+from equimesh_service.store.schema import events, meshes
+
+# Statements are built once, since building them takes longer than executing them. A change takes the mesh and, beside
+# what stands here, the new values of columns by their names.
+_CLAIMED = [meshes.c.id, meshes.c.attempt, meshes.c.request_id, meshes.c.key_id, meshes.c.trace]
+_OLDEST = (
+    select(*_CLAIMED, meshes.c.created_at)
+    .where(meshes.c.status == QUEUED)
+    .order_by(meshes.c.number)
+    .limit(1)
+    .with_for_update(skip_locked=True)
+)
+_CHANGE = (
+    update(meshes)
+    .where(meshes.c.id == bindparam("mesh"))
+    .values(last_event=meshes.c.last_event + 1)
+    .returning(meshes.c.id, meshes.c.last_event)
+)
+_CLAIM = _CHANGE.where(meshes.c.status == QUEUED)
+_CANCEL = _CHANGE.where(meshes.c.status.in_((QUEUED, RUNNING)))
+_ATTEMPT = _CHANGE.where(meshes.c.status == RUNNING, meshes.c.attempt == bindparam("try"))
+_BACK = _ATTEMPT.values(losses=meshes.c.losses + bindparam("lost"))
+_ADD_EVENT = insert(events)
+
+
+class QueueStore:
+    """Waiting and running meshes: the dispatcher's and the workers' side of the store."""
+
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+        self._read, self._write = database.read, database.write
+        self._clock = clock
+
+    def waiting(self) -> int:
+        """Number of waiting meshes."""
+        query = select(func.count()).select_from(meshes).where(meshes.c.status == QUEUED)
+        with self._read() as connection:
+            return int(connection.execute(query).scalar_one())
+
+    def census(self) -> Census:
+        """How many meshes there are, and how long the oldest waiting one has waited."""
+        query = select(meshes.c.status, func.count()).group_by(meshes.c.status)
+        oldest = select(meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number).limit(1)
+        with self._read() as connection:
+            counted = {status: int(count) for status, count in connection.execute(query)}
+            since = connection.execute(oldest).scalar()
+        waited = 0.0 if since is None else max(0.0, self._clock() - since)
+        return Census(meshes={status: counted.get(status, 0) for status in STATUSES}, oldest_wait=waited)
+
+    def cancel(self, mesh_id: str) -> bool:
+        """Cancel a mesh that is not finished; False when it is."""
+        with self._write() as connection:
+            change = {"status": CANCELED, "finished_at": self._clock(), "owner": None, "lease_until": None}
+            return self._append(connection, _CANCEL, {"mesh": mesh_id, **change}, "done", {"status": CANCELED})
+
+    def claim(self, owner: str, lease: float) -> Claim | None:
+        """Take the oldest waiting mesh for ``owner``, for ``lease`` seconds; after a crash it may wait again."""
+        with self._write(durable=False) as connection:
+            row = connection.execute(_OLDEST).first()
+            if row is None:
+                return None
+            now = self._clock()
+            change = {
+                "status": RUNNING,
+                "attempt": row.attempt + 1,
+                "owner": owner,
+                "lease_until": now + lease,
+                "started_at": now,
+                "progress": None,
+            }
+            data = {"status": RUNNING, "attempt": row.attempt + 1}
+            if not self._append(connection, _CLAIM, {"mesh": row.id, **change}, "status", data):
+                return None
+            waited = max(0.0, now - row.created_at)
+            return replace(_claim(row), attempt=row.attempt + 1, claimed_at=now, waited=waited)
+
+    def held(self, owner: str) -> set[Claim]:
+        """What ``owner`` holds."""
+        mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
+        with self._read() as connection:
+            return {Claim(*row) for row in connection.execute(select(meshes.c.id, meshes.c.attempt).where(mine))}
+
+    def renew(self, owner: str, lease: float) -> set[Claim]:
+        """Extend the leases of ``owner``; returns what it still holds."""
+        mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
+        with self._write(durable=False) as connection:
+            connection.execute(update(meshes).where(mine).values(lease_until=self._clock() + lease))
+            rows = connection.execute(select(meshes.c.id, meshes.c.attempt).where(mine))
+            return {Claim(row.id, row.attempt) for row in rows}
+
+    def abandoned(self, *, owner_gone: str | None = None) -> list[Claim]:
+        """Running meshes whose lease has run out; with ``owner_gone``, all that another owner holds."""
+        late = meshes.c.lease_until < self._clock()
+        if owner_gone is not None:
+            late = or_(late, meshes.c.owner != owner_gone)
+        query = select(*_CLAIMED).where(meshes.c.status == RUNNING, late)
+        with self._read() as connection:
+            return [_claim(row) for row in connection.execute(query)]
+
+    def requeue(self, claim: Claim, reason: str) -> bool:
+        """Put a running mesh back into the queue, as if it had not been claimed."""
+        with self._write() as connection:
+            return self._back(connection, claim, reason, 0)
+
+    def lose(self, claim: Claim, reason: str, *, most: int, error: Mapping[str, Any]) -> str | None:
+        """Note that the worker of a running mesh is lost: it waits again, or fails when ``most`` were lost.
+
+        Returns the new status, or None when the claim no longer holds.
+        """
+        with self._write() as connection:
+            query = select(meshes.c.losses).where(meshes.c.id == claim.mesh_id)
+            losses = int(connection.execute(query).scalar() or 0) + 1
+            if losses < most:
+                return QUEUED if self._back(connection, claim, reason, 1) else None
+            change = {
+                "status": FAILED,
+                "finished_at": self._clock(),
+                "owner": None,
+                "lease_until": None,
+                "losses": losses,
+                "error": dict(error),
+            }
+            data = {"status": FAILED, "error": dict(error)}
+            return FAILED if self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data) else None
+
+    def progress(self, claim: Claim, data: Mapping[str, Any]) -> bool:
+        """Note how far a running mesh is; False when the claim no longer holds."""
+        with self._write() as connection:
+            return self._append(connection, _ATTEMPT, {**_of(claim), "progress": dict(data)}, "progress", data)
+
+    def finish(
+        self,
+        claim: Claim,
+        *,
+        error: Mapping[str, Any] | None = None,
+        result: Mapping[str, Any] | None = None,
+        files: Sequence[Artifact] = (),
+        partial: bool = False,
+        publish: Publish = publish_nothing,
+    ) -> bool:
+        """End a running mesh: succeeded, or failed with ``error``; False when the claim no longer holds.
+
+        ``publish`` gives ``files`` their names, inside the transaction.
+        """
+        status = SUCCEEDED if error is None else FAILED
+        data: dict[str, Any] = {"status": status}
+        if error is not None:
+            data["error"] = dict(error)
+        with self._write() as connection:
+            change = {
+                "status": status,
+                "finished_at": self._clock(),
+                "owner": None,
+                "lease_until": None,
+                "error": None if error is None else dict(error),
+                "result": None if result is None else dict(result),
+                "partial": partial,
+            }
+            if not self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data):
+                return False
+            insert_artifacts(connection, claim.mesh_id, files)
+            publish(noted(connection))
+            return True
+
+    def _back(self, connection: Connection, claim: Claim, reason: str, lost: int) -> bool:
+        change = {"status": QUEUED, "owner": None, "lease_until": None, "progress": None, "lost": lost}
+        return self._append(connection, _BACK, {**_of(claim), **change}, "status", {"status": QUEUED, "reason": reason})
+
+    def _append(
+        self,
+        connection: Connection,
+        change: ReturningUpdate[Any],
+        values: Mapping[str, Any],
+        kind: str,
+        data: Mapping[str, Any],
+    ) -> bool:
+        """Change one mesh and add an event that says so; False when there is none that the change is for."""
+        row = connection.execute(change, dict(values)).first()
+        if row is None:
+            return False
+        added = {"mesh_id": row.id, "number": row.last_event, "time": self._clock(), "kind": kind, "data": dict(data)}
+        connection.execute(_ADD_EVENT, added)
+        return True
+
+
+def _claim(row: Any) -> Claim:
+    return Claim(row.id, row.attempt, request_id=row.request_id, key_id=row.key_id, trace=row.trace)
+
+
+def _of(claim: Claim) -> dict[str, Any]:
+    return {"mesh": claim.mesh_id, "try": claim.attempt}

@@ -1,0 +1,69 @@
+"""SQL of what a key has: unfinished meshes, their points, and stored bytes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqlalchemy import Connection, func, select
+
+from equimesh_service.store.database import Database, lock
+from equimesh_service.store.rows import QUEUED, RUNNING
+from equimesh_service.store.schema import artifacts, meshes, samples, samples_keys
+
+
+class QuotaError(Exception):
+    """A mesh that would take its key over a limit: the setting, what the key has, and the most it may have."""
+
+    def __init__(self, limit: str, used: int, most: int) -> None:
+        super().__init__(f"{limit}: {used} of {most}")
+        self.limit, self.used, self.most = limit, used, most
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quota:
+    """The most unfinished meshes of a key and the most points of them; 0: no limit."""
+
+    queued: int
+    points: int
+
+
+def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
+    """Make sure of room for one more mesh in this writing transaction; raises :class:`QuotaError`.
+
+    Until the transaction ends no other one makes sure for the same key, in whatever process: none slips past.
+    """
+    if not (quota.queued or quota.points):
+        return
+    lock(connection, [f"quota {key_id}"])
+    # The sum leads away from the index of all meshes of the key, most of which are finished, to that of the states.
+    mine = func.coalesce(meshes.c.key_id, "") == key_id
+    total = func.coalesce(func.sum(meshes.c.n_xi * meshes.c.n_eta), 0)
+    query = select(func.count(), total).where(meshes.c.status.in_((QUEUED, RUNNING)), mine)
+    number, used = connection.execute(query).one()
+    if quota.queued and number >= quota.queued:
+        raise QuotaError("key_max_queued", int(number), quota.queued)
+    if quota.points and used + points > quota.points:
+        raise QuotaError("key_max_points", int(used), quota.points)
+
+
+class QuotaStore:
+    """What is stored for a key."""
+
+    def __init__(self, database: Database) -> None:
+        self._read = database.read
+
+    def stored_bytes(self, key_id: str) -> int:
+        """Bytes of the files and specs of a key's meshes, and of its samples.
+
+        A file that several share counts for each.
+        """
+        specs = select(func.coalesce(func.sum(meshes.c.spec_size), 0))
+        files = select(func.coalesce(func.sum(artifacts.c.size), 0)).join(meshes, meshes.c.id == artifacts.c.mesh_id)
+        uploads = select(func.coalesce(func.sum(samples.c.size), 0)).join(
+            samples_keys, samples_keys.c.samples_id == samples.c.id
+        )
+        with self._read() as connection:
+            made = connection.execute(files.where(meshes.c.key_id == key_id)).scalar_one()
+            sent = connection.execute(uploads.where(samples_keys.c.key_id == key_id)).scalar_one()
+            asked = connection.execute(specs.where(meshes.c.key_id == key_id)).scalar_one()
+        return int(made) + int(sent) + int(asked)

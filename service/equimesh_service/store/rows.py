@@ -1,0 +1,191 @@
+"""What the store gives and takes: plain records of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from equimesh_service.files.port import Publish, publish_nothing
+
+QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED = "queued", "running", "succeeded", "failed", "canceled"
+STATUSES = (QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED)
+FINISHED = (SUCCEEDED, FAILED, CANCELED)
+# What the ids of samples at the nodes of a mesh begin with. They came with the step of a sequence and go with it.
+NODAL = "n-"
+
+
+# Where a page of meshes ends: at a number, for those who see all meshes; at a time and an id, for others.
+Position = tuple[int] | tuple[float, str]
+
+
+class SamplesGoneError(Exception):
+    """A mesh that refers to samples which are not there."""
+
+
+class KeyReusedError(Exception):
+    """An idempotency key that belongs to another request."""
+
+
+class StepTakenError(Exception):
+    """A step of a sequence that has taken another one meanwhile, or whose start is gone."""
+
+
+def _keep(_: str) -> None:
+    pass
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewMesh:
+    """What is known of a mesh when it is asked for."""
+
+    id: str
+    spec: Mapping[str, Any]
+    samples: tuple[str, ...] = ()
+    format: str | None = None
+    key_id: str = ""
+    request_id: str | None = None
+    trace: str | None = None
+    fingerprint: str | None = None  # the same for meshes that have the same points
+
+    @property
+    def points(self) -> int:
+        """How many points it has."""
+        return int(self.spec["grid"]["n_xi"]) * int(self.spec["grid"]["n_eta"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshRow:
+    """A mesh as it stands; see :mod:`equimesh_service.store.schema` for the columns."""
+
+    number: int
+    id: str
+    status: str
+    label: str | None
+    n_xi: int
+    n_eta: int
+    cells: str
+    format: str | None
+    created_at: float
+    started_at: float | None
+    finished_at: float | None
+    attempt: int
+    last_event: int
+    progress: dict[str, Any] | None
+    result: dict[str, Any] | None
+    error: dict[str, Any] | None
+    partial: bool
+    key_id: str
+    reused_from: str | None
+
+    @property
+    def finished(self) -> bool:
+        """Whether the mesh has come to an end, good or bad."""
+        return self.status in FINISHED
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """One thing that happened to a mesh."""
+
+    number: int
+    time: float
+    kind: str
+    data: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to compute a mesh, until another attempt begins.
+
+    Beside it, whence the mesh comes: when it was claimed, how many seconds it had waited until then, and the request,
+    key and trace that it belongs to.
+    """
+
+    mesh_id: str
+    attempt: int
+    claimed_at: float = field(default=0.0, compare=False)
+    waited: float = field(default=0.0, compare=False)
+    request_id: str | None = field(default=None, compare=False)
+    key_id: str = field(default="", compare=False)
+    trace: str | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Order:
+    """What a worker needs to know of a mesh: its spec, the files of the samples in it, and the file asked for first."""
+
+    spec: Mapping[str, Any]
+    samples: Mapping[str, str]  # from the ids of samples to the SHA-256 of their files
+    format: str | None = None
+    start: str | None = None  # the SHA-256 of the npz file of the mesh that it starts from, as the step of a sequence
+    fields: str | None = None  # that of the fields at the nodes of the start, which are to be carried on
+
+
+@dataclass(frozen=True, kw_only=True)
+class Census:
+    """How many meshes there are of each status, and for how many seconds the oldest waiting one has waited."""
+
+    meshes: Mapping[str, int]
+    oldest_wait: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """Who claims a mesh, and for how many seconds until the claim is to be renewed."""
+
+    owner: str
+    lease: float
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A file that belongs to a mesh."""
+
+    name: str
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewStep:
+    """What is known of a step of a sequence when it is asked for; step 0 begins the sequence.
+
+    ``fingerprint`` is the same for requests that ask for the same. ``publish`` gives the file of the ``fields`` its
+    name, and ``discard`` removes one that nothing needs any more.
+    """
+
+    sequence_id: str
+    number: int
+    keep: int
+    fingerprint: str
+    key_id: str = ""
+    start: str | None = None
+    fields: Artifact | None = None
+    publish: Publish = publish_nothing
+    discard: Callable[[str], None] = _keep
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceRow:
+    """A sequence as it stands: the number, mesh and status of the last step that has not failed."""
+
+    id: str
+    key_id: str
+    keep: int
+    created_at: float
+    used_at: float
+    number: int
+    mesh_id: str
+    status: str
+
+
+@dataclass(frozen=True)
+class SamplesRow:
+    """Stored samples."""
+
+    id: str
+    sha256: str
+    size: int
+    summary: dict[str, Any]
+    created_at: float

@@ -1,0 +1,115 @@
+"""SQL of sequences: moving meshes, of which each step is a mesh like any other.
+
+A sequence is where its last step is. A step that failed is no step: the next one takes its number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sqlalchemy import Connection, delete, insert, select, update
+
+from equimesh_service.store.artifacts import insert_artifacts, noted, remove_unused
+from equimesh_service.store.database import Database
+from equimesh_service.store.deletion import delete_meshes, lock_meshes
+from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, NewMesh, NewStep, SequenceRow, StepTakenError
+from equimesh_service.store.schema import meshes, sequences, steps
+
+
+class SequencesStore:
+    """Sequences and their steps."""
+
+    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+        self._database = database
+        self._clock = clock
+        self._read = database.read
+
+    def get(self, sequence_id: str) -> SequenceRow | None:
+        """The sequence with this id, as far as its last step that has not failed."""
+        columns = [sequences.c[name] for name in ("id", "key_id", "keep", "created_at", "used_at")]
+        joined = sequences.join(steps, steps.c.sequence_id == sequences.c.id).join(
+            meshes, meshes.c.id == steps.c.mesh_id
+        )
+        query = (
+            select(*columns, steps.c.number, steps.c.mesh_id, meshes.c.status)
+            .select_from(joined)
+            .where(sequences.c.id == sequence_id)
+            .order_by(steps.c.number.desc())
+        )
+        with self._read() as connection:
+            rows = connection.execute(query).all()
+        if not rows:
+            return None
+        return SequenceRow(**next((row for row in rows if row.status not in (FAILED, CANCELED)), rows[0])._mapping)
+
+    def mesh_of(self, sequence_id: str, number: int) -> str | None:
+        """The mesh of a step."""
+        query = select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id, steps.c.number == number)
+        with self._read() as connection:
+            found = connection.execute(query).scalar()
+        return None if found is None else str(found)
+
+    def step_of(self, mesh_id: str) -> tuple[str, int] | None:
+        """The sequence and the number of the step that a mesh is."""
+        query = select(steps.c.sequence_id, steps.c.number).where(steps.c.mesh_id == mesh_id)
+        with self._read() as connection:
+            row = connection.execute(query).first()
+        return None if row is None else (str(row.sequence_id), int(row.number))
+
+    def meshes(self, sequence_id: str) -> list[str]:
+        """The meshes that a sequence still has."""
+        query = select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id)
+        with self._read() as connection:
+            return [str(name) for name in connection.execute(query).scalars()]
+
+    def delete(self, sequence_id: str, remove_file: Callable[[str], None]) -> bool:
+        """Delete a sequence with all its meshes; False when there is none."""
+        with self._database.write() as connection:
+            here = sequences.c.id == sequence_id
+            if connection.execute(select(sequences.c.id).where(here).with_for_update()).first() is None:
+                return False
+            made = connection.execute(select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id)).scalars()
+            deleted = delete_meshes(connection, made, self._clock())
+            connection.execute(delete(sequences).where(here))
+        remove_unused(self._database, deleted.files, remove_file)
+        return True
+
+
+def take_turn(connection: Connection, step: NewStep, now: float) -> list[str]:
+    """Begin the sequence, or see that its next step is this one, before anything else is locked.
+
+    Returns the meshes that are no longer kept, locked. Raises :class:`StepTakenError` when another step has been taken
+    meanwhile, or its start is not there any more.
+    """
+    if step.number == 0:
+        begun = {"id": step.sequence_id, "key_id": step.key_id, "keep": step.keep, "created_at": now, "used_at": now}
+        connection.execute(insert(sequences).values(begun))
+        return []
+    here = sequences.c.id == step.sequence_id
+    if connection.execute(select(sequences.c.id).where(here).with_for_update()).first() is None:
+        raise StepTakenError
+    joined = steps.join(meshes, meshes.c.id == steps.c.mesh_id)
+    query = select(steps.c.number, steps.c.mesh_id, meshes.c.status).select_from(joined)
+    found = connection.execute(query.where(steps.c.sequence_id == step.sequence_id)).all()
+    status = {int(row.number): str(row.status) for row in found}
+    failed = status.get(step.number, FAILED) in (FAILED, CANCELED)
+    if status.get(step.number - 1) != SUCCEEDED or max(status) > step.number or not failed:
+        raise StepTakenError
+    connection.execute(update(sequences).where(here).values(used_at=now))
+    leaving = [row for row in found if row.number == step.number or row.number <= step.number - step.keep]
+    return lock_meshes(connection, [str(row.mesh_id) for row in leaving])
+
+
+def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
+    """Make a mesh that has just been inserted the step, with the file of fields that came with it."""
+    row = {
+        "mesh_id": new.id,
+        "sequence_id": step.sequence_id,
+        "number": step.number,
+        "start": step.start,
+        "fields": None if step.fields is None else step.fields.sha256,
+    }
+    connection.execute(insert(steps).values(row))
+    if step.fields is not None:
+        insert_artifacts(connection, new.id, [step.fields])
+        step.publish(noted(connection))

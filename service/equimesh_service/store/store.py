@@ -1,0 +1,53 @@
+"""The store: the database of the service, in parts by what they know."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from sqlalchemy import func, select
+
+from equimesh_service.store import migration
+from equimesh_service.store.database import Database
+from equimesh_service.store.keys import KeyStore
+from equimesh_service.store.meshes import MeshesStore
+from equimesh_service.store.queue import QueueStore
+from equimesh_service.store.quotas import QuotaStore
+from equimesh_service.store.retention import RetentionStore
+from equimesh_service.store.samples import SamplesStore
+from equimesh_service.store.schema import samples
+from equimesh_service.store.sequences import SequencesStore
+
+
+class Store:
+    """The database behind a URL. One object serves all threads of a process.
+
+    ``durable`` asks that every commit reach the disk (the service's side); a worker's progress does not need it.
+    ``clock`` gives the time in seconds since 1970.
+    """
+
+    def __init__(self, url: str, *, durable: bool = True, clock: Callable[[], float] = time.time) -> None:
+        self.database = Database(url, durable=durable)
+        self.meshes = MeshesStore(self.database, clock)
+        self.queue = QueueStore(self.database, clock)
+        self.samples = SamplesStore(self.database, clock)
+        self.sequences = SequencesStore(self.database, clock)
+        self.retention = RetentionStore(self.database, clock)
+        self.keys = KeyStore(self.database, clock)
+        self.quotas = QuotaStore(self.database)
+
+    def prepare(self) -> None:
+        """Make the tables, or bring those of an older release up to this one.
+
+        Raises :class:`~equimesh_service.store.migration.NewerDatabaseError`.
+        """
+        migration.prepare(self.database)
+
+    def close(self) -> None:
+        """Close all connections."""
+        self.database.close()
+
+    def check(self) -> None:
+        """Raise when the database does not answer."""
+        with self.database.read() as connection:
+            connection.execute(select(func.count()).select_from(samples))

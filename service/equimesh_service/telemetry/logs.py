@@ -1,0 +1,109 @@
+"""Log lines: text for people, or one JSON object a line; in the service and in its workers alike."""
+
+from __future__ import annotations
+
+import logging
+import traceback
+from datetime import UTC, datetime
+from types import TracebackType
+from typing import Any
+
+from pythonjsonlogger.json import JsonFormatter
+from sqlalchemy.exc import SQLAlchemyError
+
+from equimesh_service.telemetry.log_context import current
+
+_TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+_ACCESS = logging.getLogger("equimesh_service.access")
+# Libraries that tell of their own insides at length.
+_TALKATIVE = ("numba", "matplotlib", "PIL", "asyncio", "urllib3", "httpcore", "httpx", "multipart", "python_multipart")
+_FRAMES = 12
+
+_Raised = tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
+
+
+def configure(level: str, format: str) -> None:
+    """Have this process write its log to standard error, from ``level`` up, as ``"text"`` or ``"json"``.
+
+    What is there already stays: a program that runs a service has the last word on its log.
+    """
+    root = logging.getLogger()
+    if root.handlers:
+        return
+    handler = logging.StreamHandler()
+    handler.setFormatter(formatter(format))
+    logging.basicConfig(level=level.upper(), handlers=[handler])
+    for name in _TALKATIVE:
+        logging.getLogger(name).setLevel(max(logging.WARNING, root.level))
+
+
+def formatter(format: str) -> logging.Formatter:
+    """What makes a line of a record."""
+    return _Json() if format == "json" else _Text(_TEXT)
+
+
+def access(method: str, route: str, status: int, seconds: float, size: int) -> None:
+    """Log a request that was answered; ``route`` is the template, so that nothing of a client's is in it."""
+    if _ACCESS.isEnabledFor(logging.INFO):
+        fields = {"method": method, "route": route, "status": status, "duration": round(seconds, 6), "bytes": size}
+        _ACCESS.info("%s %s %d, %.1f ms, %d bytes", method, route, status, 1e3 * seconds, size, extra=fields)
+
+
+def told(error: BaseException) -> str:
+    """An exception in one line: what it is and where it was raised.
+
+    Its own words only where these come from the system or the database: those of others may quote what a client
+    sent.
+    """
+    words = str(error).partition("\n")[0][:300] if isinstance(error, OSError | SQLAlchemyError) else ""
+    frames = traceback.extract_tb(error.__traceback__)[-_FRAMES:]
+    places = [f"{_short(frame.filename)}:{frame.lineno} {frame.name}" for frame in reversed(frames)]
+    causes = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    shown = ": ".join(filter(None, (type(error).__name__, words)))
+    where = f" at {' < '.join(places)}" if places else ""
+    return f"{shown}{where}" + (f"; because of {told(causes)}" if causes is not None else "")
+
+
+def _short(filename: str) -> str:
+    return "/".join(filename.replace("\\", "/").split("/")[-2:])
+
+
+def _raised(raised: _Raised) -> str:
+    return "" if raised[1] is None else told(raised[1])
+
+
+class _Text(logging.Formatter):
+    """A line for people, with the trail at its end."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        record.exc_text = None  # another handler's words for the exception
+        return super().format(record)
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        known = " ".join(f"{name}={value}" for name, value in current().known().items())
+        line = super().formatMessage(record)
+        return f"{line} [{known}]" if known else line
+
+    def formatException(self, ei: _Raised) -> str:
+        return _raised(ei)
+
+
+class _Json(JsonFormatter):
+    """A JSON object: time, level, logger, message, the trail, and what the record brings along."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        record.exc_text = None
+        return super().format(record)
+
+    def add_fields(self, log_data: dict[str, Any], record: logging.LogRecord, message_dict: dict[str, Any]) -> None:
+        log_data["time"] = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="microseconds")[:-6] + "Z"
+        log_data["level"] = record.levelname.lower()
+        log_data["logger"] = record.name
+        log_data["message"] = record.getMessage()
+        log_data.update(current().known())
+        super().add_fields(log_data, record, {})
+        if "exc_info" in message_dict:
+            log_data["exception"] = message_dict["exc_info"]
+
+    def formatException(self, ei: _Raised) -> str:
+        return _raised(ei)

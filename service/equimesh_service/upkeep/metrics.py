@@ -1,0 +1,167 @@
+"""What a service counts, for Prometheus. Each service has a registry of its own."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
+
+from equimesh_service.store.rows import CANCELED, FAILED, QUEUED, STATUSES, SUCCEEDED, Census
+from equimesh_service.worker.job import Ending
+
+UNMATCHED = "unmatched"
+_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
+_WAITS = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0, 300.0, 1800.0)
+_SOLVES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+_REQUESTS = (0.002, 0.005, 0.015, 0.04, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Glance:
+    """What is read at a scrape: workers by what they do, and the store's census, None when it does not answer."""
+
+    workers: dict[str, int]
+    census: Census | None
+
+
+class Metrics:
+    """The counters of one service. All methods are cheap, and may be called from any thread."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        ProcessCollector(registry=self.registry)
+        here = self.registry
+        Info("equimesh_build", "Version of the service.", registry=here).info(
+            {"version": version("equimesh"), "python": platform.python_version()}
+        )
+        self._finished = Counter(
+            "equimesh_meshes_finished", "Meshes that ended here.", ("status", "reason"), registry=here
+        )
+        self._points = Counter("equimesh_mesh_points", "Points of meshes that succeeded here.", registry=here)
+        self._attempts = Counter("equimesh_mesh_attempts", "Attempts at meshes that began here.", registry=here)
+        self._retries = Counter(
+            "equimesh_mesh_retries", "Meshes that wait again because an attempt was lost.", registry=here
+        )
+        self._lost = Counter("equimesh_workers_lost", "Worker processes that died over a mesh.", registry=here)
+        self._reused = Counter("equimesh_meshes_reused", "Requests answered with an earlier mesh.", registry=here)
+        self._samples = Counter("equimesh_samples_uploaded", "Samples that were uploaded.", registry=here)
+        self._wait = Histogram(
+            "equimesh_queue_wait_seconds", "From the request to an attempt.", buckets=_WAITS, registry=here
+        )
+        self._solve = Histogram(
+            "equimesh_solve_seconds", "Solve time of meshes, without their files.", buckets=_SOLVES, registry=here
+        )
+        self._streams = Gauge("equimesh_event_streams", "Open streams of events (SSE).", registry=here)
+        labels = ("method", "route", "status")
+        self._requests = Counter("equimesh_http_requests", "Requests that were answered.", labels, registry=here)
+        self._duration = Histogram(
+            "equimesh_http_request_duration_seconds",
+            "From a request to the end of its answer.",
+            labels,
+            buckets=_REQUESTS,
+            registry=here,
+        )
+        self._sent = Counter("equimesh_http_response_bytes", "Bytes of bodies that were sent.", registry=here)
+        self._answered: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
+        for status in (SUCCEEDED, CANCELED):
+            self._finished.labels(status, "")  # there from the start, so that rates see the first one
+        self._finished.labels(FAILED, "worker-lost")
+
+    def look(self, glance: Callable[[], Glance]) -> None:
+        """Have each scrape call ``glance``."""
+        self.registry.register(_Glances(glance))
+
+    def scrape(self, accept: str) -> tuple[bytes, str]:
+        """All metrics in the text format that ``accept`` asks for, and its media type."""
+        try:
+            encode, media_type = choose_encoder(accept)
+        except (TypeError, ValueError):  # a version that is none
+            encode, media_type = choose_encoder("")
+        return encode(self.registry), media_type
+
+    def began(self, waited: float) -> None:
+        """An attempt at a mesh begins, which waited so many seconds since it was asked for."""
+        self._attempts.inc()
+        self._wait.observe(waited)
+
+    def ended(self, ending: Ending) -> None:
+        """A mesh has ended."""
+        self._finished.labels(ending.status, ending.reason).inc()
+        if ending.status == SUCCEEDED:
+            self._points.inc(ending.points)
+        if ending.solve_seconds is not None:
+            self._solve.observe(ending.solve_seconds)
+
+    def worker_lost(self) -> None:
+        """A worker process died over a mesh."""
+        self._lost.inc()
+
+    def lost(self, status: str) -> None:
+        """An attempt came to nothing, and the mesh has this status now."""
+        if status == QUEUED:
+            self._retries.inc()
+        else:
+            self.ended(Ending(status=status, reason="worker-lost"))
+
+    def reused(self) -> None:
+        """An earlier mesh was the answer."""
+        self._reused.inc()
+
+    def uploaded(self) -> None:
+        """Samples were uploaded."""
+        self._samples.inc()
+
+    @contextmanager
+    def streaming(self) -> Iterator[None]:
+        """A stream of events is open for the length of a ``with``."""
+        with self._streams.track_inprogress():
+            yield
+
+    def answered(self, method: str, route: str, status: int, seconds: float, size: int) -> None:
+        """A request was answered; ``route`` is the template of its path."""
+        key = (method if method in _METHODS else "other", route, status)
+        found = self._answered.get(key)
+        if found is None:
+            found = self._requests.labels(*key), self._duration.labels(*key)
+            self._answered[key] = found
+        found[0].inc()
+        found[1].observe(seconds)
+        self._sent.inc(size)
+
+
+class _Glances(Collector):
+    """What is not counted but looked at."""
+
+    def __init__(self, glance: Callable[[], Glance]) -> None:
+        self._glance = glance
+
+    def describe(self) -> Iterable[Metric]:
+        """Nothing: what there is needs a look."""
+        return ()
+
+    def collect(self) -> Iterable[Metric]:
+        glance = self._glance()
+        workers = GaugeMetricFamily("equimesh_workers", "Worker processes that are meant to run.", labels=("pool",))
+        for pool, count in glance.workers.items():
+            workers.add_metric((pool,), count)
+        yield workers
+        up = glance.census is not None
+        yield GaugeMetricFamily("equimesh_store_up", "1 when the database answers.", value=float(up))
+        if glance.census is None:
+            return
+        meshes = GaugeMetricFamily("equimesh_meshes", "Meshes in the store.", labels=("status",))
+        for status in STATUSES:
+            meshes.add_metric((status,), glance.census.meshes[status])
+        yield meshes
+        yield GaugeMetricFamily("equimesh_queue_depth", "Waiting meshes.", value=glance.census.meshes[QUEUED])
+        yield GaugeMetricFamily(
+            "equimesh_queue_oldest_seconds", "How long the oldest waiting mesh waits.", value=glance.census.oldest_wait
+        )

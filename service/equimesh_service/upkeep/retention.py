@@ -1,0 +1,135 @@
+"""Retention: what has had its time is removed, and what a crash left without an owner."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice
+
+from equimesh_service.files.port import Files
+from equimesh_service.problems.storage import storage_problem
+from equimesh_service.store.store import Store
+
+_log = logging.getLogger(__name__)
+_DAY, _HOUR = 86_400.0, 3600.0
+# Files younger than this may belong to a mesh that is being finished.
+_YOUNGEST_ORPHAN = _HOUR
+# How many files are looked up, and removed, in one transaction.
+_LOOKED_UP, _REMOVED = 500, 20
+# For how many times the days of retention, and at least how many days, it is remembered that something was there.
+_REMEMBERED_TIMES, _REMEMBERED_DAYS = 10, 90
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swept:
+    """What one sweep has removed."""
+
+    meshes: int
+    samples: int
+    orphans: int
+
+
+class Retention:
+    """A thread that sweeps at the start and then every hour.
+
+    ``days`` is how long finished meshes, and samples that no mesh uses, are kept; with 0 they stay. Any number of
+    services may sweep the same store.
+    """
+
+    def __init__(self, store: Store, files: Files, days: float) -> None:
+        self._store = store
+        self._files = files
+        self._days = days
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._loop, name="equimesh-retention", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, in the middle of a sweep if need be: the next one goes on."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def sweep(self) -> Swept:
+        """Remove all that has had its time, and files without an owner."""
+        kept, store, remover = self._days * _DAY, self._store.retention, _Remover(self._files)
+        meshes = samples = 0
+        try:
+            if self._days > 0:
+                meshes = self._all(lambda: store.retire_meshes(kept, remover.remove))
+                samples = self._all(lambda: store.retire_samples(kept, remover.remove))
+            store.forget(max(_REMEMBERED_TIMES * kept, _REMEMBERED_DAYS * _DAY))
+            remover.attempt("unfinished", self._files.tidy)
+            return Swept(meshes=meshes, samples=samples, orphans=self._remove_orphans(remover))
+        finally:
+            remover.report()
+
+    def _loop(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                swept = self.sweep()
+                if swept != Swept(meshes=0, samples=0, orphans=0):
+                    _log.info(
+                        "removed after their time: %d meshes, %d samples; without an owner: %d files",
+                        swept.meshes,
+                        swept.samples,
+                        swept.orphans,
+                    )
+            except Exception as error:
+                if storage_problem(error) is None:  # which says itself what it is
+                    _log.exception("the removal of what has had its time failed; it is tried again in an hour")
+            self._stopping.wait(_HOUR)
+
+    def _all(self, some: Callable[[], int]) -> int:
+        removed = 0
+        while not self._stopping.is_set() and (number := some()):
+            removed += number
+        return removed
+
+    def _remove_orphans(self, remover: _Remover) -> int:
+        before = remover.removed
+        old = (file.sha256 for file in self._files.listing() if file.age > _YOUNGEST_ORPHAN)
+        while not self._stopping.is_set() and (some := list(islice(old, _LOOKED_UP))):
+            left = iter(self._store.retention.unnamed(some) - remover.failed.keys())
+            while not self._stopping.is_set() and (few := list(islice(left, _REMOVED))):
+                self._store.retention.remove_unnamed(few, remover.remove)
+        return remover.removed - before
+
+
+class _Remover:
+    """Removes files in one sweep. What does not go away is left to the next sweep, and does not stop this one."""
+
+    def __init__(self, files: Files) -> None:
+        self._files = files
+        self.removed = 0
+        self.failed: dict[str, OSError] = {}
+
+    def remove(self, sha256: str) -> None:
+        """Remove a file; raises :class:`OSError` only where the storage as a whole does not work."""
+        self.removed += self.attempt(sha256, lambda: self._files.remove(sha256))
+
+    def attempt(self, name: str, act: Callable[[], None]) -> bool:
+        """Whether it could be done; raises :class:`OSError` as :meth:`remove`."""
+        try:
+            act()
+        except OSError as error:
+            self._files.check()  # raises where it is not this file
+            self.failed[name] = error
+            return False
+        return True
+
+    def report(self) -> None:
+        """Say once what was left."""
+        if self.failed:
+            name, error = next(iter(self.failed.items()))
+            _log.warning(
+                "%d files could not be removed, such as %s: %s; they are tried again in an hour",
+                len(self.failed),
+                name,
+                error.strerror or type(error).__name__,
+            )

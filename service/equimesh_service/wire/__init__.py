@@ -1,0 +1,1 @@
+"""HTTP itself: bodies, negotiation, ranges, sending. It knows no meshes."""

@@ -1,0 +1,139 @@
+"""Request bodies: read within the size limit, of the type they say they are."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass
+from email.message import Message
+
+from anyio import to_thread
+from starlette.datastructures import FormData, Headers, UploadFile
+from starlette.formparsers import MultiPartException, MultiPartParser
+from starlette.requests import ClientDisconnect, Request
+
+from equimesh_service.admission.admit import Upload
+from equimesh_service.problems.problem import Problem
+
+JSON = "application/json"
+MULTIPART = "multipart/form-data"
+# A sender that is slower holds a connection, and memory, for nothing.
+BODY_SECONDS = 300.0
+# Multipart bodies up to this size are taken apart on the event loop, in milliseconds whatever is in them.
+_QUICK = 64 * 1024
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of a multipart body."""
+
+    data: bytes
+    filename: str
+    media_type: str
+
+
+async def read_body(request: Request, most: int) -> bytes:
+    """All bytes of the body; raises a 413 problem as soon as there are more than ``most``, and 408 for a slow one."""
+    encoding = request.headers.get("content-encoding", "identity").strip().lower()
+    if encoding not in ("", "identity"):
+        raise Problem("unsupported-media-type", f"Content-Encoding {encoding!r}: send the body as it is.")
+    length = request.headers.get("content-length", "")
+    if length.isdigit() and int(length[:20]) > most:
+        raise _too_large(most)
+    body = bytearray()
+    try:
+        async with asyncio.timeout(BODY_SECONDS):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > most:
+                    raise _too_large(most)
+    except TimeoutError:
+        detail = f"The body has to come within {BODY_SECONDS:g} seconds; {len(body)} bytes did."
+        raise Problem("request-timeout", detail, headers={"Connection": "close"}) from None
+    except ClientDisconnect:
+        raise Problem("malformed-body", "The body ended before it was whole.") from None
+    return bytes(body)
+
+
+def media_type(request: Request) -> str:
+    """The body's type, without parameters."""
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) -> Mapping[str, Part]:
+    """The parts of a multipart body by their names, each one of ``allowed`` and at most once."""
+
+    async def stream() -> AsyncIterator[bytes]:
+        yield body
+
+    parser = MultiPartParser(request.headers, stream(), max_files=8, max_fields=8, max_part_size=len(body) + 1)  # type: ignore[arg-type]
+    try:
+        # A long body of nothing but line ends keeps the parser busy for seconds.
+        form = await (parser.parse() if len(body) <= _QUICK else to_thread.run_sync(asyncio.run, parser.parse()))
+    except (MultiPartException, KeyError, LookupError, UnicodeError) as error:
+        raise Problem("malformed-body", f"The multipart body cannot be read: {str(error).rstrip('.')}.") from None
+    try:
+        return await _read_form(form, allowed)
+    finally:
+        await form.close()
+
+
+async def _read_form(form: FormData, allowed: tuple[str, ...]) -> Mapping[str, Part]:
+    parts: dict[str, Part] = {}
+    for name, value in form.multi_items():
+        if name not in allowed:
+            raise Problem("malformed-body", f"A part {name[:80]!r} is not known; known are {', '.join(allowed)}.")
+        if name in parts:
+            raise Problem("malformed-body", f"The part {name!r} comes twice.")
+        if isinstance(value, UploadFile):
+            kind = Headers(raw=value.headers.raw).get("content-type", "").partition(";")[0].strip().lower()
+            parts[name] = Part(await value.read(), value.filename or "", kind)
+        else:
+            parts[name] = Part(value.encode("utf-8", "surrogatepass"), "", "")
+    return parts
+
+
+_SUFFIXES = {
+    "application/x-npz": ".npz",
+    "application/x-npy": ".npy",
+    "text/csv": ".csv",
+    JSON: ".json",
+    "application/vnd.vtk.vtu+xml": ".vtu",
+    "application/vnd.vtk": ".vtk",
+    "application/zip": ".zip",  # of an XDMF file, as this service writes it
+}
+
+
+def upload_of(part: Part) -> Upload:
+    """A part as an uploaded file; without a filename, its type tells the format."""
+    filename = part.filename or "samples" + _SUFFIXES.get(part.media_type, "")
+    return Upload(part.data, filename)
+
+
+async def read_upload(request: Request, most: int, filename: str | None) -> Upload:
+    """Samples sent as a multipart part ``samples``, or as the body itself."""
+    body = await read_body(request, most)
+    kind = media_type(request)
+    if kind == MULTIPART:
+        parts = await read_parts(request, body, ("samples",))
+        if "samples" not in parts:
+            raise Problem("malformed-body", 'The multipart body needs a part "samples".')
+        return upload_of(parts["samples"])
+    name = filename or _disposition_filename(request)
+    if name is None and kind not in _SUFFIXES:
+        raise Problem(
+            "unsupported-media-type",
+            f"Send multipart with a part 'samples', or the file itself as one of {', '.join(_SUFFIXES)}, "
+            "or give its name as ?filename=.",
+        )
+    return Upload(body, name or f"samples{_SUFFIXES[kind]}")
+
+
+def _disposition_filename(request: Request) -> str | None:
+    message = Message()
+    message["Content-Disposition"] = request.headers.get("content-disposition", "")
+    return message.get_filename()
+
+
+def _too_large(most: int) -> Problem:
+    return Problem("body-too-large", f"The body may have at most {most} bytes.")

@@ -1,0 +1,142 @@
+"""Files over HTTP: their bytes or parts of them, and what caches and resumed downloads need (RFC 9110)."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import aclosing
+
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from equimesh_service.files.port import Files, StoredFile
+from equimesh_service.problems.problem import Problem
+from equimesh_service.wire.ranges import Span, asked
+
+_log = logging.getLogger(__name__)
+
+
+async def send_file(
+    request: Request,
+    files: Files,
+    file: StoredFile,
+    media_type: str,
+    *,
+    filename: str | None = None,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The answer that carries a file, or the parts of it that are asked for; they never change under their ETag.
+
+    Only an answer of ``status`` 200 heeds what the request says of ranges and of what the client has already.
+    Raises a 404 problem when the file is gone, 412 and 416 problems for the conditions.
+    """
+    etag = f'"{file.sha256}"'
+    shared = {**(headers or {}), "ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept"}
+    spans: tuple[Span, ...] = ()
+    if status == 200:
+        if not _matches(request.headers.get("if-match", "*"), etag, weakly=False):
+            raise Problem("precondition-failed", f"The file has the ETag {etag}.", headers={"ETag": etag})
+        if _matches(request.headers.get("if-none-match", ""), etag, weakly=True):
+            return Response(status_code=304, headers=shared)
+        if request.headers.get("if-range", etag).strip() == etag and request.method == "GET":
+            spans = asked(request.headers.get("range"), file.size)
+    shared["Accept-Ranges"] = "bytes"
+    if filename is not None:
+        shared["Content-Disposition"] = f'attachment; filename="{filename}"'
+    response = _FileResponse(files, file, spans, media_type, status, shared)
+    await response.open(needs_bytes=request.method != "HEAD")
+    return response
+
+
+def _matches(header: str, etag: str, *, weakly: bool) -> bool:
+    """Whether a list of entity tags names this one; a weak tag does where they are compared weakly."""
+    named = {name.strip() for name in header.split(",")}
+    return "*" in named or etag in named or (weakly and f"W/{etag}" in named)
+
+
+class _FileResponse(StreamingResponse):
+    """An answer whose bytes come from the files, piece by piece: a slow reader keeps one piece in memory."""
+
+    def __init__(
+        self,
+        files: Files,
+        file: StoredFile,
+        spans: tuple[Span, ...],
+        media_type: str,
+        status: int,
+        headers: Mapping[str, str],
+    ) -> None:
+        self._parts: list[tuple[bytes, Span]] = [(b"", span) for span in spans] or [(b"", Span(0, file.size))]
+        self._end = b""
+        more = dict(headers)
+        if len(spans) == 1:
+            more["Content-Range"] = spans[0].content_range(file.size)
+        elif spans:
+            media_type = self._separate(spans, media_type, file.size)
+        length = sum(len(head) + span.end - span.start for head, span in self._parts) + len(self._end)
+        more["Content-Length"] = str(length)
+        super().__init__(_nothing(), 206 if spans else status, more, media_type)
+        self._files, self._file = files, file
+
+    def _separate(self, spans: tuple[Span, ...], media_type: str, size: int) -> str:
+        """Put heads before the parts; returns the type of the whole."""
+        boundary = secrets.token_hex(12)
+        self._parts = [
+            (
+                f"\r\n--{boundary}\r\nContent-Type: {media_type}\r\n"
+                f"Content-Range: {span.content_range(size)}\r\n\r\n".encode("latin-1"),
+                span,
+            )
+            for span in spans
+        ]
+        self._end = f"\r\n--{boundary}--\r\n".encode()
+        return f"multipart/byteranges; boundary={boundary}"
+
+    async def open(self, *, needs_bytes: bool) -> None:
+        """Read the first piece, while another answer can still be given."""
+        self._pieces = self._read() if needs_bytes else _nothing()
+        try:
+            self._first = await anext(self._pieces, b"")
+        except FileNotFoundError:
+            raise Problem("not-found", "The file was deleted.") from None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it all; when the storage fails meanwhile the connection breaks, so that nobody takes half for whole."""
+        async with aclosing(self._pieces):
+            if scope["method"] == "HEAD" or len(self._first) == int(self.headers["content-length"]):
+                await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+                await send({"type": "http.response.body", "body": self._first, "more_body": False})
+            else:
+                await super().__call__(scope, receive, send)
+
+    async def stream_response(self, send: Send) -> None:
+        """Send it piece by piece; the base class ends this when the client goes away."""
+        await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+        piece = self._first
+        while piece:
+            await send({"type": "http.response.body", "body": piece, "more_body": True})
+            try:
+                piece = await anext(self._pieces, b"")
+            except (OSError, EOFError) as error:
+                _log.warning("a download of %s broke off: %s", self._file.sha256, error)
+                return
+        await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+    async def _read(self) -> AsyncGenerator[bytes, None]:
+        for head, span in self._parts:
+            if head:
+                yield head
+            async with aclosing(self._files.open_range(self._file.sha256, span.start, span.end)) as pieces:
+                async for piece in pieces:
+                    yield piece
+        if self._end:
+            yield self._end
+
+
+async def _nothing() -> AsyncGenerator[bytes, None]:
+    none: tuple[bytes, ...] = ()
+    for piece in none:
+        yield piece

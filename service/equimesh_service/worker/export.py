@@ -1,0 +1,104 @@
+"""What a worker makes of a finished mesh on request: other formats, pictures, arrays of quality."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+import equimesh
+from equimesh.domains.domain import mapped
+from equimesh.io.write import CELLS, FORMATS, load_npz, write_mesh
+from equimesh_service.assembly.problem import build_problem, build_schwarz
+from equimesh_service.files.port import Files
+from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.storage import storage_faults
+from equimesh_service.spec.mesh import read_spec
+from equimesh_service.store.rows import Artifact
+from equimesh_service.store.store import Store
+from equimesh_service.telemetry import log_context, tracing
+from equimesh_service.worker.convergence import NO_ITERATIONS
+from equimesh_service.worker.job import Export
+from equimesh_service.worker.solve import CONVERGENCE, MESH, open_store, samples_of
+
+ARRAYS = "quality:arrays"
+PLOTS = ("mesh", "convergence", "quality")
+PICTURES = {"svg": "image/svg+xml", "png": "image/png"}
+
+
+def export(task: Export) -> Artifact | None:
+    """Make the file and give it to the mesh; None when the mesh is gone."""
+    here = log_context.Trail(request_id=task.request_id, mesh_id=task.mesh_id)
+    with log_context.follow(here), tracing.follow("export", task.trace), storage_faults():
+        return _export(task)
+
+
+def _export(task: Export) -> Artifact | None:
+    store, files = open_store(task.place), task.place.files()
+    with files.unfinished(_suffix(task.name)) as path:
+        with ExitStack() as sources:
+            _write(task, path, store, files, sources)
+        file = files.seal(path)
+        artifact = Artifact(task.name, file.sha256, file.size)
+        kept = store.meshes.add_artifact(task.mesh_id, artifact, partial(files.publish, path, file))
+    return artifact if kept else None
+
+
+def plot_name(kind: str, format: str) -> str:
+    """Name of the artifact that is a picture."""
+    return f"plot:{kind}:{format}"
+
+
+def _suffix(name: str) -> str:
+    match name.split(":"):
+        case ["file", format, _]:
+            return FORMATS[format].suffix
+        case ["plot", _, format]:
+            return f".{format}"
+        case _:
+            return ".json"
+
+
+def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitStack) -> None:
+    def source(name: str) -> Path:
+        return sources.enter_context(files.local(_artifact(task, name, store).sha256))
+
+    match task.name.split(":"):
+        case ["file", format, asked]:
+            cells = next(known for known in CELLS if known == asked)
+            write_mesh(path, load_npz(source(MESH)), format=format, cells=cells)
+        case ["plot", "convergence", _]:
+            from equimesh.plot.meshes import draw_convergence
+
+            kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
+            draw_convergence(json.loads(source(CONVERGENCE).read_bytes()) if kept else NO_ITERATIONS, path)
+        case ["plot", kind, _]:
+            from equimesh.plot.meshes import draw_mesh, draw_quality
+
+            data = load_npz(source(MESH))
+            if kind == "quality":
+                draw_quality(data, path)
+            else:
+                draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
+        case _:
+            order = store.meshes.order(task.mesh_id)
+            if order is None:
+                raise Problem("not-found", "The mesh is gone.")
+            mesh = load_npz(source(MESH)).mesh
+            problem = build_problem(read_spec(order.spec), samples_of(order, files, sources))
+            uniform = mapped(equimesh.Mesh.uniform(problem.grid), problem.domain)
+            quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
+            path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
+
+
+def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:
+    schwarz = build_schwarz(read_spec(store.meshes.spec(task.mesh_id)))
+    return None if schwarz is None else schwarz.decompose(grid)
+
+
+def _artifact(task: Export, name: str, store: Store) -> Artifact:
+    artifact = store.meshes.artifact(task.mesh_id, name)
+    if artifact is None:
+        raise Problem("not-found", "The mesh is gone.")
+    return artifact

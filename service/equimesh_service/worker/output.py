@@ -1,0 +1,63 @@
+"""The files of a mesh on their way into the store."""
+
+from __future__ import annotations
+
+import contextvars
+import json
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from equimesh_service.files.port import Files, Removed, StoredFile
+from equimesh_service.store.rows import Artifact
+
+
+class Output:
+    """Files that are written but not yet published; each by a thread of its own where they are written ``aside``."""
+
+    def __init__(self, files: Files, stack: ExitStack, *, aside: bool) -> None:
+        self._files = files
+        self._stack = stack
+        self._aside = aside
+        self._names: list[str] = []
+        self._sealed: list[tuple[Path, Callable[[], StoredFile]]] = []
+
+    def json(self, name: str, value: Any) -> None:
+        """Write a JSON document."""
+        self.write(name, ".json", lambda path: path.write_text(json.dumps(value, allow_nan=False)))
+
+    def write(self, name: str, suffix: str, write: Callable[[Path], object]) -> None:
+        """Have ``write`` make a file."""
+        path = self._stack.enter_context(self._files.unfinished(suffix))
+
+        def made() -> StoredFile:
+            write(path)
+            return self._files.seal(path)
+
+        self._names.append(name)
+        self._sealed.append((path, self._begin(made) if self._aside else _done(made)))
+
+    def _begin(self, made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+        # Left before its file is removed: whoever gives up waits for it.
+        thread = self._stack.enter_context(ThreadPoolExecutor(1))
+        try:
+            return thread.submit(contextvars.copy_context().run, made).result
+        except RuntimeError:  # no memory is left for a thread: there may be enough without
+            return _done(made)
+
+    def artifacts(self) -> list[Artifact]:
+        """All files, once they are written."""
+        files = [sealed() for _, sealed in self._sealed]
+        return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
+
+    def publish(self, removed: Removed) -> None:
+        """Give all files their names."""
+        for path, sealed in self._sealed:
+            self._files.publish(path, sealed(), removed)
+
+
+def _done(made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+    file = made()
+    return lambda: file

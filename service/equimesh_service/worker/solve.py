@@ -1,0 +1,229 @@
+"""What runs in a worker process: one mesh, from its spec in the store to its files."""
+
+from __future__ import annotations
+
+import logging
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+import equimesh
+from equimesh.fields.mesh_map import reference_of
+from equimesh.io.write import load_npz, write_mesh
+from equimesh_service.assembly.problem import SamplesOf, build_problem, build_schwarz
+from equimesh_service.files.port import Files
+from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.storage import storage_faults
+from equimesh_service.spec.mesh import read_spec
+from equimesh_service.store.rows import FAILED, SUCCEEDED, Order
+from equimesh_service.store.store import Store
+from equimesh_service.telemetry import log_context, tracing
+from equimesh_service.worker.job import Ending, Job, Place
+from equimesh_service.worker.output import Output
+from equimesh_service.worker.reporter import AttemptLostError, Reporter
+
+_log = logging.getLogger(__name__)
+MESH, CONVERGENCE = "mesh", "convergence"
+# Points of a mesh whose files take so long to write that threads are worth their start.
+LARGE = 100_000
+
+
+def solve_mesh(job: Job) -> Ending | None:
+    """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile."""
+    with log_context.follow(log_context.of(job.claim)), tracing.attempt(job.claim):
+        try:
+            with storage_faults():
+                return _solve(job)
+        except AttemptLostError:
+            return None
+        except Problem:
+            raise
+        except Exception as error:
+            _log.error("mesh %s: the solve broke", job.claim.mesh_id, exc_info=error)  # where is known here only
+            raise
+
+
+def warm_up() -> None:
+    """Do everything once that is slow, or takes memory for good, the first time: all kernels are compiled."""
+    np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
+    u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
+    ring = equimesh.AnnulusSector()
+    plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
+    axis = np.linspace(0.0, 1.0, 9)
+    nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
+    nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
+    sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
+    sampled.u.evaluate(axis, axis, order=2)
+    curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
+    schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
+    paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
+    for monitor, points, domain, settings in (
+        (plain, 9, equimesh.Rectangle(), paper),
+        (plain, 9, equimesh.Rectangle(), schwarz),
+        (plain, 193, equimesh.Rectangle(), schwarz),  # so many points are swept in strips, the last of them smaller
+        (sampled, 33, equimesh.Rectangle(), None),
+        (nodal, 33, equimesh.Rectangle(), None),
+        (plain, 33, ring, schwarz),
+        (plain, 33, ring, None),
+        (curved, 33, equimesh.Rectangle(), None),
+    ):
+        grid = equimesh.Grid(n_xi=points, n_eta=points)
+        problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
+        solution = equimesh.solve(problem, settings, threads=1, check=False)
+        if points < 100:
+            solution.data(), solution.certificate
+        problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
+    with TemporaryDirectory() as folder:
+        write_mesh(Path(folder) / "mesh.vtu", solution.data())
+
+
+@lru_cache(maxsize=8)
+def open_store(place: Place) -> Store:
+    """The store, opened once in each process."""
+    return place.store()
+
+
+def samples_of(order: Order, files: Files, stack: ExitStack) -> SamplesOf:
+    """Where the samples of specs are, as long as ``stack`` is open."""
+
+    def path(samples_id: str) -> Path:
+        if samples_id not in order.samples:
+            raise Problem("conflict", "The samples of this mesh were deleted.")
+        return stack.enter_context(files.local(order.samples[samples_id]))
+
+    return path
+
+
+def _solve(job: Job) -> Ending | None:
+    started = time.perf_counter()
+    store, files = open_store(job.place), job.place.files()
+    order = job.order or store.meshes.order(job.claim.mesh_id)
+    if order is None:
+        raise AttemptLostError
+    spec = read_spec(order.spec)
+    with ExitStack() as samples:
+        problem = build_problem(spec, samples_of(order, files, samples))
+    start = _start(order, files)
+    schwarz = build_schwarz(spec)
+    reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
+    with tracing.span("solve"):
+        solution = equimesh.solve(
+            problem,
+            schwarz,
+            initial=equimesh.Initial(spec.initial) if start is None else reference_of(start, problem.domain),
+            mode=equimesh.Mode(spec.mode),
+            allow_relaxed=spec.allow_relaxed,
+            threads=job.threads,
+            observe=reporter,
+            check=False,
+        )
+    solved = time.perf_counter()
+    reporter.writing()
+    usable = not solution.mesh.is_folded
+    with tracing.span("write"), ExitStack() as stack:
+        output = Output(files, stack, aside=problem.grid.points >= LARGE)
+        if schwarz is not None:
+            output.json(CONVERGENCE, solution.convergence())
+        quality = None
+        if usable:
+            data = solution.data()
+            if start is not None and order.fields is not None:
+                data = replace(data, fields=_carried(start, order.fields, solution.mesh, files))
+            output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
+            if order.format is not None and (order.format, spec.cells) != ("npz", "quad"):
+                name, cells = order.format, spec.cells
+                output.write(
+                    file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
+                )
+            quality = solution.quality.summary()  # while files are written, as the certificate
+        certificate = solution.certificate.summary()
+        artifacts = output.artifacts()
+        timings = {"solve": solved - started, "write": time.perf_counter() - solved}
+        failure = None if solution.status.succeeded else _problem(solution)
+        kept = store.queue.finish(
+            job.claim,
+            error=None if failure is None else failure.body(),
+            result={
+                "solution": _summary(solution),
+                "quality": quality,
+                "certificate": certificate,
+                "timings": timings,
+            },
+            files=artifacts,
+            partial=usable and not solution.status.succeeded,
+            publish=output.publish,
+        )
+    if not kept:
+        return None
+    status = SUCCEEDED if failure is None else FAILED
+    _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, status, timings["solve"])
+    return Ending(
+        status=status,
+        reason="" if failure is None else failure.name,
+        points=problem.grid.points,
+        solve_seconds=timings["solve"],
+        files=tuple(artifacts),
+    )
+
+
+def _start(order: Order, files: Files) -> equimesh.Mesh | None:
+    """The mesh of the step before; None for a mesh that is no step of a sequence, or the first."""
+    if order.start is None:
+        return None
+    try:
+        with files.local(order.start) as path:
+            return load_npz(path).mesh
+    except FileNotFoundError:
+        raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
+
+
+def _carried(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: Files) -> dict[str, Any]:
+    """The fields of a step at the nodes of its mesh."""
+    with files.local(sha256) as path, np.load(path, allow_pickle=False) as fields:
+        return equimesh.transfer(start, dict(fields), mesh)
+
+
+def file_name(format: str, cells: str) -> str:
+    """Name of the artifact that is the mesh in a format; npz with quads is the mesh as it was computed."""
+    return MESH if (format, cells) == ("npz", "quad") else f"file:{format}:{cells}"
+
+
+def _problem(solution: equimesh.Solution) -> Problem:
+    partial = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
+    said = solution.note or solution.status.sentence  # the problem's title says what the status does
+    if _is_refused(solution):
+        said = f"A relaxed mesh was found, and refused because allow_relaxed is false. {said}"
+    return Problem(str(solution.status).replace("_", "-"), said, remedy=solution.remedy + partial)
+
+
+def _is_refused(solution: equimesh.Solution) -> bool:
+    """Whether a mesh of relaxed equations was found that would have been a success with ``allow_relaxed``."""
+    failed, relaxed = solution.status is equimesh.Status.NEWTON_FAILED, solution.relaxed
+    return failed and bool(relaxed) and all(part.reached > 0.0 for part in relaxed)
+
+
+def _summary(solution: equimesh.Solution) -> dict[str, Any]:
+    convergence = solution.convergence()
+    iterations = convergence["iterations"]
+    last = iterations[-1] if iterations else {}
+    return {
+        "status": str(solution.status),
+        "message": solution.message,
+        "newton_steps": solution.newton_steps,
+        "residual": solution.residual if solution.residual < float("inf") else None,
+        "iterations": max(len(iterations) - 1, 0),
+        "transmission": last.get("transmission"),
+        "work": sum(record["work"] for record in iterations) if iterations else None,
+        "traffic": sum(record["traffic"] for record in iterations) if iterations else None,
+        "max_q_eq": last.get("max_q_eq"),
+        "change": last.get("change"),
+        "error": last.get("error"),
+        "rate": convergence["rate"],
+        "predicted_rate": convergence["predicted_rate"],
+    }

@@ -1,0 +1,1 @@
+"""Images of the unit square: the physical domains, and the curves that bound them."""

@@ -1,0 +1,237 @@
+"""Curves in the plane, the sides of a quadrilateral: two formulas in t, or a spline through points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from equimesh.domains.domain import LARGEST, Interval
+from equimesh.errors import ExpressionError, InputError, SamplesError
+from equimesh.formulas.formula import blame, checked_parameters, compiled
+from equimesh.formulas.poles import find_pole
+from equimesh.formulas.program import Program
+from equimesh.formulas.vocabulary import CURVE, LIMITS
+from equimesh.inputs import counted, real_array
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+CHECKED = 257  # values of t at which formulas must be finite
+POLE_SAMPLES = 33
+PANELS = 64  # parts of [0, 1] on each of which a formula is taken for smooth
+MOST_POINTS = 10_000
+NEAREST = 1e-9  # distance of two points in a row, as a share of the length of the curve
+SEARCHED, ZOOMED, ZOOMS = 1025, 33, 8  # the search for the ends of the box: points, points of a closer look, how many
+
+
+class Path(Protocol):
+    """What a curve is made of: a point and its velocity as functions of t."""
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t`` at values of t of any shape; beyond [0, 1] they need not be finite."""
+        ...
+
+    @property
+    def breaks(self) -> Array:
+        """Values of t from 0 to 1 between which the path is taken for smooth."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """A curve of the plane, run through as t goes from 0 to 1. Made by :meth:`of_expressions` or :meth:`through`."""
+
+    path: Path
+
+    @classmethod
+    def of_expressions(
+        cls, x: str, y: str, parameters: Mapping[str, float] = MappingProxyType({}), *, side: str = ""
+    ) -> Curve:
+        """The curve of the points ``(x(t), y(t))``, given by two formulas in ``t`` such as ``"cos(pi*t/2)"``.
+
+        Their language is that of :class:`~equimesh.fields.expression.Expression`, with the variable t alone. ``side``
+        says which side of a domain the curve is to be: errors then have the field ``domain.<side>.x`` and not ``x``.
+        Raises :class:`~equimesh.errors.ExpressionError`, with the position in the text, for what is not in the
+        language, and where a coordinate or its slope is not finite on [0, 1].
+        """
+        with _pointing(side):
+            return cls(path=FormulaPath(x=x, y=y, parameters=parameters))
+
+    @classmethod
+    def through(cls, points: npt.ArrayLike, *, side: str = "") -> Curve:
+        """The cubic spline through ``points`` of shape ``(n, 2)``, in that order; two points give a straight line.
+
+        Its parameter is the length of the chords; for points at distance h of a smooth curve it is accurate to O(h^4).
+        ``side`` is that of :meth:`of_expressions`. Raises :class:`~equimesh.errors.SamplesError` with the field
+        ``points``, which names the first bad one.
+        """
+        with _pointing(side):
+            return cls(path=_spline_path(points))
+
+    def evaluate(self, t: npt.ArrayLike) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t`` at values of t of any shape.
+
+        Beyond [0, 1] formulas and splines go on as they are, and along the tangent where they have no finite value.
+        """
+        given = np.asarray(t, dtype=np.float64)
+        parts = self.path.evaluate(given)
+        lost = ~np.isfinite(sum(parts)) & np.isfinite(given)
+        if not lost.any():
+            return parts
+        held = np.clip(given, 0.0, 1.0)
+        x, y, x_t, y_t = self.path.evaluate(held)
+        tangent = (x + (given - held) * x_t, y + (given - held) * y_t, x_t, y_t)
+        first, second, third, fourth = (np.where(lost, a, b) for a, b in zip(tangent, parts, strict=True))
+        return first, second, third, fourth
+
+    @property
+    def box(self) -> tuple[Interval, Interval]:
+        """The smallest box ``((x0, x1), (y0, y1))`` that holds the curve, to rounding."""
+        ends = [[sign * self._furthest(axis, sign) for sign in (-1.0, 1.0)] for axis in (0, 1)]
+        return (ends[0][0], ends[0][1]), (ends[1][0], ends[1][1])
+
+    def _furthest(self, axis: int, sign: float) -> float:
+        """The largest of ``sign`` times a coordinate: that of the best of many points, looked at ever closer."""
+        t = np.union1d(np.linspace(0.0, 1.0, SEARCHED), self.path.breaks)
+        for _ in range(ZOOMS):
+            values = sign * self.path.evaluate(t)[axis]
+            best = int(values.argmax())
+            t = np.linspace(t[max(best - 1, 0)], t[min(best + 1, t.size - 1)], ZOOMED)
+        return float(values[best])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormulaPath:
+    """The points ``(x(t), y(t))`` of two formulas; a :class:`Path`, see :meth:`Curve.of_expressions`."""
+
+    x: str
+    y: str
+    parameters: Mapping[str, float] = field(default_factory=dict, hash=False)
+    _programs: tuple[Program, Program] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        parameters = checked_parameters(self.parameters)
+        object.__setattr__(self, "parameters", MappingProxyType(parameters))
+        programs = []
+        for name, text in (("x", self.x), ("y", self.y)):
+            try:
+                programs.append(compiled(text, parameters, CURVE))
+                _check_finite(name, programs[-1])
+            except ExpressionError as error:
+                raise ExpressionError(error.message, position=error.position, field=name) from None
+        object.__setattr__(self, "_programs", tuple(programs))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _restore, (self.x, self.y, dict(self.parameters))
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t``, exactly differentiated."""
+        flat = t.ravel()
+        (x, x_t, _), (y, y_t, _) = (program.evaluate(flat, flat, 1) for program in self._programs)
+        return x.reshape(t.shape), y.reshape(t.shape), x_t.reshape(t.shape), y_t.reshape(t.shape)
+
+    @property
+    def breaks(self) -> Array:
+        """Equal parts: where a formula has its kinks is not known."""
+        return np.linspace(0.0, 1.0, PANELS + 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplinePath:
+    """The cubic spline through ``points``, reached at the values ``knots`` of t; a :class:`Path`."""
+
+    points: tuple[tuple[float, float], ...]
+    knots: tuple[float, ...]
+    _splines: tuple[Any, Any] = field(init=False, repr=False, compare=False)  # the point and its velocity
+
+    def __post_init__(self) -> None:
+        spline = CubicSpline(np.array(self.knots), np.array(self.points))
+        object.__setattr__(self, "_splines", (spline, spline.derivative()))
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t`` of the spline."""
+        place, velocity = (spline(t) for spline in self._splines)
+        return place[..., 0], place[..., 1], velocity[..., 0], velocity[..., 1]
+
+    @property
+    def breaks(self) -> Array:
+        """The values of t at the points."""
+        return np.array(self.knots)
+
+
+def _restore(x: str, y: str, parameters: dict[str, float]) -> FormulaPath:
+    return FormulaPath(x=x, y=y, parameters=parameters)
+
+
+@contextmanager
+def _pointing(side: str) -> Iterator[None]:
+    """Errors raised inside have their field below ``domain.<side>``."""
+    try:
+        yield
+    except InputError as error:
+        if side:
+            error.field = f"domain.{side}.{error.field}"
+        raise
+
+
+@dataclass(frozen=True)
+class _Along:
+    """A coordinate of a curve as a field that depends on x alone."""
+
+    program: Program
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        """As :meth:`equimesh.fields.field.Field.evaluate`."""
+        parts = self.program.evaluate(x.ravel(), y.ravel(), order)
+        return tuple(part.reshape(x.shape) for part in parts)
+
+
+def _check_finite(name: str, program: Program) -> None:
+    """Refuse a coordinate that is not finite, or not differentiable, somewhere on [0, 1]."""
+    t = np.linspace(0.0, 1.0, CHECKED)
+    value, slope, _ = program.evaluate(t, t, 1)
+    for what, found, largest in ((f"{name}(t)", value, LARGEST), (f"the slope of {name}(t)", slope, LIMITS.magnitude)):
+        bad = ~(np.abs(found) <= largest)
+        if bad.any():
+            k = int(bad.argmax())
+            wrong = f"is larger than {largest:g}" if np.isfinite(found[k]) else "is not finite"
+            at = float(t[k])
+            blame(program, (at, at), f"{what} {wrong} at t = {at:.6g}", largest, where="curve")
+    pole = find_pole(_Along(program), POLE_SAMPLES)
+    if pole is not None:
+        wrong = f"the slope of {name}(t) grows without bound at t = {pole.x:.6g}"
+        blame(program, (pole.x, pole.x), wrong, float(np.sqrt(pole.slope)), where="curve")
+
+
+def _spline_path(points: npt.ArrayLike) -> SplinePath:
+    """The path through points, after checks."""
+    places = real_array(points, "points", ndim=2)
+    if places.shape[1] != 2:
+        raise SamplesError(f"points has shape {places.shape}: it must be (n, 2), one row x, y each", field="points")
+    if not 2 <= len(places) <= MOST_POINTS:
+        raise SamplesError(
+            f"the curve has {counted(len(places), 'point')}: 2 give a straight line, 4 or more a cubic spline, and at"
+            f" most {MOST_POINTS} are taken",
+            field="points",
+        )
+    if np.abs(places).max() > LARGEST:
+        i, k = np.argwhere(np.abs(places) > LARGEST)[0]
+        raise SamplesError(
+            f"points[{i}][{k}] = {places[i, k]:.6g}: a number of at most {LARGEST:g} in size is wanted", field="points"
+        )
+    chords = np.hypot(*np.diff(places, axis=0).T)
+    length = np.concatenate([[0.0], np.cumsum(chords)])
+    if np.any(chords <= NEAREST * length[-1]):
+        i = int(np.argmax(chords <= NEAREST * length[-1]))
+        raise SamplesError(
+            f"points[{i + 1}] repeats points[{i}] = ({places[i, 0]:.6g}, {places[i, 1]:.6g}): leave one of them out",
+            field="points",
+        )
+    knots = length / length[-1]
+    return SplinePath(points=tuple((float(x), float(y)) for x, y in places), knots=tuple(map(float, knots)))

@@ -1,0 +1,212 @@
+"""Physical domains: one-to-one images of the reference square, on which everything is solved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import cosdg, sindg
+
+from equimesh.errors import InputError
+from equimesh.meshes.mesh import Mesh
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Interval: TypeAlias = tuple[float, float]
+Box: TypeAlias = tuple[Interval, Interval]
+
+UNIT: Interval = (0.0, 1.0)
+LARGEST = 1e9  # size of a coordinate
+NARROWEST = 1e-9  # extent of a domain, and its share of the coordinates: there, rounding would shape the cells
+FULL_TURN = 360.0
+
+
+class Domain(Protocol):
+    """A physical domain: the image of the points ``(s, t)`` of the unit square under a map with positive Jacobian.
+
+    Both functions take points of any shape, broadcast against each other, and hold a little (1e-5) beyond [0, 1], too.
+    The side ``left`` is the image of s = 0, ``right`` of s = 1, ``bottom`` of t = 0 and ``top`` of t = 1.
+    """
+
+    def map(self, s: Array, t: Array) -> tuple[Array, Array]:
+        """The physical points ``x, y``."""
+        ...
+
+    def jacobian(self, s: Array, t: Array) -> tuple[Array, Array, Array, Array]:
+        """The exact derivatives ``x_s, x_t, y_s, y_t``; their determinant ``x_s y_t - x_t y_s`` is positive."""
+        ...
+
+    @property
+    def box(self) -> Box:
+        """The smallest box ``((x0, x1), (y0, y1))`` that holds the domain."""
+        ...
+
+    @property
+    def area(self) -> float:
+        """The area, in the square of the unit of the coordinates."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rectangle:
+    """The rectangle of the points between ``x = (x0, x1)`` and ``y = (y0, y1)``; the unit square unless given.
+
+    s runs along x and t along y. Implements :class:`Domain`. Raises :class:`~equimesh.errors.InputError` with the field
+    ``"domain.x"`` or ``"domain.y"`` where the ends do not increase or are too large.
+    """
+
+    x: Interval = UNIT
+    y: Interval = UNIT
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y"):
+            ends = pair(getattr(self, name), f"domain.{name}")
+            check_extent(ends, name, f"domain.{name}")
+            object.__setattr__(self, name, ends)
+
+    @property
+    def is_unit_square(self) -> bool:
+        """Whether the map is the identity."""
+        return self.x == UNIT and self.y == UNIT
+
+    def map(self, s: Array, t: Array) -> tuple[Array, Array]:
+        """The physical points, as :meth:`Domain.map`; the ends are met exactly."""
+        s, t = points(s, t)
+        return _between(self.x, s), _between(self.y, t)
+
+    def jacobian(self, s: Array, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x_s, x_t, y_s, y_t``: the width and the height, and zeros."""
+        shape = points(s, t)[0].shape
+        return (
+            np.full(shape, self.x[1] - self.x[0]),
+            np.zeros(shape),
+            np.zeros(shape),
+            np.full(shape, self.y[1] - self.y[0]),
+        )
+
+    @property
+    def box(self) -> Box:
+        """The rectangle itself."""
+        return self.x, self.y
+
+    @property
+    def area(self) -> float:
+        """Width times height."""
+        return (self.x[1] - self.x[0]) * (self.y[1] - self.y[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnnulusSector:
+    """The points whose distance from ``center`` lies between ``radii``, in directions between ``angles`` (degrees).
+
+    s runs outwards along the radius: left is the inner arc, right the outer one. t runs counter-clockwise along the
+    angle. A span of 360 degrees is a full ring, cut at the first angle. Implements :class:`Domain`. Raises
+    :class:`~equimesh.errors.InputError` with the field ``"domain.center"``, ``"domain.radii"`` or ``"domain.angles"``.
+    """
+
+    center: tuple[float, float] = (0.0, 0.0)
+    radii: Interval = (1.0, 2.0)
+    angles: Interval = (0.0, 90.0)
+
+    def __post_init__(self) -> None:
+        for name in ("center", "radii", "angles"):
+            object.__setattr__(self, name, pair(getattr(self, name), f"domain.{name}"))
+        (inner, outer), (first, last) = self.radii, self.angles
+        if not 0.0 < inner < outer:
+            raise InputError(
+                f"radii = ({inner:g}, {outer:g}): the inner radius must be positive and less than the outer one",
+                field="domain.radii",
+            )
+        check_extent(self.radii, "radii", "domain.radii", among=(*self.radii, *self.center))
+        if not (first < last and last - first <= FULL_TURN and max(abs(first), abs(last)) <= 2 * FULL_TURN):
+            raise InputError(
+                f"angles = ({first:g}, {last:g}): the angles are in degrees, between -720 and 720, must increase, and"
+                " span at most 360; across the direction of the x axis write for instance (-30, 30)",
+                field="domain.angles",
+            )
+        if last - first < 1e-3:
+            raise InputError(
+                f"angles = ({first:g}, {last:g}): the angles are in degrees, and must be at least 0.001 apart",
+                field="domain.angles",
+            )
+
+    def map(self, s: Array, t: Array) -> tuple[Array, Array]:
+        """The physical points, as :meth:`Domain.map`."""
+        s, t = points(s, t)
+        radius, angle = _between(self.radii, s), _between(self.angles, t)
+        return self.center[0] + radius * cosdg(angle), self.center[1] + radius * sindg(angle)
+
+    def jacobian(self, s: Array, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x_s, x_t, y_s, y_t``, of polar coordinates."""
+        s, t = points(s, t)
+        radius, angle = _between(self.radii, s), _between(self.angles, t)
+        cosine, sine = cosdg(angle), sindg(angle)
+        width, turn = self.radii[1] - self.radii[0], radius * math.radians(self.angles[1] - self.angles[0])
+        return width * cosine, -turn * sine, width * sine, turn * cosine
+
+    @property
+    def box(self) -> Box:
+        """The smallest box: the corners of the sector, and the outer arc where it crosses a direction of the axes."""
+        first, last = self.angles
+        quarters = 90.0 * np.arange(math.ceil(first / 90.0), math.floor(last / 90.0) + 1)
+        angles = np.concatenate([self.angles, self.angles, quarters])
+        radii = np.concatenate([np.repeat(self.radii, 2), np.full(quarters.size, self.radii[1])])
+        x, y = self.center[0] + radii * cosdg(angles), self.center[1] + radii * sindg(angles)
+        return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))
+
+    @property
+    def area(self) -> float:
+        """``(r1^2 - r0^2) / 2`` times the angle."""
+        inner, outer = self.radii
+        return 0.5 * (outer - inner) * (outer + inner) * math.radians(self.angles[1] - self.angles[0])
+
+
+def mapped(mesh: Mesh, domain: Domain) -> Mesh:
+    """The physical mesh whose nodes are the images of those of ``mesh``, a mesh of the reference square."""
+    if isinstance(domain, Rectangle) and domain.is_unit_square:
+        return mesh
+    return Mesh(*domain.map(mesh.x, mesh.y))
+
+
+def points(s: npt.ArrayLike, t: npt.ArrayLike) -> tuple[Array, Array]:
+    """``s`` and ``t`` as arrays of floats of one shape."""
+    first, second = np.broadcast_arrays(np.asarray(s, dtype=np.float64), np.asarray(t, dtype=np.float64))
+    return first, second
+
+
+def pair(value: object, field: str) -> tuple[float, float]:
+    """``value`` as two finite floats of a size that can be computed with."""
+    entries = value.tolist() if isinstance(value, np.ndarray) else value
+    name = field.rpartition(".")[2]
+    if not isinstance(entries, (tuple, list)) or len(entries) != 2:
+        raise InputError(f"{name} must be two numbers, such as (0, 1)", field=field)
+    for k, entry in enumerate(entries):
+        is_number = isinstance(entry, (int, float, np.integer, np.floating)) and not isinstance(entry, bool)
+        if not (is_number and abs(entry) <= LARGEST):
+            raise InputError(
+                f"{name}[{k}] = {str(entry)[:20]}: a number of at most {LARGEST:g} in size is wanted", field=field
+            )
+    return float(entries[0]), float(entries[1])
+
+
+def check_extent(ends: Interval, name: str, field: str, *, among: tuple[float, ...] = ()) -> None:
+    """Refuse ends that do not increase, or lie too near together for coordinates of the size ``among``."""
+    low, high = ends
+    if not low < high:
+        raise InputError(f"{name} = ({low:g}, {high:g}): the second end must be greater than the first", field=field)
+    if high - low < NARROWEST * max(1.0, *map(abs, among or ends)):
+        raise InputError(
+            f"{name} = ({low:.12g}, {high:.12g}): the ends are too near together for these coordinates; choose the unit"
+            " and the origin so that the domain has a size of about 1",
+            field=field,
+        )
+
+
+def _between(ends: Interval, share: Array) -> Array:
+    """From the first of ``ends`` (at 0) to the second (at 1), both met exactly."""
+    return np.asarray(ends[0] * (1.0 - share) + ends[1] * share)
+
+
+UNIT_SQUARE = Rectangle()

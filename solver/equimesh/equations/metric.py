@@ -1,0 +1,253 @@
+"""The discrete metric: the gradient of u that a stencil sees, and the squared metric length of a vector.
+
+Every equation of the method is built of one quantity, half the squared metric length of a coordinate direction,
+
+    f = (d . B d + k (g . d)^2) / 2,    k = a^2 / (1 + b g . B^-1 g),
+
+on the reference square. ``d`` is the derivative of the position along xi or eta, ``B`` the pointwise part of the metric
+there, and ``g`` the gradient of u seen by the mesh (the paper's w). For the arc-length monitor ``B`` is the metric of
+the map to the physical domain, the identity on the unit square; for all others it is the whole metric, and ``k = 0``.
+Moving stencil node c by ``dr`` changes ``g`` by the rank-one term ``G_c ((grad u(c) - g) . dr)``, where ``G_c`` is
+the gradient of the node's weight in the stencil.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.domains.domain import Domain, Rectangle
+from equimesh.monitors.monitor import ArcLength, Monitor
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Vector: TypeAlias = tuple[Array, Array]
+Tensor: TypeAlias = tuple[Array, Array, Array]
+
+# Half the distance of the difference quotients for derivatives of the pointwise part, in units of the square.
+STEP = 1e-6
+# Points a side at which the size of u is looked at.
+SEEN_POINTS = 17
+
+
+@dataclass(frozen=True)
+class ReferenceMetric:
+    """The metric of a monitor on a domain, pulled back to the reference square.
+
+    With ``J`` the Jacobian matrix of the domain's map it is ``J^T M J``: lengths of reference vectors in it are those
+    of their images in the monitor's metric M.
+    """
+
+    monitor: Monitor
+    domain: Domain
+    turned: bool = False
+    """Whether the two reference coordinates, of points and of the pointwise part, are exchanged."""
+
+    @cached_property
+    def arc_length(self) -> ArcLength | None:
+        """The monitor if it sees u through the mesh; all others are functions of the point."""
+        return self.monitor if isinstance(self.monitor, ArcLength) else None
+
+    @cached_property
+    def on_unit_square(self) -> bool:
+        """Whether the map is the identity."""
+        return isinstance(self.domain, Rectangle) and self.domain.is_unit_square
+
+    @cached_property
+    def cancellation(self) -> float:
+        """How many times larger u is than its variation, at least 1: its differences lose so much of their accuracy."""
+        at = np.linspace(0.0, 1.0, SEEN_POINTS)
+        u = self.u(*(q.copy() for q in np.meshgrid(at, at, indexing="ij")))
+        variation, size = float(np.ptp(u)), float(np.abs(u).max())
+        return max(1.0, size / variation) if 0.0 < variation < math.inf else 1.0
+
+    def u(self, s: Array, t: Array) -> Array:
+        """u of the arc-length monitor at reference points; zero for other monitors."""
+        if self.arc_length is None:
+            return np.zeros(s.shape)
+        (u,) = self.arc_length.u.evaluate(*self._physical(s, t))
+        return u
+
+    def u_with_gradient(self, s: Array, t: Array) -> Tensor:
+        """u of the arc-length monitor and its derivatives by s and t; zeros for other monitors."""
+        if self.arc_length is None:
+            zero = np.zeros(s.shape)
+            return zero, zero, zero
+        u, u_x, u_y = self.arc_length.u.evaluate(*self._physical(s, t), order=1)
+        if self.on_unit_square:
+            return u, u_x, u_y
+        x_s, x_t, y_s, y_t = self.domain.jacobian(s, t)
+        return u, u_x * x_s + u_y * y_s, u_x * x_t + u_y * y_t
+
+    def base(self, s: Array, t: Array) -> Tensor:
+        """The pointwise part ``(b11, b12, b22)`` at reference points."""
+        if self.turned:
+            b22, b12, b11 = replace(self, turned=False).base(t, s)
+            return b11, b12, b22
+        if self.arc_length is not None:
+            if self.on_unit_square:
+                one = np.ones(s.shape)
+                return one, np.zeros(s.shape), one
+            x_s, x_t, y_s, y_t = self.domain.jacobian(s, t)
+            return x_s**2 + y_s**2, x_s * x_t + y_s * y_t, x_t**2 + y_t**2
+        m11, m12, m22 = self.monitor.metric(*self._physical(s, t))
+        if self.on_unit_square:
+            return m11, m12, m22
+        x_s, x_t, y_s, y_t = self.domain.jacobian(s, t)
+        first = (m11 * x_s + m12 * y_s, m12 * x_s + m22 * y_s)
+        return (
+            first[0] * x_s + first[1] * y_s,
+            first[0] * x_t + first[1] * y_t,
+            m11 * x_t**2 + 2 * m12 * x_t * y_t + m22 * y_t**2,
+        )
+
+    def base_slopes(self, s: Array, t: Array) -> tuple[Tensor, Tensor] | None:
+        """The derivatives of :meth:`base` by s and by t, by difference quotients; ``None`` where it is constant."""
+        if self.arc_length is not None and isinstance(self.domain, Rectangle):
+            return None
+        return self._slope(s, t, 1.0, 0.0), self._slope(s, t, 0.0, 1.0)
+
+    def strength(self, g: Vector, base: Tensor) -> tuple[Array, Array, Vector]:
+        """``k``, its derivative by ``g . B^-1 g``, and ``B^-1 g``."""
+        if self.arc_length is None:
+            zero = np.zeros(g[0].shape)
+            return zero, zero, (zero, zero)
+        b11, b12, b22 = base
+        determinant = b11 * b22 - b12**2
+        raised = ((b22 * g[0] - b12 * g[1]) / determinant, (b11 * g[1] - b12 * g[0]) / determinant)
+        square = g[0] * raised[0] + g[1] * raised[1]
+        return self.arc_length.strength(square), self.arc_length.strength_slope(square), raised
+
+    def _physical(self, s: Array, t: Array) -> Vector:
+        return (s, t) if self.on_unit_square else self.domain.map(s, t)
+
+    def _slope(self, s: Array, t: Array, along_s: float, along_t: float) -> Tensor:
+        upper = self.base(s + STEP * along_s, t + STEP * along_t)
+        lower = self.base(s - STEP * along_s, t - STEP * along_t)
+        d11, d12, d22 = ((u - v) / (2 * STEP) for u, v in zip(upper, lower, strict=True))
+        return d11, d12, d22
+
+
+def quadratic(tensor: Tensor, d: Vector) -> Array:
+    """``d . B d``."""
+    return tensor[0] * d[0] ** 2 + 2 * tensor[1] * d[0] * d[1] + tensor[2] * d[1] ** 2
+
+
+@dataclass(frozen=True)
+class SeenGradient:
+    """The gradient of u seen by difference stencils (Haynes and Howse, the vector w of section 4).
+
+    All arrays share one shape, that of the places where the stencils sit.
+    """
+
+    x_xi: Array
+    y_xi: Array
+    x_eta: Array
+    y_eta: Array
+    u_xi: Array
+    u_eta: Array
+
+    @property
+    def jacobian(self) -> Array:
+        """``x_xi y_eta - x_eta y_xi``."""
+        return self.x_xi * self.y_eta - self.x_eta * self.y_xi
+
+    def of(self, along_xi: Array | float, along_eta: Array | float) -> Vector:
+        """The gradient of a quantity whose computational derivatives are given."""
+        j = self.jacobian
+        return (
+            (along_xi * self.y_eta - along_eta * self.y_xi) / j,
+            (along_eta * self.x_xi - along_xi * self.x_eta) / j,
+        )
+
+    @property
+    def gradient(self) -> Vector:
+        """The gradient of u."""
+        return self.of(self.u_xi, self.u_eta)
+
+
+@dataclass(frozen=True)
+class LocalMetric:
+    """The metric at some points, with the gradient of u that is seen there; all of one shape."""
+
+    metric: ReferenceMetric
+    point: Vector
+    g: Vector
+
+    @cached_property
+    def base(self) -> Tensor:
+        """The pointwise part ``B``."""
+        return self.metric.base(*self.point)
+
+    @cached_property
+    def slopes(self) -> tuple[Tensor, Tensor] | None:
+        """The derivatives of ``B`` by the two coordinates of the point; ``None`` where it is constant."""
+        return self.metric.base_slopes(*self.point)
+
+    @cached_property
+    def strength(self) -> tuple[Array, Array, Vector]:
+        """``k``, its derivative by ``g . B^-1 g``, and ``B^-1 g``."""
+        return self.metric.strength(self.g, self.base)
+
+
+@dataclass(frozen=True)
+class HalfFlux:
+    """Half the squared metric length ``f`` of the direction ``d``, and its derivatives."""
+
+    d: Vector
+    local: LocalMetric
+
+    @cached_property
+    def value(self) -> Array:
+        """``f``."""
+        k, _, _ = self.local.strength
+        return 0.5 * (quadratic(self.local.base, self.d) + k * self._along_gradient**2)
+
+    @cached_property
+    def by_direction(self) -> Vector:
+        """The derivative by ``d``."""
+        (b11, b12, b22), g, d = self.local.base, self.local.g, self.d
+        kgd = self.local.strength[0] * self._along_gradient
+        return b11 * d[0] + b12 * d[1] + kgd * g[0], b12 * d[0] + b22 * d[1] + kgd * g[1]
+
+    @cached_property
+    def by_gradient(self) -> Vector:
+        """The derivative by ``g``."""
+        k, slope, raised = self.local.strength
+        gd = self._along_gradient
+        return slope * gd**2 * raised[0] + k * gd * self.d[0], slope * gd**2 * raised[1] + k * gd * self.d[1]
+
+    @cached_property
+    def by_position(self) -> Vector | None:
+        """The derivative by the point where ``B`` is taken; ``None`` where that is constant."""
+        if self.local.slopes is None:
+            return None
+        # B enters through d . B d, and through g . B^-1 g with the derivative -(B^-1 g) . dB (B^-1 g).
+        _, slope, raised = self.local.strength
+        weight = slope * self._along_gradient**2
+        first, second = (0.5 * (quadratic(c, self.d) - weight * quadratic(c, raised)) for c in self.local.slopes)
+        return first, second
+
+    def by_node(self, weight: Array | float, share: Array | float, spread: Vector, excess: Vector) -> Vector:
+        """Derivative of ``f`` by the position of one stencil node.
+
+        ``weight`` is the node's weight in ``d``, ``share`` that in the point, ``spread`` its ``G_c``, ``excess`` its
+        ``grad u(c) - g``.
+        """
+        through_g = self.by_gradient[0] * spread[0] + self.by_gradient[1] * spread[1]
+        by_node = (
+            self.by_direction[0] * weight + through_g * excess[0],
+            self.by_direction[1] * weight + through_g * excess[1],
+        )
+        if self.by_position is None:
+            return by_node
+        return by_node[0] + share * self.by_position[0], by_node[1] + share * self.by_position[1]
+
+    @property
+    def _along_gradient(self) -> Array:
+        g, d = self.local.g, self.d
+        return np.asarray(g[0] * d[0] + g[1] * d[1])

@@ -1,0 +1,70 @@
+"""Guarded Newton solves of one set of mesh equations: a subdomain's, or those of a whole grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.equations.mesh_equations import MeshEquations
+from equimesh.equations.metric import ReferenceMetric
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics import dissection, newton
+
+MOST_STEPS = 60
+TOLERANCE = 1e-12
+# Rounding errors of the fluxes grow like the number of points in a direction; no tolerance can be below them.
+ROUNDING = 64 * np.finfo(np.float64).eps
+
+
+def rounding(metric: ReferenceMetric, shape: tuple[int, int]) -> float:
+    """The relative residual that rounding leaves on a grid: larger where u varies little beside its size."""
+    return float(ROUNDING * max(shape) * metric.cancellation)
+
+
+@dataclass(frozen=True)
+class LocalSolution:
+    """How a guarded Newton solve ended: residual relative to the mean flux, and whether it met the tolerance.
+
+    ``swept`` says that the steps were sweeps of line corrections.
+    """
+
+    mesh: Mesh
+    steps: int
+    residual: float
+    converged: bool
+    swept: bool = False
+
+
+def newton_steps(
+    equations: MeshEquations,
+    start: Mesh,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
+    *,
+    fast: bool = False,
+) -> Iterator[LocalSolution]:
+    """Guarded Newton steps for one set of mesh equations, never through a folded mesh.
+
+    ``tolerance`` is relative to the mean flux, and is raised to the rounding floor of the grid where it lies below.
+    ``fast`` eliminates the nodes by nested dissection and keeps a factorisation while it serves; without, every step
+    is a plain Newton step with SuperLU's default ordering.
+    """
+    z = equations.vector(start)
+    unit = equations.mean_flux(z)
+    floor = rounding(equations.metric, equations.shape)
+    steps = newton.iterate(
+        equations.residual,
+        equations.jacobian,
+        z,
+        admissible=lambda candidate: not equations.mesh(candidate).is_folded,
+        tolerance=max(tolerance, floor) * unit,
+        factorise=(lambda matrix: dissection.factorise(matrix, equations.shape)) if fast else newton.superlu,
+        reuse=fast,
+    )
+    for record in steps:
+        met = record.residual <= max(tolerance, floor) * unit
+        yield LocalSolution(equations.mesh(record.z), record.step, record.residual / unit, met)
+        if record.step >= most_steps:
+            return

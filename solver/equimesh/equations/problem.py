@@ -1,0 +1,54 @@
+"""What is asked for: a monitor, a grid, and what places the nodes on the boundary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from equimesh.choices import choice
+from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.equations.boundary import Boundary, sides
+from equimesh.equations.mesh_equations import MeshEquations
+from equimesh.equations.metric import ReferenceMetric
+from equimesh.errors import InputError
+from equimesh.meshes.grid import Grid
+from equimesh.monitors.monitor import Monitor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A mesh of ``domain``: locally equidistributed in the metric of ``monitor``, on the points of ``grid``.
+
+    The monitor is bound to the domain; raises :class:`~equimesh.errors.InputError` where it cannot be used there.
+    """
+
+    monitor: Monitor
+    grid: Grid
+    boundary: Boundary = Boundary.TRACE
+    domain: Domain = UNIT_SQUARE
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.grid, Grid):
+            raise InputError(f"grid = {self.grid!r}: give Grid(n_xi=..., n_eta=...)", field="grid")
+        if not callable(getattr(self.monitor, "metric", None)):
+            raise InputError(
+                f"monitor = {str(self.monitor)[:40]!r} is no monitor: give for instance ArcLength(u=...)",
+                field="monitor",
+            )
+        object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))
+        object.__setattr__(self, "monitor", self.monitor.on(self.domain))
+
+    @cached_property
+    def metric(self) -> ReferenceMetric:
+        """The metric on the reference square, where everything is solved."""
+        return ReferenceMetric(self.monitor, self.domain)
+
+    def equations(self, cross_line: float = 0.0) -> MeshEquations:
+        """The discrete equations of the whole grid: the single-domain problem."""
+        return MeshEquations(
+            self.metric,
+            self.grid.shape,
+            (self.grid.d_xi, self.grid.d_eta),
+            list(sides(self.boundary).values()),
+            cross_line,
+        )

@@ -1,0 +1,1 @@
+"""Functions of x and y with derivatives: expressions, samples, nodal values."""

@@ -1,0 +1,100 @@
+"""A field given as text, such as ``tanh(20*(x + y/2 - k))``: data, never code, with exact derivatives.
+
+The language: numbers, ``x``, ``y``, ``t``, ``pi``, ``e``, declared parameters; ``+ - * / **``; the functions
+of :data:`FUNCTIONS`; comparisons with ``and``, ``or``, ``not`` as the first argument of ``where``.
+:mod:`equimesh.formulas.functions` says which derivatives hold at kinks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.errors import InputError
+from equimesh.formulas.formula import blame, checked_parameters, compiled, finite
+from equimesh.formulas.poles import find_pole
+from equimesh.formulas.program import Program
+from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE
+
+__all__ = ["FUNCTIONS", "LIMITS", "Expression"]
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Expression:
+    """The function of x and y that ``text`` describes; a :class:`~equimesh.fields.field.Field`.
+
+    ``parameters`` gives values to further names, ``t`` (default 0) to the name t; both are constants.
+    Raises :class:`~equimesh.errors.ExpressionError`, with the position in the text, for what is not in the
+    language, and with ``field`` ``"parameters.<name>"`` or ``"t"`` for values that cannot be used.
+    """
+
+    text: str
+    parameters: Mapping[str, float] = field(default_factory=dict, kw_only=True, hash=False)
+    t: float = field(default=0.0, kw_only=True)
+    _program: Program = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        parameters = checked_parameters(self.parameters)
+        object.__setattr__(self, "parameters", MappingProxyType(parameters))
+        object.__setattr__(self, "t", finite(self.t, "t"))
+        object.__setattr__(self, "_program", compiled(self.text, parameters, PLANE, t=self.t))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _restore, (self.text, dict(self.parameters), self.t)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The variables and parameters that occur in the text: of ``x``, ``y``, ``t`` and the parameters."""
+        used = {operation.symbol for operation in self._program.operations if operation.name == "name"}
+        return frozenset(used - {"pi", "e"})
+
+    def evaluate(self, x: npt.ArrayLike, y: npt.ArrayLike, order: int = 0) -> tuple[Array, ...]:
+        """The value and all partial derivatives up to ``order``, as :meth:`equimesh.fields.field.Field.evaluate`.
+
+        ``x`` and ``y`` are broadcast against each other. Where the function is not defined the result is nan
+        or infinite, without a warning; see :meth:`check_finite`.
+        """
+        if order not in (0, 1, 2):
+            raise InputError(f"order = {order}: the order of the derivatives is 0, 1 or 2", field="order")
+        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        results = self._program.evaluate(xs.ravel(), ys.ravel(), order)
+        return tuple(result.reshape(xs.shape) for result in results)
+
+    def check_finite(self, n: int = 33, domain: Domain = UNIT_SQUARE) -> None:
+        """Evaluate u and its gradient on ``n`` x ``n`` points of the closed ``domain``, and look for poles between.
+
+        Raises :class:`~equimesh.errors.ExpressionError` at the first point where one of them is not finite, or too
+        large to square, or towards which the gradient grows without bound; its position is that of the innermost
+        part of the text that is to blame.
+        """
+        where = "unit square" if domain == UNIT_SQUARE else "domain"
+        x, y = domain.map(*np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij"))
+        u, *slopes = self.evaluate(x, y, order=1)
+        bad_value = ~(np.abs(u) <= LIMITS.magnitude)
+        bad = bad_value | ~(np.abs(slopes[0]) <= LIMITS.magnitude) | ~(np.abs(slopes[1]) <= LIMITS.magnitude)
+        if not bad.any():
+            pole = find_pole(self, n, domain)
+            if pole is not None:
+                wrong = f"the gradient of u grows without bound at (x, y) = ({pole.x:.6g}, {pole.y:.6g})"
+                blame(self._program, (pole.x, pole.y), wrong, math.sqrt(pole.slope), where=where)
+            return
+        i, j = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        what = "value" if bad_value[i, j] else "gradient"
+        is_finite = np.isfinite([u[i, j], slopes[0][i, j], slopes[1][i, j]]).all()
+        wrong = f"is larger than {LIMITS.magnitude:g}" if is_finite else "is not finite"
+        at = (float(x[i, j]), float(y[i, j]))
+        wrong = f"the {what} of u {wrong} at (x, y) = ({at[0]:.6g}, {at[1]:.6g})"
+        blame(self._program, at, wrong, LIMITS.magnitude, where=where)
+
+
+def _restore(text: str, parameters: dict[str, float], t: float) -> Expression:
+    return Expression(text, parameters=parameters, t=t)

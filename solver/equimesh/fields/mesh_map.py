@@ -1,0 +1,211 @@
+"""The map of a structured mesh from its grid to the plane, as a bicubic spline through the nodes, and its inverse.
+
+Grid coordinates ``(s, t)`` count cells: node ``(i, j)`` is at ``s = i, t = j``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import RectBivariateSpline
+
+from equimesh.domains.domain import Domain, mapped
+from equimesh.errors import InputError
+from equimesh.fields.bicubic import ORDER, Bicubic, at_piece, piece, slopes_at_piece
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.compiled import compiled
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Indices: TypeAlias = npt.NDArray[np.int64]
+Truths: TypeAlias = npt.NDArray[np.bool_]
+
+STEPS = 20  # of Newton's method
+POLISHED = 4  # steps of it on the map of a domain, from where the spline of that leads
+SMALL = 1e-8  # a step, in cells, after which the next one would be lost in rounding
+FURTHEST = 1.0  # in cells: how far the spline may lead from the bilinear cell that holds the point
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Places:
+    """Grid coordinates of points, flat arrays; where not ``smooth`` they are those of the bilinear cells."""
+
+    s: Array
+    t: Array
+    smooth: Truths
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeshMap:
+    """The bicubic splines through the node coordinates of ``mesh``, and where points lie in it.
+
+    For a mesh that is the image of its grid under a smooth map, the spline differs from that by O(h^4). Raises
+    :class:`~equimesh.errors.InputError` for a folded mesh, whose map has no inverse.
+    """
+
+    mesh: Mesh
+    x: Bicubic
+    y: Bicubic
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> MeshMap:
+        """The map of a mesh."""
+        if mesh.is_folded:
+            raise InputError(
+                "the mesh is folded, or has a coordinate that is not finite: no function on its nodes is one of x and"
+                " y; give a mesh whose min_jacobian is positive",
+                field="mesh",
+            )
+        mesh = Mesh(np.ascontiguousarray(mesh.x, dtype=float), np.ascontiguousarray(mesh.y, dtype=float))
+        return cls(mesh=mesh, x=through(mesh.x), y=through(mesh.y))
+
+    def locate(self, x: Array, y: Array) -> Places:
+        """The grid coordinates of points, flat; of those outside the mesh, of the nearest point of its side.
+
+        At points that are not finite they are 0.
+        """
+        x, y = np.ravel(x), np.ravel(y)
+        lost = ~(np.isfinite(x) & np.isfinite(y))
+        if lost.any():
+            x, y = np.where(lost, self.mesh.x[0, 0], x), np.where(lost, self.mesh.y[0, 0], y)
+        s, t, smooth = np.empty(x.size), np.empty(x.size), np.empty(x.size, dtype=np.bool_)
+        along_s, along_t = self.x.along_x, self.x.along_y
+        locate_points(
+            np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(y, dtype=float), self.mesh.x, self.mesh.y,
+            along_s.breaks, along_s.cubics, along_s.first, along_t.breaks, along_t.cubics, along_t.first,
+            self.x.coefficients, self.y.coefficients, s, t, smooth,
+        )  # fmt: skip
+        return Places(s=s, t=t, smooth=smooth)
+
+
+def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
+    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the way back from ``mapped``."""
+    uniform = Mesh.uniform(mesh.grid)
+    places = MeshMap.of(mapped(uniform, domain)).locate(mesh.x, mesh.y)
+    s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
+    for _ in range(POLISHED):
+        x, y = domain.map(s, t)
+        x_s, x_t, y_s, y_t = domain.jacobian(s, t)
+        det = x_s * y_t - x_t * y_s
+        r, q = mesh.x - x, mesh.y - y
+        s = np.clip(s + (r * y_t - q * x_t) / det, 0.0, 1.0)
+        t = np.clip(t + (q * x_s - r * y_s) / det, 0.0, 1.0)
+    return Mesh.of_unit_square(s, t)
+
+
+def through(values: Array) -> Bicubic:
+    """The bicubic spline through values at all nodes, over the grid coordinates."""
+    s, t = (np.arange(float(n)) for n in values.shape)
+    return Bicubic.of(RectBivariateSpline(s, t, values, s=0))
+
+
+@compiled
+def locate_points(
+    px: Array, py: Array, x: Array, y: Array,
+    breaks_s: Array, cubics_s: Array, first_s: Indices, breaks_t: Array, cubics_t: Array, first_t: Indices,
+    of_x: Array, of_y: Array, s: Array, t: Array, smooth: Truths,
+) -> None:  # fmt: skip
+    """Fill in the grid coordinates of points ``px``, ``py``, of which most lie near the one before them."""
+    scale_s = (first_s.size - 1) / (breaks_s[-1] - breaks_s[0])
+    scale_t = (first_t.size - 1) / (breaks_t[-1] - breaks_t[0])
+    last_s, last_t = float(x.shape[0] - 1), float(x.shape[1] - 1)
+    i = j = 0
+    for p in range(px.size):
+        i, j = walk(px[p], py[p], x, y, i, j)
+        s0, t0 = within(px[p], py[p], x, y, i, j)
+        s[p], t[p], smooth[p] = s0, t0, False
+        a, b = s0, t0
+        for _ in range(STEPS):
+            k, m = piece(a, breaks_s, first_s, scale_s), piece(b, breaks_t, first_t, scale_t)
+            da, db = a - breaks_s[k], b - breaks_t[m]
+            f_s, g_s = at_piece(cubics_s, k, da), slopes_at_piece(cubics_s, k, da)
+            f_t, g_t = at_piece(cubics_t, m, db), slopes_at_piece(cubics_t, m, db)
+            r, x_s, x_t = px[p], 0.0, 0.0
+            q, y_s, y_t = py[p], 0.0, 0.0
+            for c in range(ORDER):
+                for d in range(ORDER):
+                    w, w_s, w_t = f_s[c] * f_t[d], g_s[c] * f_t[d], f_s[c] * g_t[d]
+                    r -= of_x[k + c, m + d] * w
+                    x_s += of_x[k + c, m + d] * w_s
+                    x_t += of_x[k + c, m + d] * w_t
+                    q -= of_y[k + c, m + d] * w
+                    y_s += of_y[k + c, m + d] * w_s
+                    y_t += of_y[k + c, m + d] * w_t
+            det = x_s * y_t - x_t * y_s
+            if not det > 0.0:
+                break
+            da, db = (r * y_t - q * x_t) / det, (q * x_s - r * y_s) / det
+            # At a side that the step leads out of, the nearest point is sought along the side.
+            if (a <= 0.0 and da < 0.0) or (a >= last_s and da > 0.0):
+                da, db = 0.0, (r * x_t + q * y_t) / (x_t * x_t + y_t * y_t)
+                if (b <= 0.0 and db < 0.0) or (b >= last_t and db > 0.0):
+                    db = 0.0
+            elif (b <= 0.0 and db < 0.0) or (b >= last_t and db > 0.0):
+                da, db = (r * x_s + q * y_s) / (x_s * x_s + y_s * y_s), 0.0
+                if (a <= 0.0 and da < 0.0) or (a >= last_s and da > 0.0):
+                    da = 0.0
+            a, b = min(max(a + da, 0.0), last_s), min(max(b + db, 0.0), last_t)
+            if not (abs(a - s0) <= FURTHEST and abs(b - t0) <= FURTHEST):
+                break
+            if abs(da) + abs(db) < SMALL:
+                s[p], t[p], smooth[p] = a, b, True
+                break
+
+
+@compiled
+def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int, int]:
+    """The cell of a point, or one at a side nearest to which it lies; from cell to cell, beginning at (i, j)."""
+    rows, columns = x.shape[0] - 1, x.shape[1] - 1
+    for _ in range(4 * (rows + columns)):
+        worst, to_i, to_j = -1e-12, i, j
+        for side in range(4):
+            i0, j0 = i + (side == 1 or side == 2), j + (side == 2 or side == 3)
+            i1, j1 = i + (side == 0 or side == 1), j + (side == 1 or side == 2)
+            next_i, next_j = i + (side == 1) - (side == 3), j + (side == 2) - (side == 0)
+            if next_i < 0 or next_i >= rows or next_j < 0 or next_j >= columns:
+                continue
+            ex, ey = x[i1, j1] - x[i0, j0], y[i1, j1] - y[i0, j0]
+            left = (ex * (py - y[i0, j0]) - ey * (px - x[i0, j0])) / (ex * ex + ey * ey)
+            if left < worst:
+                worst, to_i, to_j = left, next_i, next_j
+        if to_i == i and to_j == j:
+            return i, j
+        i, j = to_i, to_j
+    for row in range(rows):  # it went in a circle
+        for column in range(columns):
+            if holds(px, py, x, y, row, column):
+                return row, column
+    return i, j
+
+
+@compiled
+def holds(px: float, py: float, x: Array, y: Array, i: int, j: int) -> bool:
+    """Whether a point lies in the cell (i, j)."""
+    for side in range(4):
+        i0, j0 = i + (side == 1 or side == 2), j + (side == 2 or side == 3)
+        i1, j1 = i + (side == 0 or side == 1), j + (side == 1 or side == 2)
+        ex, ey = x[i1, j1] - x[i0, j0], y[i1, j1] - y[i0, j0]
+        if ex * (py - y[i0, j0]) - ey * (px - x[i0, j0]) < 0.0:
+            return False
+    return True
+
+
+@compiled
+def within(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[float, float]:
+    """The grid coordinates of a point by the bilinear map of the cell (i, j), or of one on the cell's rim."""
+    a = b = 0.5
+    for _ in range(STEPS):
+        lower_x, upper_x = x[i, j] + a * (x[i + 1, j] - x[i, j]), x[i, j + 1] + a * (x[i + 1, j + 1] - x[i, j + 1])
+        lower_y, upper_y = y[i, j] + a * (y[i + 1, j] - y[i, j]), y[i, j + 1] + a * (y[i + 1, j + 1] - y[i, j + 1])
+        x_a = (1.0 - b) * (x[i + 1, j] - x[i, j]) + b * (x[i + 1, j + 1] - x[i, j + 1])
+        y_a = (1.0 - b) * (y[i + 1, j] - y[i, j]) + b * (y[i + 1, j + 1] - y[i, j + 1])
+        x_b, y_b = upper_x - lower_x, upper_y - lower_y
+        r, q = px - lower_x - b * x_b, py - lower_y - b * y_b
+        det = x_a * y_b - x_b * y_a
+        da, db = (r * y_b - q * x_b) / det, (q * x_a - r * y_a) / det
+        a, b = min(max(a + da, 0.0), 1.0), min(max(b + db, 0.0), 1.0)
+        if abs(da) + abs(db) < SMALL:
+            break
+    return i + a, j + b

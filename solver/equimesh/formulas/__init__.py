@@ -1,0 +1,1 @@
+"""From the text of an expression to a program that gives its values and derivatives."""

@@ -1,0 +1,103 @@
+"""Poles of a field: points of its domain that no sample hits, and near which its slope grows without bound."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.fields.field import Field
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+BLOCKS = 8  # a direction: each block of sample points sends the search after its own steepest point
+HALF_WIDTH = 2  # points of the search pattern on each side of its middle
+ROUNDING = np.finfo(np.float64).eps
+LEVELS = 40  # halvings of the pattern: from the spacing of the samples to about 1e-14, the spare digits included
+SPARE = 5  # of them, in binary digits: what a domain away from the origin may lose first
+TRIAL = 12  # the first halvings, in which a pole may lie too near to a sample to show
+GROWTH = 2.0**0.25  # of the slope in a halving; r^alpha grows by 2^(1 - alpha), what is resolved by 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pole:
+    """A point near which ``slope``, the largest partial derivative, still grows at the finest resolution.
+
+    ``slope`` is infinite where the field is not finite at the very point.
+    """
+
+    x: float
+    y: float
+    slope: float
+
+
+def find_pole(field: Field, n: int, domain: Domain = UNIT_SQUARE) -> Pole | None:
+    """A pole of the field in the closed ``domain``; None where the search from ``n`` x ``n`` samples finds none.
+
+    The search climbs from the steepest samples to steeper points near by, on finer and finer patterns. A front is
+    climbed until it is resolved, a pole never is. It may miss a pole whose neighbourhood is as flat as the rest.
+    A sample where u would change by more than its range within the rounding of a coordinate sits on a pole itself.
+    """
+    s, t, height = _steepest(field, n, domain)
+    offsets = np.linspace(-1.0, 1.0, 2 * HALF_WIDTH + 1)
+    size = max(abs(end) for ends in domain.box for end in ends)
+    history = [_slope(field, *domain.map(s, t))]
+    steepest = int(history[0].argmax())
+    if history[0][steepest] * ROUNDING * size > height > 0:
+        return _pole(domain, s[steepest], t[steepest], history[0][steepest])
+    radius = 1.0 / (n - 1)
+    for level in range(1, _levels(domain, size) + 1):
+        ds, dt = np.meshgrid(radius * offsets, radius * offsets, indexing="ij")
+        near_s = np.clip(s[:, None] + ds.ravel(), 0.0, 1.0)
+        near_t = np.clip(t[:, None] + dt.ravel(), 0.0, 1.0)
+        slopes = _slope(field, *domain.map(near_s, near_t))
+        best = (np.arange(s.size), slopes.argmax(axis=1))
+        s, t = near_s[best], near_t[best]
+        history.append(slopes[best])
+        if np.isinf(history[-1]).any():
+            break
+        if level >= TRIAL:
+            grows = history[-1] > history[-1 - TRIAL] * GROWTH**TRIAL
+            s, t, history = s[grows], t[grows], [values[grows] for values in history]
+            if not s.size:
+                return None
+        radius /= 2
+    worst = int(history[-1].argmax())
+    return _pole(domain, s[worst], t[worst], history[-1][worst])
+
+
+def _pole(domain: Domain, s: Array, t: Array, slope: float) -> Pole:
+    x, y = domain.map(s, t)
+    return Pole(x=float(x), y=float(y), slope=float(slope))
+
+
+def _levels(domain: Domain, size: float) -> int:
+    """The halvings after which neighbours in the pattern are still told apart in coordinates of this ``size``."""
+    extent = min(high - low for low, high in domain.box)
+    return max(TRIAL, LEVELS - max(0, math.ceil(math.log2(size / extent)) - SPARE))
+
+
+def _steepest(field: Field, n: int, domain: Domain) -> tuple[Array, Array, float]:
+    """Where in the reference square the steepest sample of every block lies; the range of u over all samples."""
+    axis = np.linspace(0.0, 1.0, n)
+    x, y = domain.map(*np.meshgrid(axis, axis, indexing="ij"))
+    slopes, (u,) = _slope(field, x, y), field.evaluate(x, y)
+    chosen = []
+    for columns in np.array_split(np.arange(n), min(BLOCKS, n)):
+        for rows in np.array_split(np.arange(n), min(BLOCKS, n)):
+            block = np.ix_(columns, rows)
+            i, j = np.unravel_index(int(slopes[block].argmax()), (columns.size, rows.size))
+            chosen.append((axis[columns[i]], axis[rows[j]]))
+    places = np.array(chosen)
+    return places[:, 0], places[:, 1], float(np.ptp(u))
+
+
+def _slope(field: Field, x: Array, y: Array) -> Array:
+    """The largest partial derivative at points, infinite where something is not finite."""
+    parts = field.evaluate(x, y, order=1)
+    slope = np.maximum(np.abs(parts[1]), np.abs(parts[2]))
+    return np.where(np.isfinite(parts[0]) & np.isfinite(slope), slope, np.inf)

@@ -1,0 +1,166 @@
+"""An expression made ready for many points: constants folded, equal parts merged, blocks of points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.formulas.functions import OPERATIONS
+from equimesh.formulas.jet import Jet, constant, coordinates
+from equimesh.formulas.syntax import Operation
+from equimesh.formulas.tokens import refuse
+from equimesh.formulas.vocabulary import LIMITS, PLANE
+
+Array: TypeAlias = npt.NDArray[np.float64]
+BLOCK = 16384  # points at a time: the jets of a few operations stay in the cache
+CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One operation on the results of earlier steps; results in ``last_used`` are needed by no later step."""
+
+    slot: int
+    name: str
+    arguments: tuple[int, ...]
+    value_only: bool
+    last_used: tuple[int, ...]
+
+
+class Program:
+    """Evaluates the operations of one expression.
+
+    ``slots[i]`` is where the result of ``operations[i]`` is found: the first operation that gives the same.
+    The jets of constants are in ``constants``; ``steps`` are what is left to do, in order.
+    """
+
+    def __init__(
+        self,
+        text: str,
+        operations: Sequence[Operation],
+        values: Mapping[str, float],
+        variables: Sequence[str] = PLANE.variables,
+    ) -> None:
+        """``values``: numbers for the names other than the one or two ``variables``."""
+        self.text = text
+        self.operations = tuple(operations)
+        self.variables = tuple(variables)
+        self.slots: list[int] = []
+        self.constants: dict[int, Jet] = {}
+        seen: dict[tuple[object, ...], int] = {}
+        with np.errstate(all="ignore"):
+            for number, operation in enumerate(operations):
+                arguments = tuple(self.slots[a] for a in operation.arguments)
+                jet = self._constant(operation, arguments, values)
+                if operation.name == "**":
+                    self._check_exponent(text, operation)
+                key: tuple[object, ...] = (operation.name, operation.symbol, *arguments)
+                if jet is not None:
+                    key = ("constant", repr(jet.value))
+                if operation.name == "where" and arguments[0] in self.constants:
+                    self.slots.append(arguments[1] if self.constants[arguments[0]].value else arguments[2])
+                    continue
+                slot = seen.setdefault(key, number)
+                if jet is not None:
+                    self.constants[slot] = jet
+                self.slots.append(slot)
+        self.result = self.slots[-1]
+        self.steps = self._schedule()
+
+    def evaluate(self, x: Array, y: Array, order: int) -> tuple[Array, ...]:
+        """Value and derivatives up to ``order`` at flat arrays of points, as :meth:`Field.evaluate`.
+
+        With a single variable ``y`` is not looked at, and the derivatives by it vanish.
+        """
+        outputs = tuple(np.zeros(x.shape) for _ in range((1, 3, 6)[order]))
+        with np.errstate(all="ignore"):
+            for start in range(0, x.size, BLOCK):
+                block = slice(start, start + BLOCK)
+                jets = self._run(x[block], y[block], order, keep=False)
+                components = jets[self.result].components(order)
+                for output, component in zip(outputs, components, strict=True):
+                    if component is not None:
+                        output[block] = component
+        return outputs
+
+    def culprit(self, x: float, y: float, limit: float) -> Operation:
+        """The innermost operation whose value or gradient at a point is not finite or larger than ``limit``.
+
+        The result itself must be such; of ``where`` only the branch taken counts.
+        """
+        with np.errstate(all="ignore"):
+            jets = self._run(np.array([x]), np.array([y]), 1, keep=True)
+
+        def is_bad(number: int) -> bool:
+            parts = (0.0 if part is None else part for part in jets[self.slots[number]].components(1))
+            return not all(bool(np.all(np.abs(part) <= limit)) for part in parts)
+
+        number = len(self.operations) - 1
+        while True:
+            operation = self.operations[number]
+            inner = operation.arguments
+            if operation.name == "where":
+                inner = inner[1:2] if np.all(jets[self.slots[inner[0]]].value) else inner[2:3]
+            bad = [argument for argument in inner if is_bad(argument)]
+            if not bad:
+                return operation
+            number = bad[0]
+
+    def _run(self, x: Array, y: Array, order: int, *, keep: bool) -> dict[int, Jet]:
+        jets = dict(self.constants)
+        symbols = dict(zip(self.variables, coordinates(x, y), strict=False))
+        for step in self.steps:
+            if step.name in symbols:
+                jets[step.slot] = symbols[step.name]
+            else:
+                arguments = [jets[a] for a in step.arguments]
+                jets[step.slot] = OPERATIONS[step.name](*arguments, 0 if step.value_only else order)
+            if not keep:
+                for slot in step.last_used:
+                    del jets[slot]
+        return jets
+
+    def _constant(self, operation: Operation, arguments: tuple[int, ...], values: Mapping[str, float]) -> Jet | None:
+        """The jet of an operation that is the same at all points."""
+        if operation.name == "number":
+            return constant(operation.value)
+        if operation.name == "name":
+            return constant(values[operation.symbol]) if operation.symbol in values else None
+        if not all(argument in self.constants for argument in arguments):
+            return None
+        value = OPERATIONS[operation.name](*(self.constants[a] for a in arguments), 0).value
+        return Jet(np.bool_(value)) if operation.name in CONDITIONS else constant(float(value))
+
+    def _check_exponent(self, text: str, operation: Operation) -> None:
+        exponent = self.constants.get(self.slots[operation.arguments[1]])
+        if exponent is not None and abs(exponent.value) > LIMITS.exponent:
+            at = self.operations[operation.arguments[1]].start
+            message = f"the exponent {exponent.value:g} is too large: at most {LIMITS.exponent:g} is allowed"
+            refuse(text, at, message)
+
+    def _schedule(self) -> tuple[Step, ...]:
+        """The steps that the result depends on; those that feed conditions alone need no derivatives."""
+        needs_slopes: dict[int, bool] = {self.result: True}
+        order: list[tuple[int, Operation, tuple[int, ...]]] = []
+        for number in range(self.result, -1, -1):
+            if number not in needs_slopes or number in self.constants:
+                continue
+            operation = self.operations[number]
+            arguments = tuple(self.slots[a] for a in operation.arguments)
+            order.append((number, operation, arguments))
+            for k, argument in enumerate(arguments):
+                flat = operation.name == "sign" or (operation.name == "where" and k == 0)
+                needed = needs_slopes[number] and not flat
+                needs_slopes[argument] = needs_slopes.get(argument, False) or needed
+        free: set[int] = {self.result, *self.constants}
+        steps: list[Step] = []
+        for number, operation, arguments in order:  # backwards, so that the first use seen is the last one
+            last_used = tuple(sorted(set(arguments) - free))
+            free.update(arguments)
+            name = operation.symbol if operation.name == "name" else operation.name
+            steps.append(Step(number, name, arguments, not needs_slopes[number], last_used))
+        return tuple(reversed(steps))

@@ -1,0 +1,95 @@
+"""VTK XML files of unstructured grids, their arrays as base64 within the text.
+
+Written piece by piece, so that a file of any size takes little memory.
+"""
+
+from __future__ import annotations
+
+import binascii
+import os
+import sys
+from collections.abc import Mapping
+from typing import Any, BinaryIO, Final, TypeAlias
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.numerics.compiled import compiled
+
+Array: TypeAlias = npt.NDArray[Any]
+Bytes: TypeAlias = npt.NDArray[np.uint8]
+Pairs: TypeAlias = npt.NDArray[np.uint16]
+
+CELL_TYPES: Final = {3: 5, 4: 9}  # VTK's numbers of triangle and quadrilateral, by their corners
+NUMBERS: Final = {"f": "Float", "i": "Int", "u": "UInt"}
+PIECE: Final = 3 << 16  # bytes encoded at a time; three become four characters
+_LETTERS = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
+_PAIRS: Final = np.frombuffer(b"".join(bytes((a, b)) for a in _LETTERS for b in _LETTERS), np.uint16)
+
+
+def write_vtu(
+    path: str | os.PathLike[str],
+    points: npt.NDArray[np.float64],
+    cells: npt.NDArray[np.int64],
+    *,
+    point_data: Mapping[str, Array],
+    cell_data: Mapping[str, Array],
+) -> None:
+    """Write ``points`` of shape ``(n, 2)``, in the plane z = 0, and ``cells`` ``(m, 3)`` or ``(m, 4)`` with their data.
+
+    Data are flat arrays of numbers, by name. Raises ``OSError`` as it comes.
+    """
+    index = np.int32 if cells.size <= np.iinfo(np.int32).max else np.int64
+    count, corners = cells.shape
+    order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
+    with open(path, "wb") as file:
+        file.write(
+            '<?xml version="1.0"?>\n'
+            f'<VTKFile type="UnstructuredGrid" version="1.0" byte_order="{order}" header_type="UInt64">\n'
+            f'<UnstructuredGrid>\n<Piece NumberOfPoints="{len(points)}" NumberOfCells="{count}">\n'.encode()
+        )
+        _section(file, "Points", {"Points": np.pad(points, ((0, 0), (0, 1)))})
+        offsets = np.arange(corners, cells.size + 1, corners, dtype=index)
+        types = np.full(count, CELL_TYPES[corners], dtype=np.uint8)
+        _section(file, "Cells", {"connectivity": cells.astype(index).reshape(-1), "offsets": offsets, "types": types})
+        _section(file, "PointData", point_data)
+        _section(file, "CellData", cell_data)
+        file.write(b"</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
+
+
+def _section(file: BinaryIO, name: str, arrays: Mapping[str, Array]) -> None:
+    file.write(f"<{name}>\n".encode())
+    for label, values in arrays.items():
+        kind = f"{NUMBERS[values.dtype.kind]}{8 * values.itemsize}"
+        components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+        file.write(f'<DataArray type="{kind}" Name={quoteattr(label)}{components} format="binary">'.encode())
+        native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+        _encoded(file, native.reshape(-1).view(np.uint8))
+        file.write(b"</DataArray>\n")
+    file.write(f"</{name}>\n".encode())
+
+
+def _encoded(file: BinaryIO, data: Bytes) -> None:
+    """Write the number of bytes and the bytes, as one base64 text."""
+    head = np.frombuffer(np.uint64(data.size).tobytes(), np.uint8)
+    text = np.empty(min(PIECE, head.size + data.size) // 3 * 2, np.uint16)
+    start = -head.size
+    while start < data.size:
+        piece = data[max(start, 0) : start + PIECE]
+        if start < 0:
+            piece = np.concatenate([head, piece])
+        whole = piece.size // 3
+        encode(piece, _PAIRS, text)
+        file.write(text[: 2 * whole].data)
+        file.write(binascii.b2a_base64(piece[3 * whole :].tobytes(), newline=False))
+        start += PIECE
+
+
+@compiled
+def encode(data: Bytes, pairs: Pairs, text: Pairs) -> None:
+    """The base64 text of all whole triples of ``data``, by ``pairs``: the two characters of every 12 bits."""
+    for k in range(data.size // 3):
+        a, b, c = data[3 * k], data[3 * k + 1], data[3 * k + 2]
+        text[2 * k] = pairs[(a << 4) | (b >> 4)]
+        text[2 * k + 1] = pairs[((b & 15) << 8) | c]

@@ -1,0 +1,246 @@
+"""Files: meshes out in the formats that solvers read, results in and out as npz.
+
+This is the only module that imports meshio.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, Literal, TypeAlias
+
+import meshio
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import InputError
+from equimesh.io.gmsh import gmsh_text
+from equimesh.io.medit import medit_text
+from equimesh.io.su2 import su2_text
+from equimesh.io.vtu import write_vtu
+from equimesh.meshes.mesh import SIDES, Mesh
+from equimesh.meshes.mesh_data import MeshData
+
+__all__ = ["CELLS", "FORMATS", "Cells", "MeshData", "MeshFormat", "load_npz", "write_mesh"]
+
+Cells: TypeAlias = Literal["quad", "triangle"]
+CELLS: Final = ("quad", "triangle")
+NPZ_ARRAYS: Final = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", *SIDES})  # others are fields
+ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same mesh gives the same bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshFormat:
+    """A file format: its short ``name``, file name ``suffix``, ``media_type``, and who reads it."""
+
+    name: str
+    suffix: str
+    media_type: str
+    description: str
+
+
+FORMATS: Final = {
+    f.name: f
+    for f in (
+        MeshFormat(
+            name="vtu",
+            suffix=".vtu",
+            media_type="application/vnd.vtk.vtu+xml",
+            description="VTK XML unstructured grid: ParaView, VisIt, PyVista, meshio",
+        ),
+        MeshFormat(
+            name="vtk",
+            suffix=".vtk",
+            media_type="application/vnd.vtk",
+            description="legacy VTK 4.2, binary: FreeFEM (vtkload, triangles), ParaView, VisIt",
+        ),
+        MeshFormat(
+            name="xdmf",
+            suffix=".xdmf.zip",
+            media_type="application/zip",
+            description="zip of mesh.xdmf, mesh.h5, facets.xdmf, facets.h5 (side tags 1 left, 2 right, 3"
+            " bottom, 4 top): FEniCSx dolfinx, legacy FEniCS, ParaView",
+        ),
+        MeshFormat(
+            name="msh",
+            suffix=".msh",
+            media_type="model/mesh",
+            description="Gmsh 2.2 text with physical groups left, right, bottom, top, domain: Gmsh, FreeFEM"
+            " (gmshload), scikit-fem, deal.II, MFEM, SfePy",
+        ),
+        MeshFormat(
+            name="medit",
+            suffix=".mesh",
+            media_type="model/x-medit",
+            description="Medit text with references 1 left, 2 right, 3 bottom, 4 top: FreeFEM (readmesh,"
+            " triangles), Mmg",
+        ),
+        MeshFormat(
+            name="su2",
+            suffix=".su2",
+            media_type="model/x-su2",
+            description="SU2 text with markers left, right, bottom, top: SU2",
+        ),
+        MeshFormat(
+            name="npz",
+            suffix=".npz",
+            media_type="application/x-npz",
+            description="NumPy arrays x, y, u, cells, q_eq, subdomain and the edges left, right, bottom, top",
+        ),
+    )
+}
+
+
+def write_mesh(
+    path: str | os.PathLike[str], data: MeshData, *, format: str | None = None, cells: Cells = "quad"
+) -> tuple[Path, ...]:
+    """Write ``data`` to ``path`` and return the files written, the named one first.
+
+    ``format`` is a name in :data:`FORMATS`; without it the suffix of ``path`` decides, and a plain ``.xdmf``
+    is then written unpacked, with its three companions ``.h5``, ``_facets.xdmf`` and ``_facets.h5`` beside
+    it. ``cells="triangle"`` cuts each quadrilateral on its better diagonal; triangles inherit its cell data.
+
+    Point data: ``u``, the ``fields``, and ``xi``, ``eta``, from which a reader without side tags finds the
+    sides (left is ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). Cell data: ``Q_eq``
+    and ``subdomain``.
+
+    Files appear whole or not at all, and the same mesh gives the same bytes. Raises
+    :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
+    does not exist, and ``OSError`` as it comes.
+    """
+    path = Path(path)
+    unpacked = format is None and path.suffix == ".xdmf"
+    name = "xdmf" if unpacked else _format_name(path) if format is None else format
+    if name not in FORMATS:
+        raise InputError(f"unknown mesh format {name!r}: choose one of {', '.join(FORMATS)}", field="format")
+    if cells not in CELLS:
+        raise InputError(f"unknown kind of cells {cells!r}: choose quad or triangle", field="cells")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; make it first", field="path")
+    with TemporaryDirectory(dir=path.parent, prefix=".equimesh-") as folder:
+        if unpacked:
+            # the heavy data before what refers to it
+            written = tuple(reversed(_write_xdmf(Path(folder), data, cells, path.stem, f"{path.stem}_facets")))
+        else:
+            written = (Path(folder) / path.name,)
+            _write_file(written[0], data, name, cells)
+        for file in written:
+            os.replace(file, path.parent / file.name)
+    return tuple(path.parent / file.name for file in reversed(written))
+
+
+def load_npz(path: str | os.PathLike[str]) -> MeshData:
+    """The mesh that :func:`write_mesh` wrote as npz, bit for bit.
+
+    Triangles are joined to their quadrilaterals again. Raises :class:`~equimesh.errors.InputError` when the
+    file is not such an npz.
+    """
+    try:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in ("x", "y", "cells", "q_eq", "subdomain")}
+            u = archive.get("u")
+            fields = {name: archive[name] for name in archive.files if name not in NPZ_ARRAYS}
+        shape = (arrays["x"].shape[0] - 1, arrays["x"].shape[1] - 1)
+        every = 2 if arrays["cells"].shape[1] == 3 else 1
+        q_eq, subdomain = (arrays[name].ravel()[::every].reshape(shape) for name in ("q_eq", "subdomain"))
+    except (KeyError, ValueError, IndexError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{Path(path).name} is not a mesh written by equimesh: {error}", field="path") from error
+    return MeshData(mesh=Mesh(arrays["x"], arrays["y"]), u=u, q_eq=q_eq, subdomain=subdomain, fields=fields)
+
+
+def _format_name(path: Path) -> str:
+    for known in FORMATS.values():
+        if path.name.endswith(known.suffix):
+            return known.name
+    suffixes = ", ".join([known.suffix for known in FORMATS.values()] + [".xdmf"])
+    raise InputError(f"{path.name!r} has no suffix of a mesh format: choose one of {suffixes}", field="format")
+
+
+def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
+    match name:
+        case "vtu":
+            # Compression makes files a third of the size, and takes longer than the solve.
+            write_vtu(
+                file,
+                data.mesh.points,
+                _cells(data, kind),
+                point_data=_point_data(data),
+                cell_data=_cell_data(data, kind),
+            )
+        case "vtk":
+            meshio.write(file, _meshio_mesh(data, kind, dimension=3), file_format="vtk42")
+        case "xdmf":
+            with TemporaryDirectory(dir=file.parent) as folder, zipfile.ZipFile(file, "w") as archive:
+                for part in _write_xdmf(Path(folder), data, kind, "mesh", "facets"):
+                    entry = zipfile.ZipInfo(part.name, date_time=ZIP_EPOCH)
+                    entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+                    archive.writestr(entry, part.read_bytes())
+        case "msh":
+            text = gmsh_text(
+                data.mesh.points,
+                _cells(data, kind),
+                data.mesh.sides,
+                subdomain=np.repeat(data.subdomain.ravel(), _parts(kind)),
+                point_data=_point_data(data),
+                cell_data=_cell_data(data, kind),
+            )
+            file.write_text(text, encoding="ascii", newline="\n")
+        case "medit":
+            owner = np.repeat(data.subdomain.ravel(), _parts(kind))
+            text = medit_text(data.mesh.points, _cells(data, kind), data.mesh.sides, subdomain=owner)
+            file.write_text(text, encoding="ascii", newline="\n")
+        case "su2":
+            text = su2_text(data.mesh.points, _cells(data, kind), data.mesh.sides)
+            file.write_text(text, encoding="ascii", newline="\n")
+        case _:
+            arrays: dict[str, Any] = {"x": data.mesh.x, "y": data.mesh.y, **data.mesh.sides}
+            if data.u is not None:
+                arrays["u"] = data.u
+            arrays |= data.fields
+            arrays["cells"] = _cells(data, kind)
+            for array, values in (("q_eq", data.q_eq), ("subdomain", data.subdomain)):
+                arrays[array] = np.repeat(values.ravel(), _parts(kind))
+            with file.open("wb") as stream:
+                np.savez(stream, **arrays)
+
+
+def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: str) -> tuple[Path, ...]:
+    """The cells and, apart, the boundary edges with tags 1 to 4: dolfinx reads one after the other."""
+    sides = data.mesh.sides
+    tags = np.repeat(np.arange(1, 5, dtype=np.int32), [len(sides[side]) for side in SIDES])
+    edges = [("line", np.concatenate([sides[side] for side in SIDES]))]
+    boundary = meshio.Mesh(data.mesh.points, edges, cell_data={"name_to_read": [tags]})
+    meshio.write(folder / f"{mesh}.xdmf", _meshio_mesh(data, kind, dimension=2), file_format="xdmf")
+    meshio.write(folder / f"{facets}.xdmf", boundary, file_format="xdmf")
+    return tuple(folder / f"{stem}{suffix}" for stem in (mesh, facets) for suffix in (".xdmf", ".h5"))
+
+
+def _meshio_mesh(data: MeshData, kind: Cells, *, dimension: int) -> meshio.Mesh:
+    points = np.pad(data.mesh.points, ((0, 0), (0, dimension - 2)))
+    per_cell: dict[str, list[Any]] = {name: [values] for name, values in _cell_data(data, kind).items()}
+    return meshio.Mesh(points, [(kind, _cells(data, kind))], point_data=_point_data(data), cell_data=per_cell)
+
+
+def _cells(data: MeshData, kind: Cells) -> npt.NDArray[np.int64]:
+    return data.triangles() if kind == "triangle" else data.mesh.cells
+
+
+def _parts(kind: Cells) -> int:
+    """How many cells of the file come from one quadrilateral."""
+    return 2 if kind == "triangle" else 1
+
+
+def _point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:
+    xi, eta = data.computational
+    u = {} if data.u is None else {"u": data.u.ravel()}
+    fields = {name: values.ravel() for name, values in data.fields.items()}
+    return {**u, **fields, "xi": xi.ravel(), "eta": eta.ravel()}
+
+
+def _cell_data(data: MeshData, kind: Cells) -> dict[str, npt.NDArray[Any]]:
+    # 32 bits: legacy VTK's "long" has another size on Windows
+    values: dict[str, npt.NDArray[Any]] = {"Q_eq": data.q_eq, "subdomain": data.subdomain.astype(np.int32)}
+    return {name: np.repeat(array.ravel(), _parts(kind)) for name, array in values.items()}

@@ -1,0 +1,47 @@
+"""Loops over nodal values: the smallest corner Jacobian, which says whether a mesh is folded, and differences."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.numerics.compiled import compiled
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+@compiled
+def smallest_jacobian(x: Array, y: Array) -> float:
+    """The smallest corner Jacobian of a mesh, not scaled by the spacing; NaN where a coordinate is not a number."""
+    n_xi, n_eta = x.shape
+    # By columns, so that the compiler can use vector instructions. Minima pass over what is not a number, sums do not.
+    smallest, check = np.full(n_eta - 1, np.inf), np.zeros(n_eta - 1)
+    for i in range(n_xi - 1):
+        x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]
+        for j in range(n_eta - 1):
+            ex0, ey0 = x1[j] - x0[j], y1[j] - y0[j]
+            ex1, ey1 = x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
+            fx0, fy0 = x0[j + 1] - x0[j], y0[j + 1] - y0[j]
+            fx1, fy1 = x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+            one, two = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
+            three, four = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
+            here = min(min(one, two), min(three, four))
+            smallest[j] = min(smallest[j], here)
+            check[j] += one + two + three + four
+    return smallest.min() if np.isfinite(check.sum()) else np.nan
+
+
+@compiled
+def largest_difference(one: Array, other: Array) -> float:
+    """The largest absolute difference of nodal values; NaN where one is not a number."""
+    rows, columns = one.shape
+    largest, check = np.zeros(columns), 0.0
+    for i in range(rows):
+        a, b = one[i], other[i]
+        for j in range(columns):
+            difference = abs(a[j] - b[j])
+            largest[j] = max(largest[j], difference)
+            check += difference
+    return largest.max() if np.isfinite(check) else np.nan

@@ -1,0 +1,78 @@
+"""A mesh with what was computed on it: what a file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import InputError
+from equimesh.meshes.mesh import Mesh
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+TIE = 1e-9  # radians below which both diagonals are equally good
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeshData:
+    """A mesh with values at its nodes and cells.
+
+    ``u`` at the nodes, shape ``(n_xi, n_eta)``, ``None`` where the monitor has no u; per cell, shape
+    ``(n_xi - 1, n_eta - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell.
+    ``fields`` are further values at the nodes, by names other than those that files have already.
+
+    Raises :class:`~equimesh.errors.InputError` for other shapes.
+    """
+
+    mesh: Mesh
+    u: Array | None
+    q_eq: Array
+    subdomain: IntArray
+    fields: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n_xi, n_eta = nodes = self.mesh.x.shape
+        for name, shape in (
+            ("u", nodes),
+            ("q_eq", (n_xi - 1, n_eta - 1)),
+            ("subdomain", (n_xi - 1, n_eta - 1)),
+        ):
+            values = getattr(self, name)
+            found = shape if values is None and name == "u" else values.shape
+            if found != shape:
+                raise InputError(f"{name} has shape {found}, this mesh needs {shape}", field=name)
+        for name, values in self.fields.items():
+            if values.shape != nodes:
+                raise InputError(f"the field {name} has shape {values.shape}, this mesh needs {nodes}", field=name)
+
+    @property
+    def computational(self) -> tuple[Array, Array]:
+        """``xi`` and ``eta`` of the nodes, each of shape ``(n_xi, n_eta)``."""
+        uniform = Mesh.uniform(self.mesh.grid)
+        return uniform.x, uniform.y
+
+    def triangles(self) -> IntArray:
+        """The cells cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
+
+        Cell ``k`` gives the rows ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that
+        leaves the larger smallest angle. An inverted triangle has a negative angle, so a cut that keeps both
+        triangles positive is taken wherever there is one.
+        """
+        cells = self.mesh.cells
+        cuts = np.stack([cells[:, [0, 1, 2, 0, 2, 3]], cells[:, [0, 1, 3, 1, 2, 3]]]).reshape(2, -1, 2, 3)
+        first, second = (_smallest_angle(self.mesh.points[cut]).min(axis=1) for cut in cuts)
+        chosen: IntArray = np.where((second > first + TIE)[:, None, None], cuts[1], cuts[0])
+        return chosen.reshape(-1, 3)
+
+
+def _smallest_angle(corners: Array) -> Array:
+    """The smallest signed angle of triangles with ``corners`` of shape ``(..., 3, 2)``."""
+    ahead, behind = np.roll(corners, -1, axis=-2) - corners, np.roll(corners, 1, axis=-2) - corners
+    cross = ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
+    angle: Array = np.arctan2(cross, (ahead * behind).sum(axis=-1)).min(axis=-1)
+    return angle

@@ -1,0 +1,126 @@
+"""Nested grids, from coarse to fine, and the way of a mesh from one to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.meshes.grid import SMALLEST, Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.sweeps import kernels
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+COARSEST = 17
+
+
+def nested_grids(grid: Grid) -> list[Grid]:
+    """Grids from coarse to fine, each with about half the cells a side of the next, down to 17 points or fewer."""
+    grids = [grid]
+    while max(grids[0].shape) > COARSEST:
+        grids.insert(0, halved(grids[0]))
+    return grids
+
+
+def halved(grid: Grid) -> Grid:
+    """The grid with about half the cells a side, as far as a direction has points to spare."""
+    n_xi, n_eta = (n // 2 + 1 if n >= 2 * SMALLEST else n for n in grid.shape)
+    return Grid(n_xi=n_xi, n_eta=n_eta)
+
+
+def prolong(mesh: Mesh, grid: Grid, coarser: Mesh | None = None) -> Mesh:
+    """The mesh interpolated to another grid, cubically; linearly if that folds, and uniform if that folds, too.
+
+    With ``coarser``, the solution on the next coarser grid, the difference of the two is extrapolated: for a method of
+    second order that is nearer to the solution than the interpolant alone.
+    """
+    shape = grid.shape
+    if coarser is not None:
+        candidate = _interpolated(_extrapolated(mesh, coarser, grid), shape, _CUBIC)
+        if not candidate.is_folded:
+            return candidate
+    for width in (_CUBIC, _LINEAR):
+        candidate = _interpolated(mesh, shape, width)
+        if not candidate.is_folded:
+            return candidate
+    return Mesh.uniform(grid)
+
+
+def distance(mesh: Mesh, coarse: Mesh) -> float:
+    """Largest difference of a coordinate between a mesh and the cubic interpolant of one on a coarser grid.
+
+    Where every other node lies on the coarser grid, at those nodes.
+    """
+    steps = [(fine - 1) // (rough - 1) for fine, rough in zip(mesh.x.shape, coarse.x.shape, strict=True)]
+    if mesh.x[:: steps[0], :: steps[1]].shape == coarse.x.shape:
+        common = (slice(None, None, steps[0]), slice(None, None, steps[1]))
+        pairs = ((mesh.x[common], coarse.x), (mesh.y[common], coarse.y))
+        return max(float(np.abs(one - other).max()) for one, other in pairs)
+    rules = [_rule(m, n, _CUBIC) for m, n in zip(coarse.x.shape, mesh.x.shape, strict=True)]
+    pairs = ((coarse.x, mesh.x), (coarse.y, mesh.y))
+    return max(kernels.interpolate(q, *rules[0], *rules[1], fine, False) for q, fine in pairs)
+
+
+def refinement(fine: Grid, coarse: Grid) -> float:
+    """The square of the ratio of the spacings: by that an error of second order falls."""
+    return max(coarse.d_xi / fine.d_xi, coarse.d_eta / fine.d_eta) ** 2
+
+
+def is_refined(fine: Grid, coarse: Grid) -> bool:
+    """Whether the spacing is smaller in both directions: only then does the difference of two meshes show its error."""
+    return fine.n_xi > coarse.n_xi and fine.n_eta > coarse.n_eta
+
+
+_CUBIC, _LINEAR = 4, 2
+
+
+def _extrapolated(mesh: Mesh, coarser: Mesh, grid: Grid) -> Mesh:
+    """The mesh plus the share of its difference to the ``coarser`` one that is still to come on the finer ``grid``."""
+    here, before = refinement(grid, mesh.grid), refinement(mesh.grid, coarser.grid)
+    share = (1.0 - 1.0 / here) / (before - 1.0)
+    lifted = _interpolated(coarser, mesh.x.shape, _CUBIC)
+    return Mesh(mesh.x + share * (mesh.x - lifted.x), mesh.y + share * (mesh.y - lifted.y))
+
+
+def _interpolated(mesh: Mesh, shape: tuple[int, ...], width: int) -> Mesh:
+    rules = [_rule(m, n, width) for m, n in zip(mesh.x.shape, shape, strict=True)]
+    x, y = np.empty(shape), np.empty(shape)
+    for coarse, fine in ((mesh.x, x), (mesh.y, y)):
+        kernels.interpolate(np.ascontiguousarray(coarse), *rules[0], *rules[1], fine, True)
+    x[0], x[-1], y[:, 0], y[:, -1] = 0.0, 1.0, 0.0, 1.0
+    return Mesh(x, y)
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Where the points of one uniform grid of [0, 1] lie on another: the cell, and the place in it."""
+
+    cell: IntArray
+    place: Array
+
+    @classmethod
+    def of(cls, coarse: int, fine: int) -> _Points:
+        at = np.arange(fine) * (coarse - 1) / (fine - 1)
+        cell = np.minimum(at.astype(np.int64), coarse - 2)
+        return cls(cell, at - cell)
+
+
+@lru_cache(maxsize=64)
+def _rule(coarse: int, fine: int, width: int) -> tuple[IntArray, Array]:
+    """First coarse points and Lagrange weights, of shape ``(fine, width)``, for every point of a finer uniform grid."""
+    points = _Points.of(coarse, fine)
+    first = np.clip(points.cell - (width // 2 - 1), 0, coarse - width)
+    at = (points.cell - first) + points.place
+    weights = np.ones((fine, width))
+    for k in range(width):
+        for other in range(width):
+            if other != k:
+                weights[:, k] *= (at - other) / (k - other)
+    first.setflags(write=False)
+    weights.setflags(write=False)
+    return first, weights

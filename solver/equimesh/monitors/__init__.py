@@ -1,0 +1,1 @@
+"""Monitor functions: the metrics that a mesh equidistributes."""

@@ -1,0 +1,78 @@
+"""Several monitors at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import InputError
+from equimesh.fields.field import Field
+from equimesh.monitors.monitor import Monitor
+from equimesh.numerics.spd import intersection
+
+if TYPE_CHECKING:
+    from equimesh.domains.domain import Domain
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+FEWEST, MOST = 2, 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Intersection:
+    """The metric in which no length is less than in any of ``monitors``: cells are as small as each of them asks.
+
+    By simultaneous reduction of two metrics at a time (:func:`equimesh.numerics.spd.intersection`); of more than two
+    the result depends a little on their order. The sizes of the metrics matter: a
+    :class:`~equimesh.monitors.tensor.Weight` of 100 outdoes an arc length of u. :attr:`u` is that of the first monitor
+    that has one.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for less than 2 or more
+    than 8.
+    """
+
+    monitors: tuple[Monitor, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "monitors", tuple(self.monitors))
+        if not FEWEST <= len(self.monitors) <= MOST:
+            raise InputError(
+                f"{len(self.monitors)} monitors: an intersection is of {FEWEST} to {MOST}", field="monitors"
+            )
+
+    @property
+    def u(self) -> Field | None:
+        """That of the first monitor that has one."""
+        return next((monitor.u for monitor in self.monitors if monitor.u is not None), None)
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points."""
+        metric = self.monitors[0].metric(x, y)
+        for monitor in self.monitors[1:]:
+            metric = intersection(metric, monitor.metric(x, y))
+        return metric
+
+    def on(self, domain: Domain) -> Intersection:
+        """The intersection of the monitors bound to ``domain``.
+
+        Raises the :class:`~equimesh.errors.InputError` of the first one that cannot be; ``field`` begins with
+        ``monitors.<number>``.
+        """
+        bound = tuple(_bound(monitor, domain, number) for number, monitor in enumerate(self.monitors))
+        if all(new is old for new, old in zip(bound, self.monitors, strict=True)):
+            return self
+        return replace(self, monitors=bound)
+
+    def weakened(self, strength: float) -> Intersection:
+        """The intersection of the weakened monitors."""
+        return replace(self, monitors=tuple(monitor.weakened(strength) for monitor in self.monitors))
+
+
+def _bound(monitor: Monitor, domain: Domain, number: int) -> Monitor:
+    try:
+        return monitor.on(domain)
+    except InputError as error:
+        raise InputError(error.message, field=f"monitors.{number}.{error.field}".rstrip(".")) from error

@@ -1,0 +1,86 @@
+"""Points all over a domain, at which monitors are checked and integrated before a solve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import InputError
+
+if TYPE_CHECKING:
+    from equimesh.domains.domain import Domain
+
+Array: TypeAlias = npt.NDArray[np.float64]
+T = TypeVar("T", bound=Any)
+
+CELLS = 256  # a direction: fronts of a hundredth of the domain are seen
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Probe:
+    """Points ``x``, ``y`` of a domain, flat arrays, and ``shares``: the share of its area that each stands for.
+
+    The images of the centres of a fine uniform grid of the reference square; their number does not depend on the
+    mesh that is to be made. ``diameter`` is the longer extent of the domain's box.
+    """
+
+    x: Array
+    y: Array
+    shares: Array
+    diameter: float
+
+    @classmethod
+    def of(cls, domain: Domain, cells: int = CELLS) -> Probe:
+        """``cells`` by ``cells`` points of ``domain``."""
+        middle = (np.arange(cells) + 0.5) / cells
+        s, t = (axis.ravel() for axis in np.meshgrid(middle, middle, indexing="ij"))
+        x, y = domain.map(s, t)
+        x_s, x_t, y_s, y_t = domain.jacobian(s, t)
+        areas = x_s * y_t - x_t * y_s
+        diameter = max(high - low for low, high in domain.box)
+        return cls(x=x, y=y, shares=areas / areas.sum(), diameter=diameter)
+
+    @classmethod
+    def of_closure(cls, domain: Domain, cells: int = CELLS) -> Probe:
+        """The images of the nodes, sides and corners included; ``shares`` are equal."""
+        line = np.linspace(0.0, 1.0, cells + 1)
+        s, t = (axis.ravel() for axis in np.meshgrid(line, line, indexing="ij"))
+        x, y = domain.map(s, t)
+        diameter = max(high - low for low, high in domain.box)
+        return cls(x=x, y=y, shares=np.full(x.size, 1.0 / x.size), diameter=diameter)
+
+    def place(self, index: int) -> str:
+        """Point number ``index``, for a message."""
+        return f"(x, y) = ({self.x[index]:.6g}, {self.y[index]:.6g})"
+
+    def require_finite(self, values: Sequence[Array], what: str, *, field: str) -> None:
+        """Raise :class:`~equimesh.errors.InputError` at the first point where one of ``values`` is not finite.
+
+        ``what`` begins the sentence, verb included.
+        """
+        bad = ~np.isfinite(values[0])
+        for value in values[1:]:
+            bad |= ~np.isfinite(value)
+        if bad.any():
+            raise InputError(
+                f"{what} not finite at {self.place(int(bad.argmax()))}: take a function that is smooth on the whole"
+                " domain",
+                field=field,
+            )
+
+
+def is_bound_to(bound: Domain | None, domain: Domain) -> bool:
+    """Whether a monitor bound to ``bound`` is bound to ``domain`` already."""
+    return bound is domain or (bound is not None and type(bound) is type(domain) and bool(bound == domain))
+
+
+def bound_copy(monitor: T, domain: Domain, /, **found: object) -> T:
+    """A copy of a frozen dataclass that remembers its ``domain``, and what was ``found`` there."""
+    copy = replace(monitor)
+    for name, value in {"_domain": domain, **found}.items():
+        object.__setattr__(copy, name, value)
+    return copy

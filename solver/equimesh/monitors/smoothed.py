@@ -1,0 +1,182 @@
+"""A monitor made smoother: its metric averaged over the neighbourhood of every point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from equimesh.errors import InputError
+from equimesh.fields.field import Field
+from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors.weakened import weaken
+from equimesh.numerics.compiled import compiled
+
+if TYPE_CHECKING:
+    from equimesh.domains.domain import Domain
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+LARGEST_RADIUS = 0.25
+SAMPLES = 512  # a direction of the reference square, at which the monitor is asked
+PER_RADIUS = 8  # table points per radius, as far as the numbers below allow
+FEWEST, MOST, MOST_LONG = 64, 512, 2048  # table points along the shorter extent of the box, and along the longer
+MARGIN = 3  # table points beyond the box: the spline reaches two of them
+OWN_VARIANCE = 1 / 6 + 1 / 3  # of the table's hat functions and of the cubic B-spline, in squared spacings
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Table:
+    """Metrics on a uniform grid over a box, read off as cubic B-splines with these coefficients.
+
+    ``entries[i, j]`` holds ``(m11, m12, m22)`` at ``(x0 + i spacing, y0 + j spacing)``. The value at a point is a
+    convex combination of the 16 nearest metrics, positive definite as they are, and has two continuous derivatives.
+    """
+
+    entries: Array
+    origin: tuple[float, float]
+    spacing: float
+
+    def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """The metrics at points of any shape; outside the table those of its rim."""
+        x, y = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
+        out = np.empty((3, x.size))
+        _look_up(self.entries, *self.origin, 1.0 / self.spacing, x.reshape(-1), y.reshape(-1), out)
+        return out[0].reshape(x.shape), out[1].reshape(x.shape), out[2].reshape(x.shape)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smoothed:
+    """The metric of ``monitor``, each entry averaged with a Gaussian over its physical neighbourhood in the domain.
+
+    ``radius`` is the standard deviation of the Gaussian in units of the shorter extent of the domain's box, in
+    (0, 0.25]; below about 1/700 it acts as that. Steep fronts of the metric become at least as wide as the
+    radius: raise it when a solve fails. A mean of positive definite matrices is positive definite, and a constant
+    metric stays what it is.
+
+    The mean is over the points of the domain only, with the weights of the part of the Gaussian that lies inside:
+    nothing is taken from beyond the sides. The monitor is sampled at 512 x 512 points, in :meth:`on`; from then on
+    a metric is a look-up in a table over the domain's box. Distances are straight: across a slit of a bent domain
+    that is narrower than the radius, its two banks see each other.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for a radius outside its
+    range.
+    """
+
+    monitor: Monitor
+    radius: float = 0.05
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+    _table: Table | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius <= LARGEST_RADIUS:
+            raise InputError(
+                f"radius = {self.radius}: the radius of smoothing is positive and at most {LARGEST_RADIUS:g} of the"
+                " domain's shorter extent; leave the smoothing out for none",
+                field="radius",
+            )
+
+    @property
+    def u(self) -> Field | None:
+        """That of the monitor."""
+        return self.monitor.u
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points, from the table.
+
+        Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
+        """
+        if self._table is None:
+            raise InputError("a smoothed monitor is an average over a domain: ask monitor.on(domain)")
+        return self._table.at(x, y)
+
+    def on(self, domain: Domain) -> Smoothed:
+        """The monitor bound to ``domain``, with the table of its averages there.
+
+        Raises :class:`~equimesh.errors.InputError` where the metric of ``monitor`` is not finite.
+        """
+        if is_bound_to(self._domain, domain):
+            return self
+        inner = self.monitor.on(domain)
+        return bound_copy(self, domain, monitor=inner, _table=_averages(inner, domain, self.radius))
+
+    def weakened(self, strength: float) -> Monitor:
+        """The smoothed metric to the matrix power ``strength``."""
+        return weaken(self, strength)
+
+
+def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
+    """Samples of the metric spread on a grid over the box, weighted by area, filtered, and divided by the weights."""
+    (x0, x1), (y0, y1) = domain.box
+    short, long = sorted((x1 - x0, y1 - y0))
+    spacing = max(short / min(max(math.ceil(PER_RADIUS / radius), FEWEST), MOST), long / MOST_LONG)
+    origin = (x0 - MARGIN * spacing, y0 - MARGIN * spacing)
+    shape = tuple(math.ceil(extent / spacing) + 2 * MARGIN + 1 for extent in (x1 - x0, y1 - y0))
+    probe = Probe.of(domain, SAMPLES)
+    metric = monitor.metric(probe.x, probe.y)
+    probe.require_finite(metric, "the metric is", field="smoothing")
+    sums = np.zeros((4, *shape))
+    _spread(probe.x, probe.y, probe.shares, *metric, *origin, 1.0 / spacing, sums)
+    deviation = math.sqrt(max((radius * short / spacing) ** 2 - OWN_VARIANCE, 0.0))
+    if deviation > 0.0:
+        for layer in sums:
+            gaussian_filter(layer, deviation, output=layer, mode="constant", truncate=6.0)
+    weights = sums[3]
+    known = weights > 1e-9 * weights.max()
+    entries = np.moveaxis(sums[:3], 0, -1) / np.where(known, weights, 1.0)[..., None]
+    if not known.all():
+        nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+        entries = entries[tuple(nearest)]
+    return Table(entries=np.ascontiguousarray(entries), origin=origin, spacing=spacing)
+
+
+@compiled
+def _spread(
+    x: Array, y: Array, weights: Array, m11: Array, m12: Array, m22: Array,
+    x0: float, y0: float, per_length: float, sums: Array,
+) -> None:  # fmt: skip
+    """Weighted metrics, and the weights, shared out among the four grid points around each sample."""
+    for k in range(x.size):
+        p, q = (x[k] - x0) * per_length, (y[k] - y0) * per_length
+        i, j = min(max(int(p), 0), sums.shape[1] - 2), min(max(int(q), 0), sums.shape[2] - 2)
+        p, q = min(max(p - i, 0.0), 1.0), min(max(q - j, 0.0), 1.0)
+        for a in range(2):
+            for b in range(2):
+                w = weights[k] * (p if a else 1.0 - p) * (q if b else 1.0 - q)
+                sums[0, i + a, j + b] += w * m11[k]
+                sums[1, i + a, j + b] += w * m12[k]
+                sums[2, i + a, j + b] += w * m22[k]
+                sums[3, i + a, j + b] += w
+
+
+@compiled
+def _look_up(entries: Array, x0: float, y0: float, per_length: float, x: Array, y: Array, out: Array) -> None:
+    """Uniform cubic B-splines: the weights of the four nearest table points in each direction."""
+    n, m = entries.shape[0], entries.shape[1]
+    for k in range(x.size):
+        if x[k] - x[k] != 0.0 or y[k] - y[k] != 0.0:  # not a number: it has no place in the table
+            out[0, k] = out[1, k] = out[2, k] = np.nan
+            continue
+        p, q = min(max((x[k] - x0) * per_length, 1.0), n - 2.0), min(max((y[k] - y0) * per_length, 1.0), m - 2.0)
+        i, j = min(int(p), n - 3), min(int(q), m - 3)
+        p, q = p - i, q - j
+        r, s = 1.0 - p, 1.0 - q
+        w0, w3 = s * s * s / 6.0, q * q * q / 6.0
+        w1 = 2.0 / 3.0 - q * q * (1.0 - 0.5 * q)
+        w2 = 1.0 - w0 - w1 - w3
+        v0, v3 = r * r * r / 6.0, p * p * p / 6.0
+        v1 = 2.0 / 3.0 - p * p * (1.0 - 0.5 * p)
+        v2 = 1.0 - v0 - v1 - v3
+        m11, m12, m22 = 0.0, 0.0, 0.0
+        for a in range(4):
+            v = v0 if a == 0 else v1 if a == 1 else v2 if a == 2 else v3
+            row = entries[i - 1 + a]
+            m11 += v * (w0 * row[j - 1, 0] + w1 * row[j, 0] + w2 * row[j + 1, 0] + w3 * row[j + 2, 0])
+            m12 += v * (w0 * row[j - 1, 1] + w1 * row[j, 1] + w2 * row[j + 1, 1] + w3 * row[j + 2, 1])
+            m22 += v * (w0 * row[j - 1, 2] + w1 * row[j, 2] + w2 * row[j + 1, 2] + w3 * row[j + 2, 2])
+        out[0, k], out[1, k], out[2, k] = m11, m12, m22

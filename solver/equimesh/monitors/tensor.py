@@ -1,0 +1,120 @@
+"""Metrics that the user gives: a weight, or a whole tensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import InputError
+from equimesh.fields.field import Field, checked_field
+from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors.weakened import weaken
+from equimesh.numerics.spd import eigenvalues
+
+if TYPE_CHECKING:
+    from equimesh.domains.domain import Domain
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+FLATTEST = 1e-10
+"""The smaller eigenvalue of a tensor over the larger one must exceed this: less is rounding."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weight:
+    """The metric ``M = rho I``: cells are small where ``rho`` is large, and are not stretched on purpose.
+
+    Metric lengths are lengths times ``sqrt(rho)``. ``rho`` must be positive on the domain; only its proportions
+    matter. ``u``, if given, is the function whose interpolation is measured. A
+    :class:`~equimesh.monitors.monitor.Monitor`.
+    """
+
+    rho: Field
+    u: Field | None = None
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        checked_field(self.rho, "rho")
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(rho, 0, rho)`` at physical points."""
+        (rho,) = self.rho.evaluate(x, y)
+        return rho, np.zeros_like(rho), rho
+
+    def on(self, domain: Domain) -> Weight:
+        """The monitor, checked on ``domain``.
+
+        Raises :class:`~equimesh.errors.InputError` where ``rho`` is not finite and positive, naming the place.
+        """
+        if is_bound_to(self._domain, domain):
+            return self
+        probe = Probe.of_closure(domain)
+        (rho,) = self.rho.evaluate(probe.x, probe.y)
+        probe.require_finite([rho], "rho is", field="rho")
+        worst = int(rho.argmin())
+        if not rho[worst] > 0.0:
+            raise InputError(
+                f"rho = {rho[worst]:.6g} at {probe.place(worst)}: a weight must be positive on the whole domain; add a"
+                " constant to it, or take its exponential",
+                field="rho",
+            )
+        return bound_copy(self, domain)
+
+    def weakened(self, strength: float) -> Monitor:
+        """The metric to the matrix power ``strength``."""
+        return weaken(self, strength)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tensor:
+    """The metric with the entries ``m11``, ``m12`` and ``m22``: ``m11 dx^2 + 2 m12 dx dy + m22 dy^2``.
+
+    It must be positive definite on the domain; only its proportions matter. ``u``, if given, is the function
+    whose interpolation is measured. A :class:`~equimesh.monitors.monitor.Monitor`.
+    """
+
+    m11: Field
+    m12: Field
+    m22: Field
+    u: Field | None = None
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("m11", "m12", "m22"):
+            checked_field(getattr(self, name), name)
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` at physical points."""
+        return self.m11.evaluate(x, y)[0], self.m12.evaluate(x, y)[0], self.m22.evaluate(x, y)[0]
+
+    def on(self, domain: Domain) -> Tensor:
+        """The monitor, checked on ``domain``.
+
+        Raises :class:`~equimesh.errors.InputError` where the tensor is not finite and positive definite, naming the
+        place and the smallest eigenvalue; ``field`` is the entry to blame.
+        """
+        if is_bound_to(self._domain, domain):
+            return self
+        probe = Probe.of_closure(domain)
+        entries = self.metric(probe.x, probe.y)
+        for name, entry in zip(("m11", "m12", "m22"), entries, strict=True):
+            probe.require_finite([entry], f"{name} is", field=name)
+        low, high = eigenvalues(entries)
+        worst = int((low - FLATTEST * high).argmin())
+        if not low[worst] > FLATTEST * abs(high[worst]):
+            m11, m12, m22 = (float(entry[worst]) for entry in entries)
+            raise InputError(
+                f"the tensor [[{m11:.6g}, {m12:.6g}], [{m12:.6g}, {m22:.6g}]] at {probe.place(worst)} is not positive"
+                f" definite: its smallest eigenvalue is {low[worst]:.6g}; m11 and m22 must be positive and"
+                " m12^2 < m11 m22 on the whole domain",
+                field="m11" if m11 <= 0.0 else "m22" if m22 <= 0.0 else "m12",
+            )
+        return bound_copy(self, domain)
+
+    def weakened(self, strength: float) -> Monitor:
+        """The metric to the matrix power ``strength``."""
+        return weaken(self, strength)

@@ -1,0 +1,1 @@
+"""Loops, threads and linear algebra that know no mesh."""

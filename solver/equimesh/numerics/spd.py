@@ -1,0 +1,131 @@
+"""Symmetric 2 x 2 matrices at many points, in closed form: power, absolute value, intersection, eigenvalues.
+
+A matrix field is a triple ``(m11, m12, m22)`` of arrays of one shape; so is every result that is one. Nothing is
+checked and nothing is raised: where a matrix is not what the function needs, the result is nan or meaningless.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.numerics.compiled import compiled
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Matrices: TypeAlias = tuple[Array, Array, Array]
+
+ROUNDING = 1e-4
+"""Width of the rounded corner of the maximum in :func:`intersection`, squared, relative to the metrics."""
+
+
+def eigenvalues(matrices: Matrices) -> tuple[Array, Array]:
+    """The smaller and the larger eigenvalue."""
+    m11, m12, m22 = matrices
+    mean, radius = 0.5 * (m11 + m22), np.hypot(0.5 * (m11 - m22), m12)
+    return mean - radius, mean + radius
+
+
+def power(matrices: Matrices, exponent: float) -> Matrices:
+    """The positive definite matrices to a real power: the same eigenvectors, the eigenvalues to that power."""
+    return _each(_power, matrices, float(exponent))
+
+
+def absolute(matrices: Matrices, rounding: float = 0.0) -> Matrices:
+    """The matrix absolute value, ``(H^2 + rounding^2 I)^(1/2)``: the same eigenvectors, eigenvalues in size.
+
+    ``rounding > 0``, in the units of H, makes it a smooth function of H, also where an eigenvalue changes sign; an
+    eigenvalue 0 becomes ``rounding``.
+    """
+    return _each(_absolute, matrices, float(rounding))
+
+
+def intersection(first: Matrices, second: Matrices) -> Matrices:
+    """The metric of two by simultaneous reduction: ``v^T M v`` is at least that of either for every v.
+
+    In the basis in which both are diagonal, with the first the identity and the second mu, it is
+    ``max(1, mu)``, rounded upwards where mu is about 1 (by half a percent at 1) so that it depends smoothly on both.
+    Neither more nor less than ``c1 first + c2 second``: no eigenvectors are computed. The order does not matter.
+    """
+    m11, m12, m22 = (np.ascontiguousarray(entry, dtype=np.float64).reshape(-1) for entry in first)
+    n11, n12, n22 = (np.ascontiguousarray(entry, dtype=np.float64).reshape(-1) for entry in second)
+    out = np.empty((3, m11.size))
+    _intersection(m11, m12, m22, n11, n12, n22, ROUNDING, out)
+    return _split(out, np.shape(first[0]))
+
+
+def _each(kernel: Callable[..., None], matrices: Matrices, number: float) -> Matrices:
+    m11, m12, m22 = (np.ascontiguousarray(entry, dtype=np.float64) for entry in matrices)
+    out = np.empty((3, m11.size))
+    kernel(m11.reshape(-1), m12.reshape(-1), m22.reshape(-1), number, out)
+    return _split(out, m11.shape)
+
+
+def _split(out: Array, shape: tuple[int, ...]) -> Matrices:
+    return out[0].reshape(shape), out[1].reshape(shape), out[2].reshape(shape)
+
+
+@compiled
+def _power(m11: Array, m12: Array, m22: Array, exponent: float, out: Array) -> None:
+    """With eigenvalues ``g exp(+-r)`` the power is ``g^p (cosh(p r) I + sinh(p r) / sinh(r) (M/g - cosh(r) I))``."""
+    for i in range(m11.size):
+        mean, half = 0.5 * (m11[i] + m22[i]), 0.5 * (m11[i] - m22[i])
+        radius = np.sqrt(half * half + m12[i] * m12[i])
+        root = np.sqrt(m11[i] * m22[i] - m12[i] * m12[i])
+        stretch = (mean + radius) / root
+        if stretch > 1.0 + 1e-8:
+            one = stretch**exponent
+            other = 1.0 / one
+            ratio = (one - other) / (stretch - 1.0 / stretch)
+        else:
+            one = other = 1.0
+            ratio = exponent
+        if not root > 0.0:
+            ratio = np.nan
+        size = root**exponent
+        centre, scale = size * 0.5 * (one + other), size * ratio / root
+        out[0, i] = centre + scale * half
+        out[1, i] = scale * m12[i]
+        out[2, i] = centre - scale * half
+
+
+@compiled
+def _absolute(h11: Array, h12: Array, h22: Array, rounding: float, out: Array) -> None:
+    """The root of a positive definite A is ``(A + sqrt(det A) I) / sqrt(tr A + 2 sqrt(det A))``; A = H^2 + eps^2 I."""
+    square = rounding * rounding
+    for i in range(h11.size):
+        a, b, c = h11[i], h12[i], h22[i]
+        det = a * c - b * b
+        trace = a * a + 2.0 * b * b + c * c + 2.0 * square
+        root = np.sqrt(det * det + square * (trace - square))
+        size = np.sqrt(trace + 2.0 * root)
+        scale = 1.0 / size if size > 0.0 else 0.0
+        out[0, i] = (a * a + b * b + square + root) * scale
+        out[1, i] = b * (a + c) * scale
+        out[2, i] = (b * b + c * c + square + root) * scale
+
+
+@compiled
+def _intersection(
+    m11: Array, m12: Array, m22: Array, n11: Array, n12: Array, n22: Array, rounding: float, out: Array
+) -> None:
+    """``c1 M + c2 N`` with ``c1 + c2 mu = (1 + mu + s(mu)) / 2``, ``s = sqrt((mu - 1)^2 + rounding mu)``.
+
+    mu are the eigenvalues of ``M^-1 N``; only their sum t and product d are needed, and the two s come in as their
+    product and their sum.
+    """
+    for i in range(m11.size):
+        det = m11[i] * m22[i] - m12[i] * m12[i]
+        t = (m22[i] * n11[i] - 2.0 * m12[i] * n12[i] + m11[i] * n22[i]) / det
+        d = (n11[i] * n22[i] - n12[i] * n12[i]) / det
+        gap = d - t + 1.0
+        mixed = max((d + 1.0) * t - 4.0 * d, 0.0)
+        product = np.sqrt(gap * gap + rounding * (mixed + rounding * d))
+        total = np.sqrt(max((t - 1.0) ** 2 + 1.0 - 2.0 * d, 0.0) + rounding * t + 2.0 * product)
+        first = 0.5 * (1.0 + (1.0 - d + product) / total)
+        second = 0.5 * (1.0 + (t - 2.0 + rounding) / total)
+        out[0, i] = first * m11[i] + second * n11[i]
+        out[1, i] = first * m12[i] + second * n12[i]
+        out[2, i] = first * m22[i] + second * n22[i]

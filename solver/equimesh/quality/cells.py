@@ -1,0 +1,216 @@
+"""The cells of a mesh as bilinear quadrilaterals, the images of the unit square."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.compiled import compiled
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Indices: TypeAlias = npt.NDArray[np.int64]
+Truths: TypeAlias = npt.NDArray[np.bool_]
+
+BLOCK = 1 << 14
+"""Cells are visited in blocks of about this many points, which bounds memory and stays in the cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellPoints:
+    """Points (s, t) of the unit square with weights, flat arrays: s runs with xi, t with eta."""
+
+    s: Array
+    t: Array
+    weights: Array
+
+    @classmethod
+    @cache
+    def gauss(cls, count: int) -> CellPoints:
+        """The tensor-product Gauss rule with ``count`` points per direction; the weights sum to 1."""
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        s, t = np.meshgrid((1.0 + nodes) / 2.0, (1.0 + nodes) / 2.0, indexing="ij")
+        return cls(s.ravel(), t.ravel(), np.outer(weights, weights).ravel() / 4.0)
+
+
+@dataclass(frozen=True, eq=False)
+class CellMap:
+    """The bilinear map at points of some cells: position, Jacobian matrix and its determinant.
+
+    All of shape ``(points, cells)``.
+    """
+
+    x: Array
+    y: Array
+    x_s: Array
+    y_s: Array
+    x_t: Array
+    y_t: Array
+    det: Array
+
+
+@dataclass(frozen=True, eq=False)
+class BilinearCells:
+    """All cells of a mesh, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
+
+    mesh: Mesh
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells along xi and along eta."""
+        return (self.mesh.x.shape[0] - 1, self.mesh.x.shape[1] - 1)
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return self.shape[0] * self.shape[1]
+
+    @cached_property
+    def nodes(self) -> tuple[Array, Array]:
+        """x and y of the nodes, C-contiguous."""
+        return np.ascontiguousarray(self.mesh.x), np.ascontiguousarray(self.mesh.y)
+
+    @property
+    def area(self) -> Array:
+        """Signed area, shape ``(cells,)``."""
+        return self._measured[0]
+
+    @property
+    def valid(self) -> Truths:
+        """Whether the map is one to one, shape ``(cells,)``: a cell with a corner that is not is folded."""
+        return self._measured[1]
+
+    @property
+    def lowest(self) -> float:
+        """The smallest determinant of the Jacobian matrix at a corner; NaN where a coordinate is not finite."""
+        return self._measured[2]
+
+    @property
+    def all_valid(self) -> bool:
+        """Whether no cell is folded."""
+        return self.lowest > 0.0
+
+    @cached_property
+    def total_area(self) -> float:
+        """Signed area of the whole mesh."""
+        return float(self.area.sum())
+
+    def blocks(self, points: CellPoints, numbers: Indices | None = None) -> Iterator[Indices]:
+        """Numbers of the valid cells, or ``numbers``, in pieces of about ``BLOCK`` points."""
+        size = max(1, BLOCK // points.s.size)
+        if numbers is None and self.all_valid:
+            for start in range(0, self.count, size):
+                yield np.arange(start, min(start + size, self.count))
+            return
+        cells = np.flatnonzero(self.valid) if numbers is None else numbers
+        for start in range(0, cells.size, size):
+            yield cells[start : start + size]
+
+    def at(self, points: CellPoints, cells: Indices) -> CellMap:
+        """The map of ``cells`` at ``points``."""
+        corners, out = np.empty((8, cells.size)), np.empty((7, points.s.size, cells.size))
+        gather_cells(*self.nodes, cells, corners)
+        map_cells(corners, points.s, points.t, out)
+        return CellMap(*out)
+
+    def shares(self, points: CellPoints, cells: Indices) -> tuple[Array, Array, Array]:
+        """x and y of ``points`` in ``cells``, and what part of its cell each stands for, ``(points, cells)``."""
+        corners, out = np.empty((8, cells.size)), np.empty((3, points.s.size, cells.size))
+        gather_cells(*self.nodes, cells, corners)
+        share_cells(corners, self.area[cells], points.s, points.t, points.weights, out)
+        return out[0], out[1], out[2]
+
+    def corner_values(self, nodal: Array, cells: Indices) -> Array:
+        """Nodal values at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
+        row, column = np.divmod(cells, self.shape[1])
+        first, flat, step = row * nodal.shape[1] + column, nodal.reshape(-1), nodal.shape[1]
+        return np.stack([flat[first], flat[first + step], flat[first + step + 1], flat[first + 1]])
+
+    @cached_property
+    def _measured(self) -> tuple[Array, Truths, float]:
+        area, valid = np.empty(self.count), np.empty(self.count, dtype=np.bool_)
+        return area, valid, measure_cells(*self.nodes, area, valid)
+
+
+@compiled
+def measure_cells(x: Array, y: Array, area: Array, valid: Truths) -> float:
+    """The smallest determinant at a corner, NaN where a coordinate is not finite; area and validity of every cell."""
+    smallest, check = np.inf, 0.0  # min passes over what is not a number, a sum does not
+    columns = x.shape[1] - 1
+    for i in range(x.shape[0] - 1):
+        for j in range(columns):
+            ex0, ey0 = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]
+            ex1, ey1 = x[i + 1, j + 1] - x[i, j + 1], y[i + 1, j + 1] - y[i, j + 1]
+            fx0, fy0 = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
+            fx1, fy1 = x[i + 1, j + 1] - x[i + 1, j], y[i + 1, j + 1] - y[i + 1, j]
+            a, b = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
+            c, d = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
+            total = a + b + c + d
+            lowest = min(min(a, b), min(c, d))
+            area[i * columns + j] = 0.25 * total
+            valid[i * columns + j] = lowest > 0.0 and np.isfinite(total)
+            smallest = min(smallest, lowest)
+            check += total
+    return smallest if np.isfinite(check) else np.nan
+
+
+@compiled
+def gather_cells(x: Array, y: Array, cells: Indices, out: Array) -> None:
+    """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
+    columns = x.shape[1] - 1
+    for k in range(cells.size):
+        i = cells[k] // columns
+        j = cells[k] - i * columns
+        out[0, k], out[1, k], out[2, k], out[3, k] = x[i, j], x[i + 1, j], x[i + 1, j + 1], x[i, j + 1]
+        out[4, k], out[5, k], out[6, k], out[7, k] = y[i, j], y[i + 1, j], y[i + 1, j + 1], y[i, j + 1]
+
+
+@compiled
+def map_cells(corners: Array, s: Array, t: Array, out: Array) -> None:
+    """The entries of a :class:`CellMap`, in its order, of cells with these ``corners`` at the points (s, t)."""
+    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
+    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
+    for p in range(s.size):
+        u, v = s[p], t[p]
+        a, b, c, d = (1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v
+        x, y, det = out[0, p], out[1, p], out[6, p]
+        x_s, y_s, x_t, y_t = out[2, p], out[3, p], out[4, p], out[5, p]
+        for k in range(corners.shape[1]):
+            x[k] = a * x0[k] + b * x1[k] + c * x2[k] + d * x3[k]
+            y[k] = a * y0[k] + b * y1[k] + c * y2[k] + d * y3[k]
+        for k in range(corners.shape[1]):
+            x_s[k] = (1.0 - v) * (x1[k] - x0[k]) + v * (x2[k] - x3[k])
+            y_s[k] = (1.0 - v) * (y1[k] - y0[k]) + v * (y2[k] - y3[k])
+            x_t[k] = (1.0 - u) * (x3[k] - x0[k]) + u * (x2[k] - x1[k])
+            y_t[k] = (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k])
+        for k in range(corners.shape[1]):
+            det[k] = x_s[k] * y_t[k] - x_t[k] * y_s[k]
+
+
+@compiled
+def share_cells(corners: Array, area: Array, s: Array, t: Array, weights: Array, out: Array) -> None:
+    """x, y and the share of the points (s, t) in the ``area`` of cells with these ``corners``."""
+    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
+    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
+    for p in range(s.size):
+        u, v, weight = s[p], t[p], weights[p]
+        a, b, c, d = (1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v
+        x, y, share = out[0, p], out[1, p], out[2, p]
+        for k in range(corners.shape[1]):
+            x[k] = a * x0[k] + b * x1[k] + c * x2[k] + d * x3[k]
+            y[k] = a * y0[k] + b * y1[k] + c * y2[k] + d * y3[k]
+        for k in range(corners.shape[1]):
+            x_s, y_s = (
+                (1.0 - v) * (x1[k] - x0[k]) + v * (x2[k] - x3[k]),
+                (1.0 - v) * (y1[k] - y0[k]) + v * (y2[k] - y3[k]),
+            )
+            x_t, y_t = (
+                (1.0 - u) * (x3[k] - x0[k]) + u * (x2[k] - x1[k]),
+                (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k]),
+            )
+            share[k] = weight * (x_s * y_t - x_t * y_s) / area[k]

@@ -1,0 +1,150 @@
+"""Subdomains that exchange the paper's functionals: each has a state of its own, and reads those of its neighbours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.equations.mesh_equations import MeshEquations
+from equimesh.equations.newton_solve import LocalSolution, newton_steps
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.conditions import Interface, InterfaceCorner, InterfaceData, PairOfFunctionals
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.schwarz.local_sweeps import SubdomainSweeps
+from equimesh.schwarz.optimized import sides
+from equimesh.schwarz.settings import LocalSolver
+from equimesh.schwarz.window import SubdomainWindow
+from equimesh.sweeps.frame import Frame
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+# Newton steps that a subdomain solve may take: it starts near its solution or has none near by.
+MOST_LOCAL_STEPS = 25
+# Sweeps of a subdomain with classical data, and how far they go: the rate of the paper's iteration is to be seen.
+ACCURACY, MOST_SWEEPS = 1e-4, 40
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A local solution, and whether classical data took the place of the asked condition."""
+
+    solution: LocalSolution
+    classical: bool = False
+
+
+class FunctionalSlopes:
+    """The derivative of the functionals that subdomains receive by the nodes of a merged mesh.
+
+    Sender and receiver take a functional on equal stencils: what the sender has of the mesh, the receiver's part has.
+    """
+
+    def __init__(self, parts: Sequence[SubdomainProblem], equations: Sequence[MeshEquations], mesh: Mesh) -> None:
+        self._windows = [part.window for part in parts]
+        self._rows, self._matrices = [], []
+        for window, local in zip(self._windows, equations, strict=True):
+            z = local.vector(window.restrict(mesh))
+            seen, conditions = local.window(z), local.conditions
+            rows = [c.rows(seen).rows for c in conditions if isinstance(c, Interface | InterfaceCorner)]
+            self._rows.append(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
+            self._matrices.append(local.jacobian(z).tocsr()[self._rows[-1]])
+
+    def received(self, change: tuple[Array, Array]) -> list[Array]:
+        """For every subdomain the change of its equations' right side, when the nodes of the mesh move by ``change``.
+
+        ``change`` is of two arrays of the grid's shape, a right side as the vector of the subdomain's equations.
+        """
+        found = []
+        for window, rows, matrix in zip(self._windows, self._rows, self._matrices, strict=True):
+            moved = np.concatenate([q[window.slices].ravel() for q in change])
+            right = np.zeros(moved.size)
+            right[rows] = matrix @ moved
+            found.append(right)
+        return found
+
+
+@dataclass(frozen=True)
+class _Exchange:
+    """The subdomains as their neighbours see them, in the states they are read from."""
+
+    parts: Sequence[SubdomainProblem]
+    states: Sequence[Mesh]
+
+    def functional(self, link: Link) -> InterfaceData:
+        return self.parts[link.sender].functional(self.states[link.sender], link)
+
+    def node(self, link: CornerLink) -> tuple[float, float]:
+        return self.parts[link.sender].node(self.states[link.sender], link)
+
+
+class FunctionalSubdomains:
+    """All subdomains of a decomposition, with a transmission condition of the paper.
+
+    ``classical`` makes all of them take classical data in place of the condition.
+    """
+
+    def __init__(
+        self, problem: Problem, decomposition: Decomposition, condition: PairOfFunctionals, solver: LocalSolver
+    ) -> None:
+        self.parts = [SubdomainProblem(problem, decomposition, part, condition) for part in decomposition.parts]
+        self.windows: list[SubdomainWindow] = [part.window for part in self.parts]
+        self._sweeps: dict[int, SubdomainSweeps] = {}
+        self._problem, self._by_sweeps = problem, solver is LocalSolver.SWEEPS
+        self._has_substitute = condition.ghosts > 0
+        self._read: tuple[list[Mesh], Mesh] = [], Mesh.uniform(problem.grid)
+
+    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
+        """Read these states in the solves to come; ``mesh`` is what they merge to."""
+        self._read = list(states), mesh
+
+    def solve(self, k: int) -> Outcome:
+        """The solution of a subdomain.
+
+        Newton's method starts from its previous solution, then from the merged mesh. Where it stalls from both, the
+        interface data is far from any solution of the subdomain: positions from the neighbours are taken instead.
+        """
+        part, (states, mesh) = self.parts[k], self._read
+        exchange = _Exchange(self.parts, states)
+        starts = [start for start in (states[k], part.window.restrict(mesh)) if not start.is_folded]
+        for rescue in (False, True)[: 1 + self._has_substitute]:
+            if self._by_sweeps and (rescue or not self._has_substitute):
+                swept = self._swept(k, part.held(exchange, states[k]))
+                if swept.converged:
+                    return Outcome(swept, rescue)
+            equations = part.equations(exchange, classical=rescue)
+            for start in starts:
+                *_, solution = newton_steps(equations, start, most_steps=MOST_LOCAL_STEPS, fast=True)
+                if solution.converged:
+                    return Outcome(solution, rescue)
+        return Outcome(LocalSolution(states[k], 0, math.inf, converged=False))
+
+    def equations(self, k: int) -> MeshEquations:
+        """The equations of a subdomain, with the data that it has from its neighbours."""
+        return self.parts[k].equations(_Exchange(self.parts, self._read[0]))
+
+    def slopes(self, states: Sequence[Mesh]) -> FunctionalSlopes:
+        """How what the subdomains receive changes with the merged mesh, where the states are parts of it."""
+        del states  # the data enters the equations as it is, whatever the solution
+        return FunctionalSlopes(self.parts, [self.equations(k) for k in range(len(self.parts))], self._read[1])
+
+    def sent(self, k: int) -> int:
+        """Numbers that a subdomain receives in one iteration."""
+        part = self.parts[k]
+        lines = sum(part.window.shape[1 - link.axis] for link in part.links)
+        return 2 * (lines + len(part.corner_links))
+
+    def _swept(self, k: int, start: Mesh) -> LocalSolution:
+        """The solution with the interfaces held as ``start`` has them; not converged where it folds."""
+        if start.is_folded:
+            return LocalSolution(start, 0, math.inf, converged=False)
+        if k not in self._sweeps:
+            window = self.windows[k]
+            frame = Frame(physical=sides.physical(window))
+            self._sweeps[k] = SubdomainSweeps(self._problem, window.shape, frame)
+        return self._sweeps[k].solve(start, None, accuracy=ACCURACY, most=MOST_SWEEPS)

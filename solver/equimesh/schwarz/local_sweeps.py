@@ -1,0 +1,66 @@
+"""Chord sweeps on the window of one subdomain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.equations.newton_solve import LocalSolution
+from equimesh.equations.problem import Problem
+from equimesh.meshes.folding import smallest_jacobian
+from equimesh.meshes.mesh import Mesh
+from equimesh.sweeps import sweep as chord
+from equimesh.sweeps.frame import Frame
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
+
+# A sweep is halved for a valid mesh down to this share.
+SMALLEST_SHARE = 1 / 64
+
+
+class SubdomainSweeps:
+    """Sweeps of line corrections on a window, with the memory that they need."""
+
+    def __init__(self, problem: Problem, shape: tuple[int, int], frame: Frame) -> None:
+        self._sweep = chord.Sweep(
+            problem.metric, problem.boundary, shape, np.empty(chord.needed(shape)), threads=1, frame=frame
+        )
+        self._floor = chord.smallest_move(shape)
+
+    def solve(
+        self, start: Mesh, rest: Rest | None, *, accuracy: float, most: int, enough: float = 0.0
+    ) -> LocalSolution:
+        """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
+
+        Or are ``enough``, in units of the reference square; at most ``most`` sweeps. ``start`` is used up: they work in
+        its memory. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set where the moves
+        fell; its residual is the deviation before the last sweep.
+        """
+        x, y, moves = start.x, start.y, [math.inf]
+        for count in range(1, most + 1):
+            found = self._sweep.correct(x, y, None if rest is None else rest(x, y))
+            if not (math.isfinite(found.deviation) and self._guarded(x, y)):
+                return LocalSolution(start, count, math.inf, converged=False, swept=True)
+            x, y = self._sweep.take(x, y)
+            moves.append(found.move)
+            if found.move <= max(accuracy * moves[1], self._floor, enough):
+                break
+        fell = moves[-1] < moves[1] or moves[-1] <= max(self._floor, enough) or most == 1
+        return LocalSolution(Mesh(x, y), count, found.deviation, converged=fell, swept=True)
+
+    def _guarded(self, x: Array, y: Array) -> bool:
+        """Halve the moves of the last sweep until they fold nothing; whether that helped."""
+        share, sweep = 1.0, self._sweep
+        while not smallest_jacobian(sweep.new_x, sweep.new_y) > 0.0:
+            share *= 0.5
+            if share < SMALLEST_SHARE:
+                return False
+            for moved, old in ((sweep.new_x, x), (sweep.new_y, y)):
+                moved += old
+                moved *= 0.5
+        return True

@@ -1,0 +1,64 @@
+"""Sums of squared metric lengths along the lines of a mesh, up to any of a few of its cross lines."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics import threads as workers
+from equimesh.sweeps import kernels, sweep
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+# Rows that are summed at a time.
+MOST_ROWS = 64
+
+
+class LineSums:
+    """The metric length of every grid line on both sides of some grid points, in squared lengths of edges.
+
+    ``at`` are these grid points, along xi and along eta. ``edges`` are the squared metric lengths of the edges of the
+    four sides, of shape ``(2, n_eta - 1)`` left and right, ``(2, n_xi - 1)`` bottom and top.
+    """
+
+    def __init__(self, problem: Problem, at: tuple[set[int], set[int]], threads: int = 1) -> None:
+        self._problem, self._threads = problem, threads
+        self.points = shape = problem.grid.shape
+        strips = set(range(0, shape[0], MOST_ROWS))
+        self._cuts = tuple(
+            np.array(sorted({0, *points, n - 1})) for points, n in zip((at[0] | strips, at[1]), shape, strict=True)
+        )
+        self._sums = tuple(np.zeros((len(cuts) - 1, n)) for cuts, n in zip(self._cuts, shape[::-1], strict=True))
+        self._cells = np.empty((threads, 3, MOST_ROWS + 1, shape[1] - 1))
+        self._sides = sweep.Sides(problem.metric, problem.boundary, shape)
+        self.edges = self._sides.fluxes
+
+    def read(self, mesh: Mesh) -> None:
+        """Take the sums of a mesh."""
+        workers.share(self._threads, lambda worker: self._interior(worker, mesh))
+        self._sides.moves(mesh.x, mesh.y)
+        along_xi, along_eta = self._sums
+        for side in (0, -1):
+            along_xi[:, side] = np.add.reduceat(self.edges[1][side], self._cuts[0][:-1])
+            along_eta[:, side] = np.add.reduceat(self.edges[0][side], self._cuts[1][:-1])
+
+    def beyond(self, axis: int, end: int, point: int) -> Array:
+        """The sums on one side (``end``) of a grid point, for every line along ``axis``."""
+        k = int(np.searchsorted(self._cuts[axis], point))
+        return np.asarray(self._sums[axis][k:].sum(axis=0) if end else self._sums[axis][:k].sum(axis=0))
+
+    def _interior(self, worker: int, mesh: Mesh) -> None:
+        cuts, (along_xi, along_eta) = self._cuts[0], self._sums
+        x, y = mesh.x, mesh.y
+        for k in range(worker, len(cuts) - 1, self._threads):
+            begin, last = int(cuts[k]), int(cuts[k + 1])
+            first = max(begin, 1)
+            cells = self._cells[worker, :, : last - first + 1]
+            rows = slice(first - 1, last + 1)
+            sweep.cell_metrics(self._problem.metric, x[rows], y[rows], cells)
+            kernels.segment_sums(x, y, cells, begin, last, self._cuts[1], along_xi[k], along_eta)

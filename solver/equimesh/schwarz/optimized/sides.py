@@ -1,0 +1,146 @@
+"""Interfaces that yield: the rest of every grid line takes up metric length with the window, as a whole.
+
+Beyond an interface in ``beta`` a grid line goes on over ``N`` edges, whose squared metric lengths in the merged mesh
+sum to ``R``. If the interface node moves by ``dr`` and the rest of the line follows so that its lengths stay equal,
+each of them becomes ``(R - 2 w . dr) / N`` to first order, with ``w = M r_xi`` (in units of one edge): the sum of a
+line's lengths changes by what its ends move in the metric. The window's own edges along the line are to be of that
+length, too. In one dimension this is the Dirichlet-to-Neumann map of the rest, however many subdomains it has; N, w and
+R are the Robin parameter, its weights and its data. Along the interface the mesh equations stand as in the interior,
+with the grid line beyond held fixed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.equations.metric import ReferenceMetric
+from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.optimized.line_sums import LineSums
+from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
+from equimesh.sweeps import sweep
+from equimesh.sweeps.frame import Frame
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+def frame(window: SubdomainWindow, points: tuple[int, int]) -> Frame:
+    """The frame of a window whose interfaces yield, in a grid of so many points."""
+    beyond = tuple(
+        (
+            float(window.part.spans[axis].first) if window.open[axis, 0] else 0.0,
+            float(points[axis] - 1 - window.part.spans[axis].last) if window.open[axis, 1] else 0.0,
+        )
+        for axis in AXES
+    )
+    return Frame(physical=physical(window), beyond=(beyond[0], beyond[1]))
+
+
+def physical(window: SubdomainWindow) -> tuple[tuple[bool, bool], tuple[bool, bool]]:
+    """Which sides of a window lie on the boundary of the domain."""
+    xi, eta = ((not window.open[axis, 0], not window.open[axis, 1]) for axis in AXES)
+    return xi, eta
+
+
+@dataclass(frozen=True, kw_only=True)
+class YieldingSide:
+    """One yielding interface with what its neighbours told: arrays over the lines that cross it.
+
+    ``total`` is the sum of the squared metric lengths beyond it, ``weights`` are w, ``x`` and ``y`` the nodes of the
+    interface, all in the merged mesh.
+    """
+
+    axis: int
+    end: int
+    total: Array
+    weights: tuple[Array, Array]
+    x: Array
+    y: Array
+
+    def rest(self, x: Array, y: Array) -> Array:
+        """The sum of the squared metric lengths beyond, with the nodes of the window at ``x``, ``y``."""
+        line = -2 if self.end else 1
+        x, y = (x[line], y[line]) if self.axis == 0 else (x[:, line], y[:, line])
+        moved = self.weights[0] * (x - self.x) + self.weights[1] * (y - self.y)
+        return np.asarray(self.total - 2.0 * moved if self.end else self.total + 2.0 * moved)
+
+
+def sides(metric: ReferenceMetric, window: SubdomainWindow, state: Mesh, sums: LineSums, *, local: bool) -> Sides:
+    """The yielding sides of a window, whose ``state`` is its part of the merged mesh, and of which ``sums`` were taken.
+
+    ``local`` takes the length of the first edge beyond an interface for that of all edges there.
+    """
+    found = []
+    for (axis, end), is_open in window.open.items():
+        if is_open:
+            found.append(_side(metric, window, state, sums, axis, end, local=local))
+    return Sides(tuple(found), state.x.shape)
+
+
+@dataclass(frozen=True)
+class Sides:
+    """All yielding sides of a window of some shape."""
+
+    sides: tuple[YieldingSide, ...]
+    shape: tuple[int, ...]
+
+    def rest(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """What :meth:`equimesh.sweeps.sweep.Sweep.correct` is to know of the lines beyond the window."""
+        found = np.zeros((2, self.shape[1])), np.zeros((2, self.shape[0]))
+        for side in self.sides:
+            found[side.axis][side.end] = side.rest(x, y)
+        return found
+
+
+def _side(
+    metric: ReferenceMetric, window: SubdomainWindow, state: Mesh, sums: LineSums, axis: int, end: int, *, local: bool
+) -> YieldingSide:
+    span = window.part.spans[axis]
+    point = span.last if end else span.first
+    edges = sums.points[axis] - 1 - point if end else point
+    place = slice(-3, None) if end else slice(0, 3)
+    # The interface with one line on both of its sides, the lines that cross it along the first index.
+    x, y = (np.ascontiguousarray(q[place] if axis == 0 else q[:, place].T) for q in (state.x, state.y))
+    weights, beyond = _weights(metric, x, y, axis, end)
+    across = window.slices[1 - axis]
+    total = sums.beyond(axis, end, point)[across]
+    for along, corner in zip(ENDS, (0, -1), strict=True):
+        if not window.open[1 - axis, along]:
+            lengths = sums.edges[1 - axis][along, point - 1 : point + 1]
+            t = (x, y)[axis][:, corner]
+            weights[axis][corner] = 0.5 * float(np.sum(lengths / np.diff(t)))
+            weights[1 - axis][corner] = 0.0
+            beyond[corner] = lengths[end]
+    return YieldingSide(
+        axis=axis,
+        end=end,
+        total=beyond * edges if local else total,
+        weights=(weights[0], weights[1]),
+        x=x[1].copy(),
+        y=y[1].copy(),
+    )
+
+
+def _weights(metric: ReferenceMetric, x: Array, y: Array, axis: int, end: int) -> tuple[list[Array], Array]:
+    """``M r_xi`` at the middle one of three lines, and the squared metric length of the edges beyond it."""
+    lines, points = x.shape
+    cells = np.empty((3, lines - 1, points - 1))
+    if axis == 0:
+        sweep.cell_metrics(metric, x, y, cells)
+    else:
+        turned = np.empty((3, points - 1, lines - 1))
+        sweep.cell_metrics(metric, np.ascontiguousarray(x.T), np.ascontiguousarray(y.T), turned)
+        cells[:] = turned.transpose(0, 2, 1)
+    nodal = 0.25 * (cells[:, 0, 1:] + cells[:, 0, :-1] + cells[:, 1, 1:] + cells[:, 1, :-1])
+    e = 0.5 * (x[2] - x[0])[1:-1], 0.5 * (y[2] - y[0])[1:-1]
+    weights = [np.zeros(points), np.zeros(points)]
+    weights[0][1:-1] = nodal[0] * e[0] + nodal[1] * e[1]
+    weights[1][1:-1] = nodal[1] * e[0] + nodal[2] * e[1]
+    edge = 0.5 * (cells[:, end, 1:] + cells[:, end, :-1])
+    d = (x[1 + end] - x[end])[1:-1], (y[1 + end] - y[end])[1:-1]
+    lengths = np.zeros(points)
+    lengths[1:-1] = edge[0] * d[0] ** 2 + 2.0 * edge[1] * d[0] * d[1] + edge[2] * d[1] ** 2
+    return weights, lengths

@@ -1,0 +1,107 @@
+"""How what subdomains with yielding interfaces receive changes with the merged mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.equations.boundary import Boundary
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.optimized import sides
+from equimesh.schwarz.optimized.edge_slopes import EdgeSlopes
+from equimesh.schwarz.optimized.line_sums import LineSums
+from equimesh.schwarz.optimized.sides import YieldingSide
+from equimesh.schwarz.window import ENDS, SubdomainWindow
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Pair: TypeAlias = tuple[Array, Array]
+
+# How far nodes move, in units of the square, for the difference quotient of an interface's weights.
+STEP = 1e-6
+
+
+class YieldingSlopes:
+    """The derivative of the right sides that all subdomains receive, where they have the solutions ``states``.
+
+    Held lines and sums of metric lengths are differentiated exactly, the weights of an interface by a central
+    difference quotient. The latter are multiplied by moves of the interface, which are zero at the fixed point.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        windows: Sequence[SubdomainWindow],
+        sums: LineSums,
+        mesh: Mesh,
+        states: Sequence[Mesh],
+        *,
+        local: bool,
+    ) -> None:
+        """``sums`` are read anew for other meshes, and for ``mesh`` at last."""
+        self._problem, self._windows, self._sums, self._local = problem, windows, sums, local
+        self._mesh, self._states, self._edges = mesh, states, EdgeSlopes(problem, mesh)
+        self._sides = self._sides_of(mesh)
+
+    def received(self, change: Pair) -> list[Array]:
+        """For every subdomain the change of its equations' right side, when the nodes of the mesh move by ``change``.
+
+        ``change`` is of two arrays of the grid's shape, a right side as the vector of the subdomain's equations.
+        """
+        edges = self._edges.along(change)
+        step = STEP / max(float(np.abs(change).max()), np.finfo(np.float64).tiny)
+        ahead, behind = (
+            self._sides_of(Mesh(self._mesh.x + h * change[0], self._mesh.y + h * change[1])) for h in (step, -step)
+        )
+        self._sums.read(self._mesh)
+        found = []
+        for k, window in enumerate(self._windows):
+            right = np.zeros((2, *window.shape))
+            held = [q[window.slices] for q in change]
+            for side, upper, lower in zip(self._sides[k], ahead[k], behind[k], strict=True):
+                slopes = [(u - w) / (2 * step) for u, w in zip(upper.weights, lower.weights, strict=True)]
+                self._close(k, side, right, self._rest(k, side, held, slopes, edges))
+            for side in self._sides[k]:
+                rim = -1 if side.end else 0
+                place = rim if side.axis == 0 else (slice(None), rim)
+                for component in (0, 1):
+                    right[component][place] = held[component][place]
+            found.append(right.ravel())
+        return found
+
+    def _close(self, k: int, side: YieldingSide, right: Array, rest: Array) -> None:
+        """Put the change of what lies beyond an interface to the equations across it."""
+        window, points = self._windows[k], self._problem.grid.shape[side.axis]
+        span = window.part.spans[side.axis]
+        edges = points - 1 - span.last if side.end else span.first
+        follows = self._problem.boundary is Boundary.ORTHOGONAL
+        lower, upper = (int(window.open[1 - side.axis, end] or follows) for end in ENDS)
+        nodes, line = slice(lower, rest.size - upper), -2 if side.end else 1
+        place = (line, nodes) if side.axis == 0 else (nodes, line)
+        spacing = (self._problem.grid.d_xi, self._problem.grid.d_eta)[side.axis]
+        right[side.axis][place] = rest[nodes] / (edges * spacing**2)
+
+    def _rest(self, k: int, side: YieldingSide, held: list[Array], slopes: list[Array], edges: Pair) -> Array:
+        """The change of the sum of the squared metric lengths beyond an interface, the state of the window held."""
+        window, line = self._windows[k], -2 if side.end else 1
+        place = (line, slice(None)) if side.axis == 0 else (slice(None), line)
+        state = self._states[k]
+        moved = slopes[0] * (state.x[place] - side.x) + slopes[1] * (state.y[place] - side.y)
+        moved -= side.weights[0] * held[0][place] + side.weights[1] * held[1][place]
+        lines = edges[side.axis] if side.axis == 0 else edges[side.axis].T
+        lines = lines[:, window.slices[1 - side.axis]]
+        span = window.part.spans[side.axis]
+        beyond = lines[span.last :] if side.end else lines[: span.first]
+        total = beyond[0 if side.end else -1] * len(beyond) if self._local else beyond.sum(axis=0)
+        return np.asarray(total - 2.0 * moved if side.end else total + 2.0 * moved)
+
+    def _sides_of(self, mesh: Mesh) -> list[tuple[YieldingSide, ...]]:
+        self._sums.read(mesh)
+        metric = self._problem.metric
+        return [
+            sides.sides(metric, window, window.restrict(mesh), self._sums, local=self._local).sides
+            for window in self._windows
+        ]

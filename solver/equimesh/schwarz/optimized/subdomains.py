@@ -1,0 +1,100 @@
+"""Subdomains whose interfaces yield: each reads the merged mesh, and the sums of metric lengths along its lines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from equimesh.equations.mesh_equations import MeshEquations
+from equimesh.equations.newton_solve import LocalSolution, newton_steps
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.conditions import LineData, Optimized
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.functionals.subdomains import MOST_LOCAL_STEPS, Outcome
+from equimesh.schwarz.local_sweeps import SubdomainSweeps
+from equimesh.schwarz.optimized import equations as yielding_equations
+from equimesh.schwarz.optimized import sides as yielding
+from equimesh.schwarz.optimized.line_sums import LineSums
+from equimesh.schwarz.optimized.slopes import YieldingSlopes
+from equimesh.schwarz.settings import LocalSolver
+from equimesh.schwarz.window import AXES, SubdomainWindow
+
+# A local solve ends when its moves are this share of the first, or after so many sweeps: the interface data is no
+# better. With ten times the accuracy the numbers of iterations are the same.
+ACCURACY, MOST_SWEEPS = 0.1, 4
+# Where sweeps fail, Newton's method is tried on windows or grids of up to so many points.
+MOST_FACTORISED = 257 * 257
+
+
+class YieldingSubdomains:
+    """All subdomains of a decomposition, with the optimized condition.
+
+    Sweeps of a subdomain end where they move its nodes by no more than ``enough``.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        decomposition: Decomposition,
+        condition: Optimized,
+        solver: LocalSolver,
+        *,
+        enough: float,
+        threads: int,
+    ) -> None:
+        self.windows = [SubdomainWindow(decomposition, part, condition.ghosts) for part in decomposition.parts]
+        self._problem, self._local = problem, condition.data is LineData.LOCAL
+        self._by_sweeps, self._enough = solver is LocalSolver.SWEEPS, enough
+        interfaces = tuple(
+            {end for span in decomposition.spans[axis] for end in (span.first, span.last)} for axis in AXES
+        )
+        self._sums = LineSums(problem, (interfaces[0], interfaces[1]), threads)
+        shape = problem.grid.shape
+        self._sweeps = [SubdomainSweeps(problem, w.shape, yielding.frame(w, shape)) for w in self.windows]
+        self._mesh = Mesh.uniform(problem.grid)
+
+    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
+        """Read the merged mesh ``mesh`` in the solves to come."""
+        del states  # what they merge to is all that is read
+        self._mesh = mesh
+        self._sums.read(mesh)
+
+    def solve(self, k: int) -> Outcome:
+        """The solution of a subdomain, from its part of the merged mesh.
+
+        By sweeps as far as an iteration needs; where they are not asked for, or fail, by Newton's method to rounding.
+        """
+        start, sides = self.received(k)
+        if self._by_sweeps:
+            solution = self._sweeps[k].solve(
+                start, sides.rest, accuracy=ACCURACY, most=MOST_SWEEPS, enough=self._enough
+            )
+            if solution.converged:
+                return Outcome(solution)
+            start, sides = self.received(k)  # the sweeps have used it up
+        if not start.is_folded and (start.x.size <= MOST_FACTORISED or not self._by_sweeps):
+            *_, solution = newton_steps(self.equations(k), start, most_steps=MOST_LOCAL_STEPS, fast=True)
+            if solution.converged:
+                return Outcome(solution)
+        return Outcome(LocalSolution(start, 0, math.inf, converged=False))
+
+    def equations(self, k: int) -> MeshEquations:
+        """The equations of a subdomain, with the data that it has from the merged mesh."""
+        start, sides = self.received(k)
+        return yielding_equations.equations(self._problem, self.windows[k], start, sides)
+
+    def slopes(self, states: Sequence[Mesh]) -> YieldingSlopes:
+        """How what the subdomains receive changes with the mesh that is read, at their solutions ``states``."""
+        return YieldingSlopes(self._problem, self.windows, self._sums, self._mesh, states, local=self._local)
+
+    def received(self, k: int) -> tuple[Mesh, yielding.Sides]:
+        """What a subdomain knows: its part of the merged mesh, and its yielding sides."""
+        start = self.windows[k].restrict(self._mesh)
+        return start, yielding.sides(self._problem.metric, self.windows[k], start, self._sums, local=self._local)
+
+    def sent(self, k: int) -> int:
+        """Numbers that a subdomain receives in one iteration: the line beyond each interface, and a sum for each of
+        the lines that cross it."""
+        window = self.windows[k]
+        return sum(3 * window.shape[1 - axis] for (axis, _), is_open in window.open.items() if is_open)

@@ -1,0 +1,137 @@
+"""Newton's method for the fixed point of a parallel Schwarz iteration (RASPEN; Dolean, Gander, Kheriji, Kwok, Masson).
+
+One iteration makes of a merged mesh ``z`` another, ``G(z)``: every subdomain is solved with data from ``z``, and gives
+the nodes that it owns. Newton's method for ``G(z) = z`` asks for ``(I - G'(z)) d = G(z) - z``. A product with
+``G'(z)`` costs one solve with the factors of every subdomain's Jacobian: the subdomain's solution changes as its data
+does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from equimesh.equations.mesh_equations import MeshEquations
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics import dissection
+from equimesh.numerics import threads as workers
+from equimesh.schwarz.window import SubdomainWindow
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Pair: TypeAlias = tuple[Array, Array]
+
+# Products in one Newton step, and how accurate a step is: to the share of the change that the change is of the square,
+# for quadratic convergence, between these (the smaller one is the default of scipy, of all versions).
+MOST_PRODUCTS, CRUDEST, FINEST = 50, 1e-2, 1e-5
+# A step is halved for a valid mesh down to this share.
+SMALLEST_SHARE = 1 / 16
+
+
+class Slopes(Protocol):
+    """How what subdomains receive changes with the merged mesh that they read."""
+
+    def received(self, change: Pair) -> list[Array]:
+        """The change of the right side of every subdomain's equations, when the merged mesh moves by ``change``."""
+        ...
+
+
+class Differentiable(Protocol):
+    """Subdomains that know how their solutions depend on the merged mesh they read."""
+
+    windows: list[SubdomainWindow]
+
+    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
+        """Read these states, and the mesh that they merge to."""
+        ...
+
+    def equations(self, k: int) -> MeshEquations:
+        """The equations of a subdomain, with the data of the mesh that is read."""
+        ...
+
+    def slopes(self, states: Sequence[Mesh]) -> Slopes:
+        """The derivative of the data, where the subdomains have the solutions ``states``."""
+        ...
+
+
+class Slope:
+    """``G'(z)`` at a mesh ``z`` of which the subdomains made ``states``, merged by ownership.
+
+    Raises ``RuntimeError`` where a subdomain's Jacobian is singular.
+    """
+
+    def __init__(self, subdomains: Differentiable, mesh: Mesh, states: Sequence[Mesh], threads: int = 1) -> None:
+        subdomains.begin([window.restrict(mesh) for window in subdomains.windows], mesh)
+        self._windows, self._slopes = subdomains.windows, subdomains.slopes(states)
+        self._solvers: dict[int, Callable[[Array], Array]] = {}
+
+        def factorise(worker: int) -> None:
+            for k in range(worker, len(states), threads):
+                equations = subdomains.equations(k)
+                jacobian = equations.jacobian(equations.vector(states[k]))
+                self._solvers[k] = dissection.factorise(jacobian, equations.shape)
+
+        workers.share(threads, factorise)
+
+    def __call__(self, change: Pair) -> Pair:
+        """The change of ``G(z)``, when the nodes of ``z`` move by ``change``."""
+        found = Mesh(np.zeros_like(change[0]), np.zeros_like(change[1]))
+        for k, right in enumerate(self._slopes.received(change)):
+            window = self._windows[k]
+            x, y = self._solvers[k](right).reshape(2, *window.shape)
+            window.write(Mesh(x, y), found, window.part.owned)
+        return found.x, found.y
+
+
+class Raspen:
+    """Newton steps for the fixed point; ``products`` counts those with ``G'`` in the last one."""
+
+    def __init__(self, subdomains: Differentiable, rounding: float, threads: int = 1) -> None:
+        self._subdomains, self._rounding, self._threads = subdomains, rounding, threads
+        self.products = 0
+
+    def combined(self, start: Mesh, result: Mesh, states: Sequence[Mesh]) -> Mesh | None:
+        """The mesh after a Newton step from ``start``, of which the iteration made ``states`` merged to ``result``.
+
+        ``None`` where the iteration has arrived to rounding, and where no part of the step is free of folds.
+        """
+        self.products = 0
+        change = _vector((result.x, result.y)) - _vector((start.x, start.y))
+        size = float(np.abs(change).max())
+        if size <= self._rounding:
+            return None
+        try:
+            slope = Slope(self._subdomains, start, states, self._threads)
+        except RuntimeError:  # SuperLU: a matrix is exactly singular
+            return None
+        step = self._step(slope, change, min(CRUDEST, max(FINEST, size)), start.x.shape)
+        share = 1.0
+        while share >= SMALLEST_SHARE:
+            x, y = _pair(_vector((start.x, start.y)) + share * step, start.x.shape)
+            moved = Mesh.of_unit_square(x, y)
+            if not moved.is_folded:
+                return moved
+            share /= 2
+        return None
+
+    def _step(self, slope: Slope, change: Array, accuracy: float, shape: tuple[int, ...]) -> Array:
+        def product(v: Array) -> Array:
+            self.products += 1
+            return np.asarray(v - _vector(slope(_pair(v, shape))))
+
+        operator = LinearOperator((change.size, change.size), matvec=product, dtype=np.float64)
+        atol = accuracy * float(np.linalg.norm(change))
+        step, _ = gmres(operator, change, atol=atol, restart=MOST_PRODUCTS, maxiter=1)
+        return np.asarray(step)
+
+
+def _vector(pair: Pair) -> Array:
+    return np.concatenate([pair[0].ravel(), pair[1].ravel()])
+
+
+def _pair(vector: Array, shape: tuple[int, ...]) -> Pair:
+    x, y = vector.reshape(2, *shape)
+    return x, y

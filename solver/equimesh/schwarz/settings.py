@@ -1,0 +1,195 @@
+"""Settings of the Schwarz iteration: the subdomains, what they exchange, and what speeds the iteration up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from numbers import Integral
+from typing import Literal, TypeAlias, TypeGuard
+
+from equimesh.choices import choice
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.meshes.grid import Grid
+from equimesh.schwarz.conditions import Optimized, TransmissionCondition
+from equimesh.schwarz.decomposition import Decomposition
+
+# Changes of the node positions that rounding errors alone can cause, per point in a direction; the second for every
+# time that u is larger than its variation.
+ROUNDING, CANCELLED = 1e-13, 1e-14
+# Line corrections after every iteration of the optimized kind; more than MOST are a single-domain solve in disguise.
+USUAL_LINE_CORRECTIONS, MOST_LINE_CORRECTIONS = 3, 10
+
+Auto: TypeAlias = Literal["auto"]
+Discretization: TypeAlias = Literal["discretization"]
+
+
+def smallest_tolerance(problem: Problem) -> float:
+    """The error that rounding leaves; a smaller tolerance asks for no more than this."""
+    return max(problem.grid.shape) * (ROUNDING + CANCELLED * (problem.metric.cancellation - 1.0))
+
+
+class Ordering(StrEnum):
+    """Which subdomains are solved at the same time, and so which data they read.
+
+    ``PARALLEL``: all, with data of the previous iteration (the default). ``ALTERNATING``: one after the other, with the
+    newest data there is, as in the paper. ``SYMMETRIC``: so forward, and then backward. ``COLOURED``: every other
+    strip, or every other block in both directions, at the same time: two or four turns an iteration.
+    """
+
+    PARALLEL = "parallel"
+    ALTERNATING = "alternating"
+    SYMMETRIC = "symmetric"
+    COLOURED = "coloured"
+
+
+class Acceleration(StrEnum):
+    """What is made of several iterations.
+
+    ``NONE``: the last one is taken as it is. ``ANDERSON``: the combination of the last ones whose changes nearly
+    cancel, where it does not fold. ``NEWTON``: Newton's method for the fixed point of the parallel iteration (RASPEN):
+    few iterations and many sparse solves; subdomains are solved by Newton's method, too.
+    """
+
+    NONE = "none"
+    ANDERSON = "anderson"
+    NEWTON = "newton"
+
+
+class LocalSolver(StrEnum):
+    """How a subdomain is solved: ``SWEEPS``, by line corrections as far as an iteration needs, Newton's method where
+    they fail, or where a condition knows no other; ``NEWTON``, to rounding, by sparse factorisations: the reference."""
+
+    SWEEPS = "sweeps"
+    NEWTON = "newton"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schwarz:
+    """Settings of the Schwarz iteration.
+
+    ``subdomains`` along xi and eta, ``overlap`` in points, as in
+    :class:`~equimesh.schwarz.decomposition.Decomposition`. ``line_correction`` is how many times all grid lines are
+    corrected as a whole after every iteration; "auto" is 3 for the optimized condition and none for the paper's.
+    ``acceleration="auto"`` is Anderson's for the optimized condition and wherever lines are corrected, or else none.
+    ``fallback`` lets the optimized condition take over where another stalls, and a single domain where all do.
+
+    The iteration ends when the estimated error of the merged mesh (max norm of node positions, in units of the
+    reference square) is at most ``tolerance``; ``tolerance="discretization"`` is a fifth of the error that the grid
+    makes anyway; with ``tolerance=None`` it runs exactly ``max_iterations``. ``compare_single_domain`` solves the
+    single-domain problem first and records the error against it.
+    """
+
+    subdomains: tuple[int, int] = (2, 1)
+    overlap: int = 4
+    transmission: TransmissionCondition = field(default_factory=Optimized)
+    ordering: Ordering = Ordering.PARALLEL
+    line_correction: int | Auto = "auto"
+    acceleration: Acceleration | Auto = "auto"
+    local_solver: LocalSolver = LocalSolver.SWEEPS
+    fallback: bool = True
+    tolerance: float | Discretization | None = 1e-10
+    max_iterations: int = 100
+    compare_single_domain: bool = False
+
+    def __post_init__(self) -> None:
+        self._check_numbers()
+        if not isinstance(self.transmission, TransmissionCondition):
+            raise InputError(
+                f"transmission = {str(self.transmission)[:40]!r}: give Optimized(), Classical(), LinearRobin() or"
+                " NonlinearRobin()",
+                field="schwarz.transmission",
+            )
+        object.__setattr__(self, "ordering", choice(Ordering, self.ordering, "schwarz.ordering"))
+        object.__setattr__(self, "local_solver", choice(LocalSolver, self.local_solver, "schwarz.local_solver"))
+        if self.acceleration != "auto":
+            object.__setattr__(self, "acceleration", choice(Acceleration, self.acceleration, "schwarz.acceleration"))
+        corrections = self.line_correction
+        if corrections != "auto" and not (_is_whole(corrections) and 0 <= corrections <= MOST_LINE_CORRECTIONS):
+            raise InputError(
+                f'line_correction = {corrections!r}: a whole number from 0 to {MOST_LINE_CORRECTIONS}, or "auto"',
+                field="schwarz.line_correction",
+            )
+        self._check_newton()
+        if not (self.tolerance is None or self.tolerance == "discretization" or _is_positive(self.tolerance)):
+            raise InputError(
+                f'tolerance = {self.tolerance!r}: must be positive, or "discretization", or null for a fixed number of'
+                " iterations",
+                field="schwarz.tolerance",
+            )
+        if not (_is_whole(self.max_iterations) and self.max_iterations >= 1):
+            raise InputError(
+                f"max_iterations = {self.max_iterations}: a whole number, at least 1", field="schwarz.max_iterations"
+            )
+
+    def _check_newton(self) -> None:
+        """Newton's method knows the derivative of a parallel iteration without line corrections, and of no other."""
+        if self.acceleration != Acceleration.NEWTON:
+            return
+        if self.ordering is not Ordering.PARALLEL:
+            raise InputError(
+                f'ordering = "{self.ordering}" with acceleration = "newton": Newton\'s method needs "parallel"',
+                field="schwarz.ordering",
+            )
+        if self.line_corrections:
+            raise InputError(
+                f'line_correction = {self.line_correction} with acceleration = "newton": must be 0, or "auto"',
+                field="schwarz.line_correction",
+            )
+
+    def _check_numbers(self) -> None:
+        counts = self.subdomains
+        if not (isinstance(counts, tuple | list) and len(counts) == 2 and all(map(_is_whole, counts))):
+            raise InputError(
+                f"subdomains = {counts!r}: give two whole numbers, along xi and eta, (4, 1) or (2, 2) for instance",
+                field="schwarz.subdomains",
+            )
+        if not _is_whole(self.overlap):
+            raise InputError(f"overlap = {self.overlap!r}: a whole number of points", field="schwarz.overlap")
+
+    def decompose(self, grid: Grid) -> Decomposition:
+        """The subdomains on a grid; raises :class:`~equimesh.errors.DecompositionError` where they do not fit."""
+        return Decomposition(grid=grid, subdomains=self.subdomains, overlap=self.overlap)
+
+    @property
+    def is_optimized(self) -> bool:
+        """Whether interfaces yield, in place of the paper's exchange of functionals."""
+        return isinstance(self.transmission, Optimized)
+
+    @property
+    def line_corrections(self) -> int:
+        """Line corrections after every iteration, "auto" resolved."""
+        if self.line_correction == "auto":
+            return USUAL_LINE_CORRECTIONS if self.is_optimized and self.acceleration != Acceleration.NEWTON else 0
+        return self.line_correction
+
+    @property
+    def accelerated_by(self) -> Acceleration:
+        """The acceleration, "auto" resolved."""
+        if self.acceleration == "auto":
+            return Acceleration.ANDERSON if self.is_optimized or self.line_corrections else Acceleration.NONE
+        return Acceleration(self.acceleration)
+
+    @property
+    def solved_by(self) -> LocalSolver:
+        """How subdomains are solved: Newton's method for the iteration needs solutions to rounding."""
+        return LocalSolver.NEWTON if self.accelerated_by is Acceleration.NEWTON else self.local_solver
+
+    def fallen_back(self) -> Schwarz:
+        """The settings that take over where these stall."""
+        return replace(
+            self,
+            transmission=Optimized(),
+            line_correction="auto",
+            acceleration="auto",
+            local_solver=LocalSolver.SWEEPS,
+        )
+
+
+def _is_positive(number: object) -> bool:
+    return isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number) and number > 0
+
+
+def _is_whole(number: object) -> TypeGuard[int]:
+    return isinstance(number, Integral) and not isinstance(number, bool)

@@ -1,0 +1,1 @@
+"""Nested iteration on the whole grid."""

@@ -1,0 +1,159 @@
+"""What is done where the equations have no solution near the start: Newton's method, then weaker problems.
+
+The weaker problems are those with a cross-line term, of which as little is taken as helps, and, where no amount of it
+does, those with less of the monitor, too. Either way leads from a problem that is easy to solve towards the asked one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from equimesh.equations.newton_solve import newton_steps
+from equimesh.equations.problem import Problem
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.sweeps.sweep import cell_metrics
+
+# Weights of the cross-line term, in units of the metric, that are tried; a cold start begins with EASY.
+LADDER = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+EASY = 0.3
+SMALLEST_ADVANCE = 1.0 / 64.0
+# Newton steps of one attempt. Where there is a solution near by, a third of them do.
+MOST_STEPS = 30
+# An attempt whose residual is not halved in so many steps leads nowhere.
+PATIENCE = 14
+# Less of the cross-line term and more of the monitor are tried on grids of up to so many points; finer ones keep what
+# the coarser needed.
+MOST_DESCENDING = 65 * 65
+TOLERANCE = 1e-10
+SCALE_POINTS = 33
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxation:
+    """What the solved equations differ by from the asked ones.
+
+    ``strength`` in [0, 1] is that of the monitor; ``cross_line`` the weight of the cross-line term in units of the
+    metric, the geometric mean of ``sqrt(det M)`` over the reference square.
+    """
+
+    strength: float = 1.0
+    cross_line: float = 0.0
+
+    @property
+    def is_none(self) -> bool:
+        """Whether the equations are the asked ones."""
+        return self.strength == 1.0 and self.cross_line == 0.0
+
+
+NONE = Relaxation()
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One Newton step on the way: what it solves for, the mesh, and how far it is."""
+
+    relaxation: Relaxation
+    mesh: Mesh
+    steps: int
+    residual: float
+    converged: bool = False
+
+
+Attempts: TypeAlias = Generator[Attempt, None, Attempt | None]
+
+
+def attempts(problem: Problem, start: Mesh, before: Relaxation) -> Attempts:
+    """Newton steps to a solution that is as near the asked one as can be found; returns the last of it.
+
+    ``start`` is a valid mesh, ``before`` what the solution that it comes from was relaxed by. The returned attempt is
+    not ``converged`` only if not even the problem without any monitor has a solution: then its mesh is uniform. On fine
+    grids a weaker monitor is not strengthened any more, and nothing is returned where it has no solution there.
+    """
+    found = None
+    if before.is_none:
+        found = yield from _newton(problem, NONE, start)
+        if found is not None:
+            return found
+    uniform = Mesh.uniform(problem.grid)
+    cold = bool(np.array_equal(start.x, uniform.x) and np.array_equal(start.y, uniform.y))
+    if before.strength == 1.0:
+        found = yield from _climb(problem, [start] if cold else [start, uniform], _first_rung(before, cold))
+        if found is not None:
+            return (yield from _descend(problem, found))
+    else:
+        found = yield from _newton(problem, before, start)
+    if before.strength < 1.0 and problem.grid.points > MOST_DESCENDING:
+        return found
+    return (yield from _strengthen(problem, found, uniform))
+
+
+def _first_rung(before: Relaxation, cold: bool) -> float:
+    if cold:
+        return EASY
+    return before.cross_line or LADDER[1]
+
+
+def _climb(problem: Problem, starts: list[Mesh], first: float) -> Attempts:
+    for rung in LADDER[LADDER.index(first) :]:
+        for start in starts:
+            found = yield from _newton(problem, Relaxation(cross_line=rung), start)
+            if found is not None:
+                return found
+    return None
+
+
+def _descend(problem: Problem, found: Attempt) -> Generator[Attempt, None, Attempt]:
+    while problem.grid.points <= MOST_DESCENDING and found.relaxation.cross_line > 0.0:
+        lower = LADDER[LADDER.index(found.relaxation.cross_line) - 1]
+        better = yield from _newton(problem, replace(found.relaxation, cross_line=lower), found.mesh)
+        if better is None:
+            break
+        found = better
+    return found
+
+
+def _strengthen(problem: Problem, known: Attempt | None, uniform: Mesh) -> Generator[Attempt, None, Attempt]:
+    """From a solution for a weaker monitor, with the most of the cross-line term, in adaptive steps to the asked."""
+    if known is None:
+        known = yield from _newton(problem, Relaxation(strength=0.0, cross_line=LADDER[-1]), uniform)
+    if known is None:
+        return Attempt(Relaxation(strength=0.0, cross_line=LADDER[-1]), uniform, 0, np.inf)
+    advance = (1.0 - known.relaxation.strength) / 3
+    while known.relaxation.strength < 1.0 and advance >= SMALLEST_ADVANCE:
+        target = replace(known.relaxation, strength=min(1.0, known.relaxation.strength + advance))
+        found = yield from _newton(problem, target, known.mesh)
+        advance = advance / 2 if found is None else 1.5 * advance
+        known = known if found is None else found
+    return (yield from _descend(problem, known))
+
+
+def _newton(problem: Problem, relaxation: Relaxation, start: Mesh) -> Attempts:
+    weaker = problem
+    if relaxation.strength < 1.0:
+        weaker = replace(problem, monitor=problem.monitor.weakened(relaxation.strength))
+    weight = relaxation.cross_line * scale(weaker) if relaxation.cross_line else 0.0
+    residuals: list[float] = []
+    for solution in newton_steps(weaker.equations(weight), start, TOLERANCE, MOST_STEPS, fast=True):
+        mesh = Mesh.of_unit_square(solution.mesh.x, solution.mesh.y)
+        attempt = Attempt(relaxation, mesh, solution.steps, solution.residual, solution.converged)
+        yield replace(attempt, converged=False)
+        if solution.converged:
+            return attempt
+        residuals.append(solution.residual)
+        if len(residuals) > PATIENCE and residuals[-1] > 0.5 * residuals[-1 - PATIENCE]:
+            break
+    return None
+
+
+def scale(problem: Problem) -> float:
+    """The geometric mean of ``sqrt(det M)`` over the reference square, M the metric that the uniform mesh sees."""
+    shape = (min(problem.grid.n_xi, SCALE_POINTS), min(problem.grid.n_eta, SCALE_POINTS))
+    mesh = Mesh.uniform(Grid(n_xi=shape[0], n_eta=shape[1]))
+    cells = np.empty((3, shape[0] - 1, shape[1] - 1))
+    cell_metrics(problem.metric, mesh.x, mesh.y, cells)
+    return float(np.exp(0.5 * np.mean(np.log(cells[0] * cells[2] - cells[1] ** 2))))

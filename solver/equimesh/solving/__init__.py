@@ -1,0 +1,1 @@
+"""One call from a problem to its solution."""

@@ -1,0 +1,106 @@
+"""The certificate of a mesh: what it was asked to be, what it is, and what to know before using it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from equimesh.quality.interpolation import InterpolationError
+from equimesh.single_domain.iteration import Mode
+from equimesh.solving.status import Status
+
+NAMES = {
+    "a": "a of the arc length",
+    "strength": "strength of the monitor",
+    "points": "points a side of the grid it was solved on",
+}
+UNKNOWN = "not known"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxed:
+    """One thing that was relaxed: ``what`` it is, the value ``asked`` for and the value ``reached``.
+
+    ``"a"``, or ``"strength"`` for other monitors than arc length, is the strength of the adaptation; ``"cross_line"``
+    the weight of the cross-line term that was added to the equations; ``"points"`` the points a side of the grid that
+    the equations were solved on, before the mesh was interpolated to the asked one.
+    """
+
+    what: str
+    asked: float
+    reached: float
+
+    def __str__(self) -> str:
+        if self.what == "cross_line":
+            return f"cross-line term of weight {_said(self.reached)} added"
+        return f"{NAMES.get(self.what, self.what)}: {_said(self.asked)} asked, {_said(self.reached)} reached"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """What is known of a mesh, measured on the mesh itself wherever it can be.
+
+    ``equation_residual`` is the largest relative difference of a squared metric length from the mean of its grid line,
+    in the equations that were asked for: 0 on an exact solution, also where ``relaxed`` ones were solved.
+    ``discretization_error`` and ``algebraic_error`` are estimates of the largest error of a node's coordinate, in units
+    of the reference square, that come of the grid and of stopping the iteration; ``None`` where not known.
+    ``min_jacobian`` is the smallest corner Jacobian, positive on every valid mesh and 1 on the uniform one of a
+    rectangle. ``interpolation`` compares the mesh with the uniform one, ``None`` where there is no u.
+    """
+
+    status: Status
+    mode: Mode | None
+    equation_residual: float
+    min_jacobian: float
+    discretization_error: float | None = None
+    algebraic_error: float | None = None
+    relaxed: tuple[Relaxed, ...] = ()
+    warnings: tuple[str, ...] = ()
+    interpolation: InterpolationError | None = None
+
+    def summary(self) -> dict[str, Any]:
+        """The certificate as plain Python data, ready for JSON; a number that is not known or finite is ``None``."""
+        gain = self.interpolation
+        return {
+            "status": str(self.status),
+            "mode": None if self.mode is None else str(self.mode),
+            "equation_residual": _plain(self.equation_residual),
+            "discretization_error": _plain(self.discretization_error),
+            "algebraic_error": _plain(self.algebraic_error),
+            "min_jacobian": _plain(self.min_jacobian),
+            "relaxed": [{"what": r.what, "asked": r.asked, "reached": r.reached} for r in self.relaxed],
+            "warnings": list(self.warnings),
+            "interpolation_gain": gain and {"l2": _plain(gain.gain_l2), "h1": _plain(gain.gain_h1)},
+        }
+
+    def __str__(self) -> str:
+        """The certificate in a few lines."""
+        lines = [f"certificate: {self.status.value.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
+        lines += [f"  relaxed               {part}" for part in self.relaxed]
+        lines.append(f"  equation residual     {_said(self.equation_residual)}  (of squared metric lengths, relative)")
+        grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
+        lines.append(
+            f"  estimated error       {grid}"
+            + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
+        )
+        lines.append(f"  smallest Jacobian     {_said(self.min_jacobian)}  (1 for the uniform mesh)")
+        if self.interpolation is not None:
+            gains = f"{_said(self.interpolation.gain_l2)} in L2, {_said(self.interpolation.gain_h1)} in H1"
+            lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+        return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
+
+
+def _said(value: float | None) -> str:
+    """A number in two digits."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    return f"{value:.0f}" if 100 <= abs(value) < 1e5 else f"{value:.2g}"
+
+
+def _error(value: float | None) -> str:
+    return "exact" if value == 0.0 else _said(value)
+
+
+def _plain(number: float | None) -> float | None:
+    return float(number) if number is not None and math.isfinite(number) else None

@@ -1,0 +1,108 @@
+"""What to know of a mesh before using it, and what to try after a solve that did not reach what was asked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from equimesh.equations.boundary import Boundary
+from equimesh.equations.problem import Problem
+from equimesh.errors import DecompositionError
+from equimesh.monitors.monitor import ArcLength
+from equimesh.quality.interpolation import InterpolationError
+from equimesh.schwarz.conditions import Optimized, label
+from equimesh.schwarz.records import Iteration
+from equimesh.schwarz.settings import Acceleration, Schwarz, smallest_tolerance
+from equimesh.solving.certificate import Relaxed
+from equimesh.solving.status import Status
+
+# More iterations than this are no remedy to offer, and from fewer than these no number can be foretold.
+MOST_OFFERED, FEWEST_SEEN = 1000, 5
+# A mesh whose L2 interpolation error is larger than the uniform mesh's by a hundredth deserves a warning.
+WORSE = 0.99
+
+
+def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationError | None) -> Iterator[str]:
+    """What to know of a mesh before using it."""
+    if status is Status.RELAXED:
+        what = ", ".join(map(str, relaxed))
+        yield f"The mesh does not satisfy the asked equations: {what}."
+    if errors is None or status is Status.FOLDED or errors.gain_l2 >= WORSE:
+        return
+    if errors.l2_uniform <= errors.rounding[0]:
+        yield "The uniform mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
+    elif errors.gain_l2 > 0.0:
+        yield (
+            f"The mesh interpolates u worse than the uniform one: its L2 error is {1 / errors.gain_l2:.2g} times as"
+            " large. Take the curvature monitor to interpolate u well."
+        )
+
+
+def after_newton(problem: Problem, *, nested: bool, reached: float = 1.0) -> str:
+    """For equations that no valid mesh satisfies; ``reached`` is the strength to which continuation came."""
+    if reached == 0.0:
+        return _sentence(
+            "replace a jump of u, or a change too fast for this grid, by a steep tanh",
+            *_weaker(problem, reached),
+            *_settings(problem, nested=nested),
+        )
+    return _sentence(*_weaker(problem, reached), "add grid points", *_settings(problem, nested=nested))
+
+
+def _weaker(problem: Problem, reached: float) -> list[str]:
+    """How to ask for less adaptation."""
+    monitor = problem.monitor
+    if isinstance(monitor, ArcLength):
+        lower = f"lower a to {reached * monitor.a:.2g} or less" if 0.0 < reached < 1.0 else "lower a"
+        return [lower, "raise b", "smooth the monitor"]
+    return ["smooth the monitor"]
+
+
+def after_mapping() -> str:
+    """For a valid mesh of the reference square that folds on the domain."""
+    return _sentence("add grid points: the sides curve too much for so few")
+
+
+def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) -> str:
+    """For a solve that ended with an inverted cell."""
+    more = ["run more iterations"] if schwarz is not None and schwarz.tolerance is None else []
+    return _sentence(*more, *_weaker(problem, 1.0), *_settings(problem, nested=nested))
+
+
+def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, tolerance: float) -> str:
+    """For a Schwarz iteration that did not reach its ``tolerance``, at a ``rate`` observed, or predicted if slower."""
+    ideas = []
+    left = max(last.estimate, last.mismatch / 2) / max(tolerance, smallest_tolerance(problem))
+    if rate is None or last.iteration < FEWEST_SEEN:
+        ideas.append("allow more iterations")
+    elif 0.0 < rate < 1.0 and 1.0 < left < math.inf:
+        more = math.ceil(math.log(left) / -math.log(rate)) + 1
+        if more <= MOST_OFFERED:
+            ideas.append(f"allow more iterations (about {more} more at the observed rate of {rate:.2g})")
+    wider = 2 * schwarz.overlap
+    if _fits(problem, schwarz, wider):
+        ideas.append(f"widen the overlap, to {wider} points for instance")
+    if last.transmission != label(Optimized()):
+        ideas.append("use the optimized transmission condition")
+    if not schwarz.line_corrections and schwarz.accelerated_by is not Acceleration.NEWTON:
+        ideas.append("allow line corrections, 3 for instance")
+    return _sentence(*ideas, "solve as a single domain")
+
+
+def _settings(problem: Problem, *, nested: bool) -> list[str]:
+    ideas = [] if nested else ["start nested"]
+    return ideas if problem.boundary is Boundary.TRACE else [*ideas, "use the trace boundary condition"]
+
+
+def _fits(problem: Problem, schwarz: Schwarz, overlap: int) -> bool:
+    try:
+        replace(schwarz, overlap=overlap).decompose(problem.grid)
+    except DecompositionError:
+        return False
+    return True
+
+
+def _sentence(*ideas: str) -> str:
+    listed = ", or ".join([", ".join(ideas[:-1]), ideas[-1]]) if len(ideas) > 1 else ideas[0]
+    return listed[0].upper() + listed[1:] + "."

@@ -1,0 +1,204 @@
+"""The solution of a Schwarz iteration: its start, its end, and what took its place where there was none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement
+from equimesh.schwarz.conditions import label
+from equimesh.schwarz.iteration import iterate
+from equimesh.schwarz.records import Iteration
+from equimesh.schwarz.settings import Schwarz, smallest_tolerance
+from equimesh.single_domain import iteration
+from equimesh.single_domain.iteration import Mode, Step
+from equimesh.solving import remedies
+from equimesh.solving.options import Approach, Initial
+from equimesh.solving.single_domain import last_of, last_step, solve_single_domain, what_was_found
+from equimesh.solving.solution import Solution, checked, known
+from equimesh.solving.status import Status
+
+# A reference for the errors of a Schwarz iteration is solved to rounding, by a factorisation, up to so many points.
+MOST_POLISHED = 129 * 129
+
+
+def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, how: Approach) -> Solution:
+    """The mesh of a Schwarz iteration or, where it stalls for good and may be replaced, of a single-domain solve."""
+    schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
+    start, tolerance, expected = _start(problem, schwarz, initial, how)
+    reference = _reference(problem, how) if schwarz.compare_single_domain else None
+    exact = reference.mesh if reference is not None and reference.is_exact else None
+    records: list[Iteration] = []
+    for record in iterate(problem, replace(schwarz, tolerance=tolerance), start, exact, threads=how.threads):
+        records.append(record)
+        how.observe(record)
+        if record.meets(tolerance) or record.iteration >= schwarz.max_iterations:
+            break
+    note = ""
+    if reference is not None and exact is None:
+        note = "There is no single-domain solution to compare with: " + what_was_found(reference, problem)
+    solution = _finished(problem, schwarz, records, tolerance, note, nested=initial is not Initial.UNIFORM)
+    if records[-1].failed and schwarz.fallback:
+        return _rescued(solution, how)
+    return replace(solution, discretization_error=known(expected))
+
+
+def _start(
+    problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, how: Approach
+) -> tuple[Mesh, float | None, float]:
+    """The mesh to start from, the tolerance as a number, and the error of the discretisation, NaN where not known."""
+    start, expected = initial if isinstance(initial, Mesh) else Mesh.uniform(problem.grid), math.nan
+    to_discretization = schwarz.tolerance == "discretization"
+    if initial is Initial.NESTED or to_discretization:
+        mode = Mode.DISCRETIZATION if to_discretization else Mode.TIGHT
+        nested, expected = _nested_start(problem, replace(how, mode=mode))
+        start = nested if initial is Initial.NESTED else start
+    if isinstance(schwarz.tolerance, float | int):
+        return start, float(schwarz.tolerance), expected
+    if not to_discretization:
+        return start, None, expected
+    share = iteration.SHARE * expected
+    return start, share if math.isfinite(share) else smallest_tolerance(problem), expected
+
+
+def _rescued(failed: Solution, how: Approach) -> Solution:
+    """The mesh of a single-domain solve, in place of that of a Schwarz iteration that stalled for good."""
+    single = solve_single_domain(failed.problem, Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    last = failed.iterations[-1]
+    stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
+    where = f" in subdomain {stuck}" if stuck else ""
+    stalled = (
+        f"The Schwarz iteration stalled for good in iteration {last.iteration}{where}: this is the mesh of a single"
+    )
+    return replace(
+        single,
+        schwarz=failed.schwarz,
+        iterations=failed.iterations,
+        detours=(*failed.detours, f"{stalled} domain."),
+        note=" ".join(text for text in (f"{stalled} domain.", *failed.detours, single.note) if text),
+    )
+
+
+def _reference(problem: Problem, how: Approach) -> Step:
+    """The single-domain solution to rounding, as far as that is affordable: errors are measured against it."""
+    step = last_step(problem, Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    if step.is_exact and problem.grid.points <= MOST_POLISHED:
+        return last_of(iteration.iterate(problem, step.mesh), how.observe)
+    return step
+
+
+def _nested_start(problem: Problem, how: Approach) -> tuple[Mesh, float]:
+    """The mesh that a single-domain solve would start from on the finest grid, and the error of the discretisation
+    that is to be expected there."""
+    coarser = nested_grids(problem.grid)[-2:][0]
+    if coarser == problem.grid:
+        coarser = halved(problem.grid)
+    solved: list[Step] = []
+    for step in iteration.iterate(replace(problem, grid=coarser), mode=how.mode, threads=how.threads):
+        how.observe(step)
+        if step.converged or step.failed:
+            solved = [*solved[-1:], step]
+    error = solved[-1].discretization_error
+    if how.mode is Mode.DISCRETIZATION and not math.isfinite(error):
+        error = _first_error(replace(problem, grid=coarser), solved[-1], how)
+    expected = error / refinement(problem.grid, coarser)
+    return iteration.guess_on(problem.grid, solved), expected
+
+
+def _first_error(problem: Problem, step: Step, how: Approach) -> float:
+    """The error of the discretisation on a grid that has no coarser one, from one made for the purpose."""
+    coarser = halved(problem.grid)
+    other = last_step(replace(problem, grid=coarser), Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    if not (step.is_exact and other.is_exact and is_refined(problem.grid, coarser)):
+        return math.nan
+    return distance(step.mesh, other.mesh) / (refinement(problem.grid, coarser) - 1.0)
+
+
+def _finished(
+    problem: Problem,
+    schwarz: Schwarz,
+    records: Sequence[Iteration],
+    tolerance: float | None,
+    note: str,
+    *,
+    nested: bool,
+) -> Solution:
+    last = records[-1]
+    detours = tuple(_detours(schwarz, records))
+    notes = [*detours, note]
+    if last.failed:
+        status = Status.NEWTON_FAILED
+        stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
+        what = f"the solve of subdomain {stuck}" if stuck else "the iteration"
+        notes.insert(0, f"In iteration {last.iteration} {what} stalled for good.")
+    elif tolerance is None:
+        status = Status.COMPLETED
+    elif last.meets(tolerance):
+        status = Status.CONVERGED
+        smallest = smallest_tolerance(problem)
+        if tolerance < smallest:
+            notes.insert(0, f"Rounding allows no tolerance below {smallest:.0e} on this grid; that was met.")
+    else:
+        status = Status.NOT_CONVERGED
+        shown = f"In iteration {last.iteration} the estimated error is {_shown(last.estimate)}"
+        notes.insert(0, f"{shown}, and the subdomains differ by {last.mismatch:.1e}.")
+    solution = Solution(
+        problem=problem,
+        schwarz=schwarz,
+        mesh=last.mesh,
+        reference=last.reference,
+        status=checked(status, last.mesh),
+        newton_steps=sum(r.newton_steps + r.sweeps for record in records for r in record.subdomains),
+        residual=max(r.residual for r in last.subdomains),
+        iterations=tuple(records),
+        detours=detours,
+        note=" ".join(text for text in notes if text),
+        algebraic_error=known(max(last.estimate, smallest_tolerance(problem))),
+    )
+    return replace(solution, remedy=_remedy(solution, tolerance, nested=nested))
+
+
+def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
+    """What was done in place of what was asked for."""
+    asked, found = label(schwarz.transmission), []
+    rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
+    if rescued:
+        found.append(
+            f"The {asked} condition did not lead to a solution; classical data took its place in {len(rescued)} of"
+            f" {records[-1].iteration} iterations, first in iteration {rescued[0]}."
+        )
+    others = [record for record in records if record.transmission != asked]
+    if others:
+        first = others[0]
+        found.append(
+            f"The {asked} condition stalled; from iteration {first.iteration} on the {first.transmission} one took its"
+            " place, from the start."
+        )
+    globally = [record.iteration for record in records if record.global_step]
+    if globally:
+        found.append(
+            f"In iteration {', '.join(map(str, globally))} a Newton step was taken on the whole grid, as a subdomain"
+            " had stalled, the merged mesh was folded, or the iteration was slow."
+        )
+    return found
+
+
+def _remedy(solution: Solution, tolerance: float | None, *, nested: bool) -> str:
+    """What to try after a Schwarz iteration."""
+    problem, schwarz, last = solution.problem, solution.schwarz, solution.iterations[-1]
+    if schwarz is not None and solution.status is Status.NOT_CONVERGED:
+        rates = [rate for rate in (solution.rate, solution.predicted_rate) if rate is not None]
+        slowest = max(rates) if solution.rate is not None else None
+        return remedies.after_schwarz(problem, schwarz, last, slowest, tolerance or 0.0)
+    if solution.status is Status.NEWTON_FAILED:
+        return remedies.after_newton(problem, nested=nested)
+    return remedies.after_folding(problem, schwarz, nested=nested) if solution.status is Status.FOLDED else ""
+
+
+def _shown(estimate: float) -> str:
+    if math.isfinite(estimate):
+        return f"{estimate:.1e}"
+    return "not known yet" if math.isnan(estimate) else "not known, as the changes do not fall"

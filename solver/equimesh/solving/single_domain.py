@@ -1,0 +1,110 @@
+"""The solution of a single-domain solve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from equimesh.domains.domain import mapped
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import prolong
+from equimesh.monitors.monitor import ArcLength
+from equimesh.single_domain import iteration
+from equimesh.single_domain.iteration import Step
+from equimesh.solving import remedies
+from equimesh.solving.certificate import Relaxed
+from equimesh.solving.options import Approach, Initial, Observer
+from equimesh.solving.solution import Solution, checked, known
+from equimesh.solving.status import Status
+
+
+def solve_single_domain(problem: Problem, initial: Initial | Mesh, how: Approach) -> Solution:
+    """The mesh of a single-domain solve, of the asked equations or of relaxed ones."""
+    step, nested = last_step(problem, initial, how), initial is not Initial.UNIFORM
+    reference = _on_grid(step.mesh, problem)
+    mesh, status = mapped(reference, problem.domain), _status(step, how)
+    exact = status is Status.CONVERGED
+    return Solution(
+        problem=problem,
+        schwarz=None,
+        mesh=mesh,
+        reference=reference,
+        status=checked(status, mesh),
+        mode=how.mode,
+        newton_steps=step.step,
+        residual=step.residual,
+        note="" if exact else what_was_found(step, problem),
+        remedy=_single_domain_remedy(step, problem, status, folded=mesh.is_folded, nested=nested),
+        relaxed=_relaxed(step, problem),
+        algebraic_error=known(step.algebraic_error),
+        discretization_error=known(step.discretization_error),
+    )
+
+
+def last_step(problem: Problem, initial: Initial | Mesh, how: Approach) -> Step:
+    """The end of a single-domain solve from where it is asked to start."""
+    if isinstance(initial, Mesh):
+        return last_of(iteration.iterate_from(problem, initial, threads=how.threads), how.observe)
+    start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
+    return last_of(iteration.iterate(problem, start, mode=how.mode, threads=how.threads), how.observe)
+
+
+def last_of(steps: Iterable[Step], observe: Observer) -> Step:
+    """The last of some steps, all of them told to the observer."""
+    step = None
+    for step in steps:
+        observe(step)
+    if step is None:
+        raise AssertionError("a single-domain solve yields at least its start")
+    return step
+
+
+def _single_domain_remedy(step: Step, problem: Problem, status: Status, *, folded: bool, nested: bool) -> str:
+    if folded:
+        return remedies.after_mapping()
+    exact = status is Status.CONVERGED
+    return "" if exact else remedies.after_newton(problem, nested=nested, reached=step.strength)
+
+
+def _status(step: Step, how: Approach) -> Status:
+    if step.is_exact:
+        return Status.CONVERGED
+    relaxed = how.allow_relaxed and step.converged and step.strength > 0.0
+    return Status.RELAXED if relaxed else Status.NEWTON_FAILED
+
+
+def _relaxed(step: Step, problem: Problem) -> tuple[Relaxed, ...]:
+    """What the equations that the mesh satisfies differ by from the asked ones."""
+    found, monitor = [], problem.monitor
+    if step.strength < 1.0:
+        what, asked = ("a", monitor.a) if isinstance(monitor, ArcLength) else ("strength", 1.0)
+        found.append(Relaxed(what=what, asked=asked, reached=step.strength * asked))
+    if step.relaxation.cross_line > 0.0:
+        found.append(Relaxed(what="cross_line", asked=0.0, reached=step.relaxation.cross_line))
+    if step.solved is not None and step.solved != problem.grid:
+        found.append(Relaxed(what="points", asked=max(problem.grid.shape), reached=max(step.solved.shape)))
+    return tuple(found)
+
+
+def _on_grid(mesh: Mesh, problem: Problem) -> Mesh:
+    """The mesh on the problem's own grid, also where the solve ended on a coarser one."""
+    return mesh if mesh.x.shape == problem.grid.shape else prolong(mesh, problem.grid)
+
+
+def what_was_found(step: Step, problem: Problem) -> str:
+    """What the mesh of a solve that did not reach the asked equations satisfies."""
+    asked, name = (problem.monitor.a, "a") if isinstance(problem.monitor, ArcLength) else (1.0, "strength")
+    where = "" if step.grid == problem.grid else f" on the {step.grid} grid"
+    if step.failed or step.strength == 0.0:
+        slopes = problem.metric.u_with_gradient(step.mesh.x, step.mesh.y)
+        reason = "" if np.isfinite(slopes).all() else " The gradient of u is not finite everywhere on the domain."
+        return f"No mesh was found{where} that satisfies any of the equations tried, down to {name} = 0.{reason}"
+    found = [f"{name} = {step.strength * asked:.3g} of {asked:.3g}"] if step.strength < 1.0 else []
+    if step.relaxation.cross_line > 0.0:
+        found.append(f"a cross-line term of weight {step.relaxation.cross_line:g}")
+    added = f" with {' and '.join(found)}" if found else ""
+    if step.solved is not None and step.solved != problem.grid:
+        return f"A mesh of {step.solved} points satisfies the equations{added}; this one is interpolated from it."
+    return f"The mesh satisfies the equations{added}{where}."

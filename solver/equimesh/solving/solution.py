@@ -1,0 +1,144 @@
+"""A mesh with everything that is known of how it came about, and whether it is what was asked for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from equimesh.domains.domain import mapped
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_data import MeshData
+from equimesh.quality.interpolation import InterpolationError, interpolation_errors
+from equimesh.quality.measures import GAUSS_POINTS, CellMetrics, Quality, measure
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.history import observed_rate, plain
+from equimesh.schwarz.rates import predicted_rate
+from equimesh.schwarz.records import Iteration
+from equimesh.schwarz.settings import Schwarz, smallest_tolerance
+from equimesh.single_domain.iteration import Mode
+from equimesh.solving import remedies
+from equimesh.solving.certificate import Certificate, Relaxed
+from equimesh.solving.status import Status
+from equimesh.sweeps import sweep
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Solution:
+    """A mesh of the physical domain, how it came about, and whether it is what was asked for.
+
+    ``reference`` is the same mesh on the reference square. ``newton_steps`` (or chord sweeps) and ``residual`` (of a
+    sweep, the largest relative deviation of a squared metric length from the mean of its line; of Newton's method,
+    relative to the mean flux) are those of the finest grid of a single-domain solve, or summed and largest over the
+    subdomains. ``iterations`` is empty for a single-domain solve; ``detours`` say what they did in place of what was
+    asked. ``note`` says more of what happened, ``remedy`` what to try; it is empty when there is nothing to mend.
+    """
+
+    problem: Problem
+    schwarz: Schwarz | None
+    mesh: Mesh
+    reference: Mesh
+    status: Status
+    newton_steps: int
+    residual: float
+    mode: Mode | None = None
+    iterations: tuple[Iteration, ...] = ()
+    detours: tuple[str, ...] = ()
+    note: str = ""
+    remedy: str = ""
+    relaxed: tuple[Relaxed, ...] = ()
+    algebraic_error: float | None = None
+    discretization_error: float | None = None
+
+    def __repr__(self) -> str:
+        return f"<Solution: {self.problem.grid} points, {self.status}, {len(self.iterations)} iterations>"
+
+    @property
+    def message(self) -> str:
+        """What happened, and what to try."""
+        return " ".join(text for text in (self.status.sentence, self.note, self.remedy) if text)
+
+    @cached_property
+    def quality(self) -> Quality:
+        """All quality measures of the mesh."""
+        quality = measure(self.mesh, self.problem.monitor, uniform=self._uniform, metrics=self._metrics)
+        vars(self).pop("_metrics", None)  # as much memory as the mesh, and of no use any more
+        return quality
+
+    @cached_property
+    def interpolation(self) -> InterpolationError | None:
+        """How well the mesh interpolates u, beside the uniform mesh; ``None`` where there is no u."""
+        u = self.problem.monitor.u
+        # Few cells need a rule that sees what is in each.
+        if u is None or "quality" in vars(self) or self.problem.grid.cells <= GAUSS_POINTS[-1][0]:
+            return self.quality.interpolation_error
+        return interpolation_errors(self.mesh, u, self._uniform)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """What is known of the mesh, measured on itself; see :class:`~equimesh.solving.certificate.Certificate`."""
+        return Certificate(
+            status=self.status,
+            mode=self.mode,
+            equation_residual=sweep.deviation(self.problem.metric, self.problem.boundary, self.reference),
+            min_jacobian=self.mesh.min_jacobian / self.problem.domain.area,
+            discretization_error=self.discretization_error,
+            algebraic_error=self.algebraic_error,
+            relaxed=self.relaxed,
+            warnings=(*self.detours, *remedies.warnings(self.status, self.relaxed, self.interpolation)),
+            interpolation=self.interpolation,
+        )
+
+    @cached_property
+    def _metrics(self) -> CellMetrics:
+        return CellMetrics.of(self.mesh, self.problem.monitor)
+
+    @property
+    def _uniform(self) -> Mesh:
+        return mapped(Mesh.uniform(self.problem.grid), self.problem.domain)
+
+    @property
+    def decomposition(self) -> Decomposition | None:
+        """The subdomains of the Schwarz iteration."""
+        return None if self.schwarz is None else self.schwarz.decompose(self.problem.grid)
+
+    @property
+    def rate(self) -> float | None:
+        """Observed factor by which the error (else the change) falls in one iteration, of the condition used last."""
+        floor = smallest_tolerance(self.problem)
+        same = [i for i in self.iterations if i.transmission == self.iterations[-1].transmission]
+        return observed_rate([i.change if i.error is None else i.error for i in same], floor)
+
+    @property
+    def predicted_rate(self) -> float | None:
+        """The rate that theory predicts, where there is one; see :func:`equimesh.schwarz.rates.predicted_rate`."""
+        if self.schwarz is None or self.decomposition is None:
+            return None
+        return predicted_rate(self.decomposition, self.schwarz)
+
+    def convergence(self) -> dict[str, Any]:
+        """The history of the Schwarz iteration as plain numbers, ``None`` where a number is not known."""
+        return plain(self.iterations, self.rate, self.predicted_rate)
+
+    def data(self) -> MeshData:
+        """What a mesh file holds: nodes, u, Q_eq and the owner of every cell; of the quality only Q_eq is computed."""
+        shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
+        owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
+        field = self.problem.monitor.u
+        u = None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
+        q_eq = self.quality.q_eq.cells if "quality" in vars(self) else self._metrics.q_eq
+        return MeshData(mesh=self.mesh, u=u, q_eq=q_eq, subdomain=owner)
+
+
+def known(error: float) -> float | None:
+    """An error estimate, ``None`` where there is none."""
+    return error if math.isfinite(error) else None
+
+
+def checked(status: Status, mesh: Mesh) -> Status:
+    """The status, folded where the mesh is: a folded mesh is never a success."""
+    return Status.FOLDED if status.succeeded and mesh.is_folded else status

@@ -1,0 +1,1 @@
+"""Line corrections, the fast solver of the equations."""

@@ -1,0 +1,382 @@
+"""Compiled loops over a mesh: cell metrics, one sweep of line corrections, the fold check, and interpolation.
+
+All arrays are C-contiguous, of shape ``(n_xi, n_eta)`` unless said otherwise. Coordinate differences are not divided
+by the spacing: a flux here is the squared metric length of an edge. The kernels hold no interpreter lock, are compiled
+once per machine, and call no user code. Those that work on some rows of a mesh only touch no others, so that rows can
+be shared out among threads.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.numerics.compiled import compiled, vectorised
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+
+@vectorised
+def arc_length_cells(x: Array, y: Array, u: Array, a2: float, b: float, m: Array) -> None:
+    """The arc-length metric of the cells between the rows of nodes, in ``m`` of shape ``(3, rows - 1, n_eta - 1)``."""
+    rows, n_eta = x.shape
+    for i in range(rows - 1):
+        x0, x1, y0, y1, u0, u1 = x[i], x[i + 1], y[i], y[i + 1], u[i], u[i + 1]
+        m11, m12, m22 = m[0, i], m[1, i], m[2, i]
+        for j in range(n_eta - 1):
+            # The sum and the difference of the two mean edges are the diagonals of the cell.
+            dx, dy, du = x1[j + 1] - x0[j], y1[j + 1] - y0[j], u1[j + 1] - u0[j]
+            ox, oy, ou = x1[j] - x0[j + 1], y1[j] - y0[j + 1], u1[j] - u0[j + 1]
+            inverse = 1.0 / (ox * dy - dx * oy)
+            gx, gy = (ou * dy - du * oy) * inverse, (ox * du - dx * ou) * inverse
+            k = a2 / (1.0 + b * (gx * gx + gy * gy))
+            m11[j] = 1.0 + k * gx * gx
+            m12[j] = k * gx * gy
+            m22[j] = 1.0 + k * gy * gy
+
+
+@vectorised
+def arc_length_cells_on(x: Array, y: Array, u: Array, a2: float, b: float, m: Array) -> None:
+    """As :func:`arc_length_cells` on a domain: ``m`` holds the metric of its map, and then the sum of both."""
+    rows, n_eta = x.shape
+    for i in range(rows - 1):
+        x0, x1, y0, y1, u0, u1 = x[i], x[i + 1], y[i], y[i + 1], u[i], u[i + 1]
+        m11, m12, m22 = m[0, i], m[1, i], m[2, i]
+        for j in range(n_eta - 1):
+            dx, dy, du = x1[j + 1] - x0[j], y1[j + 1] - y0[j], u1[j + 1] - u0[j]
+            ox, oy, ou = x1[j] - x0[j + 1], y1[j] - y0[j + 1], u1[j] - u0[j + 1]
+            inverse = 1.0 / (ox * dy - dx * oy)
+            gx, gy = (ou * dy - du * oy) * inverse, (ox * du - dx * ou) * inverse
+            b11, b12, b22 = m11[j], m12[j], m22[j]
+            square = (b22 * gx * gx - 2.0 * b12 * gx * gy + b11 * gy * gy) / (b11 * b22 - b12 * b12)
+            k = a2 / (1.0 + b * square)
+            m11[j] = b11 + k * gx * gx
+            m12[j] = b12 + k * gx * gy
+            m22[j] = b22 + k * gy * gy
+
+
+@compiled
+def side_moves(
+    t: Array,
+    u: Array,
+    u_n: Array,
+    base: Array,
+    a2: float,
+    b: float,
+    physical: tuple[bool, bool],
+    span: tuple[int, int],
+    rest: Array,
+    beyond: tuple[float, float],
+    flux: Array,
+    moves: Array,
+) -> tuple[float, float]:
+    """Corrections ``moves`` of the nodes at ``t`` along two opposite sides; all of shape ``(2, n)``.
+
+    ``base`` of shape ``(3, 2, n - 1)`` is the pointwise part of the metric at the middles of the edges, its tangential
+    entry first. Sides that are not ``physical`` are left alone. The lines run from node ``span[0]`` to ``span[1]``, and
+    on over ``beyond`` edges outside the window, whose squared metric lengths sum to ``rest[side]``. ``flux`` receives
+    the squared metric lengths of the edges. Returns the largest relative deviation of one from the mean of its line,
+    and the largest move.
+    """
+    n = t.shape[1]
+    first, last = span
+    deviation, largest = 0.0, 0.0
+    for side in range(2):
+        if not physical[side]:
+            continue
+        total = rest[side, 0] + rest[side, 1]
+        for e in range(n - 1):
+            d, du, normal = t[side, e + 1] - t[side, e], u[side, e + 1] - u[side, e], u_n[side, e + 1] + u_n[side, e]
+            b11, b12, b22 = base[0, side, e], base[1, side, e], base[2, side, e]
+            g, h = du / d, 0.5 * normal
+            square = (b22 * g * g - 2.0 * b12 * g * h + b11 * h * h) / (b11 * b22 - b12 * b12)
+            flux[side, e] = b11 * d * d + a2 / (1.0 + b * square) * du * du
+            if first <= e < last:
+                total += flux[side, e]
+        mean = total / (last - first + beyond[0] + beyond[1])
+        running = rest[side, 0] - beyond[0] * mean
+        moves[side, :] = 0.0
+        for e in range(first, n - 1):
+            if e > 0:
+                # The flux over the edge length is the metric times the tangent, here at the node between two edges.
+                before, after = t[side, e] - t[side, e - 1], t[side, e + 1] - t[side, e]
+                moves[side, e] = -running / (flux[side, e - 1] / before + flux[side, e] / after)
+                largest = max(largest, abs(moves[side, e]))
+            if e == last:
+                break
+            difference = flux[side, e] - mean
+            running += difference
+            deviation = max(deviation, abs(difference) / mean)
+            if difference - difference != 0.0:
+                deviation = np.inf
+    return deviation, largest
+
+
+@vectorised
+def end_edges(x: Array, y: Array, m: Array, row: int, moved: Array, push: Array, squares: Array) -> None:
+    """The row of xi-edges at one end of the mesh: its first (``row`` 0) or last (``row`` -1) cells.
+
+    ``squares`` receives the squared metric lengths of the first edges only. ``push`` becomes ``-2 P`` on the side
+    whose nodes are to move by ``moved`` along it.
+    """
+    n_eta = x.shape[1]
+    node = 0 if row == 0 else x.shape[0] - 2
+    m11, m12, m22 = m[0, row], m[1, row], m[2, row]
+    for j in range(1, n_eta - 1):
+        gx, gy = x[node + 1, j] - x[node, j], y[node + 1, j] - y[node, j]
+        p11, p12, p22 = 0.5 * (m11[j - 1] + m11[j]), 0.5 * (m12[j - 1] + m12[j]), 0.5 * (m22[j - 1] + m22[j])
+        push[j] = -2.0 * (p12 * gx + p22 * gy) * moved[j]
+        if row == 0:
+            squares[j] = p11 * gx * gx + 2.0 * p12 * gx * gy + p22 * gy * gy
+
+
+@vectorised
+def eta_corrections(
+    x: Array,
+    y: Array,
+    m: Array,
+    first: int,
+    last: int,
+    moved: Array,
+    span: tuple[int, int],
+    rest: Array,
+    beyond: tuple[float, float],
+    summed: int,
+    new_x: Array,
+    new_y: Array,
+    along_p: Array,
+    squares: Array,
+    sums: Array,
+) -> float:
+    """Node rows ``first`` to ``last - 1`` with the corrections of their eta-lines, and what the xi-lines need of them.
+
+    ``m`` holds the cell rows from ``first - 1`` on, ``moved`` of shape ``(2, n_xi)`` the moves of the bottom and top
+    nodes along xi. The eta-lines run from node ``span[0]`` to ``span[1]``, and on over ``beyond`` edges outside the
+    window, whose squared metric lengths sum to ``rest``, of shape ``(2, n_xi)``. ``new_x`` and ``new_y`` receive the
+    nodes moved by the part of the correction that Q makes, ``along_p`` of shape ``(2, n_xi, n_eta)`` what they move by
+    per ``-2 P``, ``squares[i]`` the squared metric lengths of the xi-edges from row i, ``sums`` their sum over the rows
+    below ``summed``. Returns the largest relative deviation along the eta-lines.
+    """
+    n_eta = x.shape[1]
+    bottom, top = span
+    edges = top - bottom + beyond[0] + beyond[1]
+    flux, running = np.empty(n_eta), np.empty(n_eta)
+    deviation = 0.0
+    for j in range(n_eta):
+        sums[j] = 0.0
+    for i in range(first, last):
+        c = i - first
+        x0, x1, x2, y0, y1, y2 = x[i - 1], x[i], x[i + 1], y[i - 1], y[i], y[i + 1]
+        a11, a12, a22, b11, b12, b22 = m[0, c], m[1, c], m[2, c], m[0, c + 1], m[1, c + 1], m[2, c + 1]
+        total = rest[0, i] + rest[1, i]
+        for j in range(bottom, top):
+            fx, fy = x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+            flux[j] = 0.5 * (
+                (a11[j] + b11[j]) * fx * fx + 2.0 * (a12[j] + b12[j]) * fx * fy + (a22[j] + b22[j]) * fy * fy
+            )
+            total += flux[j]
+        level, largest = total / edges, 0.0
+        for j in range(bottom, top):
+            largest = max(largest, abs(flux[j] - level))
+        deviation = max(deviation, largest / level)
+        # -2 Q on the bottom and on the top, and the running sum between them.
+        e, z = n_eta - 2, n_eta - 1
+        start = -((a11[0] + b11[0]) * (x1[1] - x1[0]) + (a12[0] + b12[0]) * (y1[1] - y1[0])) * moved[0, i]
+        end = -((a11[e] + b11[e]) * (x1[z] - x1[e]) + (a12[e] + b12[e]) * (y1[z] - y1[e])) * moved[1, i]
+        level -= (end - start) / edges
+        sum_so_far = start + rest[0, i] - beyond[0] * level
+        running[bottom] = sum_so_far
+        for j in range(bottom + 1, n_eta - 1):
+            sum_so_far += flux[j - 1] - level
+            running[j] = sum_so_far
+        row_x, row_y, p_x, p_y, square = new_x[i], new_y[i], along_p[0, i], along_p[1, i], squares[i]
+        for j in range(1, n_eta - 1):
+            p11 = 0.25 * (a11[j - 1] + a11[j] + b11[j - 1] + b11[j])
+            p12 = 0.25 * (a12[j - 1] + a12[j] + b12[j - 1] + b12[j])
+            p22 = 0.25 * (a22[j - 1] + a22[j] + b22[j - 1] + b22[j])
+            ex, ey = 0.5 * (x2[j] - x0[j]), 0.5 * (y2[j] - y0[j])
+            fx, fy = 0.5 * (x1[j + 1] - x1[j - 1]), 0.5 * (y1[j + 1] - y1[j - 1])
+            a, b, c_, d = p11 * ex + p12 * ey, p12 * ex + p22 * ey, p11 * fx + p12 * fy, p12 * fx + p22 * fy
+            inverse = -0.5 / (a * d - b * c_)
+            row_x[j] = x1[j] - b * inverse * running[j]
+            row_y[j] = y1[j] + a * inverse * running[j]
+            p_x[j] = d * inverse
+            p_y[j] = -c_ * inverse
+            gx, gy = x2[j] - x1[j], y2[j] - y1[j]
+            square[j] = 0.5 * (
+                (b11[j - 1] + b11[j]) * gx * gx
+                + 2.0 * (b12[j - 1] + b12[j]) * gx * gy
+                + (b22[j - 1] + b22[j]) * gy * gy
+            )
+        if i < summed:
+            for j in range(1, n_eta - 1):
+                sums[j] += square[j]
+    return deviation
+
+
+@compiled
+def line_sums(
+    first: Array,
+    sums: Array,
+    rows: IntArray,
+    pushes: Array,
+    has_first: bool,
+    rest: Array,
+    beyond: tuple[float, float],
+    mean: Array,
+    shift: Array,
+    starts: Array,
+) -> float:
+    """What the xi-lines need to be corrected strip by strip, from the sums of each strip of rows.
+
+    ``first`` holds the squared metric lengths of the first edges, which belong to the lines where ``has_first``,
+    ``sums`` of shape ``(strips, n_eta)`` those summed over the ``rows`` edges of each strip, ``pushes`` of shape
+    ``(2, n_eta)`` ``-2 P`` on the left and right side. The lines run on over ``beyond`` edges outside the window, whose
+    squared metric lengths sum to ``rest`` of shape ``(2, n_eta)``. ``mean`` and ``shift`` are as
+    :func:`xi_corrections` takes them, ``starts`` its ``running`` for every strip. Returns the largest relative
+    deviation of a first edge.
+    """
+    strips, n_eta = sums.shape
+    edges = beyond[0] + beyond[1]
+    if has_first:
+        edges += 1
+    for k in range(strips):
+        edges += rows[k]
+    deviation = 0.0
+    for j in range(1, n_eta - 1):
+        total = rest[0, j] + rest[1, j]
+        if has_first:
+            total += first[j]
+        for k in range(strips):
+            total += sums[k, j]
+        mean[j], shift[j] = total / edges, (pushes[1, j] - pushes[0, j]) / edges
+        running = pushes[0, j] + rest[0, j] - beyond[0] * (mean[j] - shift[j])
+        if has_first:
+            running += first[j] - mean[j] + shift[j]
+            deviation = max(deviation, abs(first[j] - mean[j]) / mean[j])
+        for k in range(strips):
+            starts[k, j] = running
+            running += sums[k, j] + rows[k] * (shift[j] - mean[j])
+        if total - total != 0.0:
+            deviation = np.inf
+    return deviation
+
+
+@vectorised
+def xi_corrections(
+    x: Array,
+    y: Array,
+    first: int,
+    last: int,
+    summed: int,
+    mean: Array,
+    shift: Array,
+    running: Array,
+    squares: Array,
+    along_p: Array,
+    new_x: Array,
+    new_y: Array,
+    largest: Array,
+) -> None:
+    """Add the corrections of the xi-lines to node rows ``first`` to ``last - 1`` of ``new_x`` and ``new_y``.
+
+    ``running`` is ``-2 P`` at row ``first``, and is carried on; ``mean`` that of the squared metric lengths of each
+    line, ``shift`` what ``-2 P`` grows by from row to row for the moves of the sides. ``largest`` receives the largest
+    relative deviation from the mean in the rows below ``summed``, and the largest move of a coordinate.
+    """
+    n_eta = x.shape[1]
+    deviation, move = 0.0, 0.0
+    for i in range(first, last):
+        old_x, old_y, row_x, row_y = x[i], y[i], new_x[i], new_y[i]
+        p_x, p_y, square = along_p[0, i], along_p[1, i], squares[i]
+        for j in range(1, n_eta - 1):
+            row_x[j] += p_x[j] * running[j]
+            row_y[j] += p_y[j] * running[j]
+            move = max(move, abs(row_x[j] - old_x[j]), abs(row_y[j] - old_y[j]))
+            running[j] += square[j] - mean[j] + shift[j]
+        if i < summed:
+            for j in range(1, n_eta - 1):
+                deviation = max(deviation, abs(square[j] - mean[j]) / mean[j])
+    largest[0], largest[1] = deviation, move
+
+
+@vectorised
+def segment_sums(
+    x: Array, y: Array, m: Array, begin: int, last: int, cuts: IntArray, along_xi: Array, along_eta: Array
+) -> None:
+    """Sums of the squared metric lengths of edges, those from node rows ``begin`` to ``last - 1``.
+
+    ``m`` holds the cell rows that meet in these node rows. ``along_xi[j]`` receives the sum of the xi-edges that begin
+    in the rows, ``along_eta[s, i]`` that of the eta-edges of row i between the nodes ``cuts[s]`` and ``cuts[s + 1]``.
+    """
+    n_eta = x.shape[1]
+    first = max(begin, 1)
+    for j in range(n_eta):
+        along_xi[j] = 0.0
+    for i in range(begin, last):
+        b11, b12, b22 = m[0, i - first + 1], m[1, i - first + 1], m[2, i - first + 1]
+        x1, x2, y1, y2 = x[i], x[i + 1], y[i], y[i + 1]
+        for j in range(1, n_eta - 1):
+            gx, gy = x2[j] - x1[j], y2[j] - y1[j]
+            along_xi[j] += 0.5 * (
+                (b11[j - 1] + b11[j]) * gx * gx
+                + 2.0 * (b12[j - 1] + b12[j]) * gx * gy
+                + (b22[j - 1] + b22[j]) * gy * gy
+            )
+        if i == 0:
+            continue
+        a11, a12, a22 = m[0, i - first], m[1, i - first], m[2, i - first]
+        for s in range(cuts.shape[0] - 1):
+            total = 0.0
+            for j in range(cuts[s], cuts[s + 1]):
+                fx, fy = x1[j + 1] - x1[j], y1[j + 1] - y1[j]
+                total += 0.5 * (
+                    (a11[j] + b11[j]) * fx * fx + 2.0 * (a12[j] + b12[j]) * fx * fy + (a22[j] + b22[j]) * fy * fy
+                )
+            along_eta[s, i] = total
+
+
+@compiled
+def interpolate(
+    coarse: Array,
+    xi_at: IntArray,
+    xi_weights: Array,
+    eta_at: IntArray,
+    eta_weights: Array,
+    fine: Array,
+    write: bool,
+) -> float:
+    """Nodal values on a finer grid, in ``fine``, by a product of one-dimensional rules.
+
+    Row i of the fine grid takes ``xi_weights[i]`` of the coarse rows from ``xi_at[i]`` on, likewise in eta. Returns the
+    largest difference to the values that stood in ``fine`` before; with ``write`` false these stay.
+    """
+    rows, columns = fine.shape
+    width = xi_weights.shape[1]
+    # Coarse rows, interpolated along eta when they are first needed; row r is held in lines[r % width].
+    lines, ready, largest = np.empty((width, columns)), 0, 0.0
+    row = np.empty(columns)
+    for i in range(rows):
+        first = xi_at[i]
+        for r in range(max(ready, first), first + width):
+            source, line = coarse[r], lines[r % width]
+            for j in range(columns):
+                value, at = 0.0, eta_at[j]
+                for k in range(width):
+                    value += eta_weights[j, k] * source[at + k]
+                line[j] = value
+        ready = first + width
+        row[:] = 0.0
+        for k in range(width):
+            weight, line = xi_weights[i, k], lines[(first + k) % width]
+            for j in range(columns):
+                row[j] += weight * line[j]
+        target = fine[i]
+        for j in range(columns):
+            largest = max(largest, abs(row[j] - target[j]))
+        if write:
+            target[:] = row
+    return largest

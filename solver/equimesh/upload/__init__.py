@@ -1,0 +1,5 @@
+"""Samples out of files that somebody sends."""
+
+from equimesh.upload.samples import read_arrays, read_npz, read_samples, samples_of
+
+__all__ = ["read_arrays", "read_npz", "read_samples", "samples_of"]

@@ -1,0 +1,257 @@
+"""Samples out of an uploaded file: npz, npy, csv, json, vtu, vtk or xdmf."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import PurePath
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.domains.domain import Box
+from equimesh.errors import SamplesError
+from equimesh.fields.samples import UNIT_BOX, GridSamples, ScatteredSamples
+from equimesh.upload.vtk import read_legacy_vtk, read_vtu
+from equimesh.upload.xdmf import read_xdmf
+from equimesh.upload.zip_members import open_zip
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Samples: TypeAlias = GridSamples | ScatteredSamples
+
+MAX_BYTES: Final = 256 * 2**20
+GRID_KEYS, SCATTERED_KEYS = ("x", "y", "values"), ("points", "values")
+NPY_TYPES: Final = {
+    f"{order}{code}" for code in ("f2", "f4", "f8", "i2", "i4", "i8", "u2", "u4", "u8") for order in "<>="
+}
+NPY_TYPES.update({"|i1", "|u1"})
+NPY_HEADER: Final = {
+    "descr": r"""['"]descr['"]\s*:\s*['"]([^'"]*)['"]""",
+    "fortran_order": r"""['"]fortran_order['"]\s*:\s*(True|False)""",
+    "shape": r"""['"]shape['"]\s*:\s*\(([\d\s,]{0,99})\)""",
+}
+NEEDED = "give x, y and values (a grid), or points and values (scattered samples)"
+
+
+def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box: Box | None = None) -> Samples:
+    """u from the contents ``data`` of a file; the suffix of ``filename`` says what it is.
+
+    The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
+
+    ========= ==========================================================================================
+    npz       arrays ``x``, ``y``, ``values`` (grid) or ``points``, ``values`` (scattered)
+    npy       ``values`` alone, 2-D: u on the uniform grid of the box, first index along x
+    csv       rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
+    json      ``{"grid": {...}}`` or ``{"scattered": {...}}`` with the keys of the npz, or these keys alone
+    vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
+    xdmf, zip the same: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone with its numbers as text
+    ========= ==========================================================================================
+
+    The points of a csv, vtu, vtk or xdmf file that fill a rectilinear grid become :class:`GridSamples`, others
+    :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
+    unpacked. Raises :class:`~equimesh.errors.SamplesError`, which says what to change.
+    """
+    return samples_of(read_arrays(data, filename, max_bytes=max_bytes), box=box)
+
+
+def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
+    """The arrays of a file, for :func:`samples_of`, as far as they can be told without knowing the domain.
+
+    Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), or ``values`` (2-D) alone. Raises what
+    :func:`read_samples` raises where the file cannot be read; the arrays themselves are not checked.
+    """
+    suffix = PurePath(filename).suffix.lower().removeprefix(".")
+    if suffix not in READERS:
+        raise SamplesError(f"{filename!r} is not a file of samples: its suffix must be one of {', '.join(READERS)}")
+    if len(data) > max_bytes:
+        raise SamplesError(f"{filename!r} has {len(data)} bytes, more than the {max_bytes} allowed")
+    if not data.strip():
+        raise SamplesError(f"{filename!r} is empty")
+    return READERS[suffix](data, max_bytes)
+
+
+def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
+    """u out of arrays with the keys of :func:`read_arrays`."""
+    if "points" in arrays:
+        return ScatteredSamples(points=arrays["points"], values=arrays["values"], box=box)
+    values = arrays["values"]
+    if "x" in arrays:
+        return GridSamples(x=arrays["x"], y=arrays["y"], values=values, box=box)
+    x, y = (np.linspace(*ends, n) for ends, n in zip(box or UNIT_BOX, values.shape, strict=True))
+    return GridSamples(x=x, y=y, values=values, box=box)
+
+
+def read_npz(data: bytes, *, max_bytes: int = MAX_BYTES) -> dict[str, npt.NDArray[Any]]:
+    """All arrays of an npz file, by name; raises as :func:`read_samples`."""
+    with open_zip(data, "npz", max_bytes, "write it with numpy.savez") as members:
+        files = {name.removesuffix(".npy"): name for name in members.names}
+        return {key: _parse_npy(members.read(name), key[:80]) for key, name in files.items()}
+
+
+def _read_npz(data: bytes, max_bytes: int) -> dict[str, Any]:
+    with open_zip(data, "npz", max_bytes, "write it with numpy.savez") as members:
+        files = {name.removesuffix(".npy"): name for name in members.names}
+        return {key: _parse_npy(members.read(files[key]), key) for key in _choose(list(files))}
+
+
+def _read_npy(data: bytes, _: int) -> dict[str, Any]:
+    values = _parse_npy(data, "values")
+    if values.ndim != 2:
+        raise SamplesError(
+            f"the npy file has an array of shape {values.shape}: it must be 2-D, u on the uniform grid of the"
+            " domain, first index along x; for other grids send an npz with x, y and values",
+            field="values",
+        )
+    return {"values": values}
+
+
+def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
+    """One array of an npy file; its size is checked before memory is reserved."""
+    length = {b"\x01": 2, b"\x02": 4}.get(data[6:7])  # bytes that hold the header's length, by version
+    if data[:6] != b"\x93NUMPY" or length is None:
+        raise SamplesError(f"{key} is not a plain npy array: write it with numpy.save", field=key)
+    start = 8 + length + int.from_bytes(data[8 : 8 + length], "little")
+    header = data[8 + length : start].decode("latin-1")
+    descr, order, extents = (re.search(NPY_HEADER[name], header) for name in ("descr", "fortran_order", "shape"))
+    if descr is None or order is None or extents is None:
+        raise SamplesError(f"{key} is not a plain npy array: {header.strip()[:80]!r} describes it", field=key)
+    if descr[1] not in NPY_TYPES:
+        raise SamplesError(f"{key} holds data of type {descr[1]!r}: only real numbers are allowed", field=key)
+    sizes = [n.strip() for n in extents[1].split(",") if n.strip()]
+    if not all(n.isdecimal() for n in sizes):
+        raise SamplesError(f"{key} is not a plain npy array: {header.strip()[:80]!r} describes it", field=key)
+    dtype, shape = np.dtype(descr[1]), tuple(map(int, sizes))
+    if max(shape, default=0) > len(data) or len(shape) > 3 or math.prod(shape) * dtype.itemsize != len(data) - start:
+        raise SamplesError(f"{key} has {len(data) - start} bytes, not those of shape {shape}", field=key)
+    return np.frombuffer(data, dtype, offset=start).reshape(shape, order="F" if order[1] == "True" else "C")
+
+
+def _read_json(data: bytes, _: int) -> dict[str, Any]:
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise SamplesError(f"the json file cannot be read: {str(error)[:200]}") from error
+    for kind in ("u", "grid", "scattered"):
+        if isinstance(found, dict) and kind in found:
+            found = found[kind]
+    if not isinstance(found, dict):
+        raise SamplesError(f"the json file must hold an object: {NEEDED}")
+    return {key: found[key] for key in _choose(list(found))}
+
+
+def _read_csv(data: bytes, _: int) -> dict[str, Any]:
+    try:
+        lines = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    except UnicodeDecodeError as error:
+        raise SamplesError(f"the csv file is not UTF-8 text (byte {error.start}): save it as UTF-8") from error
+    order: list[int] | None = None
+    rows: list[tuple[float, float, float]] = []
+    delimiter = _delimiter(lines)
+    for number, line in enumerate(lines, start=1):
+        text = line.partition("#")[0].strip()
+        if not text:
+            continue
+        cells = [cell.strip().strip('"') for cell in text.split(delimiter)]
+        if order is None:
+            order = _columns(cells, number)
+            if order is not None:
+                continue
+            order = [0, 1, 2]
+        if len(cells) <= max(order):
+            raise SamplesError(f"line {number} of the csv file has {len(cells)} columns: x, y and u are needed")
+        try:
+            x, y, u = (float(cells[i]) for i in order)
+        except ValueError as error:
+            comma = "; use a point as decimal mark" if any("," in cell for cell in cells) else ""
+            raise SamplesError(f"line {number} of the csv file: {str(error)[:200]}{comma}") from error
+        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(u)):
+            raise SamplesError(
+                f"line {number} of the csv file holds a number that is not finite ({text}): fill it in or"
+                " leave the line out",
+                field="values",
+            )
+        rows.append((x, y, u))
+    if not rows:
+        raise SamplesError("the csv file has no line of samples: it needs the columns x, y, u")
+    table = np.array(rows)
+    return _from_points(table[:, :2], table[:, 2])
+
+
+def _delimiter(lines: list[str]) -> str | None:
+    """The character between columns: semicolon, tab or comma if the first line has it, else white space."""
+    first = next((text for line in lines if (text := line.partition("#")[0].strip())), "")
+    return next((c for c in ";\t," if c in first), None)
+
+
+def _columns(cells: list[str], number: int) -> list[int] | None:
+    """Where x, y and u stand according to a header; none when the line holds numbers."""
+    try:
+        for cell in cells:
+            float(cell)
+    except ValueError:
+        names = [cell.lower() for cell in cells]
+        if {"x", "y"} <= set(names):
+            value = next((name for name in ("u", "value", "values") if name in names), None)
+            others = [i for i, name in enumerate(names) if name not in ("x", "y")]
+            if value is not None or len(others) == 1:
+                return [names.index("x"), names.index("y"), names.index(value) if value else others[0]]
+        if any(cell[:1].isalpha() and cell.lower() not in ("nan", "inf", "infinity") for cell in cells):
+            raise SamplesError(
+                f"line {number} of the csv file is a header {', '.join(cells)[:60]!r}: name the columns x, y and u"
+            ) from None
+    return None
+
+
+def _read_vtu(data: bytes, max_bytes: int) -> dict[str, Any]:
+    return _from_cloud(*read_vtu(data, max_bytes=max_bytes))
+
+
+def _read_vtk(data: bytes, _: int) -> dict[str, Any]:
+    return _from_cloud(*read_legacy_vtk(data))
+
+
+def _read_xdmf(data: bytes, max_bytes: int) -> dict[str, Any]:
+    return _from_cloud(*read_xdmf(data, max_bytes=max_bytes))
+
+
+def _from_cloud(points: Array, fields: dict[str, Array]) -> dict[str, Any]:
+    if "u" not in fields and len(fields) != 1:
+        found = ", ".join(sorted(fields)) or "none"
+        raise SamplesError(f"the file must have scalar point data named u (it has: {found})", field="values")
+    values = fields["u"] if "u" in fields else next(iter(fields.values()))
+    return _from_points(points[:, :2], values)
+
+
+def _from_points(points: Array, values: Array) -> dict[str, Any]:
+    """A grid when the points fill one, each place once; else scattered samples."""
+    (x, i), (y, j) = (np.unique(column, return_inverse=True) for column in points.T)
+    scattered = {"points": points, "values": values}
+    if min(x.size, y.size) < 2 or x.size * y.size != len(values) or not np.all(np.isfinite(points)):
+        return scattered
+    table = np.full((x.size, y.size), np.nan)
+    taken = np.zeros(table.shape, dtype=bool)
+    table[i, j], taken[i, j] = values, True
+    return {"x": x, "y": y, "values": table} if taken.all() else scattered
+
+
+def _choose(found: list[str]) -> tuple[str, ...]:
+    """The keys to read of those found."""
+    for keys in (GRID_KEYS, SCATTERED_KEYS):
+        if set(keys) <= set(found):
+            return keys
+    raise SamplesError(f"the file holds {', '.join(map(repr, sorted(found)[:10])) or 'nothing'}: {NEEDED}")
+
+
+READERS: Final[dict[str, Callable[[bytes, int], dict[str, Any]]]] = {
+    "npz": _read_npz,
+    "npy": _read_npy,
+    "csv": _read_csv,
+    "json": _read_json,
+    "vtu": _read_vtu,
+    "vtk": _read_vtk,
+    "xdmf": _read_xdmf,
+    "zip": _read_xdmf,
+}

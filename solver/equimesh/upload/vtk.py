@@ -1,0 +1,272 @@
+"""Points and point data out of VTK files that somebody sends: ``.vtu`` (XML) and legacy ``.vtk``.
+
+Only what samples need is decoded, and never more of it than ``max_bytes``: what a compressed block may expand
+to is known from the number of points before it is expanded. Cells are skipped.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import lzma
+import re
+import zlib
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Literal, TypeAlias
+from xml.etree import ElementTree
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import SamplesError
+from equimesh.upload.xml_tree import parse_xml
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Cloud: TypeAlias = tuple[Array, dict[str, Array]]
+
+XML_TYPES = {f"{kind}{bits}": f"{kind[0].lower()}{bits // 8}" for kind in ("Int", "UInt") for bits in (8, 16, 32, 64)}
+XML_TYPES |= {"Float32": "f4", "Float64": "f8"}
+HEADER_TYPES = {"UInt32": "u4", "UInt64": "u8"}
+LEGACY_TYPES = {
+    "char": "i1", "short": "i2", "int": "i4", "long": "i8", "vtkidtype": "i4", "vtktypeint64": "i8",
+    "unsigned_char": "u1", "unsigned_short": "u2", "unsigned_int": "u4", "unsigned_long": "u8",
+    "float": "f4", "double": "f8",
+}  # fmt: skip
+DECOMPRESSORS: dict[str, Callable[[], Any]] = {
+    "vtkZLibDataCompressor": zlib.decompressobj,
+    "vtkLZMADataCompressor": partial(lzma.LZMADecompressor, memlimit=2**26),
+}
+LEGACY_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
+LEGACY_CELLS = {"CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"}
+
+
+def read_vtu(data: bytes, *, max_bytes: int) -> Cloud:
+    """Points, shape ``(n, 3)``, and the scalar point data by name, each ``(n,)``, of a VTK XML file.
+
+    Reads every encoding: text, inline base64, appended base64 or raw, uncompressed or with zlib or LZMA.
+    Raises :class:`~equimesh.errors.SamplesError`.
+    """
+    try:
+        reader = _VtuReader(data, max_bytes)
+        points, fields = [], []
+        for piece in reader.root.iter("Piece"):
+            count = int(piece.attrib["NumberOfPoints"])
+            where = piece.find("Points/DataArray")
+            if where is None:
+                raise SamplesError("a piece of the vtu file has no points")
+            points.append(reader.array(where, 3 * count).reshape(count, 3))
+            scalars = [
+                a for a in piece.iterfind("PointData/DataArray") if a.get("NumberOfComponents", "1") in ("", "1")
+            ]
+            fields.append({a.get("Name", ""): reader.array(a, count) for a in scalars})
+    except (
+        KeyError,
+        ValueError,
+        binascii.Error,
+        zlib.error,
+        lzma.LZMAError,
+    ) as error:
+        if isinstance(error, SamplesError):
+            raise
+        raise SamplesError(f"the vtu file cannot be read: {str(error)[:200]}") from error
+    if not points:
+        raise SamplesError("the vtu file has no piece with points")
+    common = [name for name in fields[0] if all(name in piece for piece in fields)]
+    return np.concatenate(points), {name: np.concatenate([piece[name] for piece in fields]) for name in common}
+
+
+class _VtuReader:
+    """One VTK XML file: its tree, and how its arrays are encoded."""
+
+    def __init__(self, data: bytes, max_bytes: int) -> None:
+        head, tag, tail = data.partition(b"<AppendedData")
+        self.root = parse_xml(head + b"</VTKFile>" if tag else data, "vtu")
+        if self.root.tag != "VTKFile":
+            raise SamplesError(f"the vtu file starts with <{self.root.tag}>, not with <VTKFile>")
+        self.budget = max_bytes
+        attributes, _, appended = tail.partition(b"_")
+        self.appended = appended
+        self.raw = re.search(rb"""encoding\s*=\s*["']raw""", attributes) is not None
+        self.order: Literal["<", ">"] = ">" if self.root.get("byte_order") == "BigEndian" else "<"
+        self.header = np.dtype(HEADER_TYPES[self.root.get("header_type", "UInt32")]).newbyteorder(self.order)
+        compressor = self.root.get("compressor")
+        if compressor is not None and compressor not in DECOMPRESSORS:
+            raise SamplesError(f"the vtu file is compressed by {compressor}: save it with zlib or uncompressed")
+        self.decompressor = DECOMPRESSORS.get(compressor) if compressor else None
+
+    def array(self, element: ElementTree.Element, size: int) -> Array:
+        """The ``size`` numbers of a DataArray."""
+        name = element.get("Name", "points")
+        dtype = np.dtype(XML_TYPES[element.attrib["type"]]).newbyteorder(self.order)
+        self.budget -= size * 8
+        if size < 0 or self.budget < 0:
+            raise SamplesError(f"the vtu file holds more data than the limit allows (reached at {name!r})")
+        form = element.get("format", "ascii")
+        if form == "ascii":
+            values = np.array((element.text or "").split(), dtype=np.float64)
+        else:
+            block, raw = (element.text or "").strip().encode(), False
+            if form == "appended":
+                block, raw = self.appended[int(element.attrib["offset"]) :], self.raw
+            values = np.frombuffer(self._decoded(block, raw, size * dtype.itemsize), dtype).astype(np.float64)
+        if values.size != size:
+            raise SamplesError(f"array {name!r} of the vtu file has {values.size} numbers where {size} are expected")
+        return values
+
+    def _decoded(self, block: bytes, raw: bool, expected: int) -> bytes:
+        """The bytes of a block, which must be ``expected`` in number."""
+        item = self.header.itemsize
+        if self.decompressor is None:
+            found = _take(block, raw, item + expected)
+            declared = int(np.frombuffer(found[:item], self.header)[0])
+            if declared != expected:
+                raise SamplesError(f"an array of the vtu file has {declared} bytes where {expected} are expected")
+            return found[item:]
+        blocks = int(np.frombuffer(_take(block, raw, item), self.header)[0])
+        if blocks > len(block) // item:
+            raise SamplesError("an array of the vtu file ends too early")
+        sizes = np.frombuffer(_take(block, raw, (3 + blocks) * item), self.header)[3:].astype(object)
+        start = (3 + blocks) * item if raw else -(-(3 + blocks) * item // 3) * 4  # the header is encoded by itself
+        packed, done, at = _take(block[start:], raw, int(sum(sizes))), bytearray(), 0
+        for size in sizes:
+            done += self.decompressor().decompress(packed[at : at + size], expected - len(done) + 1)
+            at += size
+            if len(done) > expected:
+                break
+        if len(done) != expected:
+            raise SamplesError(f"an array of the vtu file does not expand to the {expected} bytes expected")
+        return bytes(done)
+
+
+def _take(block: bytes, raw: bool, count: int) -> bytes:
+    """The first ``count`` bytes of a raw or base64 block."""
+    found = block[:count] if raw else base64.b64decode(block[: -(-count // 3) * 4])[:count]
+    if len(found) != count:
+        raise SamplesError("an array of the vtu file ends too early")
+    return found
+
+
+def read_legacy_vtk(data: bytes) -> Cloud:
+    """Points, shape ``(n, 3)``, and the scalar point data by name, each ``(n,)``, of a legacy VTK file.
+
+    Reads text and binary files of versions 1 to 5 whose dataset lists its points (unstructured or structured
+    grid, poly data). Raises :class:`~equimesh.errors.SamplesError`.
+    """
+    try:
+        return _LegacyReader(data).read()
+    except (KeyError, ValueError, IndexError) as error:
+        if isinstance(error, SamplesError):
+            raise
+        raise SamplesError(f"the vtk file cannot be read: {str(error)[:200]}") from error
+
+
+class _LegacyReader:
+    """A cursor over a legacy file: lines of words, and arrays in the file's encoding."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+        self.points: Array | None = None
+        self.fields: dict[str, Array] = {}
+        if not self._line().startswith(b"# vtk DataFile"):
+            raise SamplesError("the file does not start with '# vtk DataFile Version': it is no legacy vtk file")
+        self._line()  # the title
+        encoding = self._words()
+        if encoding not in (["ASCII"], ["BINARY"]):
+            raise SamplesError(f"the third line of the vtk file is {' '.join(encoding)!r}, not ASCII or BINARY")
+        self.ascii = encoding == ["ASCII"]
+
+    def read(self) -> Cloud:
+        on_points, count = False, 0
+        while words := self._words():
+            key = words[0].upper()
+            if key in ("POINT_DATA", "CELL_DATA"):
+                on_points, count = key == "POINT_DATA", int(words[1])
+            elif key in ("SCALARS", "FIELD") or key in LEGACY_COMPONENTS or key == "TEXTURE_COORDINATES":
+                self._attribute(key, words, count, on_points)
+            else:
+                self._geometry(key, words)
+        if self.points is None:
+            raise SamplesError("the vtk file has no POINTS: save it as an unstructured grid")
+        n = len(self.points)
+        wrong = [name for name, values in self.fields.items() if len(values) != n]
+        if wrong:
+            raise SamplesError(f"point data {wrong[0]!r} has {len(self.fields[wrong[0]])} values for {n} points")
+        return self.points, self.fields
+
+    def _geometry(self, key: str, words: list[str]) -> None:
+        if key == "POINTS":
+            self.points = self._array(words[2], 3 * int(words[1])).reshape(-1, 3)
+        elif key in LEGACY_CELLS:
+            before, line = self.at, self._words()
+            if line and line[0].upper() == "OFFSETS":  # version 5
+                self._array(line[1], int(words[1]))
+                self._array(self._words()[1], int(words[2]))
+            else:
+                self.at = before
+                self._array("int", int(words[2]))
+        elif key == "CELL_TYPES":
+            self._array("int", int(words[1]))
+        elif key == "METADATA":
+            while self._line().strip():
+                pass
+        elif key == "LOOKUP_TABLE":
+            self._array("unsigned_char" if not self.ascii else "float", 4 * int(words[2]))
+        elif key not in ("DATASET", "DIMENSIONS"):
+            raise SamplesError(
+                f"section {words[0][:30]!r} of the vtk file is not known: save it as an unstructured grid"
+            )
+
+    def _attribute(self, key: str, words: list[str], count: int, on_points: bool) -> None:
+        if key == "FIELD":
+            for _ in range(int(words[2])):
+                line = self._words()
+                if line[0].upper() == "METADATA":
+                    self._geometry("METADATA", line)
+                    line = self._words()
+                self._keep(line[0], self._array(line[3], int(line[1]) * int(line[2])), int(line[1]), on_points)
+            return
+        components = LEGACY_COMPONENTS.get(key, 1)
+        dtype = words[2]
+        if key == "TEXTURE_COORDINATES":
+            components, dtype = int(words[2]), words[3]
+        if key == "SCALARS":
+            components = int(words[3]) if len(words) > 3 else 1
+            self._words()  # LOOKUP_TABLE and its name
+        self._keep(words[1], self._array(dtype, components * count), components, on_points)
+
+    def _keep(self, name: str, values: Array, components: int, on_points: bool) -> None:
+        if on_points and components == 1:
+            self.fields[name] = values
+
+    def _line(self) -> bytes:
+        end = self.data.find(b"\n", self.at)
+        end = len(self.data) if end < 0 else end
+        line, self.at = self.data[self.at : end], end + 1
+        return line
+
+    def _words(self) -> list[str]:
+        """The words of the next line that is not blank; none at the end of the file."""
+        while self.at < len(self.data):
+            words = self._line().decode("latin-1").split()
+            if words:
+                return words
+        return []
+
+    def _array(self, type_name: str, size: int) -> Array:
+        dtype = np.dtype(LEGACY_TYPES[type_name.lower()]).newbyteorder(">")
+        if size < 0 or size * (2 if self.ascii else dtype.itemsize) > len(self.data) - self.at + 2:
+            raise SamplesError(f"the vtk file ends before the {size} numbers of an array")
+        if not self.ascii:
+            values = np.frombuffer(self.data, dtype, count=size, offset=self.at).astype(np.float64)
+            self.at += size * dtype.itemsize
+            return values
+        words: list[str] = []
+        while len(words) < size:
+            line = self._words()
+            if not line:
+                raise SamplesError(f"the vtk file ends before the {size} numbers of an array")
+            words += line
+        if len(words) > size:
+            raise SamplesError(f"the vtk file has {len(words)} numbers where {size} are expected")
+        return np.array(words, dtype=np.float64)
