@@ -123,7 +123,7 @@ def predicted(name: str, n: int, strips: int, corrections: int, kind: str) -> tu
 def measured(name: str, n: int, strips: int, corrections: int, kind: str) -> tuple[float, float]:
     """The mean factor between the last errors, and the cosine between the last two: 1 or -1 for an eigenvector."""
     import equimesh as em
-    from equimesh.schwarz.history import observed_rate
+    from equimesh.schwarz.records import observed_rate
 
     problem, start, reference = schwarz_rates.case(name, n)
     settings = em.Schwarz(

@@ -64,8 +64,8 @@ def case(name: str, n: int) -> tuple[Any, Any, Any]:
 def measure(name: str, n: int, settings: Any) -> dict[str, Any]:
     """The errors of one iteration, how many it takes to :data:`GOAL`, and the two rates."""
     import equimesh as em
-    from equimesh.schwarz.history import observed_rate
     from equimesh.schwarz.rates import predicted_rate, steps_to_exact
+    from equimesh.schwarz.records import observed_rate
 
     problem, start, reference = case(name, n)
     errors: list[float] = []

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from enum import IntEnum
 
+from equimesh.solving.solution import SolveError
+
 EPILOG = """\
 exit codes:
   0    done
@@ -66,7 +68,7 @@ def code_of(error: Exception) -> Exit | None:
     if "equimesh" in sys.modules:
         from equimesh import errors as solver
 
-        if isinstance(error, solver.SolveError):
+        if isinstance(error, SolveError):
             return Exit.FAILED
         if isinstance(error, solver.EquimeshError):
             return Exit.INPUT

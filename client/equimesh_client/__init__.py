@@ -39,11 +39,14 @@ from equimesh_client.errors import (
     Unauthorized,
 )
 from equimesh_client.records.certificate import Certificate, Relaxation
-from equimesh_client.records.state import Convergence, Measure, MeshArrays, Progress, Quality
+from equimesh_client.records.convergence import Convergence
+from equimesh_client.records.quality import Measure, Quality
+from equimesh_client.records.state import Progress
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
 from equimesh_client.spec.monitors import ArcLength, Curvature, Intersection, Tensor, Weight
 from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload
+from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.pictures import Plot
 from equimesh_client.wire.retry import RetryPolicy
 from equimesh_client.wire.steps import Step

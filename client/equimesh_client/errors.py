@@ -27,10 +27,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-if TYPE_CHECKING:
-    from equimesh_client.records.state import MeshState
+from equimesh_client.records.state import MeshState
 
 
 class EquimeshClientError(Exception):

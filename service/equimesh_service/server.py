@@ -15,9 +15,8 @@ from contextlib import contextmanager
 import uvicorn
 
 from equimesh_service.api.app import create_app
-from equimesh_service.environment import complaint, unknown
 from equimesh_service.opening import check_database, check_files, check_folder
-from equimesh_service.settings import Settings
+from equimesh_service.settings import Settings, complaint, unknown
 from equimesh_service.telemetry import logs
 from equimesh_service.upkeep.exposure import check_exposure
 

@@ -30,6 +30,7 @@ from equimesh_service.store.quotas import QuotaError
 from equimesh_service.store.rows import (
     Artifact,
     Claim,
+    Ending,
     Hold,
     KeyReusedError,
     MeshRow,
@@ -46,7 +47,7 @@ from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.upkeep.readiness import Readiness
 from equimesh_service.upkeep.retention import Retention
 from equimesh_service.worker import export
-from equimesh_service.worker.job import Ending, Export, Place
+from equimesh_service.worker.job import Export, Place
 
 _log = logging.getLogger(__name__)
 # Seconds that a request stands in line for a worker; then its mesh waits in the store, where nothing is lost.

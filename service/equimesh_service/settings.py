@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from difflib import get_close_matches
 from ipaddress import ip_network
 from pathlib import Path
 from typing import Literal
@@ -114,3 +116,33 @@ class Settings(BaseSettings):
     def database(self) -> str:
         """The address of the database in use, as SQLAlchemy takes it."""
         return self.database_url.get_secret_value() or f"sqlite:///{self.data_dir.resolve() / 'equimesh.sqlite3'}"
+
+
+PREFIX = "EQUIMESH_"
+
+
+# What clients read: an address and an API key.
+_OF_CLIENTS = ("URL", "KEY")
+
+
+def variable(name: str) -> str:
+    """The variable of a setting."""
+    return PREFIX + name.upper()
+
+
+def unknown(environment: Mapping[str, str]) -> dict[str, str | None]:
+    """Every variable that begins as settings do and is none, with the setting's variable that it is nearest to."""
+    known = [*map(str.upper, Settings.model_fields), *_OF_CLIENTS]
+    found: dict[str, str | None] = {}
+    for given in sorted(environment):
+        name = given.upper()
+        if name.startswith(PREFIX) and name.removeprefix(PREFIX) not in known:
+            nearest = get_close_matches(name.removeprefix(PREFIX), known, n=1)
+            found[given] = PREFIX + nearest[0] if nearest else None
+    return found
+
+
+def complaint(given: str, nearest: str | None) -> str:
+    """What is wrong with such a variable."""
+    hint = f"; did you mean {nearest}?" if nearest else ""
+    return f"{given} is no setting, and is ignored{hint}"

@@ -16,25 +16,19 @@ from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
-from equimesh.errors import (
-    DecompositionError,
-    EquimeshError,
-    ExpressionError,
-    InputError,
-    Position,
-    SamplesError,
-    SolveError,
-)
+from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
 from equimesh.fields.expression import Expression
 from equimesh.fields.field import Field
 from equimesh.fields.nodal_field import NodalField, transfer
-from equimesh.fields.samples import GridSamples, ScatteredSamples
+from equimesh.fields.samples import GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
+from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.intersection import Intersection
-from equimesh.monitors.monitor import ArcLength, Monitor
+from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
 from equimesh.quality.measures import Quality, measure
@@ -48,12 +42,13 @@ from equimesh.schwarz.conditions import (
 )
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.iteration import iterate
+from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
-from equimesh.schwarz.settings import Acceleration, LocalSolver, Ordering, Schwarz
-from equimesh.single_domain.iteration import Mode, Step
+from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
+from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving.certificate import Certificate, Relaxed
 from equimesh.solving.options import Event, Initial
-from equimesh.solving.solution import Solution
+from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status
 

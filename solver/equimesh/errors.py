@@ -7,16 +7,13 @@
     │   ├── ExpressionError   ... at a position inside the expression
     │   ├── SamplesError      ... in an array of samples, names the first bad index
     │   └── DecompositionError ... subdomains, overlap and grid do not fit together
-    └── SolveError            a solve ended without the asked mesh; carries what there is
+    └── SolveError            a solve ended without the requested mesh, and carries its partial solution;
+                              it stands in :mod:`equimesh.solving.solution`, next to the solution
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from equimesh.solving.solution import Solution
 
 
 class EquimeshError(Exception):
@@ -59,11 +56,3 @@ class SamplesError(InputError):
 
 class DecompositionError(InputError):
     """A number of subdomains or an overlap that does not fit the grid."""
-
-
-class SolveError(EquimeshError):
-    """A solve that ended without the asked mesh. ``solution`` holds the partial result."""
-
-    def __init__(self, message: str, solution: Solution) -> None:
-        super().__init__(message)
-        self.solution = solution

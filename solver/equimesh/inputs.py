@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from enum import StrEnum
+from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from equimesh.errors import SamplesError
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.errors import InputError, SamplesError
+from equimesh.numerics.types import Array
 
 
 def real_array(value: object, name: str, *, ndim: int) -> Array:
@@ -95,3 +94,15 @@ def _describe(value: object) -> str:
 def _kind(dtype: np.dtype[Any]) -> str:
     words = {"b": "booleans", "c": "complex numbers", "O": "mixed objects", "U": "text", "S": "bytes"}
     return words.get(dtype.kind, f"data of type {dtype}")
+
+
+E = TypeVar("E", bound=StrEnum)
+
+
+def choice(kind: type[E], value: str, field: str) -> E:
+    """The member of ``kind`` that ``value`` is or names; raises :class:`~equimesh.errors.InputError` for others."""
+    try:
+        return kind(value)
+    except ValueError:
+        known = ", ".join(f"'{member}'" for member in kind)
+        raise InputError(f"{field} = {value!r}: choose one of {known}", field=field) from None

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from equimesh_cli import main
-from equimesh_service.environment import unknown
-from equimesh_service.settings import Settings
+from equimesh_service.settings import Settings, unknown
 
 SECRETS = {
     "EQUIMESH_DATABASE_URL": "postgresql+psycopg://ada:hidden1@db.example/meshes?password=hidden2&sslmode=require",

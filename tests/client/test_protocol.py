@@ -34,7 +34,8 @@ from equimesh_client import (
 )
 from equimesh_client.errors import EquimeshClientError, caret
 from equimesh_client.records.tables import aligned, number
-from equimesh_client.spec.schwarz import mesh_spec, points_per_side, transmission
+from equimesh_client.spec.mesh import mesh_spec, points_per_side
+from equimesh_client.spec.schwarz import transmission
 from equimesh_client.wire.protocol import (
     Call,
     Reply,

@@ -41,7 +41,7 @@ from equimesh_cli.exits import Exit
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
 from equimesh_service.api.resources import MeshResource
-from equimesh_service.problems.problem import KINDS
+from equimesh_service.problems.kinds import KINDS
 from equimesh_service.spec import schwarz as schwarz_spec
 from equimesh_service.spec.mesh import MeshSpec
 

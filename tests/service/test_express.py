@@ -20,9 +20,8 @@ from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.engine.port import EngineError, Health, WorkerLostError
 from equimesh_service.service import Asked, Service
-from equimesh_service.store.rows import Claim, NewMesh, Order
+from equimesh_service.store.rows import Claim, Ending, NewMesh, Order
 from equimesh_service.store.store import Store
-from equimesh_service.worker.job import Ending
 from service.conftest import small, until
 
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}

@@ -24,9 +24,8 @@ from equimesh_service import Settings
 from equimesh_service.admission.callers import ANYONE
 from equimesh_service.api.app import create_app
 from equimesh_service.api.middleware import Observation
-from equimesh_service.store.rows import STATUSES, Census
+from equimesh_service.store.rows import STATUSES, Census, Ending
 from equimesh_service.upkeep.metrics import Glance, Metrics
-from equimesh_service.worker.job import Ending
 from service.conftest import SLOW, small, until
 from service.test_faults import children
 

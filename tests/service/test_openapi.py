@@ -12,8 +12,8 @@ from fastapi import FastAPI
 
 from equimesh_service import Settings
 from equimesh_service.api.app import create_app
-from equimesh_service.api.meshes import EXAMPLES
-from equimesh_service.problems.problem import KINDS
+from equimesh_service.api.mesh_requests import EXAMPLES
+from equimesh_service.problems.kinds import KINDS
 from service.conftest import small
 
 

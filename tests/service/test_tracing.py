@@ -11,6 +11,8 @@ import pytest
 
 from equimesh_service.store.rows import Claim
 from equimesh_service.telemetry import tracing
+from equimesh_service.telemetry.tracer import TracingMissingError, open_tracer
+from equimesh_service.worker.attempt import attempt
 from service.conftest import small, until
 from service.observed import Observed
 
@@ -64,16 +66,16 @@ def test_off_they_load_nothing_and_do_nothing() -> None:
     modules = sorted(Path(tracing.__file__).parent.rglob("*.py"))
     assert [path.stem for path in modules if any("opentelemetry" in name for name in imports(path))] == ["spans"]
     assert not [path.stem for path in modules if "equimesh_service.telemetry.spans" in imports(path)]
-    assert tracing.open_tracer("", "service") is None
+    assert open_tracer("", "service") is None
     assert tracing.span("a") is tracing.span("b") is tracing.follow("c", f"00-{TRACE}-{CALLER}-01")
     assert tracing.traceparent() is None
-    with tracing.attempt(Claim("m-1", 1)):
+    with attempt(Claim("m-1", 1)):
         pass
 
 
 def test_a_missing_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "equimesh_service.telemetry.spans", raising=False)
     monkeypatch.setitem(sys.modules, "opentelemetry.sdk.trace", None)
-    assert tracing.open_tracer("", "service") is None
-    with pytest.raises(tracing.TracingMissingError, match=r"pip install 'equimesh\[tracing\]', or leave"):
-        tracing.open_tracer("http://127.0.0.1:1/v1/traces", "service")
+    assert open_tracer("", "service") is None
+    with pytest.raises(TracingMissingError, match=r"pip install 'equimesh\[tracing\]', or leave"):
+        open_tracer("http://127.0.0.1:1/v1/traces", "service")

@@ -9,10 +9,10 @@ import equimesh as em
 from cases import FUNCTIONS, problem
 from equimesh.equations.mesh_equations import Cells
 from equimesh.meshes.folding import smallest_jacobian
+from equimesh.meshes.nested import interpolate
 from equimesh.numerics import threads as workers
 from equimesh.single_domain import iteration
-from equimesh.single_domain.iteration import SHARE, TIGHT
-from equimesh.sweeps import kernels
+from equimesh.single_domain.steps import SHARE, TIGHT
 from equimesh.sweeps import sweep as chord
 
 
@@ -165,9 +165,9 @@ def test_what_is_not_a_number_is_no_convergence() -> None:
 def test_interpolation_keeps_or_measures() -> None:
     rule = (np.array([0, 0, 0]), np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]]))
     coarse, fine = np.array([[0.0, 1.0], [2.0, 5.0]]), np.full((3, 3), 7.0)
-    assert kernels.interpolate(coarse, *rule, *rule, fine, False) == 7.0
+    assert interpolate(coarse, *rule, *rule, fine, False) == 7.0
     assert (fine == 7.0).all()
-    kernels.interpolate(coarse, *rule, *rule, fine, True)
+    interpolate(coarse, *rule, *rule, fine, True)
     assert fine == pytest.approx(np.array([[0, 0.5, 1], [1, 2, 3], [2, 3.5, 5]]))
 
 

@@ -84,7 +84,7 @@ def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest
 def test_an_interpolated_mesh_is_not_called_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where sweeps fail on a grid too large to factorise, what is left is the solution of a coarser one."""
     monkeypatch.setattr("equimesh.single_domain.iteration.MOST_FACTORISED", 33 * 33)
-    monkeypatch.setattr("equimesh.single_domain.iteration.MOST_SWEEPS", 1)
+    monkeypatch.setattr("equimesh.single_domain.level.MOST_SWEEPS", 1)
     solution = em.solve(problem("tanh20", 65))
     assert solution.status is em.Status.RELAXED
     assert [(r.what, r.asked, r.reached) for r in solution.relaxed] == [("points", 65.0, 33.0)]

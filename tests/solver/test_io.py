@@ -20,8 +20,9 @@ import pytest
 import skfem
 
 from equimesh.errors import InputError
+from equimesh.io.npz import load_npz
 from equimesh.io.vtu import write_vtu
-from equimesh.io.write import FORMATS, Cells, MeshData, load_npz, write_mesh
+from equimesh.io.write import FORMATS, Cells, MeshData, write_mesh
 from equimesh.meshes.mesh import SIDES, Mesh
 from equimesh.upload.samples import read_samples
 

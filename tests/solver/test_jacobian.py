@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.schwarz.conditions import InterfaceData
+from equimesh.schwarz.functionals.interface import InterfaceData
 from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
 from equimesh.schwarz.optimized.subdomains import YieldingSubdomains
 

@@ -11,9 +11,9 @@ from scipy.sparse import csc_array
 import equimesh as em
 from cases import problem
 from equimesh.equations.newton_solve import newton_steps
-from equimesh.fields.field import Array
 from equimesh.meshes.nested import nested_grids, prolong
 from equimesh.numerics import dissection, newton
+from equimesh.numerics.types import Array
 from equimesh.single_domain.iteration import iterate
 
 

@@ -19,15 +19,14 @@ from equimesh.errors import InputError
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
+from equimesh.plot.convergence import draw_convergence, draw_histories
 from equimesh.plot.mesh_lines import SHARED, MeshLines
 from equimesh.plot.meshes import (
     MOST_LINES,
     OVERLAP_COLOUR,
     SINGLE_COLOUR,
     SUBDOMAIN_COLOURS,
-    draw_convergence,
     draw_decomposition,
-    draw_histories,
     draw_mesh,
     draw_quality,
     draw_surface,

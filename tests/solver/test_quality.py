@@ -16,7 +16,7 @@ import pytest
 import equimesh as em
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.monitors.monitor import ArcLength
+from equimesh.monitors.arc_length import ArcLength
 from equimesh.quality import cells as bilinear
 from equimesh.quality import measures
 from equimesh.quality.cells import BilinearCells

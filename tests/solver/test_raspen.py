@@ -11,10 +11,10 @@ import equimesh as em
 from cases import problem
 from equimesh.equations.newton_solve import LocalSolution
 from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
-from equimesh.schwarz.iteration import Subdomains
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
 from equimesh.schwarz.optimized import sides as yielding
 from equimesh.schwarz.optimized.subdomains import YieldingSubdomains
+from equimesh.schwarz.port import Subdomains
 from equimesh.schwarz.raspen import Raspen, Slope
 from equimesh.single_domain import iteration as single_domain
 

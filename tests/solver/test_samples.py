@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from equimesh.errors import InputError, SamplesError
-from equimesh.fields.samples import GridSamples, ScatteredSamples
+from equimesh.fields.samples import GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
 
 PROBE = np.meshgrid(np.linspace(0, 1, 211), np.linspace(0, 1, 211), indexing="ij")
 FINE = np.meshgrid(np.linspace(0, 1, 2501), np.linspace(0, 1, 81), indexing="ij")  # resolves the layer's error

@@ -12,8 +12,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.history import observed_rate
-from equimesh.schwarz.records import estimated
+from equimesh.schwarz.records import estimated, observed_rate
 
 PAPER = problem("paper", 24, 20)
 

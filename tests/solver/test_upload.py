@@ -21,7 +21,8 @@ import numpy as np
 import pytest
 
 from equimesh.errors import SamplesError
-from equimesh.fields.samples import GridSamples, ScatteredSamples
+from equimesh.fields.samples import GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.write import Cells, MeshData, write_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.upload.samples import MAX_BYTES, READERS, read_samples

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import equimesh as em
 from equimesh.meshes.nested import distance, nested_grids, prolong
 from equimesh.numerics import dissection, newton
-from equimesh.single_domain.iteration import TIGHT
+from equimesh.single_domain.steps import TIGHT
 from equimesh.sweeps import sweep as chord
 from equimesh_cli.benchmark.rows import Row, cpu_seconds
 from equimesh_cli.benchmark.solves import front

@@ -23,7 +23,7 @@ TABLE_1 = "1.1979"
 
 def variables(settings: Settings) -> Finding:  # noqa: ARG001
     """Whether every variable that means to be a setting is one."""
-    from equimesh_service.environment import complaint, unknown
+    from equimesh_service.settings import complaint, unknown
 
     foreign = unknown(os.environ)
     if foreign:

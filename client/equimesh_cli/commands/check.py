@@ -7,8 +7,8 @@ import importlib.util
 import json
 from typing import Any
 
-from equimesh_cli.commands.generate import DEFAULT_URL, add_url
 from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import parameter
 from equimesh_cli.options.monitors import domain
 

@@ -10,8 +10,8 @@ import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.commands.serve import add_settings, chosen, given
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled
+from equimesh_cli.options.settings import add_settings, chosen, given
 from equimesh_cli.parser import Parser
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def add_parser(commands: Any, *, full: bool) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print all settings; complain of variables that are none."""
     try:
-        from equimesh_service.environment import complaint, unknown
+        from equimesh_service.settings import complaint, unknown
     except ImportError as error:
         raise NotInstalled("service", error) from error
     options_given = given(options)
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 def shown(settings: Settings, options: dict[str, str]) -> list[Shown]:
     """All settings, in their order, without their secrets; ``options`` are those that were given as such."""
-    from equimesh_service.environment import variable
+    from equimesh_service.settings import variable
 
     environment = {name.upper() for name in os.environ}
     rows = []

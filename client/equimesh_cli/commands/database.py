@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from equimesh_cli.commands.serve import chosen
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.options.settings import chosen
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from equimesh_cli.commands.serve import cannot_serve
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.options.settings import cannot_serve
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.checks import installation, machine, reach, storage
 from equimesh_cli.checks.findings import Finding, Level, failed
-from equimesh_cli.commands.generate import add_url
-from equimesh_cli.commands.serve import add_settings, chosen, given
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.options.address import add_url
+from equimesh_cli.options.settings import add_settings, chosen, given
 from equimesh_cli.parser import Parser
 
 if TYPE_CHECKING:

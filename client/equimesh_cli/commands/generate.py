@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import add_mesh_options, check_options, schwarz_of
 from equimesh_cli.options.monitors import monitor_of
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
 
 SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
-DEFAULT_URL = "http://127.0.0.1:8000"
 EXAMPLES = """\
 examples:
   equimesh generate '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
@@ -46,19 +45,6 @@ def add_parser(commands: Any) -> None:
         "--no-reuse", action="store_true", help="compute it, even if the service has the mesh of the same request"
     )
     parser.set_defaults(run=run)
-
-
-def add_url(parser: Any, *, default: str | None) -> None:
-    """Add --url and --key, which EQUIMESH_URL and EQUIMESH_KEY also set."""
-    said = f" ({default})" if default else ""
-    parser.add_argument(
-        "--url",
-        default=os.environ.get("EQUIMESH_URL") or default,
-        help=f"address of the service; also EQUIMESH_URL{said}",
-    )
-    parser.add_argument(
-        "--key", help="API key; better in EQUIMESH_KEY, since other users of this machine can read options"
-    )
 
 
 def run(options: argparse.Namespace) -> int:

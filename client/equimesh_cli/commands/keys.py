@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.commands.serve import chosen
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.options.settings import chosen
 
 if TYPE_CHECKING:
     from equimesh_service.store.key_secrets import KeyRow

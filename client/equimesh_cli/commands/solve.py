@@ -8,6 +8,7 @@ import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from equimesh.plot.convergence import draw_convergence
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.options.mesh import add_mesh_options, check_options
 
@@ -144,7 +145,7 @@ def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
             raise Refused("--plot needs matplotlib: pip install 'equimesh[plot]'") from error
         match options.plot_kind:
             case "convergence":
-                meshes.draw_convergence(solution.convergence(), options.plot)
+                draw_convergence(solution.convergence(), options.plot)
             case "quality":
                 meshes.draw_quality(solution.data(), options.plot)
             case _:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy.typing as npt
 
 from equimesh_client.aio.mesh import AsyncMesh
-from equimesh_client.records.state import Array
+from equimesh_client.records.tables import Array
 from equimesh_client.spec.domains import Domain
 from equimesh_client.spec.monitors import Monitor
 from equimesh_client.spec.request import DEADLINE, Wish
 from equimesh_client.spec.schwarz import Schwarz
 from equimesh_client.wire import flows, protocol, steps
-from equimesh_client.wire.flows import Deadline
+from equimesh_client.wire.deadline import Deadline
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.steps import Step
 

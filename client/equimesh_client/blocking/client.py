@@ -12,17 +12,16 @@ from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.monitors import Monitor
-from equimesh_client.spec.request import DEADLINE, Wish, order_of_spec, settled, stored
+from equimesh_client.spec.request import DEADLINE, Wish, order_of_spec, stored
 from equimesh_client.spec.schwarz import Schwarz
 from equimesh_client.spec.sources import StoredSamples
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.flows import Deadline, Settings
+from equimesh_client.wire.deadline import URL, Deadline, Settings
 from equimesh_client.wire.key import with_key
+from equimesh_client.wire.outcome import settled
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.transport import base_url
-
-URL = "http://127.0.0.1:8000"
 
 
 class Client:

@@ -8,12 +8,17 @@ from typing import Any
 
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
-from equimesh_client.records.state import Array, Convergence, IntArray, MeshArrays, MeshState, Quality, arrays_of
-from equimesh_client.spec.request import DEADLINE, meshio_mesh, settled
+from equimesh_client.records.convergence import Convergence
+from equimesh_client.records.quality import Quality
+from equimesh_client.records.state import MeshState
+from equimesh_client.records.tables import Array, IntArray
+from equimesh_client.spec.request import DEADLINE
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.archives import unpack_xdmf
+from equimesh_client.wire.arrays import MeshArrays, arrays_of
+from equimesh_client.wire.deadline import Deadline
 from equimesh_client.wire.downloads import PartFile
-from equimesh_client.wire.flows import Deadline
+from equimesh_client.wire.outcome import meshio_mesh, settled
 from equimesh_client.wire.pictures import Plot, plot_format
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.stream import Event, StreamPosition

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from equimesh_client.records.tables import real_or_nan
+
 NAMES = {
     "a": "a of the arc length",
     "strength": "strength of the monitor",
@@ -61,16 +63,20 @@ class Certificate:
         return cls(
             status=str(record.get("status") or ""),
             mode=str(record.get("mode") or ""),
-            equation_residual=_real(record.get("equation_residual")),
-            discretization_error=_real(record.get("discretization_error")),
-            algebraic_error=_real(record.get("algebraic_error")),
-            min_jacobian=_real(record.get("min_jacobian")),
+            equation_residual=real_or_nan(record.get("equation_residual")),
+            discretization_error=real_or_nan(record.get("discretization_error")),
+            algebraic_error=real_or_nan(record.get("algebraic_error")),
+            min_jacobian=real_or_nan(record.get("min_jacobian")),
             relaxed=tuple(
-                Relaxation(what=str(part["what"]), asked=_real(part.get("asked")), reached=_real(part.get("reached")))
+                Relaxation(
+                    what=str(part["what"]),
+                    asked=real_or_nan(part.get("asked")),
+                    reached=real_or_nan(part.get("reached")),
+                )
                 for part in record.get("relaxed") or ()
             ),
             warnings=tuple(map(str, record.get("warnings") or ())),
-            interpolation_gain=None if gain is None else {name: _real(value) for name, value in gain.items()},
+            interpolation_gain=None if gain is None else {name: real_or_nan(value) for name, value in gain.items()},
             record=record,
         )
 
@@ -92,11 +98,6 @@ class Certificate:
 
     def __str__(self) -> str:
         return self.table()
-
-
-def _real(value: Any) -> float:
-    """A float; nan for what is absent or is none."""
-    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def _said(value: float) -> str:

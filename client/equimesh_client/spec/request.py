@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from equimesh_client.errors import BadArgument, MeshCanceled, MeshFailed
-from equimesh_client.records.state import MeshArrays, MeshState
+from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
+from equimesh_client.spec.mesh import mesh_spec
 from equimesh_client.spec.monitors import ArcLength, Monitor, Read, monitor_json
-from equimesh_client.spec.schwarz import Schwarz, mesh_spec
+from equimesh_client.spec.schwarz import Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload, needs_box, source_of, upload_of
 
 DEADLINE = 600.0
@@ -155,51 +152,6 @@ def _renamed(monitor: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, 
     return made
 
 
-def settled(mesh: MeshState) -> None:
-    """Nothing for a mesh that succeeded; raises :class:`MeshFailed` or :class:`MeshCanceled` for one that
-    did not.
-    """
-    if mesh.status == "failed":
-        raise MeshFailed(mesh, mesh.error or {})
-    if mesh.status == "canceled":
-        raise MeshCanceled(mesh)
-
-
 def stored(record: Mapping[str, Any]) -> StoredSamples:
     """Samples that the service keeps."""
     return StoredSamples(id=str(record["id"]), record=dict(record))
-
-
-def meshio_mesh(arrays: MeshArrays) -> Any:
-    """A ``meshio.Mesh`` of the cells and named boundary lines, with the data that the files have.
-
-    Raises :class:`BadArgument` when meshio is not installed.
-    """
-    try:
-        # By name: the client does not depend on meshio, and import-linter holds it to that.
-        meshio = importlib.import_module("meshio")
-    except ImportError as error:
-        raise BadArgument("to_meshio() needs meshio, which is not installed: pip install meshio") from error
-    sides = list(arrays.boundary.items())
-    empty = np.zeros(0, dtype=np.int64)
-    kind, parts = ("triangle", 2) if arrays.cells.shape[1] == 3 else ("quad", 1)
-    along_xi, along_eta = (np.linspace(0.0, 1.0, n) for n in arrays.x.shape)
-    xi, eta = np.meshgrid(along_xi, along_eta, indexing="ij")
-    of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # and what a side has in its place
-    return meshio.Mesh(
-        arrays.points,
-        [(kind, arrays.cells), *(("line", edges) for _, edges in sides)],
-        point_data={
-            **({} if arrays.u is None else {"u": arrays.u.ravel()}),
-            "xi": xi.ravel(),
-            "eta": eta.ravel(),
-        },
-        cell_data={
-            name: [np.repeat(values.ravel(), parts), *(np.full(len(edges), none) for _, edges in sides)]
-            for name, (values, none) in of_cells.items()
-        },
-        cell_sets={
-            name: [np.arange(len(edges)) if block == place else empty for block in range(len(sides) + 1)]
-            for place, (name, edges) in enumerate(sides, start=1)
-        },
-    )

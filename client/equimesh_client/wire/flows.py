@@ -7,13 +7,11 @@ Retries, waiting and deadlines live here, once, for :class:`Client` and :class:`
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, TypeVar
 
 from equimesh_client.errors import (
-    BadArgument,
     Conflict,
     DeadlineExceeded,
     DownloadDamaged,
@@ -29,9 +27,10 @@ from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, rea
 from equimesh_client.spec.request import Order, Wish
 from equimesh_client.spec.sources import needs_box, upload_of
 from equimesh_client.wire import protocol
+from equimesh_client.wire.deadline import Deadline, Settings
 from equimesh_client.wire.downloads import Download, PartFile
 from equimesh_client.wire.protocol import Call, Reply
-from equimesh_client.wire.retry import RETRIED, RetryPolicy, pause_before_retry, retry_after_of
+from equimesh_client.wire.retry import RETRIED, pause_before_retry, retry_after_of
 from equimesh_client.wire.stream import StreamPosition
 
 T = TypeVar("T")
@@ -39,49 +38,6 @@ LONG_POLL = 20
 """Seconds that the service is asked to hold an answer back while nobody watches the progress."""
 FAREWELL = 2.0
 """Seconds for canceling a mesh that nobody waits for any more."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Deadline:
-    """A moment of the monotonic clock; ``seconds`` is what the caller allowed."""
-
-    seconds: float
-    end: float
-    clock: Callable[[], float] = time.monotonic
-
-    @classmethod
-    def after(cls, seconds: float, clock: Callable[[], float] = time.monotonic) -> Deadline:
-        """The moment ``seconds`` from now. Raises :class:`BadArgument` when that is no positive number."""
-        if not seconds > 0:
-            raise BadArgument(f"deadline = {seconds}: a deadline is a positive number of seconds")
-        return cls(seconds=seconds, end=clock() + seconds, clock=clock)
-
-    @property
-    def left(self) -> float:
-        """Seconds that are left, not below 0."""
-        return max(0.0, self.end - self.clock())
-
-    def exceeded(self, doing: str) -> DeadlineExceeded:
-        """The exception that says so."""
-        return DeadlineExceeded(f"{doing}: the deadline of {self.seconds:g} s has passed")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What a client was made with: base ``url``, seconds a single answer may take, the retry policy."""
-
-    url: str
-    timeout: float
-    policy: RetryPolicy
-
-    @property
-    def attempts(self) -> float:
-        """Seconds that are enough for every attempt at a request."""
-        return self.timeout * (self.policy.retries + 1)
-
-    def deadline(self, seconds: float | None = None) -> Deadline:
-        """The deadline of a plain request, ``seconds`` from now; unless given, there is time for every attempt."""
-        return Deadline.after(self.attempts if seconds is None else seconds)
 
 
 @dataclass(frozen=True, kw_only=True)

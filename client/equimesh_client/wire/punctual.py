@@ -10,7 +10,7 @@ from typing import Any
 
 import httpcore
 
-from equimesh_client.wire.flows import Deadline
+from equimesh_client.wire.deadline import Deadline
 
 PIECE = 65_536
 """Bytes that are written at a time: a slow reader could otherwise draw one write out for ever."""

@@ -8,7 +8,8 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from typing import Any, TypeAlias, TypeVar
 
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.flows import Deadline, Disconnected, Flow, Outcome, Pause, Report, Send, Settings
+from equimesh_client.wire.deadline import Deadline, Settings
+from equimesh_client.wire.flows import Disconnected, Flow, Outcome, Pause, Report, Send
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.stream import Event, StreamPosition
 from equimesh_client.wire.transport import AsyncTransport, Dropped, SyncTransport

@@ -12,10 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh_client.errors import BadArgument, DownloadDamaged
-from equimesh_client.records.state import Array, MeshArrays, MeshState, arrays_of
-from equimesh_client.spec.request import Order, Wish, settled
+from equimesh_client.records.state import MeshState
+from equimesh_client.records.tables import Array
+from equimesh_client.spec.request import Order, Wish
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.flows import LONG_POLL, Deadline, Flow, Settings
+from equimesh_client.wire.arrays import MeshArrays, arrays_of
+from equimesh_client.wire.deadline import Deadline, Settings
+from equimesh_client.wire.flows import LONG_POLL, Flow
+from equimesh_client.wire.outcome import settled
 from equimesh_client.wire.protocol import Call, Reply
 
 U: TypeAlias = "str | npt.ArrayLike | Callable[[Array, Array], npt.ArrayLike]"

@@ -15,7 +15,8 @@ from typing import Any
 import httpx
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.wire.flows import Deadline, Disconnected, Send
+from equimesh_client.wire.deadline import Deadline
+from equimesh_client.wire.flows import Disconnected, Send
 from equimesh_client.wire.protocol import Call, Reply
 from equimesh_client.wire.punctual import Punctual
 

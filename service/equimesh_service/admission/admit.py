@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.problem import build_grid, build_schwarz, check_problem, pointing
-from equimesh_service.assembly.samples import Arrays
+from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import Desk
 from equimesh_service.engine.port import EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files.port import Files
@@ -39,19 +39,6 @@ _WORK_SECONDS = 60.0
 _REMEMBERED = 1000
 _VERSION = version("equimesh")
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class Upload:
-    """A file as it came: its bytes, and the name whose suffix tells its format."""
-
-    data: bytes
-    filename: str
-
-    @cached_property
-    def is_light(self) -> bool:
-        """Whether reading it takes no longer than asking a worker to."""
-        return intake.is_light(self.data, self.filename)
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import time
-from typing import Annotated, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import FailFast, Field, Tag
 
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.nodal_field import nodal_values
-from equimesh.io.write import NPZ_ARRAYS, load_npz
+from equimesh.io.npz import NPZ_ARRAYS, load_npz
 from equimesh.meshes.mesh import Mesh
 from equimesh.upload.samples import read_npz
 from equimesh_service.admission.admit import Admission, Admitted
@@ -27,43 +26,19 @@ from equimesh_service.problems.problem import Complaint, Problem, complaint_of, 
 from equimesh_service.spec.document import escaped, parse
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.sources import ExpressionSource
-from equimesh_service.spec.strict import TAG, Numbers, Strict, by_key, validated
+from equimesh_service.spec.step import MOST_FIELDS, NodesSource, StepSpec
+from equimesh_service.spec.strict import validated
 from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
 from equimesh_service.store.store import Store
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
 FIELDS = "fields"  # the name of the artifact
-MOST_FIELDS = 32
 # Names in files that are something else, and those that numpy.savez keeps for itself.
 RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
 KINDS = ("arc_length", "curvature")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
 _U = "/monitor/u"
-
-_Rows = Annotated[list[Numbers], FailFast()]
-
-
-class NodesSource(Strict):
-    """u at the nodes of the current mesh."""
-
-    nodes: _Rows = Field(description="nodes[i][j] is u at the node (i, j): n_xi rows of n_eta values.")
-
-
-class StepSpec(Strict):
-    """The next step of a sequence."""
-
-    step: int = Field(description="The step that this one follows: whose mesh u and the fields are given on.")
-    u: Annotated[
-        Annotated[NodesSource, Tag(TAG + "nodes")] | Annotated[ExpressionSource, Tag(TAG + "expression")],
-        by_key("nodes", "expression"),
-    ] = Field(description="What the next mesh adapts to.")
-    fields: dict[str, _Rows] = Field(
-        default_factory=dict,
-        max_length=MOST_FIELDS,
-        description="Further values at the nodes, as u.nodes, to be carried to the next mesh; by names of letters, "
-        "digits and underscores.",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

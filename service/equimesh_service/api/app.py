@@ -17,7 +17,6 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from equimesh_service.admission.steps import StepSpec
 from equimesh_service.api import checks, events, meshes, pages, results, samples, sequences
 from equimesh_service.api import operations as operations_api
 from equimesh_service.api.middleware import Observation
@@ -27,7 +26,8 @@ from equimesh_service.problems.problem import Problem, problem_of
 from equimesh_service.problems.storage import storage_problem
 from equimesh_service.settings import Settings
 from equimesh_service.spec.mesh import ExpressionCheck, MeshSpec
-from equimesh_service.telemetry.tracing import open_tracer
+from equimesh_service.spec.step import StepSpec
+from equimesh_service.telemetry.tracer import open_tracer
 from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.wire.security_headers import SecurityHeaders
 

@@ -21,8 +21,9 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import MODE_USES, read_expression_check
+from equimesh_service.spec.step import MOST_FIELDS
 from equimesh_service.wire import body as bodies
-from equimesh_service.worker.export import PICTURES, PLOTS
+from equimesh_service.worker.names import PICTURES, PLOTS
 
 router = APIRouter(prefix="/v1", tags=["checks"])
 
@@ -70,7 +71,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "formats": ["npz", "npy", "csv", "json", "vtu", "vtk", "xdmf"],
             "max_samples": settings.max_samples,
         },
-        "sequences": {"monitors": list(steps.KINDS), "max_fields": steps.MOST_FIELDS},
+        "sequences": {"monitors": list(steps.KINDS), "max_fields": MOST_FIELDS},
         "monitors": _named(monitors.USES),
         "domains": _named(domains.USES),
         "modes": _named(MODE_USES),

@@ -11,100 +11,21 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh.io.write import FORMATS
-from equimesh_service.admission.admit import Upload
 from equimesh_service.api.cursors import cursor_of, position_of
+from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
+from equimesh_service.api.mesh_requests import MESH_BODY, checked_key, media_types, read_request
 from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
-from equimesh_service.api.results import check_done, mesh_bytes, mesh_file, mesh_format
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.spec.mesh import MeshSpec
 from equimesh_service.spec.strict import WITHOUT_NUL
-from equimesh_service.store.rows import CANCELED, MeshRow
-from equimesh_service.wire import body as bodies
+from equimesh_service.store.rows import CANCELED, Ending, MeshRow
 from equimesh_service.wire.negotiation import explicit, preferred_wait
-from equimesh_service.worker.job import Ending
-from equimesh_service.worker.solve import file_name
+from equimesh_service.worker.names import file_name
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
 
-EXAMPLES: dict[str, Any] = {
-    "single domain": {
-        "summary": "One expression, everything else by default",
-        "value": {"monitor": {"u": {"expression": "tanh(20*(x + y/2 - 0.75))"}}},
-    },
-    "paper": {
-        "summary": "The mesh of Haynes and Howse's Table 1, classical conditions",
-        "value": {
-            "monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}, "a": 0.7, "b": 0.05},
-            "grid": {"n_xi": 12, "n_eta": 12},
-            "boundary": "equidistributed_1d",
-            "initial": "uniform",
-            "schwarz": {
-                "subdomains": [2, 1],
-                "overlap": 2,
-                "transmission": {"kind": "classical"},
-                "ordering": "parallel",
-                "tolerance": None,
-                "max_iterations": 5,
-            },
-        },
-    },
-    "curvature": {
-        "summary": "The least interpolation error on a part of a ring",
-        "value": {
-            "monitor": {"kind": "curvature", "u": {"expression": "tanh(10*(x - y))"}, "smoothing": 0.05},
-            "domain": {"kind": "annulus_sector", "radii": [1, 2], "angles": [0, 90]},
-            "grid": {"n_xi": 33, "n_eta": 33},
-        },
-    },
-    "weight": {
-        "summary": "Cells three times smaller along the bottom of a channel with a bump",
-        "value": {
-            "monitor": {"kind": "weight", "rho": {"expression": "1 + 8*exp(-(4*y)**2)"}},
-            "domain": {
-                "kind": "quadrilateral",
-                "bottom": {"x": "3*t", "y": "h*exp(-(6*t - 3)**2)", "parameters": {"h": 0.2}},
-                "right": {"x": "3", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
-                "top": {"points": [[0, 1], [3, 1]]},
-                "left": {"x": "0", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
-            },
-            "grid": {"n_xi": 49, "n_eta": 17},
-            "mode": "tight",
-        },
-    },
-    "samples": {
-        "summary": "u as samples on a grid",
-        "value": {
-            "monitor": {
-                "u": {"grid": {"x": [0, 0.5, 1], "y": [0, 1], "values": [[0, 0], [1, 1], [0, 0]]}},
-            },
-            "grid": {"n_xi": 16, "n_eta": 16},
-        },
-    },
-}
-_SPEC = {"$ref": "#/components/schemas/MeshSpec"}
-MESH_BODY = {
-    "required": True,
-    "content": {
-        "application/json": {"schema": _SPEC, "examples": EXAMPLES},
-        "multipart/form-data": {
-            "schema": {
-                "type": "object",
-                "required": ["spec"],
-                "properties": {
-                    "spec": _SPEC,
-                    "samples": {
-                        "type": "string",
-                        "contentMediaType": "application/octet-stream",
-                        "description": "For {'samples': 'upload'}: npz, npy, csv, json, vtu, vtk or xdmf.",
-                    },
-                },
-            },
-            "encoding": {"spec": {"contentType": "application/json"}},
-        },
-    },
-}
 _MESH_FILES: dict[str, Any] = {form.media_type: {} for form in FORMATS.values()}
 _LOCATION = {"Location": {"description": "The mesh.", "schema": {"type": "string"}}}
 _REUSED = {
@@ -280,35 +201,5 @@ async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Respo
     return JSONResponse(spec)
 
 
-async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None]:
-    """The spec of a mesh as it came, and the samples that came with it."""
-    kind = bodies.media_type(request)
-    if kind not in (bodies.JSON, bodies.MULTIPART):
-        shown = repr(kind[:80]) if kind else "no Content-Type"
-        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.MULTIPART}, not {shown}.")
-    data = await bodies.read_body(request, service.settings.max_body)
-    upload = None
-    if kind == bodies.MULTIPART:
-        parts = await bodies.read_parts(request, data, ("spec", "samples"))
-        if "spec" not in parts:
-            raise Problem("malformed-body", 'The multipart body needs a part "spec".')
-        data = parts["spec"].data
-        if "samples" in parts:
-            upload = bodies.upload_of(parts["samples"])
-    return data, upload
-
-
 def _answer(service: Service, row: MeshRow, status: int, headers: dict[str, str]) -> Response:
     return JSONResponse(mesh_resource(row, service.settings.root).model_dump(mode="json"), status, headers)
-
-
-def media_types() -> dict[str, str]:
-    """The media types of the mesh formats, by their names."""
-    return {name: form.media_type for name, form in FORMATS.items()}
-
-
-def checked_key(key: str | None) -> str | None:
-    """An idempotency key that can be one; raises a 400 problem."""
-    if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
-        raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")
-    return key

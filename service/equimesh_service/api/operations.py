@@ -10,7 +10,8 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh_service.api.routing import KEY_PROBLEMS, Admin, ServiceDependency, problems
-from equimesh_service.problems.problem import KINDS, Problem
+from equimesh_service.problems.kinds import KINDS
+from equimesh_service.problems.problem import Problem
 from equimesh_service.upkeep.readiness import OK
 
 router = APIRouter(tags=["operations"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -11,16 +10,14 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from equimesh.io.write import FORMATS
+from equimesh_service.api.mesh_files import check_done, mesh_file, mesh_format, send_artifact
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
-from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
-from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
+from equimesh_service.store.rows import Artifact
 from equimesh_service.wire.negotiation import chosen
-from equimesh_service.wire.sending import send_file
 from equimesh_service.worker.convergence import NO_ITERATIONS, ConvergenceHistory, table
-from equimesh_service.worker.export import ARRAYS, PICTURES, plot_name
-from equimesh_service.worker.solve import CONVERGENCE, file_name
+from equimesh_service.worker.names import ARRAYS, CONVERGENCE, PICTURES, plot_name
 
 router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"], responses=KEY_PROBLEMS)
 
@@ -107,7 +104,7 @@ async def get_quality(
         check_done(row, partial=False)
         raise Problem("not-found", "There is no mesh with this id.")
     if arrays:
-        return await _send(request, service, await service.artifact(id, ARRAYS), "application/json")
+        return await send_artifact(request, service, await service.artifact(id, ARRAYS), "application/json")
     return JSONResponse(quality)
 
 
@@ -138,7 +135,7 @@ async def get_convergence(
     if name is None:
         raise Problem("not-acceptable", "Convergence is application/json or text/csv.")
     if name == "json" and artifact is not None:
-        return await _send(request, service, artifact, "application/json")
+        return await send_artifact(request, service, artifact, "application/json")
     headers = {"Vary": "Accept"}
     if name == "json":
         return JSONResponse(NO_ITERATIONS, headers=headers)
@@ -172,46 +169,7 @@ async def get_plot(
     if row.result is None or (kind != "convergence" and row.result.get("quality") is None):
         check_done(row, partial=False)
     artifact = await service.artifact(id, plot_name(kind, name))
-    return await _send(request, service, artifact, PICTURES[name])
-
-
-async def mesh_file(
-    request: Request,
-    service: Service,
-    row: MeshRow,
-    format: str,
-    cells: str,
-    *,
-    headers: Mapping[str, str] | None = None,
-    status: int = 200,
-) -> Response:
-    """The file of a finished mesh."""
-    artifact = await service.artifact(row.id, file_name(format, cells))
-    return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
-
-
-async def mesh_bytes(
-    request: Request,
-    service: Service,
-    mesh_id: str,
-    format: str,
-    artifact: Artifact,
-    *,
-    headers: Mapping[str, str] | None = None,
-    status: int = 200,
-) -> Response:
-    """The file of a mesh in a format."""
-    form = FORMATS[format]
-    name = f"equimesh-{mesh_id}{form.suffix}"
-    file = StoredFile(artifact.sha256, artifact.size)
-    return await send_file(request, service.files, file, form.media_type, filename=name, headers=headers, status=status)
-
-
-def mesh_format(name: str) -> str:
-    """A known name of a mesh format; raises a 406 problem."""
-    if name not in FORMATS:
-        raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}.")
-    return name
+    return await send_artifact(request, service, artifact, PICTURES[name])
 
 
 def _accepted(request: Request) -> str:
@@ -222,25 +180,6 @@ def _accepted(request: Request) -> str:
     return name
 
 
-def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None = None) -> None:
-    """Nothing for a mesh that has files to give; raises the problem why there are none, else."""
-    more = dict(headers or {})
-    if row.status == SUCCEEDED or (partial and row.partial):
-        return
-    if row.status == CANCELED:
-        raise Problem("canceled", "It was canceled before it was finished.", headers=more)
-    if row.status != FAILED:
-        raise Problem("not-finished", f"It is {row.status}.", headers={**more, "Retry-After": "1"})
-    error = row.error or {}
-    name = str(error.get("type", "")).rpartition("/")[2]
-    raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
-
-
 def _csv(service: Service, artifact: Artifact) -> str:
     with service.files.local(artifact.sha256) as path:
         return table(json.loads(path.read_bytes()))
-
-
-async def _send(request: Request, service: Service, artifact: Artifact, media_type: str) -> Response:
-    file = StoredFile(artifact.sha256, artifact.size)
-    return await send_file(request, service.files, file, media_type)

@@ -17,17 +17,16 @@ from starlette.responses import Response
 from equimesh.io.write import FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
-from equimesh_service.api.meshes import MESH_BODY, checked_key, media_types, read_request
+from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
+from equimesh_service.api.mesh_requests import MESH_BODY, checked_key, media_types, read_request
 from equimesh_service.api.resources import SequenceResource, sequence_resource
-from equimesh_service.api.results import check_done, mesh_bytes, mesh_file, mesh_format
 from equimesh_service.api.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, Writer, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Asked, Service, refusals
-from equimesh_service.store.rows import CANCELED, FAILED, NewStep
+from equimesh_service.store.rows import CANCELED, FAILED, Ending, NewStep
 from equimesh_service.wire import body as bodies
 from equimesh_service.wire.negotiation import explicit, preferred_wait
-from equimesh_service.worker.job import Ending
-from equimesh_service.worker.solve import file_name
+from equimesh_service.worker.names import file_name
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
 

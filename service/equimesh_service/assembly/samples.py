@@ -9,6 +9,8 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -21,6 +23,7 @@ from equimesh.errors import SamplesError
 from equimesh.fields.samples import CUBIC
 from equimesh.inputs import counted, real_array
 from equimesh.upload.samples import read_arrays, samples_of
+from equimesh_service.assembly import samples as intake
 
 Arrays: TypeAlias = Mapping[str, Any]
 LIGHT = 256 * 1024  # bytes
@@ -107,3 +110,16 @@ def _canonical(arrays: dict[str, Any]) -> dict[str, Any]:
 def _ends(axis: npt.NDArray[np.float64]) -> Interval:
     """The ends of an axis; of one that is to be refused anything."""
     return (float(axis[0]), float(axis[-1])) if axis.size > 1 and axis[0] < axis[-1] else (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file as it came: its bytes, and the name whose suffix tells its format."""
+
+    data: bytes
+    filename: str
+
+    @cached_property
+    def is_light(self) -> bool:
+        """Whether reading it takes no longer than asking a worker to."""
+        return intake.is_light(self.data, self.filename)

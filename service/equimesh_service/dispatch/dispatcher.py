@@ -16,11 +16,11 @@ from typing import Any
 from equimesh_service.engine.port import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_problem
-from equimesh_service.store.rows import FAILED, Claim, Hold, Order
+from equimesh_service.store.rows import FAILED, Claim, Ending, Hold, Order
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 from equimesh_service.upkeep.metrics import Metrics
-from equimesh_service.worker.job import Ending
+from equimesh_service.worker.attempt import of
 
 _log = logging.getLogger(__name__)
 # Seconds; a database that is locked is waited for half as long.
@@ -239,7 +239,7 @@ class Dispatcher:
 
     def _submit(self, claim: Claim, order: Order | None) -> Future[Any]:
         self._metrics.began(claim.waited)
-        with log_context.follow(log_context.of(claim)):
+        with log_context.follow(of(claim)):
             _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
         function, arguments = self._run(claim, order)
         task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
@@ -268,7 +268,7 @@ class Dispatcher:
         while not self._ended.empty():
             claim, task = self._ended.get()
             try:
-                with log_context.follow(log_context.of(claim)):
+                with log_context.follow(of(claim)):
                     self._conclude(claim, task.exception())
             except Exception:
                 self._ended.put((claim, task))  # the store did not take it: once more, later
@@ -311,7 +311,7 @@ class Dispatcher:
         if status is not None:
             self._queue_is_empty = False
             self._metrics.lost(status)
-            with log_context.follow(log_context.of(claim)):
+            with log_context.follow(of(claim)):
                 _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
             self._notify(claim.mesh_id)
 

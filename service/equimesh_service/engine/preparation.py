@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from equimesh_service.settings import Settings
 from equimesh_service.telemetry import logs, tracing
+from equimesh_service.telemetry.tracer import open_tracer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,4 +25,4 @@ class Preparation:
     def __call__(self) -> None:
         """Prepare this process."""
         logs.configure(self.log_level, self.log_format)
-        tracing.use(tracing.open_tracer(self.trace_endpoint, "worker"))
+        tracing.use(open_tracer(self.trace_endpoint, "worker"))

@@ -189,3 +189,19 @@ class SamplesRow:
     size: int
     summary: dict[str, Any]
     created_at: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How a mesh ended: its status, and for a failed one the name of the problem; what it cost, where that is known."""
+
+    status: str
+    reason: str = ""
+    points: int = 0
+    solve_seconds: float | None = None
+    files: tuple[Artifact, ...] = ()
+
+    def file(self, name: str) -> Artifact | None:
+        """The file of a mesh that has succeeded, under a name; None where the worker made no such file."""
+        found = (file for file in self.files if file.name == name)
+        return next(found, None) if self.status == SUCCEEDED else None

@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-from equimesh_service.store.rows import Claim
-
 # Short, and safe in a header, a log line and a column of the store.
 _SANE = re.compile(r"[A-Za-z0-9._:-]{1,64}", re.ASCII)
 
@@ -47,11 +45,6 @@ def follow(trail: Trail) -> Iterator[None]:
         yield
     finally:
         _trail.reset(token)
-
-
-def of(claim: Claim) -> Trail:
-    """The trail of an attempt at a mesh, which goes on from the request that asked for it."""
-    return Trail(request_id=claim.request_id or "", mesh_id=claim.mesh_id, key_id=claim.key_id)
 
 
 def request_id(given: str | None) -> str:

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import Protocol
 
-from equimesh_service.store.rows import Claim
-
 Attributes = Mapping[str, str | int | float]
-
-
-class TracingMissingError(OSError):
-    """Traces are asked for, and OpenTelemetry is not installed."""
 
 
 class Tracer(Protocol):
@@ -52,21 +46,9 @@ _NOTHING = nullcontext()
 _PLAIN: Attributes = {}
 
 
-def open_tracer(endpoint: str, part: str) -> Tracer | None:
-    """A tracer that sends to an OTLP/HTTP address, None for an empty one; ``part`` is "service" or "worker".
-
-    Raises :class:`TracingMissingError`.
-    """
-    if not endpoint:
-        return None
-    try:
-        from equimesh_service.telemetry.spans import OpenTelemetryTracer
-    except ImportError as error:
-        raise TracingMissingError(
-            f"traces need OpenTelemetry ({error.name} is missing): pip install 'equimesh[tracing]', "
-            "or leave EQUIMESH_TRACE_ENDPOINT empty"
-        ) from None
-    return OpenTelemetryTracer(endpoint, part)
+def current() -> Tracer | None:
+    """The tracer of this thread or task, None where no traces are requested."""
+    return _tracer.get()
 
 
 def use(tracer: Tracer | None) -> None:
@@ -90,16 +72,3 @@ def traceparent() -> str | None:
     """The current span as a W3C traceparent, for the store."""
     tracer = _tracer.get()
     return None if tracer is None else tracer.traceparent()
-
-
-@contextmanager
-def attempt(claim: Claim) -> Iterator[None]:
-    """The spans of an attempt at a mesh: its time in the queue, which is over, and what a worker does."""
-    tracer = _tracer.get()
-    if tracer is None or claim.trace is None:
-        yield
-        return
-    tracer.record("queue wait", claim.trace, claim.claimed_at - claim.waited, claim.claimed_at)
-    told: Attributes = {"equimesh.mesh.id": claim.mesh_id, "equimesh.mesh.attempt": claim.attempt}
-    with tracer.span("attempt", told, parent=claim.trace):
-        yield

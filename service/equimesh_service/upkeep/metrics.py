@@ -14,8 +14,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from equimesh_service.store.rows import CANCELED, FAILED, QUEUED, STATUSES, SUCCEEDED, Census
-from equimesh_service.worker.job import Ending
+from equimesh_service.store.rows import CANCELED, FAILED, QUEUED, STATUSES, SUCCEEDED, Census, Ending
 
 UNMATCHED = "unmatched"
 _METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})

@@ -12,7 +12,7 @@ from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect, Request
 
-from equimesh_service.admission.admit import Upload
+from equimesh_service.assembly.samples import Upload
 from equimesh_service.problems.problem import Problem
 
 JSON = "application/json"

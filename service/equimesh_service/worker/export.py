@@ -9,7 +9,8 @@ from pathlib import Path
 
 import equimesh
 from equimesh.domains.domain import mapped
-from equimesh.io.write import CELLS, FORMATS, load_npz, write_mesh
+from equimesh.io.npz import load_npz
+from equimesh.io.write import CELLS, FORMATS, write_mesh
 from equimesh_service.assembly.problem import build_problem, build_schwarz
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
@@ -20,11 +21,8 @@ from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.worker.convergence import NO_ITERATIONS
 from equimesh_service.worker.job import Export
-from equimesh_service.worker.solve import CONVERGENCE, MESH, open_store, samples_of
-
-ARRAYS = "quality:arrays"
-PLOTS = ("mesh", "convergence", "quality")
-PICTURES = {"svg": "image/svg+xml", "png": "image/png"}
+from equimesh_service.worker.names import CONVERGENCE, MESH
+from equimesh_service.worker.solve import open_store, samples_of
 
 
 def export(task: Export) -> Artifact | None:
@@ -43,11 +41,6 @@ def _export(task: Export) -> Artifact | None:
         artifact = Artifact(task.name, file.sha256, file.size)
         kept = store.meshes.add_artifact(task.mesh_id, artifact, partial(files.publish, path, file))
     return artifact if kept else None
-
-
-def plot_name(kind: str, format: str) -> str:
-    """Name of the artifact that is a picture."""
-    return f"plot:{kind}:{format}"
 
 
 def _suffix(name: str) -> str:
@@ -69,7 +62,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             cells = next(known for known in CELLS if known == asked)
             write_mesh(path, load_npz(source(MESH)), format=format, cells=cells)
         case ["plot", "convergence", _]:
-            from equimesh.plot.meshes import draw_convergence
+            from equimesh.plot.convergence import draw_convergence
 
             kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
             draw_convergence(json.loads(source(CONVERGENCE).read_bytes()) if kept else NO_ITERATIONS, path)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from equimesh_service.files.address import FilesAddress
 from equimesh_service.files.port import Files
-from equimesh_service.store.rows import SUCCEEDED, Artifact, Claim, Order
+from equimesh_service.store.rows import Claim, Order
 from equimesh_service.store.store import Store
 
 
@@ -34,22 +34,6 @@ class Job:
     claim: Claim
     threads: int = 1
     order: Order | None = None  # what the store knows of the mesh, where it need not be asked
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ending:
-    """How a mesh ended: its status, and for a failed one the name of the problem; what it cost, where that is known."""
-
-    status: str
-    reason: str = ""
-    points: int = 0
-    solve_seconds: float | None = None
-    files: tuple[Artifact, ...] = ()
-
-    def file(self, name: str) -> Artifact | None:
-        """The file of a mesh that has succeeded, under a name; None where the worker made no such file."""
-        found = (file for file in self.files if file.name == name)
-        return next(found, None) if self.status == SUCCEEDED else None
 
 
 @dataclass(frozen=True)

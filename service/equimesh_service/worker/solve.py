@@ -15,28 +15,30 @@ import numpy as np
 
 import equimesh
 from equimesh.fields.mesh_map import reference_of
-from equimesh.io.write import load_npz, write_mesh
+from equimesh.io.npz import load_npz
+from equimesh.io.write import write_mesh
 from equimesh_service.assembly.problem import SamplesOf, build_problem, build_schwarz
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
 from equimesh_service.spec.mesh import read_spec
-from equimesh_service.store.rows import FAILED, SUCCEEDED, Order
+from equimesh_service.store.rows import FAILED, SUCCEEDED, Ending, Order
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
-from equimesh_service.worker.job import Ending, Job, Place
+from equimesh_service.worker.attempt import attempt, of
+from equimesh_service.worker.job import Job, Place
+from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import AttemptLostError, Reporter
 
 _log = logging.getLogger(__name__)
-MESH, CONVERGENCE = "mesh", "convergence"
 # Points of a mesh whose files take so long to write that threads are worth their start.
 LARGE = 100_000
 
 
 def solve_mesh(job: Job) -> Ending | None:
     """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile."""
-    with log_context.follow(log_context.of(job.claim)), tracing.attempt(job.claim):
+    with log_context.follow(of(job.claim)), attempt(job.claim):
         try:
             with storage_faults():
                 return _solve(job)
@@ -187,11 +189,6 @@ def _carried(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: File
     """The fields of a step at the nodes of its mesh."""
     with files.local(sha256) as path, np.load(path, allow_pickle=False) as fields:
         return equimesh.transfer(start, dict(fields), mesh)
-
-
-def file_name(format: str, cells: str) -> str:
-    """Name of the artifact that is the mesh in a format; npz with quads is the mesh as it was computed."""
-    return MESH if (format, cells) == ("npz", "quad") else f"file:{format}:{cells}"
 
 
 def _problem(solution: equimesh.Solution) -> Problem:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +20,7 @@ from equimesh.formulas.poles import find_pole
 from equimesh.formulas.program import Program
 from equimesh.formulas.vocabulary import CURVE, LIMITS
 from equimesh.inputs import counted, real_array
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 CHECKED = 257  # values of t at which formulas must be finite
 POLE_SAMPLES = 33
@@ -180,16 +180,9 @@ def _pointing(side: str) -> Iterator[None]:
         raise
 
 
-@dataclass(frozen=True)
-class _Along:
-    """A coordinate of a curve as a field that depends on x alone."""
-
-    program: Program
-
-    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
-        """As :meth:`equimesh.fields.field.Field.evaluate`."""
-        parts = self.program.evaluate(x.ravel(), y.ravel(), order)
-        return tuple(part.reshape(x.shape) for part in parts)
+def _evaluate(program: Program, x: Array, y: Array, order: int) -> tuple[Array, ...]:
+    """The derivatives of a coordinate, at points in arrays of any shape."""
+    return tuple(part.reshape(x.shape) for part in program.evaluate(x.ravel(), y.ravel(), order))
 
 
 def _check_finite(name: str, program: Program) -> None:
@@ -203,7 +196,7 @@ def _check_finite(name: str, program: Program) -> None:
             wrong = f"is larger than {largest:g}" if np.isfinite(found[k]) else "is not finite"
             at = float(t[k])
             blame(program, (at, at), f"{what} {wrong} at t = {at:.6g}", largest, where="curve")
-    pole = find_pole(_Along(program), POLE_SAMPLES)
+    pole = find_pole(partial(_evaluate, program), POLE_SAMPLES)
     if pole is not None:
         wrong = f"the slope of {name}(t) grows without bound at t = {pole.x:.6g}"
         blame(program, (pole.x, pole.x), wrong, float(np.sqrt(pole.slope)), where="curve")

@@ -12,8 +12,8 @@ from scipy.special import cosdg, sindg
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 Box: TypeAlias = tuple[Interval, Interval]
 

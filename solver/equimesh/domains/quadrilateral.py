@@ -7,7 +7,6 @@ Int. J. Numer. Meth. Engng 7 (1973).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +14,7 @@ import numpy.typing as npt
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import Interval, check_extent
 from equimesh.errors import InputError
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 CORNERS = {  # (s, t) of the corner, and the two sides that meet there, each with its value of t
     (0, 0): (("bottom", 0.0), ("left", 0.0)),

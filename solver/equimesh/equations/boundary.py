@@ -6,16 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from equimesh.equations.mesh_equations import Rows, Triplets, Window
 from equimesh.equations.metric import STEP, ReferenceMetric, Tensor, Vector, quadratic
+from equimesh.numerics.types import Array, IntArray
 
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 S = TypeVar("S", bound=np.generic)
 
 

@@ -12,14 +12,13 @@ from functools import cached_property
 from typing import Protocol, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array, csc_array
 
-from equimesh.equations.metric import HalfFlux, LocalMetric, ReferenceMetric, SeenGradient, Vector
+from equimesh.equations.flux import HalfFlux, LocalMetric, SeenGradient
+from equimesh.equations.metric import ReferenceMetric, Vector
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array, IntArray
 
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 Triplet: TypeAlias = tuple[IntArray, IntArray, Array]
 Triplets: TypeAlias = list[Triplet]
 

@@ -5,22 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.equations.metric import ReferenceMetric
+from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection, newton
 
 MOST_STEPS = 60
 TOLERANCE = 1e-12
-# Rounding errors of the fluxes grow like the number of points in a direction; no tolerance can be below them.
-ROUNDING = 64 * np.finfo(np.float64).eps
-
-
-def rounding(metric: ReferenceMetric, shape: tuple[int, int]) -> float:
-    """The relative residual that rounding leaves on a grid: larger where u varies little beside its size."""
-    return float(ROUNDING * max(shape) * metric.cancellation)
 
 
 @dataclass(frozen=True)
@@ -53,7 +44,7 @@ def newton_steps(
     """
     z = equations.vector(start)
     unit = equations.mean_flux(z)
-    floor = rounding(equations.metric, equations.shape)
+    floor = smallest_residual(equations.metric, equations.shape)
     steps = newton.iterate(
         equations.residual,
         equations.jacobian,

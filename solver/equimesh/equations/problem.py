@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from equimesh.choices import choice
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.boundary import Boundary, sides
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.errors import InputError
+from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
 from equimesh.monitors.monitor import Monitor
 

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import RectBivariateSpline
 
 from equimesh.numerics.compiled import vectorised
-
-Array: TypeAlias = npt.NDArray[np.float64]
-Indices: TypeAlias = npt.NDArray[np.int64]
+from equimesh.numerics.types import Array, IntArray
 
 ORDER = 4  # B-splines that are not zero on a piece of an axis, and coefficients of a cubic
 BUCKETS = 2  # per piece
@@ -38,7 +35,7 @@ class Pieces:
     knots: Array
     breaks: Array
     cubics: Array
-    first: Indices
+    first: IntArray
 
     @classmethod
     def between(cls, knots: Array) -> Pieces:
@@ -154,7 +151,7 @@ def _times_line(cubics: Array, constant: Array, slope: Array) -> Array:
 @vectorised
 def fill_values(
     x: Array, y: Array,
-    breaks_x: Array, cubics_x: Array, first_x: Indices, breaks_y: Array, cubics_y: Array, first_y: Indices,
+    breaks_x: Array, cubics_x: Array, first_x: IntArray, breaks_y: Array, cubics_y: Array, first_y: IntArray,
     coefficients: Array, rows: Array,
 ) -> None:  # fmt: skip
     """Fill the first of ``rows`` with the spline at points ``x``, ``y`` within the breaks."""
@@ -176,7 +173,7 @@ def fill_values(
 @vectorised
 def fill_slopes(
     x: Array, y: Array,
-    breaks_x: Array, cubics_x: Array, first_x: Indices, breaks_y: Array, cubics_y: Array, first_y: Indices,
+    breaks_x: Array, cubics_x: Array, first_x: IntArray, breaks_y: Array, cubics_y: Array, first_y: IntArray,
     coefficients: Array, rows: Array,
 ) -> None:  # fmt: skip
     """Fill the first three of ``rows`` with the spline and its first derivatives."""
@@ -205,7 +202,7 @@ def fill_slopes(
 @vectorised
 def fill_curvatures(
     x: Array, y: Array,
-    breaks_x: Array, cubics_x: Array, first_x: Indices, breaks_y: Array, cubics_y: Array, first_y: Indices,
+    breaks_x: Array, cubics_x: Array, first_x: IntArray, breaks_y: Array, cubics_y: Array, first_y: IntArray,
     coefficients: Array, rows: Array,
 ) -> None:  # fmt: skip
     """Fill the last three of six ``rows`` with the second derivatives."""
@@ -234,7 +231,7 @@ def fill_curvatures(
 
 
 @vectorised
-def piece(t: float, breaks: Array, first: Indices, scale: float) -> int:
+def piece(t: float, breaks: Array, first: IntArray, scale: float) -> int:
     """The number of the piece that the point ``t`` lies on: the last one that begins at or before it."""
     bucket = min(int((t - breaks[0]) * scale), first.size - 2)
     low, high = first[bucket], min(first[bucket + 1] + 1, breaks.size - 2)

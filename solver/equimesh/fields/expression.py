@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +21,9 @@ from equimesh.formulas.formula import blame, checked_parameters, compiled, finit
 from equimesh.formulas.poles import find_pole
 from equimesh.formulas.program import Program
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE
+from equimesh.numerics.types import Array
 
 __all__ = ["FUNCTIONS", "LIMITS", "Expression"]
-
-Array: TypeAlias = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class Expression:
         bad_value = ~(np.abs(u) <= LIMITS.magnitude)
         bad = bad_value | ~(np.abs(slopes[0]) <= LIMITS.magnitude) | ~(np.abs(slopes[1]) <= LIMITS.magnitude)
         if not bad.any():
-            pole = find_pole(self, n, domain)
+            pole = find_pole(self.evaluate, n, map=domain.map, box=domain.box)
             if pole is not None:
                 wrong = f"the gradient of u grows without bound at (x, y) = ({pole.x:.6g}, {pole.y:.6g})"
                 blame(self._program, (pole.x, pole.y), wrong, math.sqrt(pole.slope), where=where)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import Protocol
 
 from equimesh.errors import InputError
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 
 class Field(Protocol):

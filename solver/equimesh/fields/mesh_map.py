@@ -6,10 +6,8 @@ Grid coordinates ``(s, t)`` count cells: node ``(i, j)`` is at ``s = i, t = j``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import RectBivariateSpline
 
 from equimesh.domains.domain import Domain, mapped
@@ -17,10 +15,7 @@ from equimesh.errors import InputError
 from equimesh.fields.bicubic import ORDER, Bicubic, at_piece, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
-
-Array: TypeAlias = npt.NDArray[np.float64]
-Indices: TypeAlias = npt.NDArray[np.int64]
-Truths: TypeAlias = npt.NDArray[np.bool_]
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 STEPS = 20  # of Newton's method
 POLISHED = 4  # steps of it on the map of a domain, from where the spline of that leads
@@ -34,7 +29,7 @@ class Places:
 
     s: Array
     t: Array
-    smooth: Truths
+    smooth: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,8 +99,8 @@ def through(values: Array) -> Bicubic:
 @compiled
 def locate_points(
     px: Array, py: Array, x: Array, y: Array,
-    breaks_s: Array, cubics_s: Array, first_s: Indices, breaks_t: Array, cubics_t: Array, first_t: Indices,
-    of_x: Array, of_y: Array, s: Array, t: Array, smooth: Truths,
+    breaks_s: Array, cubics_s: Array, first_s: IntArray, breaks_t: Array, cubics_t: Array, first_t: IntArray,
+    of_x: Array, of_y: Array, s: Array, t: Array, smooth: BoolArray,
 ) -> None:  # fmt: skip
     """Fill in the grid coordinates of points ``px``, ``py``, of which most lie near the one before them."""
     scale_s = (first_s.size - 1) / (breaks_s[-1] - breaks_s[0])

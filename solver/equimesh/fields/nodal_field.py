@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +14,7 @@ from equimesh.fields.mesh_map import MeshMap, Places, through
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from equimesh.domains.domain import UNIT_SQUARE, Domain
-from equimesh.fields.field import Field
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 BLOCKS = 8  # a direction: each block of sample points sends the search after its own steepest point
 HALF_WIDTH = 2  # points of the search pattern on each side of its middle
@@ -21,6 +18,17 @@ LEVELS = 40  # halvings of the pattern: from the spacing of the samples to about
 SPARE = 5  # of them, in binary digits: what a domain away from the origin may lose first
 TRIAL = 12  # the first halvings, in which a pole may lie too near to a sample to show
 GROWTH = 2.0**0.25  # of the slope in a halving; r^alpha grows by 2^(1 - alpha), what is resolved by 1
+
+
+Evaluate: TypeAlias = Callable[[Array, Array, int], tuple[Array, ...]]
+"""The value at points (x, y), and the partial derivatives up to an order."""
+Map: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
+"""The points (x, y) of points (s, t) of the unit square."""
+Box: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+
+
+def _identity(s: Array, t: Array) -> tuple[Array, Array]:
+    return s, t
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,26 +43,27 @@ class Pole:
     slope: float
 
 
-def find_pole(field: Field, n: int, domain: Domain = UNIT_SQUARE) -> Pole | None:
-    """A pole of the field in the closed ``domain``; None where the search from ``n`` x ``n`` samples finds none.
+def find_pole(evaluate: Evaluate, n: int, *, map: Map = _identity, box: Box = ((0.0, 1.0), (0.0, 1.0))) -> Pole | None:
+    """A pole of a function; None where the search from ``n`` x ``n`` samples finds none.
 
+    The function is searched on the closed image of the unit square under ``map``, which lies in ``box``.
     The search climbs from the steepest samples to steeper points near by, on finer and finer patterns. A front is
     climbed until it is resolved, a pole never is. It may miss a pole whose neighbourhood is as flat as the rest.
     A sample where u would change by more than its range within the rounding of a coordinate sits on a pole itself.
     """
-    s, t, height = _steepest(field, n, domain)
+    s, t, height = _steepest(evaluate, n, map)
     offsets = np.linspace(-1.0, 1.0, 2 * HALF_WIDTH + 1)
-    size = max(abs(end) for ends in domain.box for end in ends)
-    history = [_slope(field, *domain.map(s, t))]
+    size = max(abs(end) for ends in box for end in ends)
+    history = [_slope(evaluate, *map(s, t))]
     steepest = int(history[0].argmax())
     if history[0][steepest] * ROUNDING * size > height > 0:
-        return _pole(domain, s[steepest], t[steepest], history[0][steepest])
+        return _pole(map, s[steepest], t[steepest], history[0][steepest])
     radius = 1.0 / (n - 1)
-    for level in range(1, _levels(domain, size) + 1):
+    for level in range(1, _levels(box, size) + 1):
         ds, dt = np.meshgrid(radius * offsets, radius * offsets, indexing="ij")
         near_s = np.clip(s[:, None] + ds.ravel(), 0.0, 1.0)
         near_t = np.clip(t[:, None] + dt.ravel(), 0.0, 1.0)
-        slopes = _slope(field, *domain.map(near_s, near_t))
+        slopes = _slope(evaluate, *map(near_s, near_t))
         best = (np.arange(s.size), slopes.argmax(axis=1))
         s, t = near_s[best], near_t[best]
         history.append(slopes[best])
@@ -67,25 +76,25 @@ def find_pole(field: Field, n: int, domain: Domain = UNIT_SQUARE) -> Pole | None
                 return None
         radius /= 2
     worst = int(history[-1].argmax())
-    return _pole(domain, s[worst], t[worst], history[-1][worst])
+    return _pole(map, s[worst], t[worst], history[-1][worst])
 
 
-def _pole(domain: Domain, s: Array, t: Array, slope: float) -> Pole:
-    x, y = domain.map(s, t)
+def _pole(map: Map, s: Array, t: Array, slope: float) -> Pole:
+    x, y = map(s, t)
     return Pole(x=float(x), y=float(y), slope=float(slope))
 
 
-def _levels(domain: Domain, size: float) -> int:
+def _levels(box: Box, size: float) -> int:
     """The halvings after which neighbours in the pattern are still told apart in coordinates of this ``size``."""
-    extent = min(high - low for low, high in domain.box)
+    extent = min(high - low for low, high in box)
     return max(TRIAL, LEVELS - max(0, math.ceil(math.log2(size / extent)) - SPARE))
 
 
-def _steepest(field: Field, n: int, domain: Domain) -> tuple[Array, Array, float]:
+def _steepest(evaluate: Evaluate, n: int, map: Map) -> tuple[Array, Array, float]:
     """Where in the reference square the steepest sample of every block lies; the range of u over all samples."""
     axis = np.linspace(0.0, 1.0, n)
-    x, y = domain.map(*np.meshgrid(axis, axis, indexing="ij"))
-    slopes, (u,) = _slope(field, x, y), field.evaluate(x, y)
+    x, y = map(*np.meshgrid(axis, axis, indexing="ij"))
+    slopes, (u,) = _slope(evaluate, x, y), evaluate(x, y, 0)
     chosen = []
     for columns in np.array_split(np.arange(n), min(BLOCKS, n)):
         for rows in np.array_split(np.arange(n), min(BLOCKS, n)):
@@ -96,8 +105,8 @@ def _steepest(field: Field, n: int, domain: Domain) -> tuple[Array, Array, float
     return places[:, 0], places[:, 1], float(np.ptp(u))
 
 
-def _slope(field: Field, x: Array, y: Array) -> Array:
+def _slope(evaluate: Evaluate, x: Array, y: Array) -> Array:
     """The largest partial derivative at points, infinite where something is not finite."""
-    parts = field.evaluate(x, y, order=1)
+    parts = evaluate(x, y, 1)
     slope = np.maximum(np.abs(parts[1]), np.abs(parts[2]))
     return np.where(np.isfinite(parts[0]) & np.isfinite(slope), slope, np.inf)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.formulas.functions import OPERATIONS
 from equimesh.formulas.jet import Jet, constant, coordinates
 from equimesh.formulas.syntax import Operation
 from equimesh.formulas.tokens import refuse
 from equimesh.formulas.vocabulary import LIMITS, PLANE
+from equimesh.numerics.types import Array
 
-Array: TypeAlias = npt.NDArray[np.float64]
 BLOCK = 16384  # points at a time: the jets of a few operations stay in the cache
 CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
 

@@ -8,7 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
+
 IntArray: TypeAlias = npt.NDArray[np.integer[Any]]
 
 LINE, TRIANGLE, QUADRILATERAL = 1, 2, 3  # Gmsh's numbers of the element types

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +10,8 @@ import numpy.typing as npt
 from equimesh.errors import InputError
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.grid import Grid
+from equimesh.numerics.types import Array
 
-Array: TypeAlias = npt.NDArray[np.float64]
 SIDES = ("left", "right", "bottom", "top")
 
 

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
-
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+from equimesh.numerics.types import Array, IntArray
 
 TIE = 1e-9  # radians below which both diagonals are equally good
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.meshes.grid import SMALLEST, Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.sweeps import kernels
-
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array, IntArray
 
 COARSEST = 17
 
@@ -63,7 +59,7 @@ def distance(mesh: Mesh, coarse: Mesh) -> float:
         return max(float(np.abs(one - other).max()) for one, other in pairs)
     rules = [_rule(m, n, _CUBIC) for m, n in zip(coarse.x.shape, mesh.x.shape, strict=True)]
     pairs = ((coarse.x, mesh.x), (coarse.y, mesh.y))
-    return max(kernels.interpolate(q, *rules[0], *rules[1], fine, False) for q, fine in pairs)
+    return max(interpolate(q, *rules[0], *rules[1], fine, False) for q, fine in pairs)
 
 
 def refinement(fine: Grid, coarse: Grid) -> float:
@@ -91,7 +87,7 @@ def _interpolated(mesh: Mesh, shape: tuple[int, ...], width: int) -> Mesh:
     rules = [_rule(m, n, width) for m, n in zip(mesh.x.shape, shape, strict=True)]
     x, y = np.empty(shape), np.empty(shape)
     for coarse, fine in ((mesh.x, x), (mesh.y, y)):
-        kernels.interpolate(np.ascontiguousarray(coarse), *rules[0], *rules[1], fine, True)
+        interpolate(np.ascontiguousarray(coarse), *rules[0], *rules[1], fine, True)
     x[0], x[-1], y[:, 0], y[:, -1] = 0.0, 1.0, 0.0, 1.0
     return Mesh(x, y)
 
@@ -124,3 +120,46 @@ def _rule(coarse: int, fine: int, width: int) -> tuple[IntArray, Array]:
     first.setflags(write=False)
     weights.setflags(write=False)
     return first, weights
+
+
+@compiled
+def interpolate(
+    coarse: Array,
+    xi_at: IntArray,
+    xi_weights: Array,
+    eta_at: IntArray,
+    eta_weights: Array,
+    fine: Array,
+    write: bool,
+) -> float:
+    """Nodal values on a finer grid, in ``fine``, by a product of one-dimensional rules.
+
+    Row i of the fine grid takes ``xi_weights[i]`` of the coarse rows from ``xi_at[i]`` on, likewise in eta. Returns the
+    largest difference to the values that stood in ``fine`` before; with ``write`` false these stay.
+    """
+    rows, columns = fine.shape
+    width = xi_weights.shape[1]
+    # Coarse rows, interpolated along eta when they are first needed; row r is held in lines[r % width].
+    lines, ready, largest = np.empty((width, columns)), 0, 0.0
+    row = np.empty(columns)
+    for i in range(rows):
+        first = xi_at[i]
+        for r in range(max(ready, first), first + width):
+            source, line = coarse[r], lines[r % width]
+            for j in range(columns):
+                value, at = 0.0, eta_at[j]
+                for k in range(width):
+                    value += eta_weights[j, k] * source[at + k]
+                line[j] = value
+        ready = first + width
+        row[:] = 0.0
+        for k in range(width):
+            weight, line = xi_weights[i, k], lines[(first + k) % width]
+            for j in range(columns):
+                row[j] += weight * line[j]
+        target = fine[i]
+        for j in range(columns):
+            largest = max(largest, abs(row[j] - target[j]))
+        if write:
+            target[:] = row
+    return largest

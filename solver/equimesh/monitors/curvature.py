@@ -14,23 +14,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 
+from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, checked_field
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
-
-if TYPE_CHECKING:
-    from equimesh.domains.domain import Domain
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 NORMS = ("l2", "h1")
 LINEAR = 1e-8

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
-
+from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.spd import intersection
-
-if TYPE_CHECKING:
-    from equimesh.domains.domain import Domain
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 FEWEST, MOST = 2, 8
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
+from equimesh.numerics.types import Array
 
-if TYPE_CHECKING:
-    from equimesh.domains.domain import Domain
-
-Array: TypeAlias = npt.NDArray[np.float64]
 T = TypeVar("T", bound=Any)
 
 CELLS = 256  # a direction: fronts of a hundredth of the domain are seen

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
-
-if TYPE_CHECKING:
-    from equimesh.domains.domain import Domain
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 LARGEST_RADIUS = 0.25
 SAMPLES = 512  # a direction of the reference square, at which the monitor is asked

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, checked_field
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.spd import eigenvalues
-
-if TYPE_CHECKING:
-    from equimesh.domains.domain import Domain
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 FLATTEST = 1e-10
 """The smaller eigenvalue of a tensor over the larger one must exceed this: less is rounding."""

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
-
+from equimesh.domains.domain import Domain
 from equimesh.fields.field import Field
 from equimesh.monitors.monitor import Monitor, checked_strength
 from equimesh.numerics.spd import power
-
-if TYPE_CHECKING:
-    from equimesh.domains.domain import Domain
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+from equimesh.numerics.types import Array, IntArray
 
 # Blocks of this many nodes are not cut any further; pivots may be this much smaller than the largest of their column.
 SMALL, PIVOT = 16, 0.01

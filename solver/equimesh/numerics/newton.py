@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
+
 Solver: TypeAlias = Callable[[Array], Array]
 
 SMALLEST_DAMPING = 2.0**-12

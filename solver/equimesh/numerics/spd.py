@@ -10,11 +10,10 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Matrices: TypeAlias = tuple[Array, Array, Array]
 
 ROUNDING = 1e-4

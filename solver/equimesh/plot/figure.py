@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.errors import InputError
+from equimesh.numerics.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Series: TypeAlias = Mapping[str, tuple[Array, Array]]
 
 METADATA: dict[str, dict[str, str | None]] = {

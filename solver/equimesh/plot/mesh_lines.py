@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import Decomposition
-
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
 
 SHARED = -1
 """The owner of edges that several subdomains hold."""

@@ -6,15 +6,10 @@ arrays over the cells. :mod:`equimesh.quality.measures` says what each measure i
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.numerics.compiled import compiled
-
-Array: TypeAlias = npt.NDArray[np.float64]
-Truths: TypeAlias = npt.NDArray[np.bool_]
+from equimesh.numerics.types import Array, BoolArray
 
 
 @compiled
@@ -38,7 +33,7 @@ def largest_ratio(x: Array, y: Array, i: int, j: int, m11: float, m12: float, m2
 
 
 @compiled
-def alignments(x: Array, y: Array, valid: Truths, m11: Array, m12: Array, m22: Array, out: Array) -> None:
+def alignments(x: Array, y: Array, valid: BoolArray, m11: Array, m12: Array, m22: Array, out: Array) -> None:
     """``Q_ali`` in the metric of each cell; infinite on folded cells."""
     columns = x.shape[1] - 1
     for k in range(valid.size):
@@ -50,7 +45,7 @@ def alignments(x: Array, y: Array, valid: Truths, m11: Array, m12: Array, m22: A
 
 
 @compiled
-def regularities(x: Array, y: Array, valid: Truths, out: Array) -> None:
+def regularities(x: Array, y: Array, valid: BoolArray, out: Array) -> None:
     """``Q_geo``; infinite on folded cells."""
     columns = x.shape[1] - 1
     for k in range(valid.size):
@@ -58,7 +53,7 @@ def regularities(x: Array, y: Array, valid: Truths, out: Array) -> None:
 
 
 @compiled
-def angles_and_edges(x: Array, y: Array, valid: Truths, sine: Array, skewness: Array, aspect_ratio: Array) -> None:
+def angles_and_edges(x: Array, y: Array, valid: BoolArray, sine: Array, skewness: Array, aspect_ratio: Array) -> None:
     """Scaled Jacobian, equiangle skewness and aspect ratio.
 
     Angles of a valid cell lie between 0 and 180 degrees, where the cotangent falls: the extreme ones need no others.
@@ -92,7 +87,7 @@ def angles_and_edges(x: Array, y: Array, valid: Truths, sine: Array, skewness: A
 
 
 @compiled
-def size_ratios(rows: int, columns: int, valid: Truths, area: Array, out: Array) -> None:
+def size_ratios(rows: int, columns: int, valid: BoolArray, area: Array, out: Array) -> None:
     """Larger area over smaller, the largest over the edge neighbours; infinite on folded cells and beside them."""
     for k in range(valid.size):
         i, j = k // columns, k % columns

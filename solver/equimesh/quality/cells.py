@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
-
-Array: TypeAlias = npt.NDArray[np.float64]
-Indices: TypeAlias = npt.NDArray[np.int64]
-Truths: TypeAlias = npt.NDArray[np.bool_]
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 BLOCK = 1 << 14
 """Cells are visited in blocks of about this many points, which bounds memory and stays in the cache."""
@@ -81,7 +76,7 @@ class BilinearCells:
         return self._measured[0]
 
     @property
-    def valid(self) -> Truths:
+    def valid(self) -> BoolArray:
         """Whether the map is one to one, shape ``(cells,)``: a cell with a corner that is not is folded."""
         return self._measured[1]
 
@@ -100,7 +95,7 @@ class BilinearCells:
         """Signed area of the whole mesh."""
         return float(self.area.sum())
 
-    def blocks(self, points: CellPoints, numbers: Indices | None = None) -> Iterator[Indices]:
+    def blocks(self, points: CellPoints, numbers: IntArray | None = None) -> Iterator[IntArray]:
         """Numbers of the valid cells, or ``numbers``, in pieces of about ``BLOCK`` points."""
         size = max(1, BLOCK // points.s.size)
         if numbers is None and self.all_valid:
@@ -111,34 +106,34 @@ class BilinearCells:
         for start in range(0, cells.size, size):
             yield cells[start : start + size]
 
-    def at(self, points: CellPoints, cells: Indices) -> CellMap:
+    def at(self, points: CellPoints, cells: IntArray) -> CellMap:
         """The map of ``cells`` at ``points``."""
         corners, out = np.empty((8, cells.size)), np.empty((7, points.s.size, cells.size))
         gather_cells(*self.nodes, cells, corners)
         map_cells(corners, points.s, points.t, out)
         return CellMap(*out)
 
-    def shares(self, points: CellPoints, cells: Indices) -> tuple[Array, Array, Array]:
+    def shares(self, points: CellPoints, cells: IntArray) -> tuple[Array, Array, Array]:
         """x and y of ``points`` in ``cells``, and what part of its cell each stands for, ``(points, cells)``."""
         corners, out = np.empty((8, cells.size)), np.empty((3, points.s.size, cells.size))
         gather_cells(*self.nodes, cells, corners)
         share_cells(corners, self.area[cells], points.s, points.t, points.weights, out)
         return out[0], out[1], out[2]
 
-    def corner_values(self, nodal: Array, cells: Indices) -> Array:
+    def corner_values(self, nodal: Array, cells: IntArray) -> Array:
         """Nodal values at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
         row, column = np.divmod(cells, self.shape[1])
         first, flat, step = row * nodal.shape[1] + column, nodal.reshape(-1), nodal.shape[1]
         return np.stack([flat[first], flat[first + step], flat[first + step + 1], flat[first + 1]])
 
     @cached_property
-    def _measured(self) -> tuple[Array, Truths, float]:
+    def _measured(self) -> tuple[Array, BoolArray, float]:
         area, valid = np.empty(self.count), np.empty(self.count, dtype=np.bool_)
         return area, valid, measure_cells(*self.nodes, area, valid)
 
 
 @compiled
-def measure_cells(x: Array, y: Array, area: Array, valid: Truths) -> float:
+def measure_cells(x: Array, y: Array, area: Array, valid: BoolArray) -> float:
     """The smallest determinant at a corner, NaN where a coordinate is not finite; area and validity of every cell."""
     smallest, check = np.inf, 0.0  # min passes over what is not a number, a sum does not
     columns = x.shape[1] - 1
@@ -160,7 +155,7 @@ def measure_cells(x: Array, y: Array, area: Array, valid: Truths) -> float:
 
 
 @compiled
-def gather_cells(x: Array, y: Array, cells: Indices, out: Array) -> None:
+def gather_cells(x: Array, y: Array, cells: IntArray, out: Array) -> None:
     """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
     columns = x.shape[1] - 1
     for k in range(cells.size):

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
-from equimesh.quality.cells import BilinearCells, CellMap, CellPoints, Indices
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array, IntArray
+from equimesh.quality.cells import BilinearCells, CellMap, CellPoints
 
 ENOUGH_CELLS = 30_000
 """Cells that :func:`interpolation_errors` looks at, or up to three times as many; on smaller meshes all of them."""
@@ -94,7 +91,7 @@ def interpolation_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> I
 
 
 def errors_of(
-    cells: BilinearCells, uniform: BilinearCells, u: Field, rule: ErrorRule, numbers: Indices | None = None
+    cells: BilinearCells, uniform: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None = None
 ) -> InterpolationError:
     """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``."""
     l2, h1, size = _norms(cells, u, rule, numbers)
@@ -106,7 +103,7 @@ def errors_of(
     )
 
 
-def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: Indices | None) -> tuple[float, float, float]:
+def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None) -> tuple[float, float, float]:
     """L2 norm and H1 seminorm of u minus its Q1 interpolant, and the largest value of u at the corners."""
     if not cells.all_valid:
         return math.inf, math.inf, math.nan
@@ -136,7 +133,7 @@ def _add_errors(values: Array, u: Array, u_x: Array, u_y: Array, points: CellPoi
     add_gradients(values, u_x, u_y, points.s, points.t, points.weights, at.x_s, at.y_s, at.x_t, at.y_t, at.det, sums)
 
 
-def sample(shape: tuple[int, int]) -> Indices | None:
+def sample(shape: tuple[int, int]) -> IntArray | None:
     """Numbers of the cells to look at: those of a lattice that has the same share of every row and column."""
     count = shape[0] * shape[1]
     for one_of, shift in SAMPLING:

@@ -13,19 +13,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import Monitor
+from equimesh.numerics.types import Array
 from equimesh.quality.cell_shapes import alignments, angles_and_edges, regularities, size_ratios
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import ErrorRule, InterpolationError, errors_of, sample
-
-Array: TypeAlias = npt.NDArray[np.float64]
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most so many cells."""

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
-
-Array: TypeAlias = npt.NDArray[np.float64]
+from equimesh.numerics.types import Array
 
 # Iterations that are combined with the last one; of nearly equal ones no more is believed than to this accuracy.
 DEPTH, ACCURACY = 5, 1e-12

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.errors import DecompositionError
 from equimesh.meshes.grid import Grid
-
-IntArray: TypeAlias = npt.NDArray[np.int64]
+from equimesh.numerics.types import IntArray
 
 SMALLEST_OVERLAP = 2
 DIRECTIONS = (("xi", "columns"), ("eta", "rows"))

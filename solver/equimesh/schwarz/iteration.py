@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Protocol
 
 from equimesh.domains.domain import mapped
 from equimesh.equations.newton_solve import newton_steps
 from equimesh.equations.problem import Problem
+from equimesh.equations.rounding import smallest_tolerance
 from equimesh.meshes.folding import largest_difference, smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import threads as workers
 from equimesh.schwarz.anderson import Anderson
 from equimesh.schwarz.conditions import Classical, Optimized, label
-from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains, Outcome
+from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
 from equimesh.schwarz.line_corrections import Corrected, LineCorrections
 from equimesh.schwarz.optimized.subdomains import MOST_FACTORISED, YieldingSubdomains
-from equimesh.schwarz.ordering import turns
-from equimesh.schwarz.raspen import Differentiable, Raspen
+from equimesh.schwarz.ordering import Ordering, turns
+from equimesh.schwarz.port import Outcome, Subdomains
+from equimesh.schwarz.raspen import Raspen
 from equimesh.schwarz.records import Iteration, SubdomainRecord, estimated
-from equimesh.schwarz.settings import Acceleration, Ordering, Schwarz, smallest_tolerance
+from equimesh.schwarz.settings import Acceleration, Schwarz
 
 # After this many iterations in which some subdomain had to take classical data, another condition takes over.
 MOST_RESCUES = 3
@@ -38,22 +39,6 @@ FEW = 8
 # Changes that fall by less than this factor over so many iterations are a stall; those with classical data, slow by
 # nature, only where they do not fall at all.
 SLOWEST, STALL_WINDOW = 0.75, 8
-
-
-class Subdomains(Differentiable, Protocol):
-    """All subdomains of a decomposition, with what they tell each other."""
-
-    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
-        """Read these states, and the mesh that they merge to, in the solves to come."""
-        ...
-
-    def solve(self, k: int) -> Outcome:
-        """The solution of a subdomain."""
-        ...
-
-    def sent(self, k: int) -> int:
-        """Numbers that a subdomain receives in one iteration."""
-        ...
 
 
 def iterate(

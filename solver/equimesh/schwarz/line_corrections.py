@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.equations.problem import Problem
+from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.sweeps import sweep
@@ -35,7 +36,7 @@ class LineCorrections:
     def __init__(self, problem: Problem, threads: int) -> None:
         shape = problem.grid.shape
         self._sweep = sweep.Sweep(problem.metric, problem.boundary, shape, np.empty(sweep.needed(shape)), threads)
-        self._floor = sweep.smallest_move(shape)
+        self._floor = smallest_move(shape)
 
     def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> Corrected:
         """So many corrections of a valid mesh; fewer where one would fold it, or the error left is small ``enough``.

@@ -7,16 +7,16 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.equations.newton_solve import LocalSolution
 from equimesh.equations.problem import Problem
+from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
 from equimesh.sweeps import sweep as chord
 from equimesh.sweeps.frame import Frame
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 
 # A sweep is halved for a valid mesh down to this share.
@@ -30,7 +30,7 @@ class SubdomainSweeps:
         self._sweep = chord.Sweep(
             problem.metric, problem.boundary, shape, np.empty(chord.needed(shape)), threads=1, frame=frame
         )
-        self._floor = chord.smallest_move(shape)
+        self._floor = smallest_move(shape)
 
     def solve(
         self, start: Mesh, rest: Rest | None, *, accuracy: float, most: int, enough: float = 0.0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.settings import Ordering
 
 
 def turns(decomposition: Decomposition, ordering: Ordering) -> list[list[int]]:
@@ -23,3 +24,17 @@ def _colours(decomposition: Decomposition) -> list[list[int]]:
     for part in decomposition.parts:
         found.setdefault((part.place[0] % 2, part.place[1] % 2), []).append(part.number)
     return [found[colour] for colour in sorted(found)]
+
+
+class Ordering(StrEnum):
+    """Which subdomains are solved at the same time, and so which data they read.
+
+    ``PARALLEL``: all, with data of the previous iteration (the default). ``ALTERNATING``: one after the other, with the
+    newest data there is, as in the paper. ``SYMMETRIC``: so forward, and then backward. ``COLOURED``: every other
+    strip, or every other block in both directions, at the same time: two or four turns an iteration.
+    """
+
+    PARALLEL = "parallel"
+    ALTERNATING = "alternating"
+    SYMMETRIC = "symmetric"
+    COLOURED = "coloured"

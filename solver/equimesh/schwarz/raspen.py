@@ -9,52 +9,21 @@ does.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection
 from equimesh.numerics import threads as workers
-from equimesh.schwarz.window import SubdomainWindow
-
-Array: TypeAlias = npt.NDArray[np.float64]
-Pair: TypeAlias = tuple[Array, Array]
+from equimesh.numerics.types import Array, Pair
+from equimesh.schwarz.port import Differentiable
 
 # Products in one Newton step, and how accurate a step is: to the share of the change that the change is of the square,
 # for quadratic convergence, between these (the smaller one is the default of scipy, of all versions).
 MOST_PRODUCTS, CRUDEST, FINEST = 50, 1e-2, 1e-5
 # A step is halved for a valid mesh down to this share.
 SMALLEST_SHARE = 1 / 16
-
-
-class Slopes(Protocol):
-    """How what subdomains receive changes with the merged mesh that they read."""
-
-    def received(self, change: Pair) -> list[Array]:
-        """The change of the right side of every subdomain's equations, when the merged mesh moves by ``change``."""
-        ...
-
-
-class Differentiable(Protocol):
-    """Subdomains that know how their solutions depend on the merged mesh they read."""
-
-    windows: list[SubdomainWindow]
-
-    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
-        """Read these states, and the mesh that they merge to."""
-        ...
-
-    def equations(self, k: int) -> MeshEquations:
-        """The equations of a subdomain, with the data of the mesh that is read."""
-        ...
-
-    def slopes(self, states: Sequence[Mesh]) -> Slopes:
-        """The derivative of the data, where the subdomains have the solutions ``states``."""
-        ...
 
 
 class Slope:

@@ -12,11 +12,10 @@ What is left out is how the two families of grid lines are coupled; it decides w
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.conditions import (
     Classical,
     LinearRobin,
@@ -26,11 +25,8 @@ from equimesh.schwarz.conditions import (
     TransmissionCondition,
 )
 from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.ordering import turns
-from equimesh.schwarz.settings import Acceleration, Ordering, Schwarz
-
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+from equimesh.schwarz.ordering import Ordering, turns
+from equimesh.schwarz.settings import Acceleration, Schwarz
 
 
 def predicted_rate(decomposition: Decomposition, settings: Schwarz) -> float | None:

@@ -8,40 +8,18 @@ from enum import StrEnum
 from numbers import Integral
 from typing import Literal, TypeAlias, TypeGuard
 
-from equimesh.choices import choice
-from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
+from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.ordering import Ordering
 
-# Changes of the node positions that rounding errors alone can cause, per point in a direction; the second for every
-# time that u is larger than its variation.
-ROUNDING, CANCELLED = 1e-13, 1e-14
 # Line corrections after every iteration of the optimized kind; more than MOST are a single-domain solve in disguise.
 USUAL_LINE_CORRECTIONS, MOST_LINE_CORRECTIONS = 3, 10
 
 Auto: TypeAlias = Literal["auto"]
 Discretization: TypeAlias = Literal["discretization"]
-
-
-def smallest_tolerance(problem: Problem) -> float:
-    """The error that rounding leaves; a smaller tolerance asks for no more than this."""
-    return max(problem.grid.shape) * (ROUNDING + CANCELLED * (problem.metric.cancellation - 1.0))
-
-
-class Ordering(StrEnum):
-    """Which subdomains are solved at the same time, and so which data they read.
-
-    ``PARALLEL``: all, with data of the previous iteration (the default). ``ALTERNATING``: one after the other, with the
-    newest data there is, as in the paper. ``SYMMETRIC``: so forward, and then backward. ``COLOURED``: every other
-    strip, or every other block in both directions, at the same time: two or four turns an iteration.
-    """
-
-    PARALLEL = "parallel"
-    ALTERNATING = "alternating"
-    SYMMETRIC = "symmetric"
-    COLOURED = "coloured"
 
 
 class Acceleration(StrEnum):

@@ -30,6 +30,12 @@ class SubdomainWindow:
         self.shape = (last[0] - self.first[0] + 1, last[1] - self.first[1] + 1)
 
     @property
+    def physical(self) -> tuple[tuple[bool, bool], tuple[bool, bool]]:
+        """Which sides lie on the boundary of the domain, by axis and end."""
+        xi, eta = ((not self.open[axis, 0], not self.open[axis, 1]) for axis in AXES)
+        return xi, eta
+
+    @property
     def covered(self) -> tuple[slice, slice]:
         """The subdomain's own points in the grid, those of the overlap with them."""
         columns, rows = self.part.columns, self.part.rows

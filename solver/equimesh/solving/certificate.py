@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from equimesh.quality.interpolation import InterpolationError
-from equimesh.single_domain.iteration import Mode
+from equimesh.single_domain.steps import Mode
 from equimesh.solving.status import Status
 
 NAMES = {

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import TypeAlias
 
 from equimesh.schwarz.records import Iteration
-from equimesh.single_domain.iteration import Mode, Step
+from equimesh.single_domain.steps import Mode, Step
 
 Event: TypeAlias = Step | Iteration
 Observer: TypeAlias = Callable[[Event], None]

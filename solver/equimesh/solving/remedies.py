@@ -8,12 +8,13 @@ from dataclasses import replace
 
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
+from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import DecompositionError
-from equimesh.monitors.monitor import ArcLength
+from equimesh.monitors.arc_length import ArcLength
 from equimesh.quality.interpolation import InterpolationError
 from equimesh.schwarz.conditions import Optimized, label
 from equimesh.schwarz.records import Iteration
-from equimesh.schwarz.settings import Acceleration, Schwarz, smallest_tolerance
+from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.solving.certificate import Relaxed
 from equimesh.solving.status import Status
 

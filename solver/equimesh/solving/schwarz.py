@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from equimesh.equations.problem import Problem
+from equimesh.equations.rounding import smallest_tolerance
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement
 from equimesh.schwarz.conditions import label
 from equimesh.schwarz.iteration import iterate
 from equimesh.schwarz.records import Iteration
-from equimesh.schwarz.settings import Schwarz, smallest_tolerance
+from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
-from equimesh.single_domain.iteration import Mode, Step
+from equimesh.single_domain.steps import SHARE, Mode, Step
 from equimesh.solving import remedies
 from equimesh.solving.options import Approach, Initial
 from equimesh.solving.single_domain import last_of, last_step, solve_single_domain, what_was_found
@@ -60,7 +61,7 @@ def _start(
         return start, float(schwarz.tolerance), expected
     if not to_discretization:
         return start, None, expected
-    share = iteration.SHARE * expected
+    share = SHARE * expected
     return start, share if math.isfinite(share) else smallest_tolerance(problem), expected
 
 

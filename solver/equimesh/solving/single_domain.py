@@ -10,9 +10,9 @@ from equimesh.domains.domain import mapped
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
-from equimesh.monitors.monitor import ArcLength
+from equimesh.monitors.arc_length import ArcLength
 from equimesh.single_domain import iteration
-from equimesh.single_domain.iteration import Step
+from equimesh.single_domain.steps import Step
 from equimesh.solving import remedies
 from equimesh.solving.certificate import Relaxed
 from equimesh.solving.options import Approach, Initial, Observer

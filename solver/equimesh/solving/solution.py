@@ -11,16 +11,17 @@ import numpy as np
 
 from equimesh.domains.domain import mapped
 from equimesh.equations.problem import Problem
+from equimesh.equations.rounding import smallest_tolerance
+from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.quality.interpolation import InterpolationError, interpolation_errors
 from equimesh.quality.measures import GAUSS_POINTS, CellMetrics, Quality, measure
 from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.history import observed_rate, plain
 from equimesh.schwarz.rates import predicted_rate
-from equimesh.schwarz.records import Iteration
-from equimesh.schwarz.settings import Schwarz, smallest_tolerance
-from equimesh.single_domain.iteration import Mode
+from equimesh.schwarz.records import Iteration, observed_rate, plain
+from equimesh.schwarz.settings import Schwarz
+from equimesh.single_domain.steps import Mode
 from equimesh.solving import remedies
 from equimesh.solving.certificate import Certificate, Relaxed
 from equimesh.solving.status import Status
@@ -142,3 +143,11 @@ def known(error: float) -> float | None:
 def checked(status: Status, mesh: Mesh) -> Status:
     """The status, folded where the mesh is: a folded mesh is never a success."""
     return Status.FOLDED if status.succeeded and mesh.is_folded else status
+
+
+class SolveError(EquimeshError):
+    """A solve that ended without the asked mesh. ``solution`` holds the partial result."""
+
+    def __init__(self, message: str, solution: Solution) -> None:
+        super().__init__(message)
+        self.solution = solution

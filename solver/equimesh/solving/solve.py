@@ -6,19 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from equimesh.choices import choice
 from equimesh.domains.domain import Rectangle, mapped
 from equimesh.equations.problem import Problem
-from equimesh.errors import InputError, SolveError
+from equimesh.equations.rounding import smallest_tolerance
+from equimesh.errors import InputError
+from equimesh.inputs import choice
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import threads as workers
-from equimesh.schwarz.settings import Schwarz, smallest_tolerance
+from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
-from equimesh.single_domain.iteration import Mode
+from equimesh.single_domain.steps import Mode
 from equimesh.solving.options import Approach, Event, Initial, Observer
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
-from equimesh.solving.solution import Solution
+from equimesh.solving.solution import Solution, SolveError
 from equimesh.sweeps import sweep
 
 # A mesh to start from is near the solution if squared metric lengths deviate from the mean of their line by no more
@@ -47,8 +48,8 @@ def solve(
     on their number. ``observe`` is called with every step of a single-domain solve (also that of a nested start) and
     with every Schwarz iteration.
 
-    Raises :class:`~equimesh.errors.SolveError`, which carries the partial solution, when the mesh is not what was asked
-    for; with ``check=False`` the status says so instead. A folded mesh is never a success.
+    Raises :class:`~equimesh.solving.solution.SolveError`, which carries the partial solution, when the mesh is not what
+    was asked for; with ``check=False`` the status says so instead. A folded mesh is never a success.
     """
     initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
     mode = choice(Mode, mode, "mode")

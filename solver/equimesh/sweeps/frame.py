@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
-
-Pair: TypeAlias = tuple[int, int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +17,7 @@ class Frame:
     physical: tuple[tuple[bool, bool], tuple[bool, bool]] = ((True, True), (True, True))
     beyond: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
 
-    def span(self, axis: int, points: int) -> Pair:
+    def span(self, axis: int, points: int) -> tuple[int, int]:
         """First and last node of the lines along a direction, in a window of so many points."""
         lower, upper = self.beyond[axis]
         return int(lower > 0), points - 1 - int(upper > 0)

@@ -8,15 +8,10 @@ be shared out among threads.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.numerics.compiled import compiled, vectorised
-
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+from equimesh.numerics.types import Array, IntArray
 
 
 @vectorised
@@ -337,46 +332,3 @@ def segment_sums(
                     (a11[j] + b11[j]) * fx * fx + 2.0 * (a12[j] + b12[j]) * fx * fy + (a22[j] + b22[j]) * fy * fy
                 )
             along_eta[s, i] = total
-
-
-@compiled
-def interpolate(
-    coarse: Array,
-    xi_at: IntArray,
-    xi_weights: Array,
-    eta_at: IntArray,
-    eta_weights: Array,
-    fine: Array,
-    write: bool,
-) -> float:
-    """Nodal values on a finer grid, in ``fine``, by a product of one-dimensional rules.
-
-    Row i of the fine grid takes ``xi_weights[i]`` of the coarse rows from ``xi_at[i]`` on, likewise in eta. Returns the
-    largest difference to the values that stood in ``fine`` before; with ``write`` false these stay.
-    """
-    rows, columns = fine.shape
-    width = xi_weights.shape[1]
-    # Coarse rows, interpolated along eta when they are first needed; row r is held in lines[r % width].
-    lines, ready, largest = np.empty((width, columns)), 0, 0.0
-    row = np.empty(columns)
-    for i in range(rows):
-        first = xi_at[i]
-        for r in range(max(ready, first), first + width):
-            source, line = coarse[r], lines[r % width]
-            for j in range(columns):
-                value, at = 0.0, eta_at[j]
-                for k in range(width):
-                    value += eta_weights[j, k] * source[at + k]
-                line[j] = value
-        ready = first + width
-        row[:] = 0.0
-        for k in range(width):
-            weight, line = xi_weights[i, k], lines[(first + k) % width]
-            for j in range(columns):
-                row[j] += weight * line[j]
-        target = fine[i]
-        for j in range(columns):
-            largest = max(largest, abs(row[j] - target[j]))
-        if write:
-            target[:] = row
-    return largest

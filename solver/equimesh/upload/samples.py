@@ -14,12 +14,13 @@ import numpy.typing as npt
 
 from equimesh.domains.domain import Box
 from equimesh.errors import SamplesError
-from equimesh.fields.samples import UNIT_BOX, GridSamples, ScatteredSamples
+from equimesh.fields.samples import UNIT_BOX, GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.numerics.types import Array
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
 from equimesh.upload.xdmf import read_xdmf
 from equimesh.upload.zip_members import open_zip
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Samples: TypeAlias = GridSamples | ScatteredSamples
 
 MAX_BYTES: Final = 256 * 2**20

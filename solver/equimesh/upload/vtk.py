@@ -17,12 +17,11 @@ from typing import Any, Literal, TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.errors import SamplesError
+from equimesh.numerics.types import Array
 from equimesh.upload.xml_tree import parse_xml
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]
 
 XML_TYPES = {f"{kind}{bits}": f"{kind[0].lower()}{bits // 8}" for kind in ("Int", "UInt") for bits in (8, 16, 32, 64)}

@@ -14,13 +14,12 @@ from xml.etree import ElementTree
 
 import h5py
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.errors import SamplesError
+from equimesh.numerics.types import Array
 from equimesh.upload.xml_tree import parse_xml
 from equimesh.upload.zip_members import Members, open_zip
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]
 ReadMember: TypeAlias = Callable[[str], bytes]
 

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import Protocol
 
 from equimesh.equations.boundary import sides
 from equimesh.equations.mesh_equations import Condition, MeshEquations
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
-from equimesh.schwarz.conditions import Classical, Interface, InterfaceCorner, InterfaceData, PairOfFunctionals
+from equimesh.schwarz.conditions import Classical, PairOfFunctionals
 from equimesh.schwarz.decomposition import Decomposition, Subdomain
+from equimesh.schwarz.functionals.interface import Interface, InterfaceCorner, InterfaceData
 from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
-
-Array: TypeAlias = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

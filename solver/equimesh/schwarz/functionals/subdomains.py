@@ -5,38 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.newton_solve import LocalSolution, newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
-from equimesh.schwarz.conditions import Interface, InterfaceCorner, InterfaceData, PairOfFunctionals
+from equimesh.numerics.types import Array
+from equimesh.schwarz.conditions import PairOfFunctionals
 from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.functionals.interface import Interface, InterfaceCorner, InterfaceData
 from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
-from equimesh.schwarz.optimized import sides
+from equimesh.schwarz.port import MOST_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import SubdomainWindow
 from equimesh.sweeps.frame import Frame
 
-Array: TypeAlias = npt.NDArray[np.float64]
-
-# Newton steps that a subdomain solve may take: it starts near its solution or has none near by.
-MOST_LOCAL_STEPS = 25
 # Sweeps of a subdomain with classical data, and how far they go: the rate of the paper's iteration is to be seen.
 ACCURACY, MOST_SWEEPS = 1e-4, 40
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A local solution, and whether classical data took the place of the asked condition."""
-
-    solution: LocalSolution
-    classical: bool = False
 
 
 class FunctionalSlopes:
@@ -145,6 +133,6 @@ class FunctionalSubdomains:
             return LocalSolution(start, 0, math.inf, converged=False)
         if k not in self._sweeps:
             window = self.windows[k]
-            frame = Frame(physical=sides.physical(window))
+            frame = Frame(physical=window.physical)
             self._sweeps[k] = SubdomainSweeps(self._problem, window.shape, frame)
         return self._sweeps[k].solve(start, None, accuracy=ACCURACY, most=MOST_SWEEPS)

@@ -7,7 +7,6 @@ inside has the metric length of those beyond, as :class:`equimesh.schwarz.optimi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +17,6 @@ from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.optimized.sides import Sides, YieldingSide
 from equimesh.schwarz.window import ENDS, SubdomainWindow
-
-Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def equations(problem: Problem, window: SubdomainWindow, held: Mesh, yielding: Sides) -> MeshEquations:

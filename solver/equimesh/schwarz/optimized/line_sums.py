@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import threads as workers
+from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels, sweep
-
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+from equimesh.sweeps.sides import Sides
 
 # Rows that are summed at a time.
 MOST_ROWS = 64
@@ -35,7 +31,7 @@ class LineSums:
         )
         self._sums = tuple(np.zeros((len(cuts) - 1, n)) for cuts, n in zip(self._cuts, shape[::-1], strict=True))
         self._cells = np.empty((threads, 3, MOST_ROWS + 1, shape[1] - 1))
-        self._sides = sweep.Sides(problem.metric, problem.boundary, shape)
+        self._sides = Sides(problem.metric, problem.boundary, shape)
         self.edges = self._sides.fluxes
 
     def read(self, mesh: Mesh) -> None:

@@ -12,19 +12,16 @@ with the grid line beyond held fixed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
 from equimesh.schwarz.optimized.line_sums import LineSums
 from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
 from equimesh.sweeps import sweep
 from equimesh.sweeps.frame import Frame
-
-Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def frame(window: SubdomainWindow, points: tuple[int, int]) -> Frame:
@@ -36,13 +33,7 @@ def frame(window: SubdomainWindow, points: tuple[int, int]) -> Frame:
         )
         for axis in AXES
     )
-    return Frame(physical=physical(window), beyond=(beyond[0], beyond[1]))
-
-
-def physical(window: SubdomainWindow) -> tuple[tuple[bool, bool], tuple[bool, bool]]:
-    """Which sides of a window lie on the boundary of the domain."""
-    xi, eta = ((not window.open[axis, 0], not window.open[axis, 1]) for axis in AXES)
-    return xi, eta
+    return Frame(physical=window.physical, beyond=(beyond[0], beyond[1]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,12 +11,12 @@ from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.conditions import LineData, Optimized
 from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.functionals.subdomains import MOST_LOCAL_STEPS, Outcome
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
 from equimesh.schwarz.optimized import equations as yielding_equations
 from equimesh.schwarz.optimized import sides as yielding
 from equimesh.schwarz.optimized.line_sums import LineSums
 from equimesh.schwarz.optimized.slopes import YieldingSlopes
+from equimesh.schwarz.port import MOST_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import AXES, SubdomainWindow
 

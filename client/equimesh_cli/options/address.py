@@ -1,0 +1,25 @@
+"""The address of a service, as an option."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    pass
+
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+
+
+def add_url(parser: Any, *, default: str | None) -> None:
+    """Add --url and --key, which EQUIMESH_URL and EQUIMESH_KEY also set."""
+    said = f" ({default})" if default else ""
+    parser.add_argument(
+        "--url",
+        default=os.environ.get("EQUIMESH_URL") or default,
+        help=f"address of the service; also EQUIMESH_URL{said}",
+    )
+    parser.add_argument(
+        "--key", help="API key; better in EQUIMESH_KEY, since other users of this machine can read options"
+    )

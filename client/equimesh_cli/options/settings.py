@@ -1,0 +1,71 @@
+"""The settings of a service, as options."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+from typing import TYPE_CHECKING, Any
+
+from equimesh_cli.exits import NotInstalled, Refused
+from equimesh_cli.parser import Parser
+
+if TYPE_CHECKING:
+    from equimesh_service.settings import Settings
+
+
+def add_settings(parser: Parser) -> None:
+    """Add an option for every setting that the service declares."""
+    try:
+        from equimesh_service.settings import Settings
+    except ImportError as error:
+        parser.lacks = str(NotInstalled("service", error))
+        return
+    for name, field in Settings.model_fields.items():
+        default = field.get_default(call_default_factory=True)
+        parser.add_argument(
+            "--" + name.replace("_", "-"),
+            dest=f"setting_{name}",
+            metavar=name.upper(),
+            help=f"{field.description} ({default})".replace("%", "%%"),
+        )
+
+
+def given(options: argparse.Namespace) -> dict[str, str]:
+    """The settings that were given as options, by name."""
+    return {
+        name.removeprefix("setting_"): value
+        for name, value in vars(options).items()
+        if name.startswith("setting_") and value is not None
+    }
+
+
+def chosen(given: dict[str, str]) -> Settings:
+    """The settings of options that were given and of the environment; raises :class:`Refused` for bad ones."""
+    from pydantic import ValidationError
+
+    from equimesh_service.settings import Settings
+
+    try:
+        return Settings(**given)  # type: ignore[arg-type]
+    except ValidationError as error:
+        raise Refused("\n".join(map(_complaint, error.errors()))) from None
+
+
+def cannot_serve(settings: Settings, error: OSError) -> str:
+    """Why a service does not start: its folder, its storage, or its address."""
+    from equimesh_service.files.port import FilesError
+
+    said = error.strerror or str(error)
+    if isinstance(error, FilesError):
+        return said
+    if error.filename is not None:
+        return f"cannot use the data folder {settings.data_dir} ({error.filename}: {said}); choose one with --data-dir"
+    if error.errno == errno.EADDRINUSE:
+        return f"port {settings.port} of {settings.host} is in use: choose another with --port, 0 takes a free one"
+    return f"cannot serve on {settings.host} port {settings.port}: {said}"
+
+
+def _complaint(entry: Any) -> str:
+    name = "_".join(str(part) for part in entry["loc"])
+    flag, variable = "--" + name.replace("_", "-"), f"EQUIMESH_{name.upper()}"
+    return f"{flag} (or {variable}) = {entry['input']}: {entry['msg']}"

@@ -1,0 +1,59 @@
+"""Deadlines, and the settings of a client."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from equimesh_client.errors import (
+    BadArgument,
+    DeadlineExceeded,
+)
+from equimesh_client.wire.retry import RetryPolicy
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deadline:
+    """A moment of the monotonic clock; ``seconds`` is what the caller allowed."""
+
+    seconds: float
+    end: float
+    clock: Callable[[], float] = time.monotonic
+
+    @classmethod
+    def after(cls, seconds: float, clock: Callable[[], float] = time.monotonic) -> Deadline:
+        """The moment ``seconds`` from now. Raises :class:`BadArgument` when that is no positive number."""
+        if not seconds > 0:
+            raise BadArgument(f"deadline = {seconds}: a deadline is a positive number of seconds")
+        return cls(seconds=seconds, end=clock() + seconds, clock=clock)
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left, not below 0."""
+        return max(0.0, self.end - self.clock())
+
+    def exceeded(self, doing: str) -> DeadlineExceeded:
+        """The exception that says so."""
+        return DeadlineExceeded(f"{doing}: the deadline of {self.seconds:g} s has passed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What a client was made with: base ``url``, seconds a single answer may take, the retry policy."""
+
+    url: str
+    timeout: float
+    policy: RetryPolicy
+
+    @property
+    def attempts(self) -> float:
+        """Seconds that are enough for every attempt at a request."""
+        return self.timeout * (self.policy.retries + 1)
+
+    def deadline(self, seconds: float | None = None) -> Deadline:
+        """The deadline of a plain request, ``seconds`` from now; unless given, there is time for every attempt."""
+        return Deadline.after(self.attempts if seconds is None else seconds)
+
+
+URL = "http://127.0.0.1:8000"

@@ -1,0 +1,74 @@
+"""Answers that are files of a mesh, for every route that gives one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fastapi import Request
+from starlette.responses import Response
+
+from equimesh.io.write import FORMATS
+from equimesh_service.files.port import StoredFile
+from equimesh_service.problems.problem import Problem
+from equimesh_service.service import Service
+from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
+from equimesh_service.wire.sending import send_file
+from equimesh_service.worker.names import file_name
+
+
+async def mesh_file(
+    request: Request,
+    service: Service,
+    row: MeshRow,
+    format: str,
+    cells: str,
+    *,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The file of a finished mesh."""
+    artifact = await service.artifact(row.id, file_name(format, cells))
+    return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
+
+
+async def mesh_bytes(
+    request: Request,
+    service: Service,
+    mesh_id: str,
+    format: str,
+    artifact: Artifact,
+    *,
+    headers: Mapping[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    """The file of a mesh in a format."""
+    form = FORMATS[format]
+    name = f"equimesh-{mesh_id}{form.suffix}"
+    file = StoredFile(artifact.sha256, artifact.size)
+    return await send_file(request, service.files, file, form.media_type, filename=name, headers=headers, status=status)
+
+
+def mesh_format(name: str) -> str:
+    """A known name of a mesh format; raises a 406 problem."""
+    if name not in FORMATS:
+        raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}.")
+    return name
+
+
+def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None = None) -> None:
+    """Nothing for a mesh that has files to give; raises the problem why there are none, else."""
+    more = dict(headers or {})
+    if row.status == SUCCEEDED or (partial and row.partial):
+        return
+    if row.status == CANCELED:
+        raise Problem("canceled", "It was canceled before it was finished.", headers=more)
+    if row.status != FAILED:
+        raise Problem("not-finished", f"It is {row.status}.", headers={**more, "Retry-After": "1"})
+    error = row.error or {}
+    name = str(error.get("type", "")).rpartition("/")[2]
+    raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
+
+
+async def send_artifact(request: Request, service: Service, artifact: Artifact, media_type: str) -> Response:
+    file = StoredFile(artifact.sha256, artifact.size)
+    return await send_file(request, service.files, file, media_type)

@@ -1,0 +1,125 @@
+"""Requests for a mesh: how a spec and its samples are read from a body, and the examples in the documentation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import Request
+
+from equimesh.io.write import FORMATS
+from equimesh_service.assembly.samples import Upload
+from equimesh_service.problems.problem import Problem
+from equimesh_service.service import Service
+from equimesh_service.wire import body as bodies
+
+EXAMPLES: dict[str, Any] = {
+    "single domain": {
+        "summary": "One expression, everything else by default",
+        "value": {"monitor": {"u": {"expression": "tanh(20*(x + y/2 - 0.75))"}}},
+    },
+    "paper": {
+        "summary": "The mesh of Haynes and Howse's Table 1, classical conditions",
+        "value": {
+            "monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}, "a": 0.7, "b": 0.05},
+            "grid": {"n_xi": 12, "n_eta": 12},
+            "boundary": "equidistributed_1d",
+            "initial": "uniform",
+            "schwarz": {
+                "subdomains": [2, 1],
+                "overlap": 2,
+                "transmission": {"kind": "classical"},
+                "ordering": "parallel",
+                "tolerance": None,
+                "max_iterations": 5,
+            },
+        },
+    },
+    "curvature": {
+        "summary": "The least interpolation error on a part of a ring",
+        "value": {
+            "monitor": {"kind": "curvature", "u": {"expression": "tanh(10*(x - y))"}, "smoothing": 0.05},
+            "domain": {"kind": "annulus_sector", "radii": [1, 2], "angles": [0, 90]},
+            "grid": {"n_xi": 33, "n_eta": 33},
+        },
+    },
+    "weight": {
+        "summary": "Cells three times smaller along the bottom of a channel with a bump",
+        "value": {
+            "monitor": {"kind": "weight", "rho": {"expression": "1 + 8*exp(-(4*y)**2)"}},
+            "domain": {
+                "kind": "quadrilateral",
+                "bottom": {"x": "3*t", "y": "h*exp(-(6*t - 3)**2)", "parameters": {"h": 0.2}},
+                "right": {"x": "3", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
+                "top": {"points": [[0, 1], [3, 1]]},
+                "left": {"x": "0", "y": "h*exp(-9)*(1 - t) + t", "parameters": {"h": 0.2}},
+            },
+            "grid": {"n_xi": 49, "n_eta": 17},
+            "mode": "tight",
+        },
+    },
+    "samples": {
+        "summary": "u as samples on a grid",
+        "value": {
+            "monitor": {
+                "u": {"grid": {"x": [0, 0.5, 1], "y": [0, 1], "values": [[0, 0], [1, 1], [0, 0]]}},
+            },
+            "grid": {"n_xi": 16, "n_eta": 16},
+        },
+    },
+}
+
+
+_SPEC = {"$ref": "#/components/schemas/MeshSpec"}
+
+
+MESH_BODY = {
+    "required": True,
+    "content": {
+        "application/json": {"schema": _SPEC, "examples": EXAMPLES},
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["spec"],
+                "properties": {
+                    "spec": _SPEC,
+                    "samples": {
+                        "type": "string",
+                        "contentMediaType": "application/octet-stream",
+                        "description": "For {'samples': 'upload'}: npz, npy, csv, json, vtu, vtk or xdmf.",
+                    },
+                },
+            },
+            "encoding": {"spec": {"contentType": "application/json"}},
+        },
+    },
+}
+
+
+async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None]:
+    """The spec of a mesh as it came, and the samples that came with it."""
+    kind = bodies.media_type(request)
+    if kind not in (bodies.JSON, bodies.MULTIPART):
+        shown = repr(kind[:80]) if kind else "no Content-Type"
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.MULTIPART}, not {shown}.")
+    data = await bodies.read_body(request, service.settings.max_body)
+    upload = None
+    if kind == bodies.MULTIPART:
+        parts = await bodies.read_parts(request, data, ("spec", "samples"))
+        if "spec" not in parts:
+            raise Problem("malformed-body", 'The multipart body needs a part "spec".')
+        data = parts["spec"].data
+        if "samples" in parts:
+            upload = bodies.upload_of(parts["samples"])
+    return data, upload
+
+
+def media_types() -> dict[str, str]:
+    """The media types of the mesh formats, by their names."""
+    return {name: form.media_type for name, form in FORMATS.items()}
+
+
+def checked_key(key: str | None) -> str | None:
+    """An idempotency key that can be one; raises a 400 problem."""
+    if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
+        raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")
+    return key

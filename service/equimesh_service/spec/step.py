@@ -1,0 +1,37 @@
+"""A step of a sequence in a request."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import FailFast, Field, Tag
+
+from equimesh_service.spec.sources import ExpressionSource
+from equimesh_service.spec.strict import TAG, Numbers, Strict, by_key
+
+MOST_FIELDS = 32
+
+
+_Rows = Annotated[list[Numbers], FailFast()]
+
+
+class NodesSource(Strict):
+    """u at the nodes of the current mesh."""
+
+    nodes: _Rows = Field(description="nodes[i][j] is u at the node (i, j): n_xi rows of n_eta values.")
+
+
+class StepSpec(Strict):
+    """The next step of a sequence."""
+
+    step: int = Field(description="The step that this one follows: whose mesh u and the fields are given on.")
+    u: Annotated[
+        Annotated[NodesSource, Tag(TAG + "nodes")] | Annotated[ExpressionSource, Tag(TAG + "expression")],
+        by_key("nodes", "expression"),
+    ] = Field(description="What the next mesh adapts to.")
+    fields: dict[str, _Rows] = Field(
+        default_factory=dict,
+        max_length=MOST_FIELDS,
+        description="Further values at the nodes, as u.nodes, to be carried to the next mesh; by names of letters, "
+        "digits and underscores.",
+    )

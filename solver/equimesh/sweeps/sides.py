@@ -1,0 +1,129 @@
+"""The four sides of a sweep: closed one-dimensional problems, solved first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from equimesh.equations.boundary import Boundary
+from equimesh.equations.metric import ReferenceMetric, Tensor
+from equimesh.numerics.types import Array
+from equimesh.sweeps import kernels
+from equimesh.sweeps.frame import WHOLE, Frame
+
+
+def finite_or_infinite(number: float) -> float:
+    """The number. Infinite where it is not a number."""
+    return number if math.isfinite(number) else math.inf
+
+
+class Sides:
+    """The nodes on the physical sides: how far they have to move along them."""
+
+    def __init__(
+        self, metric: ReferenceMetric, boundary: Boundary, shape: tuple[int, int], frame: Frame = WHOLE
+    ) -> None:
+        self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
+        arc_length = metric.arc_length
+        self._a2, self._b = (arc_length.a**2, arc_length.b) if arc_length is not None else (0.0, 0.0)
+        n_xi, n_eta = shape
+        self._ends_xi, self._ends_eta = np.repeat([0.0, 1.0], n_eta), np.repeat([0.0, 1.0], n_xi)
+        self._base = self._unit_base() if metric.on_unit_square and arc_length is not None else None
+        self.fluxes = np.zeros((2, n_eta - 1)), np.zeros((2, n_xi - 1))
+        self._nothing = np.zeros((2, n_eta)), np.zeros((2, n_xi))
+
+    def moves(
+        self, x: Array, y: Array, nodal: Tensor | None = None, rest: tuple[Array, Array] | None = None
+    ) -> tuple[float, float, Array, Array]:
+        """The largest deviation and move, the moves along eta of left and right nodes, those along xi of others.
+
+        Of shapes ``(2, n_eta)`` and ``(2, n_xi)``, zero on sides that are not physical. ``nodal`` is u with its
+        gradient at all nodes, where it is known, ``rest`` as in :meth:`Sweep.correct`.
+        :attr:`fluxes` are then the squared metric lengths of the edges, of shape ``(2, n_eta - 1)`` on the left and
+        right side and ``(2, n_xi - 1)`` on the others.
+        """
+        rest = self._nothing if rest is None else rest
+        n_xi, n_eta = self.shape
+        moves = np.zeros((2, n_eta)), np.zeros((2, n_xi))
+        if self.boundary is Boundary.ORTHOGONAL or not any(map(any, self.frame.physical)):
+            return 0.0, 0.0, *moves
+        deviation = largest = 0.0
+        for axis, (t, u, u_n, base) in enumerate(self._lines(x, y, nodal)):
+            found, move = kernels.side_moves(
+                t,
+                u,
+                u_n,
+                base,
+                self._a2,
+                self._b,
+                self.frame.physical[axis],
+                self.frame.span(1 - axis, t.shape[1]),
+                np.ascontiguousarray(rest[1 - axis][:, [0, -1]].T),
+                self.frame.beyond[1 - axis],
+                self.fluxes[axis],
+                moves[axis],
+            )
+            deviation, largest = max(deviation, finite_or_infinite(found)), max(largest, move)
+        return deviation, largest, *moves
+
+    def _lines(self, x: Array, y: Array, nodal: Tensor | None) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """Positions along the sides, u and the normal derivative of it that the boundary condition sees, and the metric
+        at the middles of the edges: of the left and right side, then of the bottom and top one."""
+        n_xi, n_eta = self.shape
+        t_eta, t_xi = y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy()
+        if nodal is None:
+            u_eta, u_xi = self._evaluated(t_eta, t_xi)
+        else:
+            u_eta = nodal[0][:: n_xi - 1].copy(), nodal[1][:: n_xi - 1].copy()
+            u_xi = nodal[0].T[:: n_eta - 1].copy(), nodal[2].T[:: n_eta - 1].copy()
+        for t, (u, u_n), base in zip((t_eta, t_xi), (u_eta, u_xi), self._base or self._bases(t_eta, t_xi), strict=True):
+            yield t, u, np.zeros_like(u_n) if self.boundary is Boundary.EQUIDISTRIBUTED_1D else u_n, base
+
+    def _evaluated(self, t_eta: Array, t_xi: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """u and its normal derivative on the left and right sides, and on the bottom and top."""
+        s = np.concatenate([self._ends_xi, t_xi.ravel()])
+        t = np.concatenate([t_eta.ravel(), self._ends_eta])
+        u, u_s, u_t = self.metric.u_with_gradient(s, t)
+        cut = t_eta.size
+        left_right = (u[:cut].reshape(t_eta.shape), u_s[:cut].reshape(t_eta.shape))
+        return left_right, (u[cut:].reshape(t_xi.shape), u_t[cut:].reshape(t_xi.shape))
+
+    def place(
+        self, x: Array, y: Array, along_eta: Array, along_xi: Array, new_x: Array, new_y: Array
+    ) -> tuple[float, float]:
+        """Give the nodes of the sides their new positions in ``new_x`` and ``new_y``.
+
+        Returns the largest move and deviation of nodes that follow the interior, zero where they do not.
+        """
+        change, lag = 0.0, 0.0
+        for axis, (old, q, fixed, moved) in enumerate(
+            ((y, new_y, new_x, along_eta), (x.T, new_x.T, new_y.T, along_xi))
+        ):
+            for side, (end, one, two) in enumerate(((0, 1, 2), (-1, -2, -3))):
+                fixed[end], q[end] = (x, y.T)[axis][end], old[end] + moved[end]
+                if self.boundary is not Boundary.ORTHOGONAL or not self.frame.physical[axis][side]:
+                    continue
+                q[end, 1:-1] = (4 * q[one, 1:-1] - q[two, 1:-1]) / 3
+                change = max(change, float(np.abs(q[end] - old[end]).max()))
+                wanted = (4 * old[one, 1:-1] - old[two, 1:-1]) / 3
+                lag = max(lag, float(np.abs(wanted - old[end, 1:-1]).max()) * (q.shape[1] - 1))
+        return change, lag
+
+    def _unit_base(self) -> tuple[Array, Array]:
+        one = np.array([1.0, 0.0, 1.0])[:, None, None]
+        return one * np.ones((2, self.shape[1] - 1)), one * np.ones((2, self.shape[0] - 1))
+
+    def _bases(self, t_eta: Array, t_xi: Array) -> tuple[Array, Array]:
+        """The pointwise part of the metric at the middles of the edges, its tangential entry first."""
+        found = []
+        for nodes, axis in ((t_eta, 0), (t_xi, 1)):
+            middles = 0.5 * (nodes[:, 1:] + nodes[:, :-1])
+            fixed = np.repeat([[0.0], [1.0]], middles.shape[1], axis=1)
+            b11, b12, b22 = self.metric.base(*((fixed, middles) if axis == 0 else (middles, fixed)))
+            tensor = np.stack([b22, b12, b11] if axis == 0 else [b11, b12, b22])
+            if self.boundary is Boundary.EQUIDISTRIBUTED_1D:  # sees the side alone: no metric but along it
+                tensor[1], tensor[2] = 0.0, 1.0
+            found.append(tensor)
+        return found[0], found[1]
