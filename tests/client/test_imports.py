@@ -80,7 +80,7 @@ def test_only_one_module_of_the_client_knows_httpx() -> None:
     import equimesh_client
 
     users = set()
-    for path in Path(equimesh_client.__file__).parent.glob("*.py"):
+    for path in Path(equimesh_client.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []

@@ -281,9 +281,9 @@ def test_every_limit_of_expressions_is_documented() -> None:
 
 def test_the_symbol_table_names_what_there_is() -> None:
     table = page("theory").split("## Symbols")[1].split("## ")[0]
-    for module in re.findall(r"`(equimesh\.\w+)`", page("theory")):
+    for module in re.findall(r"`(equimesh\.[\w.]+)`", page("theory")):
         assert (ROOT / "solver" / Path(*module.split("."))).with_suffix(".py").exists(), module
-    source = "\n".join(path.read_text() for path in (ROOT / "solver" / "equimesh").glob("*.py"))
+    source = "\n".join(path.read_text() for path in (ROOT / "solver" / "equimesh").rglob("*.py"))
     for name in re.findall(r"`([A-Z]\w+)(?:\.\w+)?`", table):
         assert re.search(rf"^class {name}\b", source, re.MULTILINE), name
 

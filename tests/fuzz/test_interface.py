@@ -34,7 +34,7 @@ from schemathesis.specs.openapi.checks import (
 
 from fuzz.conftest import asked_cases
 from service.conftest import small, until
-from solver.test_upload import npy, npz
+from solver.upload.test_samples import npy, npz
 
 CHECKS = [
     not_a_server_error,

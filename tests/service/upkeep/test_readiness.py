@@ -21,8 +21,8 @@ from equimesh_service.files.folder import FolderFiles
 from equimesh_service.opening import PRELOAD, _health
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.readiness import OK, Readiness
-from service.check_engine import own_pid
 from service.conftest import until
+from service.engine.check_engine import own_pid
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 
 from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.opening import PRELOAD
-from service.check_engine import check_engine, expect_closed
+from service.engine.check_engine import check_engine, expect_closed
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")

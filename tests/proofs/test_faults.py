@@ -28,8 +28,8 @@ from equimesh_service.engine.port import Health, TimeLimitError, WorkerLostError
 from equimesh_service.opening import PRELOAD, FolderInUseError, open_service
 from equimesh_service.store.rows import Claim, NewMesh
 from equimesh_service.store.store import Store
-from service.check_engine import add, allocate
 from service.conftest import SLOW, small, until
+from service.engine.check_engine import add, allocate
 from service.processes import children, runs, service_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills and limits are Linux's")

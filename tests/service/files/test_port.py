@@ -28,8 +28,8 @@ from equimesh_service.files.s3 import Bucket, S3Files
 from equimesh_service.files.unfinished import clear
 from equimesh_service.problems.problem import Problem
 from equimesh_service.wire.sending import send_file
-from service.check_files import CHECKS, keep, read
 from service.conftest import small, until
+from service.files.check_files import CHECKS, keep, read
 from service.s3_server import ACCESS_KEY, SECRET_KEY, S3Server, serving
 
 CONTENT = bytes(range(256)) * 40

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from service.conftest import small
-from service.test_bad_input import CURVED
+from service.spec.test_mesh import CURVED
 
 WAIT = {"Prefer": "wait=30"}
 FRONT = {"expression": "tanh(8*(x - y))"}

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from equimesh.equations.rounding import smallest_tolerance
 
 import equimesh as em
 from cases import problem
+from equimesh.equations.rounding import smallest_tolerance
 from equimesh.solving import remedies
 
 PAPER = problem("paper", 24, 20)

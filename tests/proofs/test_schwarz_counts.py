@@ -100,7 +100,7 @@ def test_the_default_kind_needs_8_iterations_at_most_and_gives_the_single_domain
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_classical_with_line_corrections_needs_12_iterations_at_most(name: str, everything: bool) -> None:
-    """In practice 9, where without them 4 strips take some 60 (tests/solver/test_rates.py).
+    """In practice 9, where without them 4 strips take some 60 (tests/proofs/test_rates.py).
 
     Without ``--everything``: the pairs of :func:`_families`, with 2, 4 and 32 strips and all blocks.
     """
