@@ -26,10 +26,10 @@ STRIPS, STEP = (2, 4, 8), 1e-7
 
 def squared_lengths(metric: Any, x: Array, y: Array) -> tuple[Array, Array]:
     """Of the xi-edges on all lines inside, shape ``(n_xi - 1, n_eta - 2)``; and the metric of the cells."""
-    from equimesh.sweeps import sweep as chord
+    from equimesh.sweeps.sweep import cell_metrics
 
     cells = np.empty((3, x.shape[0] - 1, x.shape[1] - 1))
-    chord.cell_metrics(metric, x, y, cells)
+    cell_metrics(metric, x, y, cells)
     m11, m12, m22 = 0.5 * (cells[:, :, 1:] + cells[:, :, :-1])
     dx, dy = np.diff(x, axis=0)[:, 1:-1], np.diff(y, axis=0)[:, 1:-1]
     return m11 * dx**2 + 2 * m12 * dx * dy + m22 * dy**2, cells

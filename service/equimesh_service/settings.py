@@ -12,7 +12,7 @@ from typing import Literal
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from equimesh.numerics.threads import available
+from equimesh.numerics.threads import available_cores
 
 MIB = 1024 * 1024
 
@@ -105,7 +105,7 @@ class Settings(BaseSettings):
     @property
     def worker_threads(self) -> int:
         """Threads of one worker, at least 1."""
-        return self.threads or min(64, max(1, available() // self.workers))
+        return self.threads or min(64, max(1, available_cores() // self.workers))
 
     @property
     def root(self) -> str:

@@ -1,7 +1,8 @@
-"""Arrays of real numbers out of what callers send: nested lists, JSON, numpy arrays."""
+"""Values that callers send, checked (arrays of numbers, choices), and numbers that are sent to them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -28,7 +29,7 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
         raise SamplesError(f"{name} holds {_kind(array.dtype)}: only real numbers are allowed", field=name)
     if array.ndim != ndim:
         raise SamplesError(
-            f"{name} has shape {array.shape}: it must have {counted(ndim, 'dimension')}, not {array.ndim}",
+            f"{name} has shape {array.shape}: it must have {count_noun(ndim, 'dimension')}, not {array.ndim}",
             field=name,
         )
     with np.errstate(over="ignore"):
@@ -39,7 +40,7 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
         found = "NaN" if np.isnan(array[index]) else "infinite"
         raise SamplesError(
             f"{name}{_brackets(index)} is {found}: every sample must be a finite number; fill in or leave out"
-            f" the missing ones ({counted(int(bad.sum()), 'such entry', 'such entries')})",
+            f" the missing ones ({count_noun(int(bad.sum()), 'such entry', 'such entries')})",
             field=name,
         )
     array.setflags(write=False)
@@ -62,13 +63,13 @@ def _check_nested(value: object, path: str, ndim: int, *, field_name: str) -> No
         _check_nested(row, f"{path}[{i}]", ndim - 1, field_name=field_name)
         if len(row) != len(value[0]):
             raise SamplesError(
-                f"{path}[{i}] has {counted(len(row), 'entry', 'entries')} but {path}[0] has {len(value[0])}:"
+                f"{path}[{i}] has {count_noun(len(row), 'entry', 'entries')} but {path}[0] has {len(value[0])}:"
                 " every row must have the same length",
                 field=field_name,
             )
 
 
-def counted(n: int, one: str = "sample", many: str = "") -> str:
+def count_noun(n: int, one: str = "sample", many: str = "") -> str:
     """``n`` with its noun, singular or plural."""
     return f"{n} {one if n == 1 else many or one + 's'}"
 
@@ -106,3 +107,8 @@ def choice(kind: type[E], value: str, field: str) -> E:
     except ValueError:
         known = ", ".join(f"'{member}'" for member in kind)
         raise InputError(f"{field} = {value!r}: choose one of {known}", field=field) from None
+
+
+def finite_or_none(number: float | None) -> float | None:
+    """``number`` as a float for JSON, ``None`` where it is not known or not finite."""
+    return float(number) if number is not None and math.isfinite(number) else None

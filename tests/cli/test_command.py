@@ -362,7 +362,7 @@ def test_solve_writes_the_partial_mesh_too(capsys: pytest.CaptureFixture[str], t
 
 def test_solver_and_client_print_a_certificate_alike() -> None:
     em = pytest.importorskip("equimesh.solving.certificate")
-    errors = pytest.importorskip("equimesh.quality.interpolation").InterpolationError
+    errors = pytest.importorskip("equimesh.quality.interpolation").InterpolationErrors
     status = pytest.importorskip("equimesh.solving.status").Status
     asked = [("a", 0.7, 0.35), ("points", 129.0, 33.0), ("cross_line", 0.0, 0.03), ("strength", 1.0, 0.123)]
     relaxed = tuple(em.Relaxed(what=what, asked=least, reached=most) for what, least, most in asked)

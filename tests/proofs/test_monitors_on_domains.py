@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.domain import mapped
+from equimesh.domains.domain import map_mesh
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.single_domain import iteration
 from equimesh.sweeps import sweep
@@ -127,7 +127,7 @@ def test_without_adaptation_lines_have_equal_lengths(domain: str) -> None:
     problem = em.Problem(monitor=em.ArcLength(u=BELL, a=0.0), grid=em.Grid(n_xi=13, n_eta=9), domain=DOMAINS[domain])
     solution = em.solve(problem, mode=em.Mode.TIGHT)
     # Edges of an annulus are chords, measured with the metric at the middle of their cells.
-    assert distance(solution.mesh, mapped(em.Mesh.uniform(problem.grid), problem.domain)) < 1e-12
+    assert distance(solution.mesh, map_mesh(em.Mesh.uniform(problem.grid), problem.domain)) < 1e-12
 
 
 def test_similar_domains_have_similar_meshes() -> None:
@@ -196,7 +196,7 @@ class Swirl(em.Rectangle):
 
 def test_a_domain_too_curved_for_its_grid_is_refused() -> None:
     fine, coarse = em.Grid(n_xi=65, n_eta=65), em.Grid(n_xi=9, n_eta=9)
-    assert not mapped(em.Mesh.uniform(fine), Swirl()).is_folded
+    assert not map_mesh(em.Mesh.uniform(fine), Swirl()).is_folded
     with pytest.raises(em.InputError, match="add grid points"):
         em.solve(em.Problem(monitor=MONITORS["arc_length"], grid=coarse, domain=Swirl()))
 

@@ -15,7 +15,7 @@ import equimesh as em
 from equimesh.meshes.nested import distance, nested_grids, prolong
 from equimesh.numerics import dissection, newton
 from equimesh.single_domain.steps import TIGHT
-from equimesh.sweeps import sweep as chord
+from equimesh.sweeps.sweep import Sweep, memory_needed
 from equimesh_cli.benchmark.rows import Row, cpu_seconds
 from equimesh_cli.benchmark.solves import front
 
@@ -128,12 +128,12 @@ def pardiso() -> Factorise:
 
 def sweep(problem: em.Problem, start: em.Mesh) -> tuple[int, em.Mesh]:
     """Sweeps from ``start`` to the tolerance of tight mode: how many, and the mesh."""
-    memory = np.empty(chord.needed(problem.grid.shape))
-    sweeps = chord.Sweep(problem.metric, problem.boundary, problem.grid.shape, memory, 1)
+    memory = np.empty(memory_needed(problem.grid.shape))
+    sweeps = Sweep(problem.metric, problem.boundary, problem.grid.shape, memory, 1)
     x, y = start.x.copy(), start.y.copy()
     for count in range(1, MOST_SWEEPS + 1):
         found = sweeps.correct(x, y)
-        x, y = sweeps.take(x, y)
+        x, y = sweeps.swap(x, y)
         if found.deviation <= TIGHT:
             return count, em.Mesh(x, y)
     raise RuntimeError(f"{MOST_SWEEPS} sweeps do not reach {TIGHT}")
@@ -148,7 +148,7 @@ def solve(problem: em.Problem, solver: Solver) -> Solved:
         begun = time.process_time()
         start = prolong(meshes[-1], grid, meshes[-2] if len(meshes) > 1 else None) if meshes else em.Mesh.uniform(grid)
         z = equations.vector(start)
-        records = newton.iterate(
+        records = newton.newton_iterations(
             equations.residual,
             equations.jacobian,
             z,

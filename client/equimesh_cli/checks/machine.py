@@ -22,9 +22,9 @@ _NO_LIMIT = 1 << 60
 
 def processors(settings: Settings) -> Finding:
     """Whether there is a processor for every worker, and for every thread of them."""
-    from equimesh.numerics.threads import available
+    from equimesh.numerics.threads import available_cores
 
-    here, allowed = available(), allowed_processors()
+    here, allowed = available_cores(), allowed_processors()
     count = float(here) if allowed is None else min(float(here), allowed)
     said = f"{settings.workers} workers with {settings.worker_threads} threads each, on {count:g} processors"
     if settings.workers > max(1.0, count):

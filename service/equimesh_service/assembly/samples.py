@@ -20,8 +20,8 @@ import numpy.typing as npt
 import equimesh
 from equimesh.domains.domain import Box, Interval
 from equimesh.errors import SamplesError
-from equimesh.fields.samples import CUBIC
-from equimesh.inputs import counted, real_array
+from equimesh.fields.samples import MIN_CUBIC
+from equimesh.inputs import count_noun, real_array
 from equimesh.upload.samples import read_arrays, samples_of
 from equimesh_service.assembly import samples as intake
 
@@ -102,8 +102,8 @@ def _canonical(arrays: dict[str, Any]) -> dict[str, Any]:
     if len(points) != len(values):
         message = f"there are {len(points)} points and {len(values)} values: each point needs one value"
         raise SamplesError(message, field="values")
-    if len(points) < CUBIC:
-        raise SamplesError(f"{counted(len(points))}: scattered samples need at least {CUBIC}", field="points")
+    if len(points) < MIN_CUBIC:
+        raise SamplesError(f"{count_noun(len(points))}: scattered samples need at least {MIN_CUBIC}", field="points")
     return {"points": points, "values": values}
 
 

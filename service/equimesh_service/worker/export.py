@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import equimesh
-from equimesh.domains.domain import mapped
+from equimesh.domains.domain import map_mesh
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
 from equimesh_service.assembly.problem import build_problem, build_schwarz
@@ -80,7 +80,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
                 raise Problem("not-found", "The mesh is gone.")
             mesh = load_npz(source(MESH)).mesh
             problem = build_problem(read_spec(order.spec), samples_of(order, files, sources))
-            uniform = mapped(equimesh.Mesh.uniform(problem.grid), problem.domain)
+            uniform = map_mesh(equimesh.Mesh.uniform(problem.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
 

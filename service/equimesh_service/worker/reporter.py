@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from equimesh import Event, Iteration, Schwarz
+from equimesh.inputs import finite_or_none
 
 SINGLE_DOMAIN, START, SCHWARZ, WRITING = "single_domain", "start", "schwarz", "writing"
 # Part of the whole that the solves before a Schwarz iteration count for, and the part before the writing.
@@ -75,7 +76,7 @@ class Reporter:
             "stage": stage,
             "iteration": iteration,
             "fraction": round(self._fraction, 4),
-            **{name: _plain(number) for name, number in numbers.items()},
+            **{name: finite_or_none(n) if isinstance(n, float) else n for name, n in numbers.items()},
         }
         if not self.tell(told):
             raise AttemptLostError
@@ -105,7 +106,3 @@ class Reporter:
             return by_count
         by_error = math.log(self._first_change / event.change) / math.log(way)
         return min(1.0, max(by_count, by_error))
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

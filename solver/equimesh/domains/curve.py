@@ -13,21 +13,23 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from equimesh.domains.domain import LARGEST, Interval
+from equimesh.domains.domain import MAX_COORDINATE, Interval
 from equimesh.errors import ExpressionError, InputError, SamplesError
-from equimesh.formulas.formula import blame, checked_parameters, compiled
+from equimesh.formulas.formula import check_parameters, compile_formula, raise_culprit
 from equimesh.formulas.poles import find_pole
 from equimesh.formulas.program import Program
 from equimesh.formulas.vocabulary import CURVE, LIMITS
-from equimesh.inputs import counted, real_array
+from equimesh.inputs import count_noun, real_array
 from equimesh.numerics.types import Array
 
-CHECKED = 257  # values of t at which formulas must be finite
+CHECK_POINTS = 257  # values of t at which formulas must be finite
 POLE_SAMPLES = 33
 PANELS = 64  # parts of [0, 1] on each of which a formula is taken for smooth
-MOST_POINTS = 10_000
-NEAREST = 1e-9  # distance of two points in a row, as a share of the length of the curve
-SEARCHED, ZOOMED, ZOOMS = 1025, 33, 8  # the search for the ends of the box: points, points of a closer look, how many
+MAX_POINTS = 10_000
+MIN_DISTANCE_SHARE = 1e-9  # distance of two points in a row, as a share of the length of the curve
+SEARCH_POINTS = 1025  # of the first search for the ends of the box
+ZOOM_POINTS = 33  # of each closer search
+ZOOMS = 8  # closer searches
 
 
 class Path(Protocol):
@@ -98,11 +100,11 @@ class Curve:
 
     def _furthest(self, axis: int, sign: float) -> float:
         """The largest of ``sign`` times a coordinate: that of the best of many points, looked at ever closer."""
-        t = np.union1d(np.linspace(0.0, 1.0, SEARCHED), self.path.breaks)
+        t = np.union1d(np.linspace(0.0, 1.0, SEARCH_POINTS), self.path.breaks)
         for _ in range(ZOOMS):
             values = sign * self.path.evaluate(t)[axis]
             best = int(values.argmax())
-            t = np.linspace(t[max(best - 1, 0)], t[min(best + 1, t.size - 1)], ZOOMED)
+            t = np.linspace(t[max(best - 1, 0)], t[min(best + 1, t.size - 1)], ZOOM_POINTS)
         return float(values[best])
 
 
@@ -116,12 +118,12 @@ class FormulaPath:
     _programs: tuple[Program, Program] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        parameters = checked_parameters(self.parameters)
+        parameters = check_parameters(self.parameters)
         object.__setattr__(self, "parameters", MappingProxyType(parameters))
         programs = []
         for name, text in (("x", self.x), ("y", self.y)):
             try:
-                programs.append(compiled(text, parameters, CURVE))
+                programs.append(compile_formula(text, parameters, CURVE))
                 _check_finite(name, programs[-1])
             except ExpressionError as error:
                 raise ExpressionError(error.message, position=error.position, field=name) from None
@@ -187,19 +189,22 @@ def _evaluate(program: Program, x: Array, y: Array, order: int) -> tuple[Array, 
 
 def _check_finite(name: str, program: Program) -> None:
     """Refuse a coordinate that is not finite, or not differentiable, somewhere on [0, 1]."""
-    t = np.linspace(0.0, 1.0, CHECKED)
+    t = np.linspace(0.0, 1.0, CHECK_POINTS)
     value, slope, _ = program.evaluate(t, t, 1)
-    for what, found, largest in ((f"{name}(t)", value, LARGEST), (f"the slope of {name}(t)", slope, LIMITS.magnitude)):
+    for what, found, largest in (
+        (f"{name}(t)", value, MAX_COORDINATE),
+        (f"the slope of {name}(t)", slope, LIMITS.magnitude),
+    ):
         bad = ~(np.abs(found) <= largest)
         if bad.any():
             k = int(bad.argmax())
             wrong = f"is larger than {largest:g}" if np.isfinite(found[k]) else "is not finite"
             at = float(t[k])
-            blame(program, (at, at), f"{what} {wrong} at t = {at:.6g}", largest, where="curve")
+            raise_culprit(program, (at, at), f"{what} {wrong} at t = {at:.6g}", largest, where="curve")
     pole = find_pole(partial(_evaluate, program), POLE_SAMPLES)
     if pole is not None:
         wrong = f"the slope of {name}(t) grows without bound at t = {pole.x:.6g}"
-        blame(program, (pole.x, pole.x), wrong, float(np.sqrt(pole.slope)), where="curve")
+        raise_culprit(program, (pole.x, pole.x), wrong, float(np.sqrt(pole.slope)), where="curve")
 
 
 def _spline_path(points: npt.ArrayLike) -> SplinePath:
@@ -207,21 +212,22 @@ def _spline_path(points: npt.ArrayLike) -> SplinePath:
     places = real_array(points, "points", ndim=2)
     if places.shape[1] != 2:
         raise SamplesError(f"points has shape {places.shape}: it must be (n, 2), one row x, y each", field="points")
-    if not 2 <= len(places) <= MOST_POINTS:
+    if not 2 <= len(places) <= MAX_POINTS:
         raise SamplesError(
-            f"the curve has {counted(len(places), 'point')}: 2 give a straight line, 4 or more a cubic spline, and at"
-            f" most {MOST_POINTS} are taken",
+            f"the curve has {count_noun(len(places), 'point')}: 2 give a straight line, 4 or more a cubic spline,"
+            f" and {MAX_POINTS} is the limit",
             field="points",
         )
-    if np.abs(places).max() > LARGEST:
-        i, k = np.argwhere(np.abs(places) > LARGEST)[0]
+    if np.abs(places).max() > MAX_COORDINATE:
+        i, k = np.argwhere(np.abs(places) > MAX_COORDINATE)[0]
         raise SamplesError(
-            f"points[{i}][{k}] = {places[i, k]:.6g}: a number of at most {LARGEST:g} in size is wanted", field="points"
+            f"points[{i}][{k}] = {places[i, k]:.6g}: a number of at most {MAX_COORDINATE:g} in size is wanted",
+            field="points",
         )
     chords = np.hypot(*np.diff(places, axis=0).T)
     length = np.concatenate([[0.0], np.cumsum(chords)])
-    if np.any(chords <= NEAREST * length[-1]):
-        i = int(np.argmax(chords <= NEAREST * length[-1]))
+    if np.any(chords <= MIN_DISTANCE_SHARE * length[-1]):
+        i = int(np.argmax(chords <= MIN_DISTANCE_SHARE * length[-1]))
         raise SamplesError(
             f"points[{i + 1}] repeats points[{i}] = ({places[i, 0]:.6g}, {places[i, 1]:.6g}): leave one of them out",
             field="points",

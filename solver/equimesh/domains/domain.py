@@ -18,8 +18,8 @@ Interval: TypeAlias = tuple[float, float]
 Box: TypeAlias = tuple[Interval, Interval]
 
 UNIT: Interval = (0.0, 1.0)
-LARGEST = 1e9  # size of a coordinate
-NARROWEST = 1e-9  # extent of a domain, and its share of the coordinates: there, rounding would shape the cells
+MAX_COORDINATE = 1e9  # size of a coordinate
+MIN_EXTENT = 1e-9  # extent of a domain, and its share of the coordinates: there, rounding would shape the cells
 FULL_TURN = 360.0
 
 
@@ -163,7 +163,7 @@ class AnnulusSector:
         return 0.5 * (outer - inner) * (outer + inner) * math.radians(self.angles[1] - self.angles[0])
 
 
-def mapped(mesh: Mesh, domain: Domain) -> Mesh:
+def map_mesh(mesh: Mesh, domain: Domain) -> Mesh:
     """The physical mesh whose nodes are the images of those of ``mesh``, a mesh of the reference square."""
     if isinstance(domain, Rectangle) and domain.is_unit_square:
         return mesh
@@ -184,9 +184,10 @@ def pair(value: object, field: str) -> tuple[float, float]:
         raise InputError(f"{name} must be two numbers, such as (0, 1)", field=field)
     for k, entry in enumerate(entries):
         is_number = isinstance(entry, (int, float, np.integer, np.floating)) and not isinstance(entry, bool)
-        if not (is_number and abs(entry) <= LARGEST):
+        if not (is_number and abs(entry) <= MAX_COORDINATE):
             raise InputError(
-                f"{name}[{k}] = {str(entry)[:20]}: a number of at most {LARGEST:g} in size is wanted", field=field
+                f"{name}[{k}] = {str(entry)[:20]}: a number of at most {MAX_COORDINATE:g} in size is wanted",
+                field=field,
             )
     return float(entries[0]), float(entries[1])
 
@@ -196,7 +197,7 @@ def check_extent(ends: Interval, name: str, field: str, *, among: tuple[float, .
     low, high = ends
     if not low < high:
         raise InputError(f"{name} = ({low:g}, {high:g}): the second end must be greater than the first", field=field)
-    if high - low < NARROWEST * max(1.0, *map(abs, among or ends)):
+    if high - low < MIN_EXTENT * max(1.0, *map(abs, among or ends)):
         raise InputError(
             f"{name} = ({low:.12g}, {high:.12g}): the ends are too near together for these coordinates; choose the unit"
             " and the origin so that the domain has a size of about 1",

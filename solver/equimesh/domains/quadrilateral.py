@@ -22,11 +22,11 @@ CORNERS = {  # (s, t) of the corner, and the two sides that meet there, each wit
     (1, 1): (("top", 1.0), ("right", 1.0)),
     (0, 1): (("top", 0.0), ("left", 1.0)),
 }
-MEETING = 1e-9  # distance of sides at a corner, as a share of the size of the domain
-CHECKED = 257  # points a direction at which the Jacobian must be positive
-FLATTEST = 1e-6  # the least determinant there, as a share of the mean one
-SEGMENTS = 128  # of each side, in the search for crossings
-ROUNDING = 1e-13  # of an area, as a share of the square of the size: sides may touch, as where a ring is cut
+MAX_CORNER_GAP = 1e-9  # distance of sides at a corner, as a share of the size of the domain
+CHECK_POINTS = 257  # points a direction at which the Jacobian must be positive
+MIN_DETERMINANT_SHARE = 1e-6  # the least determinant there, as a share of the mean one
+SIDE_SEGMENTS = 128  # of each side, in the search for crossings
+AREA_ROUNDING = 1e-13  # of an area, as a share of the square of the size: sides may touch, as where a ring is cut
 GAUSS = np.polynomial.legendre.leggauss(5)
 
 
@@ -94,7 +94,7 @@ class Quadrilateral:
         for (i, j), ((first, at), (second, then)) in CORNERS.items():
             one = np.array([part.item() + 0.0 for part in getattr(self, first).evaluate(at)[:2]])
             other = np.array([part.item() + 0.0 for part in getattr(self, second).evaluate(then)[:2]])
-            if np.abs(one - other).max() > MEETING * size:
+            if np.abs(one - other).max() > MAX_CORNER_GAP * size:
                 verbs = ["ends" if end else "starts" for end in (at, then)]
                 raise InputError(
                     f"{first} {verbs[0]} at ({one[0]:.9g}, {one[1]:.9g}), but {second} {verbs[1]} at"
@@ -107,7 +107,7 @@ class Quadrilateral:
 
     def _check_folds(self) -> None:
         """Refuse a map whose Jacobian is not positive on a fine grid."""
-        axis = np.linspace(0.0, 1.0, CHECKED)
+        axis = np.linspace(0.0, 1.0, CHECK_POINTS)
         x, y, x_s, x_t, y_s, y_t = self._patch(axis[:, None], axis[None, :])
         determinant = x_s * y_t - x_t * y_s
         if np.all(determinant < 0.0):
@@ -116,10 +116,10 @@ class Quadrilateral:
                 " with right",
                 field="domain",
             )
-        if determinant.min() > FLATTEST * np.abs(determinant).mean():
+        if determinant.min() > MIN_DETERMINANT_SHARE * np.abs(determinant).mean():
             return
         i, j = np.unravel_index(int(determinant.argmin()), determinant.shape)
-        what = "folds" if determinant[i, j] < -FLATTEST * np.abs(determinant).mean() else "is flat"
+        what = "folds" if determinant[i, j] < -MIN_DETERMINANT_SHARE * np.abs(determinant).mean() else "is flat"
         at = f"({x[i, j] + 0.0:.6g}, {y[i, j] + 0.0:.6g})"
         raise InputError(
             f"the map {what} at (x, y) = {at}, {_place(axis[i], axis[j])}: its Jacobian there is"
@@ -130,13 +130,13 @@ class Quadrilateral:
 
     def _check_crossings(self) -> None:
         """Refuse a boundary that crosses itself: the map would cover some points twice."""
-        t = np.linspace(0.0, 1.0, SEGMENTS + 1)
+        t = np.linspace(0.0, 1.0, SIDE_SEGMENTS + 1)
         round_trip = (self.bottom, 1), (self.right, 1), (self.top, -1), (self.left, -1)
         lines = [np.column_stack(curve.evaluate(t)[:2])[::way] for curve, way in round_trip]
         rim = np.concatenate([line[:-1] for line in lines])
         a, b = rim, np.roll(rim, -1, axis=0)
         starts, ends = (_turn(a[:, None], b[:, None], p[None, :]) for p in (a, b))
-        apart = ROUNDING * float(np.ptp(rim, axis=0).max()) ** 2
+        apart = AREA_ROUNDING * float(np.ptp(rim, axis=0).max()) ** 2
         astride = (np.minimum(starts, ends) < -apart) & (np.maximum(starts, ends) > apart)
         crossing = astride & astride.T
         number = np.arange(len(rim))
@@ -145,7 +145,7 @@ class Quadrilateral:
         if crossing.any():
             i, j = np.argwhere(crossing)[0]
             sides = ("bottom", "right", "top", "left")
-            one, other = sides[i // SEGMENTS], sides[j // SEGMENTS]
+            one, other = sides[i // SIDE_SEGMENTS], sides[j // SIDE_SEGMENTS]
             who = f"{one} crosses itself" if one == other else f"{one} and {other} cross"
             at = f"({a[i, 0] + 0.0:.6g}, {a[i, 1] + 0.0:.6g})"
             raise InputError(f"{who} near (x, y) = {at}: the sides may meet at the corners only", field="domain")

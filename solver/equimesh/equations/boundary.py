@@ -11,8 +11,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.equations.mesh_equations import Rows, Triplets, Window
-from equimesh.equations.metric import STEP, ReferenceMetric, Tensor, Vector, quadratic
+from equimesh.equations.mesh_equations import NodalState, Rows, Triplets
+from equimesh.equations.metric import SLOPE_STEP, ReferenceMetric, Tensor, Vector, quadratic
 from equimesh.numerics.types import Array, IntArray
 
 S = TypeVar("S", bound=np.generic)
@@ -44,7 +44,7 @@ class Side:
     end: int
     kind: Boundary
 
-    def rows(self, window: Window) -> Rows:
+    def rows(self, window: NodalState) -> Rows:
         """The fixed coordinate on all nodes of the side, and the tangential equations (paper, (5) to (7))."""
         fixed, tangential = (self.line(window.numbers[axis]) for axis in (self.axis, 1 - self.axis))
         values, triplets = self._tangential(window, tangential)
@@ -65,12 +65,12 @@ class Side:
         index = -1 - depth if self.end else depth
         return values[index] if self.axis == 0 else values[:, index]
 
-    def _tangential(self, window: Window, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
+    def _tangential(self, window: NodalState, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
         if self.kind is Boundary.ORTHOGONAL:
             return self._orthogonal(window)
         return self._equidistributed(window, unknown)
 
-    def _orthogonal(self, window: Window) -> tuple[Array, Callable[[], Triplets]]:
+    def _orthogonal(self, window: NodalState) -> tuple[Array, Callable[[], Triplets]]:
         """Zero normal derivative of the tangential coordinate, one-sided and of second order."""
         spacing = (window.d_xi, window.d_eta)[self.axis]
         position, numbers = (window.x, window.y)[1 - self.axis], window.numbers[1 - self.axis]
@@ -83,7 +83,7 @@ class Side:
             triplets.append((rows, columns, np.full(rows.size, weight / spacing)))
         return values, lambda: triplets
 
-    def _equidistributed(self, window: Window, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
+    def _equidistributed(self, window: NodalState, unknown: IntArray) -> tuple[Array, Callable[[], Triplets]]:
         spacing = (window.d_xi, window.d_eta)[1 - self.axis]
         line = SideLine.of(self, window.metric, self.line((window.x, window.y)[1 - self.axis]))
         rows, scale = unknown[1:-1], 1.0 / spacing**2
@@ -182,7 +182,7 @@ class SideLine:
         """The tangential derivative of ``u_n`` at the nodes, by a difference quotient."""
         if self.side.kind is not Boundary.TRACE or self.metric.arc_length is None:
             return np.zeros(self.t.size)
-        ahead, behind = np.minimum(self.t + STEP, 1.0), np.maximum(self.t - STEP, 0.0)
+        ahead, behind = np.minimum(self.t + SLOPE_STEP, 1.0), np.maximum(self.t - SLOPE_STEP, 0.0)
         u_n = [self.metric.u_with_gradient(*self.side.points(at))[1 + self.side.axis] for at in (ahead, behind)]
         return np.asarray((u_n[0] - u_n[1]) / (ahead - behind))
 

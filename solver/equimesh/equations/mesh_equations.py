@@ -30,7 +30,7 @@ EDGES = ((0, 1, 0), (3, 2, 0), (0, 3, 1), (1, 2, 1))
 
 
 @dataclass(frozen=True)
-class Window:
+class NodalState:
     """Node coordinates and u with its gradient on a window of the grid, arrays of shape ``(m_xi, m_eta)``.
 
     Coordinates are those of the reference square. ``numbers`` are those of the unknowns x and y of every node.
@@ -46,9 +46,9 @@ class Window:
     d_eta: float
     metric: ReferenceMetric
 
-    def turned(self) -> Window:
+    def turned(self) -> NodalState:
         """The same window with the roles of (x, xi) and (y, eta) exchanged; the equations do not change."""
-        return Window(
+        return NodalState(
             x=self.y.T,
             y=self.x.T,
             u=self.u.T,
@@ -80,7 +80,7 @@ class Condition(Protocol):
     Its equations take the place of those of the interior, and of conditions before it, for the same unknowns.
     """
 
-    def rows(self, window: Window) -> Rows:
+    def rows(self, window: NodalState) -> Rows:
         """The equations at the present state of the window."""
         ...
 
@@ -115,11 +115,11 @@ class MeshEquations:
         number = np.arange(self.size).reshape(shape)
         self.numbers = (number, number + self.size)
 
-    def window(self, z: Array) -> Window:
+    def window(self, z: Array) -> NodalState:
         """The state of the window at ``z``; u is not finite where the nodes leave its domain of definition."""
         x, y = z[: self.size].reshape(self.shape), z[self.size :].reshape(self.shape)
         u, u_x, u_y = self.metric.u_with_gradient(x, y)
-        return Window(x, y, u, u_x, u_y, self.numbers, self.d_xi, self.d_eta, self.metric)
+        return NodalState(x, y, u, u_x, u_y, self.numbers, self.d_xi, self.d_eta, self.metric)
 
     @staticmethod
     def vector(mesh: Mesh) -> Array:
@@ -158,11 +158,11 @@ class MeshEquations:
         """The mean squared metric length of the coordinate directions: the natural unit of the residual."""
         return float(np.mean([2 * flux.value for flux in Cells(self.window(z)).fluxes]))
 
-    def _interior(self, window: Window) -> list[Rows]:
+    def _interior(self, window: NodalState) -> list[Rows]:
         flux = self._interior_rows(window)
         return [flux, self._cross_line_rows(window)] if self.cross_line else [flux]
 
-    def _cross_line_rows(self, window: Window) -> Rows:
+    def _cross_line_rows(self, window: NodalState) -> Rows:
         """The second difference of x along eta, and of y along xi, times the weight of the cross-line term."""
         rows, values = [], []
         triplets: Triplets = []
@@ -176,7 +176,7 @@ class MeshEquations:
                 triplets.append((row, column, np.full(row.size, weight * scale)))
         return Rows(np.concatenate(rows), np.concatenate(values), lambda: triplets)
 
-    def _interior_rows(self, window: Window) -> Rows:
+    def _interior_rows(self, window: NodalState) -> Rows:
         cells = Cells(window)
         rows, values = [], []
         for (first, second, component), flux in zip(EDGES, cells.fluxes, strict=True):
@@ -218,7 +218,7 @@ def _owned(part: Triplet, owner: IntArray, number: int) -> Triplet:
 class Cells:
     """All cells of a window at once: fluxes through their four edges and derivatives by their eight unknowns."""
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: NodalState) -> None:
         self.window = window
 
     def corner(self, values: Array, corner: int) -> Array:

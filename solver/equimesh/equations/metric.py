@@ -28,10 +28,10 @@ from equimesh.numerics.types import Array
 Vector: TypeAlias = tuple[Array, Array]
 Tensor: TypeAlias = tuple[Array, Array, Array]
 
-# Half the distance of the difference quotients for derivatives of the pointwise part, in units of the square.
-STEP = 1e-6
-# Points a side at which the size of u is looked at.
-SEEN_POINTS = 17
+# Half the step of difference quotients for derivatives of the pointwise part, in units of the square.
+SLOPE_STEP = 1e-6
+# Points a direction at which the size of u is measured.
+SIZE_SAMPLES = 17
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class ReferenceMetric:
     @cached_property
     def cancellation(self) -> float:
         """How many times larger u is than its variation, at least 1: its differences lose so much of their accuracy."""
-        at = np.linspace(0.0, 1.0, SEEN_POINTS)
+        at = np.linspace(0.0, 1.0, SIZE_SAMPLES)
         u = self.u(*(q.copy() for q in np.meshgrid(at, at, indexing="ij")))
         variation, size = float(np.ptp(u)), float(np.abs(u).max())
         return max(1.0, size / variation) if 0.0 < variation < math.inf else 1.0
@@ -126,9 +126,9 @@ class ReferenceMetric:
         return (s, t) if self.on_unit_square else self.domain.map(s, t)
 
     def _slope(self, s: Array, t: Array, along_s: float, along_t: float) -> Tensor:
-        upper = self.base(s + STEP * along_s, t + STEP * along_t)
-        lower = self.base(s - STEP * along_s, t - STEP * along_t)
-        d11, d12, d22 = ((u - v) / (2 * STEP) for u, v in zip(upper, lower, strict=True))
+        upper = self.base(s + SLOPE_STEP * along_s, t + SLOPE_STEP * along_t)
+        lower = self.base(s - SLOPE_STEP * along_s, t - SLOPE_STEP * along_t)
+        d11, d12, d22 = ((u - v) / (2 * SLOPE_STEP) for u, v in zip(upper, lower, strict=True))
         return d11, d12, d22
 
 

@@ -10,12 +10,12 @@ from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection, newton
 
-MOST_STEPS = 60
-TOLERANCE = 1e-12
+MAX_STEPS = 60
+TOLERANCE = 1e-12  # of the residual, relative to the mean flux
 
 
 @dataclass(frozen=True)
-class LocalSolution:
+class NewtonSolution:
     """How a guarded Newton solve ended: residual relative to the mean flux, and whether it met the tolerance.
 
     ``swept`` says that the steps were sweeps of line corrections.
@@ -32,10 +32,10 @@ def newton_steps(
     equations: MeshEquations,
     start: Mesh,
     tolerance: float = TOLERANCE,
-    most_steps: int = MOST_STEPS,
+    most_steps: int = MAX_STEPS,
     *,
     fast: bool = False,
-) -> Iterator[LocalSolution]:
+) -> Iterator[NewtonSolution]:
     """Guarded Newton steps for one set of mesh equations, never through a folded mesh.
 
     ``tolerance`` is relative to the mean flux, and is raised to the rounding floor of the grid where it lies below.
@@ -45,7 +45,7 @@ def newton_steps(
     z = equations.vector(start)
     unit = equations.mean_flux(z)
     floor = smallest_residual(equations.metric, equations.shape)
-    steps = newton.iterate(
+    steps = newton.newton_iterations(
         equations.residual,
         equations.jacobian,
         z,
@@ -56,6 +56,6 @@ def newton_steps(
     )
     for record in steps:
         met = record.residual <= max(tolerance, floor) * unit
-        yield LocalSolution(equations.mesh(record.z), record.step, record.residual / unit, met)
+        yield NewtonSolution(equations.mesh(record.z), record.step, record.residual / unit, met)
         if record.step >= most_steps:
             return

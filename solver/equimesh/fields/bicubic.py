@@ -18,8 +18,8 @@ from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.types import Array, IntArray
 
 ORDER = 4  # B-splines that are not zero on a piece of an axis, and coefficients of a cubic
-BUCKETS = 2  # per piece
-REMEMBERED = 2100  # knots of the longest axis whose B-splines are kept for the next samples
+BUCKETS_PER_PIECE = 2
+MAX_CACHED_KNOTS = 2100  # knots of the longest axis whose B-splines are kept for the next samples
 COUNT = (1, 3, 6)
 """How many values there are up to each order: u; u_x, u_y; u_xx, u_xy, u_yy."""
 
@@ -40,7 +40,7 @@ class Pieces:
     @classmethod
     def between(cls, knots: Array) -> Pieces:
         """The pieces between the ``knots`` of cubic B-splines, of which the first and the last come four times."""
-        if len(knots) > REMEMBERED:
+        if len(knots) > MAX_CACHED_KNOTS:
             return cls.of(knots)
         return _between(np.ascontiguousarray(knots, dtype=float).tobytes())
 
@@ -48,7 +48,7 @@ class Pieces:
     def of(cls, knots: Array) -> Pieces:
         """The same, worked out anew."""
         breaks = np.ascontiguousarray(knots[ORDER - 1 : len(knots) - ORDER + 1])
-        starts = np.linspace(breaks[0], breaks[-1], BUCKETS * (len(breaks) - 1) + 1)
+        starts = np.linspace(breaks[0], breaks[-1], BUCKETS_PER_PIECE * (len(breaks) - 1) + 1)
         first = np.clip(np.searchsorted(breaks, starts, side="right") - 1, 0, len(breaks) - 2)
         return cls(knots=knots, breaks=breaks, cubics=_cubics(knots), first=first.astype(np.int64))
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.errors import InputError
-from equimesh.formulas.formula import blame, checked_parameters, compiled, finite
+from equimesh.formulas.formula import check_parameters, compile_formula, raise_culprit, require_finite
 from equimesh.formulas.poles import find_pole
 from equimesh.formulas.program import Program
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE
@@ -41,10 +41,10 @@ class Expression:
     _program: Program = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        parameters = checked_parameters(self.parameters)
+        parameters = check_parameters(self.parameters)
         object.__setattr__(self, "parameters", MappingProxyType(parameters))
-        object.__setattr__(self, "t", finite(self.t, "t"))
-        object.__setattr__(self, "_program", compiled(self.text, parameters, PLANE, t=self.t))
+        object.__setattr__(self, "t", require_finite(self.t, "t"))
+        object.__setattr__(self, "_program", compile_formula(self.text, parameters, PLANE, t=self.t))
 
     def __reduce__(self) -> tuple[object, ...]:
         return _restore, (self.text, dict(self.parameters), self.t)
@@ -83,7 +83,7 @@ class Expression:
             pole = find_pole(self.evaluate, n, map=domain.map, box=domain.box)
             if pole is not None:
                 wrong = f"the gradient of u grows without bound at (x, y) = ({pole.x:.6g}, {pole.y:.6g})"
-                blame(self._program, (pole.x, pole.y), wrong, math.sqrt(pole.slope), where=where)
+                raise_culprit(self._program, (pole.x, pole.y), wrong, math.sqrt(pole.slope), where=where)
             return
         i, j = np.unravel_index(int(np.argmax(bad)), bad.shape)
         what = "value" if bad_value[i, j] else "gradient"
@@ -91,7 +91,7 @@ class Expression:
         wrong = f"is larger than {LIMITS.magnitude:g}" if is_finite else "is not finite"
         at = (float(x[i, j]), float(y[i, j]))
         wrong = f"the {what} of u {wrong} at (x, y) = ({at[0]:.6g}, {at[1]:.6g})"
-        blame(self._program, at, wrong, LIMITS.magnitude, where=where)
+        raise_culprit(self._program, at, wrong, LIMITS.magnitude, where=where)
 
 
 def _restore(text: str, parameters: dict[str, float], t: float) -> Expression:

@@ -20,7 +20,7 @@ class Field(Protocol):
         ...
 
 
-def checked_field(field: Field, name: str) -> Field:
+def require_field(field: Field, name: str) -> Field:
     """``field`` if it can be evaluated; raises :class:`~equimesh.errors.InputError` for anything else."""
     if not callable(getattr(field, "evaluate", None)):
         raise InputError(

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from equimesh.domains.domain import Domain, mapped
+from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.bicubic import ORDER, Bicubic, at_piece, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
-STEPS = 20  # of Newton's method
-POLISHED = 4  # steps of it on the map of a domain, from where the spline of that leads
-SMALL = 1e-8  # a step, in cells, after which the next one would be lost in rounding
-FURTHEST = 1.0  # in cells: how far the spline may lead from the bilinear cell that holds the point
+MAX_STEPS = 20  # of Newton's method
+POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from where its spline leads
+MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in rounding
+MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,11 +76,11 @@ class MeshMap:
 
 
 def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
-    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the way back from ``mapped``."""
+    """The mesh of the reference square whose image on ``domain`` is ``mesh``: the inverse of ``map_mesh``."""
     uniform = Mesh.uniform(mesh.grid)
-    places = MeshMap.of(mapped(uniform, domain)).locate(mesh.x, mesh.y)
+    places = MeshMap.of(map_mesh(uniform, domain)).locate(mesh.x, mesh.y)
     s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
-    for _ in range(POLISHED):
+    for _ in range(POLISHING_STEPS):
         x, y = domain.map(s, t)
         x_s, x_t, y_s, y_t = domain.jacobian(s, t)
         det = x_s * y_t - x_t * y_s
@@ -112,7 +112,7 @@ def locate_points(
         s0, t0 = within(px[p], py[p], x, y, i, j)
         s[p], t[p], smooth[p] = s0, t0, False
         a, b = s0, t0
-        for _ in range(STEPS):
+        for _ in range(MAX_STEPS):
             k, m = piece(a, breaks_s, first_s, scale_s), piece(b, breaks_t, first_t, scale_t)
             da, db = a - breaks_s[k], b - breaks_t[m]
             f_s, g_s = at_piece(cubics_s, k, da), slopes_at_piece(cubics_s, k, da)
@@ -142,9 +142,9 @@ def locate_points(
                 if (a <= 0.0 and da < 0.0) or (a >= last_s and da > 0.0):
                     da = 0.0
             a, b = min(max(a + da, 0.0), last_s), min(max(b + db, 0.0), last_t)
-            if not (abs(a - s0) <= FURTHEST and abs(b - t0) <= FURTHEST):
+            if not (abs(a - s0) <= MAX_DISTANCE_CELLS and abs(b - t0) <= MAX_DISTANCE_CELLS):
                 break
-            if abs(da) + abs(db) < SMALL:
+            if abs(da) + abs(db) < MIN_STEP_CELLS:
                 s[p], t[p], smooth[p] = a, b, True
                 break
 
@@ -191,7 +191,7 @@ def holds(px: float, py: float, x: Array, y: Array, i: int, j: int) -> bool:
 def within(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[float, float]:
     """The grid coordinates of a point by the bilinear map of the cell (i, j), or of one on the cell's rim."""
     a = b = 0.5
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         lower_x, upper_x = x[i, j] + a * (x[i + 1, j] - x[i, j]), x[i, j + 1] + a * (x[i + 1, j + 1] - x[i, j + 1])
         lower_y, upper_y = y[i, j] + a * (y[i + 1, j] - y[i, j]), y[i, j + 1] + a * (y[i + 1, j + 1] - y[i, j + 1])
         x_a = (1.0 - b) * (x[i + 1, j] - x[i, j]) + b * (x[i + 1, j + 1] - x[i, j + 1])
@@ -201,6 +201,6 @@ def within(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[fl
         det = x_a * y_b - x_b * y_a
         da, db = (r * y_b - q * x_b) / det, (q * x_a - r * y_a) / det
         a, b = min(max(a + da, 0.0), 1.0), min(max(b + db, 0.0), 1.0)
-        if abs(da) + abs(db) < SMALL:
+        if abs(da) + abs(db) < MIN_STEP_CELLS:
             break
     return i + a, j + b

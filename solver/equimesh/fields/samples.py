@@ -12,13 +12,13 @@ from equimesh.domains.domain import UNIT, Box, check_extent, pair
 from equimesh.errors import SamplesError
 from equimesh.fields.bicubic import Bicubic
 from equimesh.formulas.vocabulary import LIMITS
-from equimesh.inputs import counted, real_array
+from equimesh.inputs import count_noun, real_array
 from equimesh.numerics.types import Array
 
 UNIT_BOX: Box = (UNIT, UNIT)
-CUBIC = 4  # points that a cubic needs
+MIN_CUBIC = 4  # points that a cubic needs
 COVERAGE_TOLERANCE = 1e-9  # and what follows: in extents of the box
-FURTHEST_BEYOND = 0.5  # a rim of ghost cells is welcome, another domain is a mistake
+MAX_BEYOND = 0.5  # a rim of ghost cells is welcome, another domain is a mistake
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
@@ -76,7 +76,7 @@ def _axis(value: object, name: str) -> Array:
     axis = real_array(value, name, ndim=1)
     if axis.size < 2:
         raise SamplesError(
-            f"{name} has {counted(axis.size, 'point')}: at least 2 are needed in each direction, {CUBIC} for"
+            f"{name} has {count_noun(axis.size, 'point')}: at least 2 are needed in each direction, {MIN_CUBIC} for"
             " a cubic spline",
             field=name,
         )
@@ -100,7 +100,7 @@ def _axis(value: object, name: str) -> Array:
     )
 
 
-def _checked_box(box: object) -> Box:
+def _require_box(box: object) -> Box:
     """``box`` as two pairs of floats that increase."""
     if not isinstance(box, (tuple, list)) or len(box) != 2:
         raise SamplesError("box must be ((x0, x1), (y0, y1)), that of the domain", field="box")
@@ -119,7 +119,7 @@ class RequestedBox:
 
     @classmethod
     def of(cls, box: Box | None) -> RequestedBox:
-        return cls(UNIT_BOX, given=False) if box is None else cls(_checked_box(box), given=True)
+        return cls(UNIT_BOX, given=False) if box is None else cls(_require_box(box), given=True)
 
     @property
     def region(self) -> str:
@@ -170,7 +170,7 @@ def _check_reach(axis: Array, name: str, asked: RequestedBox, number: int, cover
 def check_beyond(field: str, asked: RequestedBox, number: int, covered: Box) -> None:
     """Refuse samples that go on far beyond the box: the mesh would see a corner of them only."""
     ends, (low, high), name = asked.box[number], covered[number], "xy"[number]
-    rim = FURTHEST_BEYOND * (ends[1] - ends[0])
+    rim = MAX_BEYOND * (ends[1] - ends[0])
     if low < ends[0] - rim or high > ends[1] + rim:
         remedy = f"{asked.mapped(number, low, high)}, or " if asked.is_unit else ""
         raise SamplesError(
@@ -221,8 +221,8 @@ def _bicubic(x: Array, y: Array, values: Array) -> RectBivariateSpline:
 
 def _raised(axis: Array, values: Array) -> tuple[Array, Array]:
     """At least four points along the first axis, on the same polynomial, which a cubic then reproduces."""
-    if axis.size >= CUBIC:
+    if axis.size >= MIN_CUBIC:
         return axis, values
-    finer = np.linspace(axis[0], axis[-1], CUBIC)
+    finer = np.linspace(axis[0], axis[-1], MIN_CUBIC)
     weights = [np.prod([(finer - b) / (a - b) for b in axis if b != a], axis=0) for a in axis]
     return finer, np.stack(weights, axis=1) @ values

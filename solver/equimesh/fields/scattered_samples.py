@@ -14,24 +14,21 @@ from equimesh.domains.domain import Box
 from equimesh.errors import SamplesError
 from equimesh.fields.samples import (
     COVERAGE_TOLERANCE,
-    CUBIC,
+    MIN_CUBIC,
     GridSamples,
     RequestedBox,
     check_beyond,
     check_size,
     ends_of,
 )
-from equimesh.inputs import counted, real_array
+from equimesh.inputs import count_noun, real_array
 from equimesh.numerics.types import Array
 
-SMALLEST_RESAMPLING, LARGEST_RESAMPLING = 16, 1025
-
-
-# Scattered samples are extended to the sides from this many on; between these multiples of their own distances.
-FEWEST_EXTENDED = 32
-
-
-NEAREST_EXTENDED, FURTHEST_EXTENDED = 0.25, 4.0
+MIN_RESAMPLING = 16  # points of the grid in a direction
+MAX_RESAMPLING = 1025
+MIN_EXTENDED_SAMPLES = 32  # fewer samples are not continued to the sides
+MIN_EXTENSION = 0.25  # distance of a side from the samples, as a multiple of their own distances
+MAX_EXTENSION = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
@@ -70,8 +67,8 @@ class ScatteredSamples:
         if len(where):
             for number in range(2):
                 check_beyond("points", asked, number, ends_of(*where.T))
-        if len(u) < CUBIC:
-            raise SamplesError(f"{counted(len(u))}: scattered samples need at least {CUBIC}", field="points")
+        if len(u) < MIN_CUBIC:
+            raise SamplesError(f"{count_noun(len(u))}: scattered samples need at least {MIN_CUBIC}", field="points")
         grid = _resample(*_distinct(where, u), asked)
         for name, value in {"points": where, "values": u, "box": asked.box, "grid": grid}.items():
             object.__setattr__(self, name, value)
@@ -104,8 +101,8 @@ def _distinct(points: Array, values: Array) -> tuple[Array, Array]:
 
 def _resample(points: Array, values: Array, asked: RequestedBox) -> GridSamples:
     """Clough-Tocher interpolant of the samples on a uniform grid of the box."""
-    if len(points) < CUBIC:
-        raise SamplesError(f"{counted(len(points))} without repetitions: {CUBIC} are needed", field="points")
+    if len(points) < MIN_CUBIC:
+        raise SamplesError(f"{count_noun(len(points))} without repetitions: {MIN_CUBIC} are needed", field="points")
     box = asked.box
     low, high = np.array(box).T
     size = float((high - low).max())
@@ -122,7 +119,7 @@ def _resample(points: Array, values: Array, asked: RequestedBox) -> GridSamples:
             field="points",
         ) from error
     axes = [
-        np.linspace(*ends, min(max(round(2 * n), SMALLEST_RESAMPLING), LARGEST_RESAMPLING))
+        np.linspace(*ends, min(max(round(2 * n), MIN_RESAMPLING), MAX_RESAMPLING))
         for ends, n in zip(box, _shared(inside, box), strict=True)
     ]
     x, y = np.meshgrid(*((axis - start) / size for axis, start in zip(axes, low, strict=True)), indexing="ij")
@@ -154,22 +151,22 @@ def _extended(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
     values added are those of a thin-plate spline through the nearest samples; where a side is further from the samples
     than a few of their own distances, nothing is added.
     """
-    if len(points) < FEWEST_EXTENDED:
+    if len(points) < MIN_EXTENDED_SAMPLES:
         return points, values
     tree = KDTree(points)
     own = np.asarray(tree.query(points, k=5)[0])[:, -1]
     rim = _rim(len(points), box)
     away, nearest = tree.query(rim)
-    if np.any(away > FURTHEST_EXTENDED * own[nearest]):
+    if np.any(away > MAX_EXTENSION * own[nearest]):
         return points, values
-    added = rim[away > NEAREST_EXTENDED * own[nearest]]
+    added = rim[away > MIN_EXTENSION * own[nearest]]
     if not len(added):
         return points, values
     shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
     low, high = np.array(box).T
     size = float((high - low).max())
     try:
-        spline = RBFInterpolator((points - low) / size, (values - shift) / scale, neighbors=FEWEST_EXTENDED)
+        spline = RBFInterpolator((points - low) / size, (values - shift) / scale, neighbors=MIN_EXTENDED_SAMPLES)
         extension = shift + scale * spline((added - low) / size)
     except np.linalg.LinAlgError:  # the samples next to some point lie on one line
         return points, values
@@ -179,7 +176,7 @@ def _extended(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
 def _rim(n: int, box: Box) -> Array:
     """Points on the four sides of the box, as dense as ``n`` samples spread evenly over it."""
     x, y = (
-        np.linspace(*ends, min(max(round(count), 1) + 1, LARGEST_RESAMPLING))
+        np.linspace(*ends, min(max(round(count), 1) + 1, MAX_RESAMPLING))
         for ends, count in zip(box, _shared(n, box), strict=True)
     )
     sides = [np.column_stack([x, np.full_like(x, end)]) for end in box[1]]

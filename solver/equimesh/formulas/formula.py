@@ -35,7 +35,7 @@ _REMEDIES = {
 }
 
 
-def compiled(text: object, parameters: Mapping[str, float], language: Language, **constants: float) -> Program:
+def compile_formula(text: object, parameters: Mapping[str, float], language: Language, **constants: float) -> Program:
     """The program of ``text`` in a ``language``; ``constants`` are the values of names of the language itself.
 
     Raises :class:`~equimesh.errors.ExpressionError` with the position in the text.
@@ -47,7 +47,7 @@ def compiled(text: object, parameters: Mapping[str, float], language: Language, 
     return Program(text, operations, values, language.variables)
 
 
-def blame(program: Program, at: tuple[float, float], wrong: str, limit: float, *, where: str) -> NoReturn:
+def raise_culprit(program: Program, at: tuple[float, float], wrong: str, limit: float, *, where: str) -> NoReturn:
     """Say what is ``wrong``, and name the innermost part whose value or gradient at a point exceeds ``limit``.
 
     ``where`` is what the formula must be finite on, without an article.
@@ -64,15 +64,15 @@ def blame(program: Program, at: tuple[float, float], wrong: str, limit: float, *
     )
 
 
-def checked_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
+def check_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
     """``parameters`` as floats; raises :class:`~equimesh.errors.ExpressionError` for names that cannot be taken."""
     if len(parameters) > LIMITS.parameters:
         message = f"{len(parameters)} parameters: at most {LIMITS.parameters} are allowed"
         raise ExpressionError(message, field="parameters")
-    return {_checked_name(name): finite(value, f"parameters.{name}") for name, value in parameters.items()}
+    return {_check_name(name): require_finite(value, f"parameters.{name}") for name, value in parameters.items()}
 
 
-def _checked_name(name: object) -> str:
+def _check_name(name: object) -> str:
     """``name`` if it can be that of a parameter."""
     where = f"parameters.{name}" if isinstance(name, str) and name.isprintable() else "parameters"
     if not isinstance(name, str) or len(name) > LIMITS.digits or not name.isidentifier():
@@ -88,7 +88,7 @@ def _checked_name(name: object) -> str:
     return name
 
 
-def finite(value: object, where: str) -> float:
+def require_finite(value: object, where: str) -> float:
     """``value`` as a float."""
     if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
         try:

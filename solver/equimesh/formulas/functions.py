@@ -30,7 +30,7 @@ from equimesh.formulas.jet import (
     subtract,
 )
 
-SQUARINGS = 16  # integer powers up to here by multiplication, beyond by np.power
+MAX_MULTIPLIED_POWER = 16  # integer powers up to here by multiplication, beyond by np.power
 
 
 def _smooth_tip(a: Jet, f1: Component, f2: Component) -> tuple[Component, Component]:
@@ -45,7 +45,7 @@ def _smooth_tip(a: Jet, f1: Component, f2: Component) -> tuple[Component, Compon
 
 
 def _integer_power(u: Component, n: int) -> Component:
-    if n > SQUARINGS:
+    if n > MAX_MULTIPLIED_POWER:
         return np.power(u, float(n))
     result: Component = None
     while n:

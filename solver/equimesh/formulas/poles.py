@@ -14,10 +14,10 @@ from equimesh.numerics.types import Array
 BLOCKS = 8  # a direction: each block of sample points sends the search after its own steepest point
 HALF_WIDTH = 2  # points of the search pattern on each side of its middle
 ROUNDING = np.finfo(np.float64).eps
-LEVELS = 40  # halvings of the pattern: from the spacing of the samples to about 1e-14, the spare digits included
-SPARE = 5  # of them, in binary digits: what a domain away from the origin may lose first
-TRIAL = 12  # the first halvings, in which a pole may lie too near to a sample to show
-GROWTH = 2.0**0.25  # of the slope in a halving; r^alpha grows by 2^(1 - alpha), what is resolved by 1
+MAX_HALVINGS = 40  # halvings of the pattern: from the spacing of the samples to about 1e-14, the spare digits included
+SPARE_HALVINGS = 5  # of them: a domain away from the origin loses these binary digits first
+TRIAL_HALVINGS = 12  # the first halvings, in which a pole may lie too near to a sample to show
+MIN_GROWTH = 2.0**0.25  # of the slope in a halving; r^alpha grows by 2^(1 - alpha), what is resolved by 1
 
 
 Evaluate: TypeAlias = Callable[[Array, Array, int], tuple[Array, ...]]
@@ -69,8 +69,8 @@ def find_pole(evaluate: Evaluate, n: int, *, map: Map = _identity, box: Box = ((
         history.append(slopes[best])
         if np.isinf(history[-1]).any():
             break
-        if level >= TRIAL:
-            grows = history[-1] > history[-1 - TRIAL] * GROWTH**TRIAL
+        if level >= TRIAL_HALVINGS:
+            grows = history[-1] > history[-1 - TRIAL_HALVINGS] * MIN_GROWTH**TRIAL_HALVINGS
             s, t, history = s[grows], t[grows], [values[grows] for values in history]
             if not s.size:
                 return None
@@ -87,7 +87,7 @@ def _pole(map: Map, s: Array, t: Array, slope: float) -> Pole:
 def _levels(box: Box, size: float) -> int:
     """The halvings after which neighbours in the pattern are still told apart in coordinates of this ``size``."""
     extent = min(high - low for low, high in box)
-    return max(TRIAL, LEVELS - max(0, math.ceil(math.log2(size / extent)) - SPARE))
+    return max(TRIAL_HALVINGS, MAX_HALVINGS - max(0, math.ceil(math.log2(size / extent)) - SPARE_HALVINGS))
 
 
 def _steepest(evaluate: Evaluate, n: int, map: Map) -> tuple[Array, Array, float]:

@@ -14,7 +14,7 @@ from equimesh.formulas.tokens import refuse
 from equimesh.formulas.vocabulary import LIMITS, PLANE
 from equimesh.numerics.types import Array
 
-BLOCK = 16384  # points at a time: the jets of a few operations stay in the cache
+BLOCK_POINTS = 16384  # evaluated at a time: the jets of a few operations stay in the cache
 CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
 
 
@@ -76,8 +76,8 @@ class Program:
         """
         outputs = tuple(np.zeros(x.shape) for _ in range((1, 3, 6)[order]))
         with np.errstate(all="ignore"):
-            for start in range(0, x.size, BLOCK):
-                block = slice(start, start + BLOCK)
+            for start in range(0, x.size, BLOCK_POINTS):
+                block = slice(start, start + BLOCK_POINTS)
                 jets = self._run(x[block], y[block], order, keep=False)
                 components = jets[self.result].components(order)
                 for output, component in zip(outputs, components, strict=True):

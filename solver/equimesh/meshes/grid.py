@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from equimesh.errors import InputError
 
-SMALLEST = 4
+MIN_POINTS = 4  # in each direction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +23,9 @@ class Grid:
 
     def __post_init__(self) -> None:
         for name in ("n_xi", "n_eta"):
-            if getattr(self, name) < SMALLEST:
+            if getattr(self, name) < MIN_POINTS:
                 raise InputError(
-                    f"{name} = {getattr(self, name)}: a grid needs at least {SMALLEST} points in each direction",
+                    f"{name} = {getattr(self, name)}: a grid needs at least {MIN_POINTS} points in each direction",
                     field=f"grid.{name}",
                 )
 

@@ -11,7 +11,7 @@ from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 
-TIE = 1e-9  # radians below which both diagonals are equally good
+TIE_RADIANS = 1e-9  # radians below which both diagonals are equally good
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +62,7 @@ class MeshData:
         cells = self.mesh.cells
         cuts = np.stack([cells[:, [0, 1, 2, 0, 2, 3]], cells[:, [0, 1, 3, 1, 2, 3]]]).reshape(2, -1, 2, 3)
         first, second = (_smallest_angle(self.mesh.points[cut]).min(axis=1) for cut in cuts)
-        chosen: IntArray = np.where((second > first + TIE)[:, None, None], cuts[1], cuts[0])
+        chosen: IntArray = np.where((second > first + TIE_RADIANS)[:, None, None], cuts[1], cuts[0])
         return chosen.reshape(-1, 3)
 
 

@@ -7,25 +7,25 @@ from functools import lru_cache
 
 import numpy as np
 
-from equimesh.meshes.grid import SMALLEST, Grid
+from equimesh.meshes.grid import MIN_POINTS, Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 
-COARSEST = 17
+MAX_COARSEST_POINTS = 17  # of the coarsest grid, in each direction
 
 
 def nested_grids(grid: Grid) -> list[Grid]:
     """Grids from coarse to fine, each with about half the cells a side of the next, down to 17 points or fewer."""
     grids = [grid]
-    while max(grids[0].shape) > COARSEST:
+    while max(grids[0].shape) > MAX_COARSEST_POINTS:
         grids.insert(0, halved(grids[0]))
     return grids
 
 
 def halved(grid: Grid) -> Grid:
     """The grid with about half the cells a side, as far as a direction has points to spare."""
-    n_xi, n_eta = (n // 2 + 1 if n >= 2 * SMALLEST else n for n in grid.shape)
+    n_xi, n_eta = (n // 2 + 1 if n >= 2 * MIN_POINTS else n for n in grid.shape)
     return Grid(n_xi=n_xi, n_eta=n_eta)
 
 

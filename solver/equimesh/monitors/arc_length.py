@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, checked_field
-from equimesh.monitors.monitor import checked_strength
+from equimesh.fields.field import Field, require_field
+from equimesh.monitors.monitor import require_strength
 from equimesh.numerics.types import Array
 
 
@@ -28,7 +28,7 @@ class ArcLength:
     b: float = 0.05
 
     def __post_init__(self) -> None:
-        checked_field(self.u, "u")
+        require_field(self.u, "u")
         if not 0.0 <= self.a <= 1.0:
             raise InputError(f"a = {self.a}: the relaxation parameter a must lie in [0, 1]", field="a")
         if not (self.b >= 0.0 and math.isfinite(self.b)):
@@ -55,4 +55,4 @@ class ArcLength:
 
     def weakened(self, strength: float) -> ArcLength:
         """The monitor with ``strength * a`` for ``a``."""
-        return replace(self, a=checked_strength(strength) * self.a)
+        return replace(self, a=require_strength(strength) * self.a)

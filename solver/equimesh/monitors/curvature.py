@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, checked_field
+from equimesh.fields.field import Field, require_field
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
@@ -29,7 +29,7 @@ from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
 
 NORMS = ("l2", "h1")
-LINEAR = 1e-8
+MAX_LINEAR_SHARE = 1e-8
 """u counts as linear when H times the domain's size squared is below this share of u: that is rounding."""
 _H1, _ISOTROPIC = 1, 2  # bits of the kernels' ``kind``
 
@@ -58,7 +58,7 @@ class Curvature:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checked_field(self.u, "u")
+        require_field(self.u, "u")
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
         if not 0.0 < self.floor <= 1.0:
@@ -100,7 +100,7 @@ class Curvature:
         probe.require_finite([u, h11, h12, h22], "u or its second derivatives are", field="u")
         size = np.sqrt(h11**2 + 2 * h12**2 + h22**2)
         typical, weights = float(probe.shares @ size), probe.shares
-        if float(size.max()) * probe.diameter**2 <= LINEAR * float(np.abs(u).max()):
+        if float(size.max()) * probe.diameter**2 <= MAX_LINEAR_SHARE * float(np.abs(u).max()):
             return math.inf
 
         def excess(logarithm: float) -> float:

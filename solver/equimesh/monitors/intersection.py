@@ -11,7 +11,8 @@ from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.spd import intersection
 from equimesh.numerics.types import Array
 
-FEWEST, MOST = 2, 8
+MIN_MONITORS = 2
+MAX_MONITORS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +32,10 @@ class Intersection:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "monitors", tuple(self.monitors))
-        if not FEWEST <= len(self.monitors) <= MOST:
+        if not MIN_MONITORS <= len(self.monitors) <= MAX_MONITORS:
             raise InputError(
-                f"{len(self.monitors)} monitors: an intersection is of {FEWEST} to {MOST}", field="monitors"
+                f"{len(self.monitors)} monitors: an intersection is of {MIN_MONITORS} to {MAX_MONITORS}",
+                field="monitors",
             )
 
     @property

@@ -40,7 +40,7 @@ class Monitor(Protocol):
         ...
 
 
-def checked_strength(strength: float) -> float:
+def require_strength(strength: float) -> float:
     """``strength`` if it lies in [0, 1]; otherwise raises :class:`~equimesh.errors.InputError`."""
     if not 0.0 <= strength <= 1.0:
         raise InputError(f"strength = {strength}: the strength of a monitor lies in [0, 1]", field="strength")

@@ -17,11 +17,13 @@ from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
 
-LARGEST_RADIUS = 0.25
-SAMPLES = 512  # a direction of the reference square, at which the monitor is asked
-PER_RADIUS = 8  # table points per radius, as far as the numbers below allow
-FEWEST, MOST, MOST_LONG = 64, 512, 2048  # table points along the shorter extent of the box, and along the longer
-MARGIN = 3  # table points beyond the box: the spline reaches two of them
+MAX_RADIUS = 0.25  # of the diameter of the domain
+SAMPLES = 512  # of the monitor, in a direction of the reference square
+POINTS_PER_RADIUS = 8  # of the table, as far as the numbers below allow
+MIN_TABLE_POINTS = 64  # along the shorter extent of the box
+MAX_TABLE_POINTS = 512  # along the shorter extent of the box
+MAX_LONG_TABLE_POINTS = 2048  # along the longer extent of the box
+MARGIN_POINTS = 3  # table points beyond the box: the spline reaches two of them
 OWN_VARIANCE = 1 / 6 + 1 / 3  # of the table's hat functions and of the cubic B-spline, in squared spacings
 
 
@@ -69,9 +71,9 @@ class Smoothed:
     _table: Table | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.radius <= LARGEST_RADIUS:
+        if not 0.0 < self.radius <= MAX_RADIUS:
             raise InputError(
-                f"radius = {self.radius}: the radius of smoothing is positive and at most {LARGEST_RADIUS:g} of the"
+                f"radius = {self.radius}: the radius of smoothing is positive and at most {MAX_RADIUS:g} of the"
                 " domain's shorter extent; leave the smoothing out for none",
                 field="radius",
             )
@@ -109,9 +111,12 @@ def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
     """Samples of the metric spread on a grid over the box, weighted by area, filtered, and divided by the weights."""
     (x0, x1), (y0, y1) = domain.box
     short, long = sorted((x1 - x0, y1 - y0))
-    spacing = max(short / min(max(math.ceil(PER_RADIUS / radius), FEWEST), MOST), long / MOST_LONG)
-    origin = (x0 - MARGIN * spacing, y0 - MARGIN * spacing)
-    shape = tuple(math.ceil(extent / spacing) + 2 * MARGIN + 1 for extent in (x1 - x0, y1 - y0))
+    spacing = max(
+        short / min(max(math.ceil(POINTS_PER_RADIUS / radius), MIN_TABLE_POINTS), MAX_TABLE_POINTS),
+        long / MAX_LONG_TABLE_POINTS,
+    )
+    origin = (x0 - MARGIN_POINTS * spacing, y0 - MARGIN_POINTS * spacing)
+    shape = tuple(math.ceil(extent / spacing) + 2 * MARGIN_POINTS + 1 for extent in (x1 - x0, y1 - y0))
     probe = Probe.of(domain, SAMPLES)
     metric = monitor.metric(probe.x, probe.y)
     probe.require_finite(metric, "the metric is", field="smoothing")

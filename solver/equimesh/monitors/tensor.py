@@ -8,14 +8,14 @@ import numpy as np
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, checked_field
+from equimesh.fields.field import Field, require_field
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.spd import eigenvalues
 from equimesh.numerics.types import Array
 
-FLATTEST = 1e-10
+MIN_EIGENVALUE_RATIO = 1e-10
 """The smaller eigenvalue of a tensor over the larger one must exceed this: less is rounding."""
 
 
@@ -33,7 +33,7 @@ class Weight:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checked_field(self.rho, "rho")
+        require_field(self.rho, "rho")
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(rho, 0, rho)`` at physical points."""
@@ -80,7 +80,7 @@ class Tensor:
 
     def __post_init__(self) -> None:
         for name in ("m11", "m12", "m22"):
-            checked_field(getattr(self, name), name)
+            require_field(getattr(self, name), name)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points."""
@@ -99,8 +99,8 @@ class Tensor:
         for name, entry in zip(("m11", "m12", "m22"), entries, strict=True):
             probe.require_finite([entry], f"{name} is", field=name)
         low, high = eigenvalues(entries)
-        worst = int((low - FLATTEST * high).argmin())
-        if not low[worst] > FLATTEST * abs(high[worst]):
+        worst = int((low - MIN_EIGENVALUE_RATIO * high).argmin())
+        if not low[worst] > MIN_EIGENVALUE_RATIO * abs(high[worst]):
             m11, m12, m22 = (float(entry[worst]) for entry in entries)
             raise InputError(
                 f"the tensor [[{m11:.6g}, {m12:.6g}], [{m12:.6g}, {m22:.6g}]] at {probe.place(worst)} is not positive"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from equimesh.domains.domain import Domain
 from equimesh.fields.field import Field
-from equimesh.monitors.monitor import Monitor, checked_strength
+from equimesh.monitors.monitor import Monitor, require_strength
 from equimesh.numerics.spd import power
 from equimesh.numerics.types import Array
 
@@ -23,7 +23,7 @@ class Weakened:
     strength: float
 
     def __post_init__(self) -> None:
-        checked_strength(self.strength)
+        require_strength(self.strength)
 
     @property
     def u(self) -> Field | None:
@@ -41,9 +41,9 @@ class Weakened:
 
     def weakened(self, strength: float) -> Weakened:
         """Weaker again: the strengths multiply."""
-        return replace(self, strength=self.strength * checked_strength(strength))
+        return replace(self, strength=self.strength * require_strength(strength))
 
 
 def weaken(monitor: Monitor, strength: float) -> Monitor:
     """``monitor`` with its metric to the power ``strength``; itself for 1."""
-    return monitor if checked_strength(strength) == 1.0 else Weakened(monitor=monitor, strength=float(strength))
+    return monitor if require_strength(strength) == 1.0 else Weakened(monitor=monitor, strength=float(strength))

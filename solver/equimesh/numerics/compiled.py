@@ -12,7 +12,7 @@ R = TypeVar("R")
 
 
 # What lets the compiler use vector instructions. Results still do not change from run to run.
-FAST = {"contract", "nsz", "arcp", "reassoc", "nnan", "ninf"}
+FAST_MATH = {"contract", "nsz", "arcp", "reassoc", "nnan", "ninf"}
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -22,7 +22,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 def vectorised(function: Callable[P, R]) -> Callable[P, R]:
     """As :func:`compiled`, for loops whose sums may be reordered, and whose results nobody asks for NaN."""
-    return _compile(function, fastmath=FAST)
+    return _compile(function, fastmath=FAST_MATH)
 
 
 def _compile(function: Callable[P, R], fastmath: bool | set[str]) -> Callable[P, R]:

@@ -11,8 +11,8 @@ from scipy.sparse.linalg import splu
 
 from equimesh.numerics.types import Array, IntArray
 
-# Blocks of this many nodes are not cut any further; pivots may be this much smaller than the largest of their column.
-SMALL, PIVOT = 16, 0.01
+MAX_BLOCK_NODES = 16  # of blocks that are not cut any further
+MIN_PIVOT_SHARE = 0.01  # of the largest entry of the pivot's column
 
 
 def factorise(matrix: csc_array, shape: tuple[int, int]) -> Callable[[Array], Array]:
@@ -23,7 +23,7 @@ def factorise(matrix: csc_array, shape: tuple[int, int]) -> Callable[[Array], Ar
     """
     order = elimination_order(shape)
     turned = csc_array(matrix[order][:, order])
-    factors = splu(turned, permc_spec="NATURAL", diag_pivot_thresh=PIVOT, options={"SymmetricMode": True})
+    factors = splu(turned, permc_spec="NATURAL", diag_pivot_thresh=MIN_PIVOT_SHARE, options={"SymmetricMode": True})
 
     def solve(right: Array) -> Array:
         solution = np.empty_like(right)
@@ -44,7 +44,7 @@ def elimination_order(shape: tuple[int, int]) -> IntArray:
 
 def _dissected(block: IntArray) -> list[IntArray]:
     """The two halves of a block of nodes, then the line that parts them."""
-    if block.size <= SMALL:
+    if block.size <= MAX_BLOCK_NODES:
         return [block.ravel()]
     if block.shape[0] < block.shape[1]:
         block = block.T

@@ -14,10 +14,10 @@ from equimesh.numerics.types import Array
 
 Solver: TypeAlias = Callable[[Array], Array]
 
-SMALLEST_DAMPING = 2.0**-12
+MIN_DAMPING = 2.0**-12
 SUFFICIENT_DECREASE = 1e-4
-# A factorisation that made an undamped step lower the residual by this factor serves the next step, too, if reused.
-GOOD_ENOUGH = 0.25
+# A factorisation is used again after a full step that lowered the residual at least by this factor.
+MAX_REUSE_FACTOR = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ def superlu(matrix: csc_array) -> Solver:
     return lambda right: np.asarray(factors.solve(right))
 
 
-def iterate(
+def newton_iterations(
     residual: Callable[[Array], Array],
     jacobian: Callable[[Array], csc_array],
     start: Array,
@@ -89,7 +89,7 @@ def _factorised(factorise: Callable[[csc_array], Solver], matrix: csc_array) -> 
 
 
 def _good(accepted: tuple[Array, Array, float], norm: float) -> bool:
-    return accepted[2] == 1.0 and float(np.linalg.norm(accepted[1])) <= GOOD_ENOUGH * norm
+    return accepted[2] == 1.0 and float(np.linalg.norm(accepted[1])) <= MAX_REUSE_FACTOR * norm
 
 
 def _search(
@@ -98,7 +98,7 @@ def _search(
     z: Array,
     norm: float,
     correction: Array,
-    smallest: float = SMALLEST_DAMPING,
+    smallest: float = MIN_DAMPING,
 ) -> tuple[Array, Array, float] | None:
     damping = 1.0
     while damping >= smallest:

@@ -16,7 +16,7 @@ from equimesh.numerics.types import Array
 
 Matrices: TypeAlias = tuple[Array, Array, Array]
 
-ROUNDING = 1e-4
+CORNER_WIDTH = 1e-4
 """Width of the rounded corner of the maximum in :func:`intersection`, squared, relative to the metrics."""
 
 
@@ -51,7 +51,7 @@ def intersection(first: Matrices, second: Matrices) -> Matrices:
     m11, m12, m22 = (np.ascontiguousarray(entry, dtype=np.float64).reshape(-1) for entry in first)
     n11, n12, n22 = (np.ascontiguousarray(entry, dtype=np.float64).reshape(-1) for entry in second)
     out = np.empty((3, m11.size))
-    _intersection(m11, m12, m22, n11, n12, n22, ROUNDING, out)
+    _intersection(m11, m12, m22, n11, n12, n22, CORNER_WIDTH, out)
     return _split(out, np.shape(first[0]))
 
 

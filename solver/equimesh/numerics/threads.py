@@ -9,27 +9,27 @@ from functools import lru_cache
 
 from equimesh.errors import InputError
 
-MOST = 64
+MAX_THREADS = 64
 
 
-def available() -> int:
+def available_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def checked(threads: int | None) -> int:
+def thread_count(threads: int | None) -> int:
     """The number of threads asked for, all cores for ``None``; raises :class:`~equimesh.errors.InputError`."""
     if threads is None:
-        return min(available(), MOST)
-    if not isinstance(threads, int) or isinstance(threads, bool) or not 1 <= threads <= MOST:
+        return min(available_cores(), MAX_THREADS)
+    if not isinstance(threads, int) or isinstance(threads, bool) or not 1 <= threads <= MAX_THREADS:
         raise InputError(
-            f"threads = {threads!r}: a whole number between 1 and {MOST}, or None for one on every core",
+            f"threads = {threads!r}: a whole number between 1 and {MAX_THREADS}, or None for one on every core",
             field="threads",
         )
     return threads
 
 
-def share(threads: int, work: Callable[[int], None]) -> None:
+def run_on_threads(threads: int, work: Callable[[int], None]) -> None:
     """Call ``work(k)`` for every k below ``threads``, each in a thread of its own, and wait for all."""
     others = [_pool(threads - 1).submit(work, k) for k in range(1, threads)] if threads > 1 else []
     work(0)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-MOST_COMPONENTS = 4
+MAX_COMPONENTS = 4
 """Errors by subdomain and coordinate are drawn when there are at most this many lines of them."""
 
 
@@ -35,7 +35,7 @@ def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
     max ``Q_eq``; marked are the iterations in which something else was done than asked.
 
     ``convergence`` is the JSON object of ``GET /v1/meshes/{id}/convergence``. Where there are at most
-    ``MOST_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse.
+    ``MAX_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse.
     """
     records = list(convergence.get("iterations") or ())
     at = _numbers(record.get("iteration", index) for index, record in enumerate(records))
@@ -129,7 +129,7 @@ def _components(records: Sequence[Mapping[str, Any]]) -> dict[str, tuple[Array, 
                 if part.get(f"error_{name}") is not None:
                     label = f"error of ${name}$ in subdomain {part['subdomain'] + 1}"
                     found.setdefault(label, []).append((record.get("iteration", index), part[f"error_{name}"]))
-    if len(found) > MOST_COMPONENTS:
+    if len(found) > MAX_COMPONENTS:
         return {}
     return {
         label: (_numbers(p[0] for p in pairs), _numbers(p[1] for p in pairs)) for label, pairs in sorted(found.items())

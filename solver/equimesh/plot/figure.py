@@ -30,8 +30,8 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#3
 """Colours of lines, of Okabe and Ito: they stay apart for colour-blind eyes."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 LINE_STYLES = ("-", "--", ":")
-NIL = 1e-250
-"""What a logarithmic axis takes for zero."""
+MAX_ZERO = 1e-250
+"""A logarithmic axis shows smaller values as zero."""
 STYLE = {
     "svg.hashsalt": "equimesh",
     "font.size": 10.0,
@@ -73,8 +73,8 @@ def semilog(axes: Axes, series: Series) -> None:
     Zeros are marked at the bottom of the axes and infinite values at the top; nan leaves a gap.
     """
     values = np.concatenate([value for _, value in series.values()] or [np.zeros(0)])
-    positive = values[np.isfinite(values) & (values > NIL)]
-    low, high = np.log10([positive.min(), min(positive.max(), 1 / NIL)]) if positive.size else (-16.0, 0.0)
+    positive = values[np.isfinite(values) & (values > MAX_ZERO)]
+    low, high = np.log10([positive.min(), min(positive.max(), 1 / MAX_ZERO)]) if positive.size else (-16.0, 0.0)
     margin = max(0.2 + 0.04 * (high - low), 0.6 - 0.5 * (high - low))
     axes.set_yscale("log")
     axes.set_ylim(10 ** (low - margin), 10 ** (high + margin))
@@ -82,7 +82,7 @@ def semilog(axes: Axes, series: Series) -> None:
         colour = COLOURS[number % len(COLOURS)]
         axes.plot(
             at,
-            np.where(np.isfinite(value) & (value > NIL), value, np.nan),
+            np.where(np.isfinite(value) & (value > MAX_ZERO), value, np.nan),
             LINE_STYLES[number // len(COLOURS) % len(LINE_STYLES)],
             color=colour,
             marker=MARKERS[number % len(MARKERS)],
@@ -92,11 +92,11 @@ def semilog(axes: Axes, series: Series) -> None:
             linewidth=1.4,
             label=label,
         )
-        for height, end, where in ((0.02, "v", abs(value) <= NIL), (0.98, "^", np.isinf(value))):
+        for height, end, where in ((0.02, "v", abs(value) <= MAX_ZERO), (0.98, "^", np.isinf(value))):
             heights = np.full(int(where.sum()), height)
             axes.plot(at[where], heights, end, color=colour, transform=axes.get_xaxis_transform())
     for label, end, some in (
-        ("zero", "v", (abs(values) <= NIL).any()),
+        ("zero", "v", (abs(values) <= MAX_ZERO).any()),
         ("infinite", "^", np.isinf(values).any()),
     ):
         if some:

@@ -12,7 +12,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.schwarz.decomposition import Decomposition
 
-SHARED = -1
+SHARED_OWNER = -1
 """The owner of edges that several subdomains hold."""
 
 
@@ -47,7 +47,7 @@ class MeshLines:
         return f"\n(one line in {self.step} drawn)" if self.step > 1 else ""
 
     def owners(self, of_cell: IntArray, decomposition: Decomposition | None) -> tuple[IntArray, IntArray]:
-        """The subdomain of every drawn edge along xi and along eta, ``SHARED`` where several hold its ends.
+        """The subdomain of every drawn edge along xi and along eta, ``SHARED_OWNER`` where several hold its ends.
 
         Without a decomposition, the subdomain that a neighbouring cell was taken from.
         """
@@ -65,7 +65,7 @@ class MeshLines:
             ):
                 owner[held] = part.number
                 count[held] += 1
-        return np.where(holders[0] > 1, SHARED, along_xi), np.where(holders[1] > 1, SHARED, along_eta)
+        return np.where(holders[0] > 1, SHARED_OWNER, along_xi), np.where(holders[1] > 1, SHARED_OWNER, along_eta)
 
     def polylines(self, along_xi: IntArray, along_eta: IntArray, owner: int) -> list[Array]:
         """The longest runs of edges that belong to ``owner``, each of shape ``(nodes, 2)``."""

@@ -14,20 +14,20 @@ import numpy as np
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.plot.figure import figure_file
-from equimesh.plot.mesh_lines import SHARED, MeshLines
+from equimesh.plot.mesh_lines import SHARED_OWNER, MeshLines
 from equimesh.schwarz.decomposition import Decomposition
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-MOST_LINES = 200
+MAX_LINES = 200
 """A mesh with more lines than this in a direction is drawn by every k-th line, and the title says so."""
-MOST_SURFACE_LINES = 80
+MAX_SURFACE_LINES = 80
 """The same for the surface in three dimensions."""
-MOST_CELLS_WITH_EDGES = 80
+MAX_CELLS_WITH_EDGES = 80
 """Cells in a direction up to which the picture of a measure shows their edges."""
-MOST_LABELS = 12
+MAX_LABELS = 12
 """A legend of subdomains has at most this many entries; of more, the title gives the number."""
 SUBDOMAIN_COLOURS = ("#d62728", "#1f4fd8", "#009e73", "#e69f00", "#56b4e9", "#7f5539")
 """Red and blue as in the paper, then colours that stay apart for colour-blind eyes."""
@@ -49,9 +49,9 @@ def draw_mesh(
     the cells were taken from. ``show_subdomains=False`` draws all lines in one colour.
     """
     decomposition = decomposition if show_subdomains else None
-    lines = MeshLines.of(data.mesh, most=MOST_LINES, decomposition=decomposition)
+    lines = MeshLines.of(data.mesh, most=MAX_LINES, decomposition=decomposition)
     edges = lines.owners(data.subdomain if show_subdomains else np.zeros_like(data.subdomain), decomposition)
-    owners = sorted(np.union1d(*edges).tolist(), key=lambda owner: (owner == SHARED, owner))
+    owners = sorted(np.union1d(*edges).tolist(), key=lambda owner: (owner == SHARED_OWNER, owner))
     with figure_file(path, 6.0, 6.4) as figure:
         from matplotlib.collections import LineCollection
 
@@ -60,7 +60,7 @@ def draw_mesh(
         for owner in owners:  # the overlap last, on top
             if len(owners) == 1:
                 colour, label = SINGLE_COLOUR, "mesh"
-            elif owner == SHARED:
+            elif owner == SHARED_OWNER:
                 colour, label = OVERLAP_COLOUR, "overlap"
             else:
                 colour, label = SUBDOMAIN_COLOURS[owner % len(SUBDOMAIN_COLOURS)], f"subdomain {owner + 1}"
@@ -68,10 +68,12 @@ def draw_mesh(
             axes.add_collection(LineCollection(pieces, colors=colour, linewidths=width, label=label))
         _physical_plane(axes, data.mesh)
         many = (
-            f", {len([owner for owner in owners if owner != SHARED])} subdomains" if len(owners) > MOST_LABELS else ""
+            f", {len([owner for owner in owners if owner != SHARED_OWNER])} subdomains"
+            if len(owners) > MAX_LABELS
+            else ""
         )
         axes.set_title(f"Mesh of {_size(data.mesh)}{many}{lines.remark}")
-        if 1 < len(owners) <= MOST_LABELS:
+        if 1 < len(owners) <= MAX_LABELS:
             legend = figure.legend(loc="outside lower center", ncols=3 if len(owners) in (3, 5, 6, 9) else 4)
             for handle in legend.get_lines():
                 handle.set_linewidth(2.0)
@@ -97,7 +99,7 @@ def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
         places = [np.linspace(0, 1, n) for n in grid.shape]
         axes.vlines(places[0], 0, 1, colors="#00000040", linewidths=0.5)
         axes.hlines(places[1], 0, 1, colors="#00000040", linewidths=0.5)
-        for part in parts if len(parts) <= MOST_LABELS else ():
+        for part in parts if len(parts) <= MAX_LABELS else ():
             x, y = (
                 (place[span.owned_first] + place[span.owned_last]) / 2
                 for place, span in zip(places, part.spans, strict=True)
@@ -135,10 +137,10 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
             q,
             cmap=colormaps["PuOr"].with_extremes(bad="#777777"),
             norm=LogNorm(1 / spread, spread),
-            rasterized=q.size > MOST_CELLS_WITH_EDGES**2,
+            rasterized=q.size > MAX_CELLS_WITH_EDGES**2,
         )
-        if max(q.shape) <= MOST_CELLS_WITH_EDGES:
-            lines = MeshLines.of(mesh, most=MOST_CELLS_WITH_EDGES)
+        if max(q.shape) <= MAX_CELLS_WITH_EDGES:
+            lines = MeshLines.of(mesh, most=MAX_CELLS_WITH_EDGES)
             pieces = lines.polylines(*lines.owners(np.zeros_like(data.subdomain), None), 0)
             axes.add_collection(LineCollection(pieces, colors="#00000066", linewidths=0.5))
         _physical_plane(axes, mesh)
@@ -153,7 +155,7 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
 
 def draw_surface(data: MeshData, path: str | Path) -> None:
     """Draw u over the mesh as a surface in three dimensions, with the mesh lines on it; flat where there is no u."""
-    lines = MeshLines.of(data.mesh, most=MOST_SURFACE_LINES)
+    lines = MeshLines.of(data.mesh, most=MAX_SURFACE_LINES)
     u = np.zeros_like(lines.x) if data.u is None else data.u[np.ix_(lines.columns, lines.rows)]
     with figure_file(path, 7.0, 5.8) as figure:
         axes: Any = figure.add_subplot(projection="3d")

@@ -12,8 +12,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
-BLOCK = 1 << 14
-"""Cells are visited in blocks of about this many points, which bounds memory and stays in the cache."""
+BLOCK_POINTS = 1 << 14
+"""Points of a block of cells: this bounds the memory, and a block stays in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +96,8 @@ class BilinearCells:
         return float(self.area.sum())
 
     def blocks(self, points: CellPoints, numbers: IntArray | None = None) -> Iterator[IntArray]:
-        """Numbers of the valid cells, or ``numbers``, in pieces of about ``BLOCK`` points."""
-        size = max(1, BLOCK // points.s.size)
+        """Numbers of the valid cells, or ``numbers``, in pieces of about ``BLOCK_POINTS`` points."""
+        size = max(1, BLOCK_POINTS // points.s.size)
         if numbers is None and self.all_valid:
             for start in range(0, self.count, size):
                 yield np.arange(start, min(start + size, self.count))

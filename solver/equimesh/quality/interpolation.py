@@ -13,15 +13,15 @@ from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import BilinearCells, CellMap, CellPoints
 
-ENOUGH_CELLS = 30_000
+MIN_SAMPLED_CELLS = 30_000
 """Cells that :func:`interpolation_errors` looks at, or up to three times as many; on smaller meshes all of them."""
 SAMPLING = ((34, 13), (13, 5), (5, 2))  # one cell of so many, and the shift of the sample from row to row
-ROUNDING = 1e-13
+ROUNDING_SHARE = 1e-13
 """Share of u that counts as rounding in its values."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class InterpolationError:
+class InterpolationErrors:
     """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
 
     ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain, in the units
@@ -77,7 +77,7 @@ class ErrorRule:
         return cls(CellPoints.gauss(2), middles)
 
 
-def interpolation_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> InterpolationError:
+def interpolation_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> InterpolationErrors:
     """The interpolation errors of u on ``mesh`` and on ``uniform``, at the cost of a small part of a solve.
 
     ``uniform`` is the uniform mesh of the domain, by default of the unit square. On more than 150 000 cells the norms
@@ -92,13 +92,13 @@ def interpolation_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> I
 
 def errors_of(
     cells: BilinearCells, uniform: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None = None
-) -> InterpolationError:
+) -> InterpolationErrors:
     """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``."""
     l2, h1, size = _norms(cells, u, rule, numbers)
     l2_uniform, h1_uniform, _ = _norms(uniform, u, rule, numbers)
-    noise = ROUNDING * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
+    noise = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
     finest = max(cells.shape) / math.sqrt(abs(cells.total_area) or 1.0)
-    return InterpolationError(
+    return InterpolationErrors(
         l2=l2, l2_uniform=l2_uniform, h1=h1, h1_uniform=h1_uniform, rounding=(noise, 10.0 * noise * finest)
     )
 
@@ -137,7 +137,7 @@ def sample(shape: tuple[int, int]) -> IntArray | None:
     """Numbers of the cells to look at: those of a lattice that has the same share of every row and column."""
     count = shape[0] * shape[1]
     for one_of, shift in SAMPLING:
-        if count >= one_of * ENOUGH_CELLS:
+        if count >= one_of * MIN_SAMPLED_CELLS:
             first = (-shift * np.arange(shape[0])) % one_of
             rows = [np.arange(start, shape[1], one_of) + row * shape[1] for row, start in enumerate(first)]
             return np.concatenate(rows).astype(np.int64)

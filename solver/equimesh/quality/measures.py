@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from equimesh.fields.field import Field
+from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_shapes import alignments, angles_and_edges, regularities, size_ratios
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.interpolation import ErrorRule, InterpolationError, errors_of, sample
+from equimesh.quality.interpolation import ErrorRule, InterpolationErrors, errors_of, sample
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most so many cells."""
@@ -81,7 +82,7 @@ class Quality:
     """The mesh's smallest corner Jacobian over the mesh's area, scaled so that a mesh of equal parallelograms has 1."""
     min_jacobian_over_mean: float
     """The smallest corner Jacobian over the mean one: the same number, since the mean is the mean area of a cell."""
-    interpolation_error: InterpolationError | None
+    interpolation_error: InterpolationErrors | None
     """How well u is interpolated; ``None`` for a monitor without u."""
 
     def summary(self, *, arrays: bool = False) -> dict[str, Any]:
@@ -93,14 +94,14 @@ class Quality:
         result: dict[str, Any] = {}
         for name in PER_CELL:
             measured: Measure = getattr(self, name)
-            result[name] = {kind: _plain(getattr(measured, kind)) for kind in ("max", "min", "mean", "rms")}
+            result[name] = {kind: finite_or_none(getattr(measured, kind)) for kind in ("max", "min", "mean", "rms")}
             if arrays:
-                result[name]["cells"] = [[_plain(value) for value in row] for row in measured.cells.tolist()]
+                result[name]["cells"] = [[finite_or_none(value) for value in row] for row in measured.cells.tolist()]
         for name in ("min_jacobian", "min_jacobian_over_mean"):
-            result[name] = _plain(getattr(self, name))
+            result[name] = finite_or_none(getattr(self, name))
         error = self.interpolation_error
         names = ("l2", "l2_uniform", "gain_l2", "h1", "h1_uniform", "gain_h1")
-        result["interpolation_error"] = error and {name: _plain(getattr(error, name)) for name in names}
+        result["interpolation_error"] = error and {name: finite_or_none(getattr(error, name)) for name in names}
         return result
 
 
@@ -231,7 +232,7 @@ def _regularity(cells: BilinearCells) -> Array:
 
 def _interpolation_error(
     cells: BilinearCells, u: Field | None, uniform: Mesh | None, gauss: int | None
-) -> InterpolationError | None:
+) -> InterpolationErrors | None:
     if u is None:
         return None
     reference = BilinearCells(Mesh.uniform(cells.mesh.grid) if uniform is None else uniform)
@@ -239,7 +240,3 @@ def _interpolation_error(
     is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
     numbers = sample(cells.shape) if is_lean else None
     return errors_of(cells, reference, u, ErrorRule.lean() if is_lean else ErrorRule.gauss(points), numbers)
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -16,7 +16,7 @@ from typing import ClassVar, Literal, Protocol, TypeAlias
 import numpy as np
 
 from equimesh.equations.flux import HalfFlux, LocalMetric, SeenGradient
-from equimesh.equations.mesh_equations import Window
+from equimesh.equations.mesh_equations import NodalState
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.numerics.types import Array, IntArray
@@ -44,11 +44,11 @@ class PairOfFunctionals(Protocol):
     name: ClassVar[str]
     ghosts: ClassVar[int]
 
-    def normal(self, window: Window, i: int, p: float) -> Functional:
+    def normal(self, window: NodalState, i: int, p: float) -> Functional:
         """The functional that closes the coordinate across the interface (x, for an interface in xi)."""
         ...
 
-    def tangential(self, window: Window, i: int, p: float) -> Functional:
+    def tangential(self, window: NodalState, i: int, p: float) -> Functional:
         """The functional that closes the coordinate along the interface (y, for an interface in xi)."""
         ...
 
@@ -64,11 +64,11 @@ class Classical:
     name: ClassVar[str] = "classical"
     ghosts: ClassVar[int] = 0
 
-    def normal(self, window: Window, i: int, p: float) -> Functional:  # noqa: ARG002
+    def normal(self, window: NodalState, i: int, p: float) -> Functional:  # noqa: ARG002
         """x on the line."""
         return _value(window.x, window.numbers[0], i)
 
-    def tangential(self, window: Window, i: int, p: float) -> Functional:  # noqa: ARG002
+    def tangential(self, window: NodalState, i: int, p: float) -> Functional:  # noqa: ARG002
         """y on the line."""
         return _value(window.y, window.numbers[1], i)
 
@@ -92,11 +92,11 @@ class LinearRobin:
     def __post_init__(self) -> None:
         _check_strength(self.p)
 
-    def normal(self, window: Window, i: int, p: float) -> Functional:
+    def normal(self, window: NodalState, i: int, p: float) -> Functional:
         """``x_xi + p x``."""
         return _robin(window.x, window.numbers[0], i, window.d_xi, p)
 
-    def tangential(self, window: Window, i: int, p: float) -> Functional:
+    def tangential(self, window: NodalState, i: int, p: float) -> Functional:
         """``y_xi + p y``."""
         return _robin(window.y, window.numbers[1], i, window.d_xi, p)
 
@@ -119,13 +119,13 @@ class NonlinearRobin:
     def __post_init__(self) -> None:
         _check_strength(self.p)
 
-    def normal(self, window: Window, i: int, p: float) -> Functional:
+    def normal(self, window: NodalState, i: int, p: float) -> Functional:
         """``S1 + p x``."""
         length, value = _metric_length(window, i), _value(window.x, window.numbers[0], i)
         scaled = tuple((unknown, p * by) for unknown, by in value.derivatives)
         return Functional(length.values + p * value.values, (*length.derivatives, *scaled))
 
-    def tangential(self, window: Window, i: int, p: float) -> Functional:
+    def tangential(self, window: NodalState, i: int, p: float) -> Functional:
         """``y_xi + p y``."""
         return _robin(window.y, window.numbers[1], i, window.d_xi, p)
 
@@ -190,7 +190,7 @@ def _robin(q: Array, numbers: IntArray, i: int, spacing: float, p: float) -> Fun
     )
 
 
-def _metric_length(window: Window, i: int) -> Functional:
+def _metric_length(window: NodalState, i: int) -> Functional:
     """``S1`` at the nodes of line ``i``: centred in xi; centred in eta, one-sided of second order at the ends."""
     across = 1.0 / (2 * window.d_xi)
     nodes, weights = _derivative_along(window.x.shape[1], window.d_eta)

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from equimesh.domains.domain import mapped
+from equimesh.domains.domain import map_mesh
 from equimesh.equations.newton_solve import newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.meshes.folding import largest_difference, smallest_jacobian
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics import threads as workers
+from equimesh.numerics.threads import run_on_threads
 from equimesh.schwarz.anderson import Anderson
 from equimesh.schwarz.conditions import Classical, Optimized, label
 from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
@@ -135,7 +135,7 @@ class _Run:
 
     def record(self, number: int, reference: Mesh | None) -> Iteration:
         """What there is to say of the last iteration."""
-        physical = mapped(self.mesh, self.problem.domain)
+        physical = map_mesh(self.mesh, self.problem.domain)
         records = [self._with_error(record, reference) for record in self.records]
         return Iteration(
             iteration=number,
@@ -206,7 +206,7 @@ class _Run:
             for k in turn[worker::threads]:
                 found[k] = self.subdomains.solve(k)
 
-        workers.share(threads, work)
+        run_on_threads(threads, work)
         return {k: found[k] for k in turn}
 
     def _accelerated(self, start: Mesh, corrected: Corrected) -> Mesh:

@@ -12,7 +12,7 @@ from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
-from equimesh.sweeps import sweep
+from equimesh.sweeps.sweep import Sweep, memory_needed
 
 # What later corrections shrink the moves by, if those seen so far shrink them by less: errors that last come last.
 USUAL_CONTRACTION = 0.5
@@ -35,7 +35,7 @@ class LineCorrections:
 
     def __init__(self, problem: Problem, threads: int) -> None:
         shape = problem.grid.shape
-        self._sweep = sweep.Sweep(problem.metric, problem.boundary, shape, np.empty(sweep.needed(shape)), threads)
+        self._sweep = Sweep(problem.metric, problem.boundary, shape, np.empty(memory_needed(shape)), threads)
         self._floor = smallest_move(shape)
 
     def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> Corrected:
@@ -49,7 +49,7 @@ class LineCorrections:
             found = self._sweep.correct(x, y)
             if not (math.isfinite(found.move) and smallest_jacobian(self._sweep.new_x, self._sweep.new_y) > 0.0):
                 break
-            x, y = self._sweep.take(x, y)
+            x, y = self._sweep.swap(x, y)
             done, deviation = done + 1, found.deviation
             moves.append(found.move)
             if self._left(moves) <= enough:

@@ -8,14 +8,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from equimesh.equations.newton_solve import LocalSolution
+from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
-from equimesh.sweeps import sweep as chord
 from equimesh.sweeps.frame import Frame
+from equimesh.sweeps.sweep import Sweep, memory_needed
 
 Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -27,14 +27,14 @@ class SubdomainSweeps:
     """Sweeps of line corrections on a window, with the memory that they need."""
 
     def __init__(self, problem: Problem, shape: tuple[int, int], frame: Frame) -> None:
-        self._sweep = chord.Sweep(
-            problem.metric, problem.boundary, shape, np.empty(chord.needed(shape)), threads=1, frame=frame
+        self._sweep = Sweep(
+            problem.metric, problem.boundary, shape, np.empty(memory_needed(shape)), threads=1, frame=frame
         )
         self._floor = smallest_move(shape)
 
     def solve(
         self, start: Mesh, rest: Rest | None, *, accuracy: float, most: int, enough: float = 0.0
-    ) -> LocalSolution:
+    ) -> NewtonSolution:
         """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
 
         Or are ``enough``, in units of the reference square; at most ``most`` sweeps. ``start`` is used up: they work in
@@ -45,13 +45,13 @@ class SubdomainSweeps:
         for count in range(1, most + 1):
             found = self._sweep.correct(x, y, None if rest is None else rest(x, y))
             if not (math.isfinite(found.deviation) and self._guarded(x, y)):
-                return LocalSolution(start, count, math.inf, converged=False, swept=True)
-            x, y = self._sweep.take(x, y)
+                return NewtonSolution(start, count, math.inf, converged=False, swept=True)
+            x, y = self._sweep.swap(x, y)
             moves.append(found.move)
             if found.move <= max(accuracy * moves[1], self._floor, enough):
                 break
         fell = moves[-1] < moves[1] or moves[-1] <= max(self._floor, enough) or most == 1
-        return LocalSolution(Mesh(x, y), count, found.deviation, converged=fell, swept=True)
+        return NewtonSolution(Mesh(x, y), count, found.deviation, converged=fell, swept=True)
 
     def _guarded(self, x: Array, y: Array) -> bool:
         """Halve the moves of the last sweep until they fold nothing; whether that helped."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.equations.newton_solve import LocalSolution
+from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.window import SubdomainWindow
@@ -20,7 +20,7 @@ MOST_LOCAL_STEPS = 25
 class Outcome:
     """A local solution, and whether classical data took the place of the asked condition."""
 
-    solution: LocalSolution
+    solution: NewtonSolution
     classical: bool = False
 
 

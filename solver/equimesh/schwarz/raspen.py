@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection
-from equimesh.numerics import threads as workers
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.port import Differentiable
 
@@ -43,7 +43,7 @@ class Slope:
                 jacobian = equations.jacobian(equations.vector(states[k]))
                 self._solvers[k] = dissection.factorise(jacobian, equations.shape)
 
-        workers.share(threads, factorise)
+        run_on_threads(threads, factorise)
 
     def __call__(self, change: Pair) -> Pair:
         """The change of ``G(z)``, when the nodes of ``z`` move by ``change``."""

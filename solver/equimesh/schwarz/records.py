@@ -10,6 +10,7 @@ from typing import Any
 
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
+from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.quality import measures
 
@@ -135,13 +136,13 @@ def _iteration(record: Iteration) -> dict[str, Any]:
     return {
         "iteration": record.iteration,
         "transmission": record.transmission,
-        "max_q_eq": _number(record.max_q_eq),
-        "change": _number(record.change),
-        "estimate": _number(record.estimate),
-        "deviation": _number(record.deviation),
-        "mismatch": _number(record.mismatch),
-        "error": _number(record.error),
-        "min_jacobian": _number(record.min_jacobian),
+        "max_q_eq": finite_or_none(record.max_q_eq),
+        "change": finite_or_none(record.change),
+        "estimate": finite_or_none(record.estimate),
+        "deviation": finite_or_none(record.deviation),
+        "mismatch": finite_or_none(record.mismatch),
+        "error": finite_or_none(record.error),
+        "min_jacobian": finite_or_none(record.min_jacobian),
         "global_step": record.global_step,
         "accelerated": record.accelerated,
         "work": record.work,
@@ -157,11 +158,7 @@ def _subdomain(record: SubdomainRecord) -> dict[str, Any]:
         "newton_steps": record.newton_steps,
         "sweeps": record.sweeps,
         "status": "stalled" if record.stalled else "classical" if record.classical else "converged",
-        "residual": _number(record.residual),
-        "error_x": _number(record.error_x),
-        "error_y": _number(record.error_y),
+        "residual": finite_or_none(record.residual),
+        "error_x": finite_or_none(record.error_x),
+        "error_y": finite_or_none(record.error_y),
     }
-
-
-def _number(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None

@@ -23,7 +23,7 @@ from equimesh.single_domain import continuation
 from equimesh.single_domain.continuation import NONE
 from equimesh.single_domain.level import Level
 from equimesh.single_domain.steps import Mode, Step, Steps
-from equimesh.sweeps import sweep as chord
+from equimesh.sweeps.sweep import deviation, memory_needed
 
 # Share of the monitor that leads up to one from whose uniform mesh the sweeps do not converge.
 LEADING = 0.5
@@ -43,7 +43,7 @@ def iterate(
     step has ``converged`` or ``failed`` set; its mesh is valid in any case.
     """
     grids = [problem.grid] if start is not None else nested_grids(problem.grid)
-    memory = np.empty(chord.needed(problem.grid.shape)) if sweeps and start is None else np.empty(0)
+    memory = np.empty(memory_needed(problem.grid.shape)) if sweeps and start is None else np.empty(0)
     solved: list[Step] = []
     for level, grid in enumerate(grids):
         here = replace(problem, grid=grid)
@@ -90,7 +90,7 @@ def iterate_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator
     """
     own = Mesh(start.x.copy(), start.y.copy())
     label = Step(level=0, levels=1, grid=problem.grid, step=0, residual=math.nan, mesh=own)
-    memory = np.empty(chord.needed(problem.grid.shape))
+    memory = np.empty(memory_needed(problem.grid.shape))
     last = yield from Level(problem, label, None, True, memory, threads).steps()
     if last is None:
         yield from iterate(problem, mode=Mode.TIGHT, threads=threads)
@@ -125,7 +125,7 @@ def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bo
     if found is None:
         raise AssertionError("on the first level there is always something left to try")
     step = replace(label, step=found.steps, residual=found.residual, mesh=found.mesh, relaxation=found.relaxation)
-    if not step.relaxation.is_none and chord.deviation(problem.metric, problem.boundary, found.mesh) < EXACT:
+    if not step.relaxation.is_none and deviation(problem.metric, problem.boundary, found.mesh) < EXACT:
         step = replace(step, relaxation=NONE)  # a term that vanishes on a mesh of straight lines has relaxed nothing
     return _with_errors(replace(step, converged=found.converged, failed=not found.converged), before)
 

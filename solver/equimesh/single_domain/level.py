@@ -12,7 +12,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, is_refined, refinement
 from equimesh.numerics.types import Array
 from equimesh.single_domain.steps import SHARE, TIGHT, Step, Steps
-from equimesh.sweeps import sweep as chord
+from equimesh.sweeps.sweep import Sweep
 
 # Algebraic error left on a coarsest level that only serves as a start, in units of its spacing.
 COARSE_SHARE = 0.01
@@ -48,7 +48,7 @@ class Level:
     def steps(self) -> Steps:
         """Sweeps; returns the last step, or ``None`` where the iteration does not converge to a valid mesh."""
         metric, shape = self.problem.metric, self.problem.grid.shape
-        sweep = chord.Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
+        sweep = Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
         own = x, y = self.label.mesh.x, self.label.mesh.y
         damping, slow, moves = 1.0, 0, [math.inf]
         tolerance, smallest = max(TIGHT, smallest_residual(metric, shape)), smallest_jacobian(x, y)
@@ -57,7 +57,7 @@ class Level:
             taken, smallest = _guarded(sweep, x, y, damping, SHRINKING * smallest if self.coarse is None else 0.0)
             if not (math.isfinite(found.deviation) and smallest > 0.0):
                 return None
-            x, y = sweep.take(x, y)
+            x, y = sweep.swap(x, y)
             moves.append(found.move)
             contraction = self._contraction(moves)
             left = _left(found.move, contraction) if taken == 1.0 else math.inf
@@ -107,7 +107,7 @@ class Level:
         return replace(step, mesh=mesh, converged=True, discretization_error=self._discretization(mesh))
 
 
-def _guarded(sweep: chord.Sweep, x: Array, y: Array, damping: float, floor: float) -> tuple[float, float]:
+def _guarded(sweep: Sweep, x: Array, y: Array, damping: float, floor: float) -> tuple[float, float]:
     """Shrink the moves of a sweep, by ``damping`` and then by halves until the smallest Jacobian is above ``floor``.
 
     Returns the share of the moves that is left, and the smallest Jacobian: not positive where halving did not help.

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from equimesh.quality.interpolation import InterpolationError
+from equimesh.inputs import finite_or_none
+from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.status import Status
 
@@ -57,7 +58,7 @@ class Certificate:
     algebraic_error: float | None = None
     relaxed: tuple[Relaxed, ...] = ()
     warnings: tuple[str, ...] = ()
-    interpolation: InterpolationError | None = None
+    interpolation: InterpolationErrors | None = None
 
     def summary(self) -> dict[str, Any]:
         """The certificate as plain Python data, ready for JSON; a number that is not known or finite is ``None``."""
@@ -65,13 +66,13 @@ class Certificate:
         return {
             "status": str(self.status),
             "mode": None if self.mode is None else str(self.mode),
-            "equation_residual": _plain(self.equation_residual),
-            "discretization_error": _plain(self.discretization_error),
-            "algebraic_error": _plain(self.algebraic_error),
-            "min_jacobian": _plain(self.min_jacobian),
+            "equation_residual": finite_or_none(self.equation_residual),
+            "discretization_error": finite_or_none(self.discretization_error),
+            "algebraic_error": finite_or_none(self.algebraic_error),
+            "min_jacobian": finite_or_none(self.min_jacobian),
             "relaxed": [{"what": r.what, "asked": r.asked, "reached": r.reached} for r in self.relaxed],
             "warnings": list(self.warnings),
-            "interpolation_gain": gain and {"l2": _plain(gain.gain_l2), "h1": _plain(gain.gain_h1)},
+            "interpolation_gain": gain and {"l2": finite_or_none(gain.gain_l2), "h1": finite_or_none(gain.gain_h1)},
         }
 
     def __str__(self) -> str:
@@ -100,7 +101,3 @@ def _said(value: float | None) -> str:
 
 def _error(value: float | None) -> str:
     return "exact" if value == 0.0 else _said(value)
-
-
-def _plain(number: float | None) -> float | None:
-    return float(number) if number is not None and math.isfinite(number) else None

@@ -22,7 +22,7 @@ class Initial(StrEnum):
 
 
 @dataclass(frozen=True)
-class Approach:
+class SolveOptions:
     """How a solve goes about it, whatever the problem."""
 
     mode: Mode

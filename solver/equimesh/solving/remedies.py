@@ -11,25 +11,27 @@ from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import DecompositionError
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.quality.interpolation import InterpolationError
+from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.schwarz.conditions import Optimized, label
 from equimesh.schwarz.records import Iteration
 from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.solving.certificate import Relaxed
 from equimesh.solving.status import Status
 
-# More iterations than this are no remedy to offer, and from fewer than these no number can be foretold.
-MOST_OFFERED, FEWEST_SEEN = 1000, 5
-# A mesh whose L2 interpolation error is larger than the uniform mesh's by a hundredth deserves a warning.
-WORSE = 0.99
+# More iterations than this are not suggested.
+MAX_SUGGESTED_ITERATIONS = 1000
+# From fewer iterations than this the number of those still needed cannot be predicted.
+MIN_RECORDED_ITERATIONS = 5
+# A mesh whose L2 gain is smaller interpolates u worse than the uniform mesh by a hundredth, and deserves a warning.
+MIN_GAIN = 0.99
 
 
-def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationError | None) -> Iterator[str]:
+def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationErrors | None) -> Iterator[str]:
     """What to know of a mesh before using it."""
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
         yield f"The mesh does not satisfy the asked equations: {what}."
-    if errors is None or status is Status.FOLDED or errors.gain_l2 >= WORSE:
+    if errors is None or status is Status.FOLDED or errors.gain_l2 >= MIN_GAIN:
         return
     if errors.l2_uniform <= errors.rounding[0]:
         yield "The uniform mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
@@ -75,11 +77,11 @@ def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: flo
     """For a Schwarz iteration that did not reach its ``tolerance``, at a ``rate`` observed, or predicted if slower."""
     ideas = []
     left = max(last.estimate, last.mismatch / 2) / max(tolerance, smallest_tolerance(problem))
-    if rate is None or last.iteration < FEWEST_SEEN:
+    if rate is None or last.iteration < MIN_RECORDED_ITERATIONS:
         ideas.append("allow more iterations")
     elif 0.0 < rate < 1.0 and 1.0 < left < math.inf:
         more = math.ceil(math.log(left) / -math.log(rate)) + 1
-        if more <= MOST_OFFERED:
+        if more <= MAX_SUGGESTED_ITERATIONS:
             ideas.append(f"allow more iterations (about {more} more at the observed rate of {rate:.2g})")
     wider = 2 * schwarz.overlap
     if _fits(problem, schwarz, wider):

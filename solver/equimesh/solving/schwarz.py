@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
+from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement
 from equimesh.schwarz.conditions import label
@@ -17,25 +18,25 @@ from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import SHARE, Mode, Step
 from equimesh.solving import remedies
-from equimesh.solving.options import Approach, Initial
+from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.single_domain import last_of, last_step, solve_single_domain, what_was_found
-from equimesh.solving.solution import Solution, checked, known
+from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
 
-# A reference for the errors of a Schwarz iteration is solved to rounding, by a factorisation, up to so many points.
-MOST_POLISHED = 129 * 129
+# On grids of at most this many points, the reference for the errors of a Schwarz iteration is solved to rounding.
+MAX_POLISHED_POINTS = 129 * 129
 
 
-def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, how: Approach) -> Solution:
+def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions) -> Solution:
     """The mesh of a Schwarz iteration or, where it stalls for good and may be replaced, of a single-domain solve."""
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
-    start, tolerance, expected = _start(problem, schwarz, initial, how)
-    reference = _reference(problem, how) if schwarz.compare_single_domain else None
+    start, tolerance, expected = _start(problem, schwarz, initial, options)
+    reference = _reference(problem, options) if schwarz.compare_single_domain else None
     exact = reference.mesh if reference is not None and reference.is_exact else None
     records: list[Iteration] = []
-    for record in iterate(problem, replace(schwarz, tolerance=tolerance), start, exact, threads=how.threads):
+    for record in iterate(problem, replace(schwarz, tolerance=tolerance), start, exact, threads=options.threads):
         records.append(record)
-        how.observe(record)
+        options.observe(record)
         if record.meets(tolerance) or record.iteration >= schwarz.max_iterations:
             break
     note = ""
@@ -43,19 +44,19 @@ def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh
         note = "There is no single-domain solution to compare with: " + what_was_found(reference, problem)
     solution = _finished(problem, schwarz, records, tolerance, note, nested=initial is not Initial.UNIFORM)
     if records[-1].failed and schwarz.fallback:
-        return _rescued(solution, how)
-    return replace(solution, discretization_error=known(expected))
+        return _rescued(solution, options)
+    return replace(solution, discretization_error=finite_or_none(expected))
 
 
 def _start(
-    problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, how: Approach
+    problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions
 ) -> tuple[Mesh, float | None, float]:
     """The mesh to start from, the tolerance as a number, and the error of the discretisation, NaN where not known."""
     start, expected = initial if isinstance(initial, Mesh) else Mesh.uniform(problem.grid), math.nan
     to_discretization = schwarz.tolerance == "discretization"
     if initial is Initial.NESTED or to_discretization:
         mode = Mode.DISCRETIZATION if to_discretization else Mode.TIGHT
-        nested, expected = _nested_start(problem, replace(how, mode=mode))
+        nested, expected = _nested_start(problem, replace(options, mode=mode))
         start = nested if initial is Initial.NESTED else start
     if isinstance(schwarz.tolerance, float | int):
         return start, float(schwarz.tolerance), expected
@@ -65,9 +66,9 @@ def _start(
     return start, share if math.isfinite(share) else smallest_tolerance(problem), expected
 
 
-def _rescued(failed: Solution, how: Approach) -> Solution:
+def _rescued(failed: Solution, options: SolveOptions) -> Solution:
     """The mesh of a single-domain solve, in place of that of a Schwarz iteration that stalled for good."""
-    single = solve_single_domain(failed.problem, Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    single = solve_single_domain(failed.problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
     last = failed.iterations[-1]
     stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
     where = f" in subdomain {stuck}" if stuck else ""
@@ -83,36 +84,36 @@ def _rescued(failed: Solution, how: Approach) -> Solution:
     )
 
 
-def _reference(problem: Problem, how: Approach) -> Step:
+def _reference(problem: Problem, options: SolveOptions) -> Step:
     """The single-domain solution to rounding, as far as that is affordable: errors are measured against it."""
-    step = last_step(problem, Initial.NESTED, replace(how, mode=Mode.TIGHT))
-    if step.is_exact and problem.grid.points <= MOST_POLISHED:
-        return last_of(iteration.iterate(problem, step.mesh), how.observe)
+    step = last_step(problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
+    if step.is_exact and problem.grid.points <= MAX_POLISHED_POINTS:
+        return last_of(iteration.iterate(problem, step.mesh), options.observe)
     return step
 
 
-def _nested_start(problem: Problem, how: Approach) -> tuple[Mesh, float]:
+def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]:
     """The mesh that a single-domain solve would start from on the finest grid, and the error of the discretisation
     that is to be expected there."""
     coarser = nested_grids(problem.grid)[-2:][0]
     if coarser == problem.grid:
         coarser = halved(problem.grid)
     solved: list[Step] = []
-    for step in iteration.iterate(replace(problem, grid=coarser), mode=how.mode, threads=how.threads):
-        how.observe(step)
+    for step in iteration.iterate(replace(problem, grid=coarser), mode=options.mode, threads=options.threads):
+        options.observe(step)
         if step.converged or step.failed:
             solved = [*solved[-1:], step]
     error = solved[-1].discretization_error
-    if how.mode is Mode.DISCRETIZATION and not math.isfinite(error):
-        error = _first_error(replace(problem, grid=coarser), solved[-1], how)
+    if options.mode is Mode.DISCRETIZATION and not math.isfinite(error):
+        error = _first_error(replace(problem, grid=coarser), solved[-1], options)
     expected = error / refinement(problem.grid, coarser)
     return iteration.guess_on(problem.grid, solved), expected
 
 
-def _first_error(problem: Problem, step: Step, how: Approach) -> float:
+def _first_error(problem: Problem, step: Step, options: SolveOptions) -> float:
     """The error of the discretisation on a grid that has no coarser one, from one made for the purpose."""
     coarser = halved(problem.grid)
-    other = last_step(replace(problem, grid=coarser), Initial.NESTED, replace(how, mode=Mode.TIGHT))
+    other = last_step(replace(problem, grid=coarser), Initial.NESTED, replace(options, mode=Mode.TIGHT))
     if not (step.is_exact and other.is_exact and is_refined(problem.grid, coarser)):
         return math.nan
     return distance(step.mesh, other.mesh) / (refinement(problem.grid, coarser) - 1.0)
@@ -151,13 +152,13 @@ def _finished(
         schwarz=schwarz,
         mesh=last.mesh,
         reference=last.reference,
-        status=checked(status, last.mesh),
+        status=status_unless_folded(status, last.mesh),
         newton_steps=sum(r.newton_steps + r.sweeps for record in records for r in record.subdomains),
         residual=max(r.residual for r in last.subdomains),
         iterations=tuple(records),
         detours=detours,
         note=" ".join(text for text in notes if text),
-        algebraic_error=known(max(last.estimate, smallest_tolerance(problem))),
+        algebraic_error=finite_or_none(max(last.estimate, smallest_tolerance(problem))),
     )
     return replace(solution, remedy=_remedy(solution, tolerance, nested=nested))
 

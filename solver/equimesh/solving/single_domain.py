@@ -6,8 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from equimesh.domains.domain import mapped
+from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
+from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
 from equimesh.monitors.arc_length import ArcLength
@@ -15,40 +16,40 @@ from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import Step
 from equimesh.solving import remedies
 from equimesh.solving.certificate import Relaxed
-from equimesh.solving.options import Approach, Initial, Observer
-from equimesh.solving.solution import Solution, checked, known
+from equimesh.solving.options import Initial, Observer, SolveOptions
+from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
 
 
-def solve_single_domain(problem: Problem, initial: Initial | Mesh, how: Approach) -> Solution:
+def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Solution:
     """The mesh of a single-domain solve, of the asked equations or of relaxed ones."""
-    step, nested = last_step(problem, initial, how), initial is not Initial.UNIFORM
+    step, nested = last_step(problem, initial, options), initial is not Initial.UNIFORM
     reference = _on_grid(step.mesh, problem)
-    mesh, status = mapped(reference, problem.domain), _status(step, how)
+    mesh, status = map_mesh(reference, problem.domain), _status(step, options)
     exact = status is Status.CONVERGED
     return Solution(
         problem=problem,
         schwarz=None,
         mesh=mesh,
         reference=reference,
-        status=checked(status, mesh),
-        mode=how.mode,
+        status=status_unless_folded(status, mesh),
+        mode=options.mode,
         newton_steps=step.step,
         residual=step.residual,
         note="" if exact else what_was_found(step, problem),
         remedy=_single_domain_remedy(step, problem, status, folded=mesh.is_folded, nested=nested),
         relaxed=_relaxed(step, problem),
-        algebraic_error=known(step.algebraic_error),
-        discretization_error=known(step.discretization_error),
+        algebraic_error=finite_or_none(step.algebraic_error),
+        discretization_error=finite_or_none(step.discretization_error),
     )
 
 
-def last_step(problem: Problem, initial: Initial | Mesh, how: Approach) -> Step:
+def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Step:
     """The end of a single-domain solve from where it is asked to start."""
     if isinstance(initial, Mesh):
-        return last_of(iteration.iterate_from(problem, initial, threads=how.threads), how.observe)
+        return last_of(iteration.iterate_from(problem, initial, threads=options.threads), options.observe)
     start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
-    return last_of(iteration.iterate(problem, start, mode=how.mode, threads=how.threads), how.observe)
+    return last_of(iteration.iterate(problem, start, mode=options.mode, threads=options.threads), options.observe)
 
 
 def last_of(steps: Iterable[Step], observe: Observer) -> Step:
@@ -68,10 +69,10 @@ def _single_domain_remedy(step: Step, problem: Problem, status: Status, *, folde
     return "" if exact else remedies.after_newton(problem, nested=nested, reached=step.strength)
 
 
-def _status(step: Step, how: Approach) -> Status:
+def _status(step: Step, options: SolveOptions) -> Status:
     if step.is_exact:
         return Status.CONVERGED
-    relaxed = how.allow_relaxed and step.converged and step.strength > 0.0
+    relaxed = options.allow_relaxed and step.converged and step.strength > 0.0
     return Status.RELAXED if relaxed else Status.NEWTON_FAILED
 
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from equimesh.domains.domain import mapped
+from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.quality.interpolation import InterpolationError, interpolation_errors
+from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
 from equimesh.quality.measures import GAUSS_POINTS, CellMetrics, Quality, measure
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
@@ -71,7 +70,7 @@ class Solution:
         return quality
 
     @cached_property
-    def interpolation(self) -> InterpolationError | None:
+    def interpolation(self) -> InterpolationErrors | None:
         """How well the mesh interpolates u, beside the uniform mesh; ``None`` where there is no u."""
         u = self.problem.monitor.u
         # Few cells need a rule that sees what is in each.
@@ -100,7 +99,7 @@ class Solution:
 
     @property
     def _uniform(self) -> Mesh:
-        return mapped(Mesh.uniform(self.problem.grid), self.problem.domain)
+        return map_mesh(Mesh.uniform(self.problem.grid), self.problem.domain)
 
     @property
     def decomposition(self) -> Decomposition | None:
@@ -135,12 +134,7 @@ class Solution:
         return MeshData(mesh=self.mesh, u=u, q_eq=q_eq, subdomain=owner)
 
 
-def known(error: float) -> float | None:
-    """An error estimate, ``None`` where there is none."""
-    return error if math.isfinite(error) else None
-
-
-def checked(status: Status, mesh: Mesh) -> Status:
+def status_unless_folded(status: Status, mesh: Mesh) -> Status:
     """The status, folded where the mesh is: a folded mesh is never a success."""
     return Status.FOLDED if status.succeeded and mesh.is_folded else status
 

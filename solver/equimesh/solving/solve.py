@@ -6,25 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from equimesh.domains.domain import Rectangle, mapped
+from equimesh.domains.domain import Rectangle, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics import threads as workers
+from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.options import Approach, Event, Initial, Observer
+from equimesh.solving.options import Event, Initial, Observer, SolveOptions
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
 from equimesh.solving.solution import Solution, SolveError
 from equimesh.sweeps import sweep
 
-# A mesh to start from is near the solution if squared metric lengths deviate from the mean of their line by no more
-# than this share of it: a front may have moved by half a cell.
-NEAR = 0.25
+# Largest deviation of squared metric lengths from the mean of their line, as a share of it, at which a given mesh is
+# near enough to start from: a front may have moved by half a cell.
+MAX_START_DEVIATION = 0.25
 
 
 def solve(
@@ -53,15 +53,15 @@ def solve(
     """
     initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
     mode = choice(Mode, mode, "mode")
-    how = Approach(mode, allow_relaxed, workers.checked(threads), observe if observe is not None else _ignore)
+    options = SolveOptions(mode, allow_relaxed, thread_count(threads), observe if observe is not None else _ignore)
     _check_start(problem, initial)
     with np.errstate(all="ignore"):  # what is not finite is found where it matters
         is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
         initial = Initial.NESTED if is_far else initial
         if schwarz is None:
-            solution = solve_single_domain(problem, initial, how)
+            solution = solve_single_domain(problem, initial, options)
         else:
-            solution = solve_by_schwarz(problem, schwarz, initial, how)
+            solution = solve_by_schwarz(problem, schwarz, initial, options)
     if is_far:
         detour = "The given mesh is too far from the solution to start from; the start was nested."
         note = f"{detour} {solution.note}".strip()
@@ -82,7 +82,7 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
             f" {problem.grid} are more: start nested",
             field="initial",
         )
-    if type(problem.domain) is not Rectangle and mapped(Mesh.uniform(problem.grid), problem.domain).is_folded:
+    if type(problem.domain) is not Rectangle and map_mesh(Mesh.uniform(problem.grid), problem.domain).is_folded:
         raise InputError(
             f"the uniform mesh of {problem.grid} points has an inverted cell on this domain: its sides curve too much"
             " for so few points; add grid points",
@@ -91,7 +91,7 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
 
 
 def _is_near(problem: Problem, start: Mesh) -> bool:
-    return sweep.deviation(problem.metric, problem.boundary, start) <= NEAR
+    return sweep.deviation(problem.metric, problem.boundary, start) <= MAX_START_DEVIATION
 
 
 def _check_mesh(problem: Problem, start: Mesh) -> None:

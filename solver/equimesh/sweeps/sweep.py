@@ -19,16 +19,20 @@ import numpy as np
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics import threads as workers
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels
 from equimesh.sweeps.frame import WHOLE, Frame
 from equimesh.sweeps.sides import Sides, finite_or_infinite
 
-# Nodes that are worked on at a time, so that what is computed of them stays in the cache, but never fewer rows, since
-# two more than these are looked at. Fewer nodes than MANY are not worth a second thread. On FEW nodes u and its
-# gradient are evaluated everywhere at once, not on the sides apart.
-STRIP, FEWEST_ROWS, MANY, FEW = 32_768, 16, 16_384, 1_024
+# Nodes of a strip of rows: its intermediate arrays stay in the cache.
+STRIP_NODES = 32_768
+# Rows of a strip, at least: each strip also reads one row beyond either end.
+MIN_STRIP_ROWS = 16
+# Fewer nodes are not worth a second thread.
+MIN_THREADED_NODES = 16_384
+# On at most this many nodes u and its gradient are evaluated everywhere at once, not apart on the sides.
+MAX_NODES_AT_ONCE = 1_024
 
 
 @dataclass(frozen=True)
@@ -56,15 +60,15 @@ class Sweep:
         threads: int = 1,
         frame: Frame = WHOLE,
     ) -> None:
-        """``memory`` is a flat array of at least ``needed(shape)`` numbers."""
+        """``memory`` is a flat array of at least ``memory_needed(shape)`` numbers."""
         self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
-        arrays = memory[: needed(shape)].reshape(4, *shape)
+        arrays = memory[: memory_needed(shape)].reshape(4, *shape)
         self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
         self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # it only has to point the way
         n_xi, n_eta = shape
-        rows = max(FEWEST_ROWS, -(-STRIP // n_eta))
+        rows = max(MIN_STRIP_ROWS, -(-STRIP_NODES // n_eta))
         self._strips = [(first, min(first + rows, n_xi - 1)) for first in range(1, n_xi - 1, rows)]
-        self._threads = min(threads, len(self._strips)) if n_xi * n_eta >= MANY else 1
+        self._threads = min(threads, len(self._strips)) if n_xi * n_eta >= MIN_THREADED_NODES else 1
         self._cells = np.empty((self._threads, 3, min(rows, n_xi - 2) + 1, n_eta - 1))
         self._spans = frame.span(0, n_xi), frame.span(1, n_eta)
         self._summed = self._spans[0][1]  # xi-edges count from rows below this one
@@ -83,10 +87,12 @@ class Sweep:
         """
         across_xi, across_eta = self._nothing if rest is None else rest
         with np.errstate(all="ignore"):
-            nodal = self.metric.u_with_gradient(x, y) if x.size <= FEW else None
+            nodal = self.metric.u_with_gradient(x, y) if x.size <= MAX_NODES_AT_ONCE else None
             sides, side_move, along_eta, along_xi = self._sides.moves(x, y, nodal, (across_xi, across_eta))
             u = None if nodal is None else nodal[0]
-            workers.share(self._threads, lambda k: self._correct_along_eta(k, x, y, u, along_eta, along_xi, across_eta))
+            run_on_threads(
+                self._threads, lambda k: self._correct_along_eta(k, x, y, u, along_eta, along_xi, across_eta)
+            )
             ends = kernels.line_sums(
                 self._squares[0],
                 self._sums,
@@ -99,14 +105,14 @@ class Sweep:
                 self._shift,
                 self._starts,
             )
-            workers.share(self._threads, lambda k: self._correct_along_xi(k, x, y))
+            run_on_threads(self._threads, lambda k: self._correct_along_xi(k, x, y))
             along_sides, lag = self._sides.place(x, y, along_eta, along_xi, self.new_x, self.new_y)
         eta, xi, move = self._found.max(axis=0).tolist()
         return Correction(
             finite_or_infinite(max(sides, ends, eta, xi, lag)), finite_or_infinite(max(side_move, move, along_sides))
         )
 
-    def take(self, x: Array, y: Array) -> tuple[Array, Array]:
+    def swap(self, x: Array, y: Array) -> tuple[Array, Array]:
         """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
         moved = self.new_x, self.new_y
         self.new_x, self.new_y = x, y
@@ -166,11 +172,11 @@ class Sweep:
 
 def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
     """The largest relative difference of a squared metric length of a mesh from the mean of its grid line."""
-    sweep = Sweep(metric, boundary, mesh.grid.shape, np.empty(needed(mesh.grid.shape)))
+    sweep = Sweep(metric, boundary, mesh.grid.shape, np.empty(memory_needed(mesh.grid.shape)))
     return sweep.correct(mesh.x, mesh.y).deviation
 
 
-def needed(shape: tuple[int, int]) -> int:
+def memory_needed(shape: tuple[int, int]) -> int:
     """Numbers of memory that a :class:`Sweep` works in."""
     return 4 * shape[0] * shape[1]
 

@@ -24,7 +24,8 @@ from equimesh.upload.zip_members import open_zip
 Samples: TypeAlias = GridSamples | ScatteredSamples
 
 MAX_BYTES: Final = 256 * 2**20
-GRID_KEYS, SCATTERED_KEYS = ("x", "y", "values"), ("points", "values")
+GRID_KEYS = ("x", "y", "values")
+SCATTERED_KEYS = ("points", "values")
 NPY_TYPES: Final = {
     f"{order}{code}" for code in ("f2", "f4", "f8", "i2", "i4", "i8", "u2", "u4", "u8") for order in "<>="
 }

@@ -8,8 +8,8 @@ from xml.parsers import expat
 
 from equimesh.errors import SamplesError
 
-MOST_LEVELS: Final = 50
-MOST_PARTS: Final = 100_000
+MAX_LEVELS: Final = 50
+MAX_PARTS: Final = 100_000
 
 
 def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
@@ -18,16 +18,16 @@ def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
     The parser itself is told to stop at a document type, so that none gets past in another encoding.
     Raises :class:`~equimesh.errors.SamplesError`.
     """
-    if max(data.count(b"<"), data.count(b"=")) > MOST_PARTS:  # numbers, and what is packed, have next to none
-        raise SamplesError(f"the {kind} file has more than {MOST_PARTS} elements or attributes")
+    if max(data.count(b"<"), data.count(b"=")) > MAX_PARTS:  # numbers, and what is packed, have next to none
+        raise SamplesError(f"the {kind} file has more than {MAX_PARTS} elements or attributes")
     builder = ElementTree.TreeBuilder()
     depth = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if depth > MOST_LEVELS:
-            raise SamplesError(f"the {kind} file is nested more than {MOST_LEVELS} levels deep")
+        if depth > MAX_LEVELS:
+            raise SamplesError(f"the {kind} file is nested more than {MAX_LEVELS} levels deep")
         builder.start(tag, attributes)
 
     def end(tag: str) -> None:

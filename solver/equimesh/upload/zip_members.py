@@ -13,7 +13,7 @@ from typing import Final
 
 from equimesh.errors import SamplesError
 
-MOST_MEMBERS: Final = 1000
+MAX_MEMBERS: Final = 1000
 _ENTRY: Final = b"PK\x01\x02"  # begins the entry of each member in the list at the end
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _BROKEN = (
@@ -63,8 +63,8 @@ def open_zip(data: bytes, kind: str, max_bytes: int, remedy: str) -> Iterator[Me
 
     Raises :class:`~equimesh.errors.SamplesError` for whatever is wrong with it, also where it is used.
     """
-    if data.count(_ENTRY) > MOST_MEMBERS:  # before they are listed, which takes long
-        raise SamplesError(f"the {kind} file has more than {MOST_MEMBERS} members")
+    if data.count(_ENTRY) > MAX_MEMBERS:  # before they are listed, which takes long
+        raise SamplesError(f"the {kind} file has more than {MAX_MEMBERS} members")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             yield Members(archive, kind, max_bytes)

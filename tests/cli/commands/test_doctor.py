@@ -150,7 +150,7 @@ def test_limits_of_a_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     limits = {"a__b__memory_DOT_max": "max\n", "a__memory_DOT_max": "2147483648\n", "a__cpu_DOT_max": "150000 100000"}
     groups(tmp_path, monkeypatch, "0::/a/b\n", **limits)
     assert (machine.allowed_memory(), machine.allowed_processors()) == (2 * 1024**3, 1.5)
-    monkeypatch.setattr("equimesh.numerics.threads.available", lambda: 8)
+    monkeypatch.setattr("equimesh.numerics.threads.available_cores", lambda: 8)
     two = Settings(workers=2, threads=1, memory_limit=4096)
     assert look(machine.processors, two).remedy.endswith("EQUIMESH_WORKERS=1")
     assert look(machine.memory, two).level is WARNING

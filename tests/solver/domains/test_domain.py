@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.domain import mapped
+from equimesh.domains.domain import map_mesh
 from equimesh.upload.samples import read_arrays, read_samples
 
 RNG = np.random.default_rng(11)
@@ -109,7 +109,7 @@ class TestEveryDomain:
         assert (again.box, again.area) == (domain.box, domain.area)
 
     def test_a_mapped_mesh_has_the_area_as_its_mean_jacobian(self, domain: em.Domain) -> None:
-        mesh = mapped(em.Mesh.uniform(em.Grid(n_xi=91, n_eta=121)), domain)
+        mesh = map_mesh(em.Mesh.uniform(em.Grid(n_xi=91, n_eta=121)), domain)
         assert mesh.corner_jacobians().mean() == pytest.approx(domain.area, rel=1e-3)
         assert not mesh.is_folded
 
@@ -120,7 +120,7 @@ class TestRectangle:
         np.testing.assert_array_equal(x, S)
         np.testing.assert_array_equal(y, T)
         mesh = em.Mesh(S, T)
-        assert mapped(mesh, em.Rectangle()) is mesh
+        assert map_mesh(mesh, em.Rectangle()) is mesh
 
     def test_is_unit_square(self) -> None:
         assert em.Rectangle().is_unit_square

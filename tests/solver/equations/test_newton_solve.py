@@ -30,7 +30,7 @@ def anywhere(z: Array) -> bool:
 
 
 def run(start: float, admissible: Callable[[Array], bool] = anywhere) -> list[newton.NewtonStep]:
-    return list(newton.iterate(square, slope, np.array([start]), admissible=admissible, tolerance=1e-12))
+    return list(newton.newton_iterations(square, slope, np.array([start]), admissible=admissible, tolerance=1e-12))
 
 
 def test_quadratic_convergence() -> None:
@@ -69,7 +69,7 @@ def test_the_guard_is_what_keeps_the_mesh_unfolded() -> None:
     case = problem("wave", 17, a=0.9)
     equations, start = case.equations(), em.Mesh.uniform(case.grid)
     folded = []
-    for record in newton.iterate(
+    for record in newton.newton_iterations(
         equations.residual, equations.jacobian, equations.vector(start), admissible=anywhere, tolerance=1e-9
     ):
         folded.append(equations.mesh(record.z).is_folded)
@@ -105,8 +105,10 @@ def test_a_factorisation_is_kept_while_it_serves() -> None:
     equations = case.equations()
     coarse = list(iterate(problem("tanh20", 17)))[-1].mesh
     start = equations.vector(prolong(coarse, case.grid))
-    *_, plain = newton.iterate(equations.residual, equations.jacobian, start, admissible=anywhere, tolerance=1e-10)
-    *_, kept = newton.iterate(
+    *_, plain = newton.newton_iterations(
+        equations.residual, equations.jacobian, start, admissible=anywhere, tolerance=1e-10
+    )
+    *_, kept = newton.newton_iterations(
         equations.residual,
         equations.jacobian,
         start,

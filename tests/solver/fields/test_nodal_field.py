@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.domain import mapped
+from equimesh.domains.domain import map_mesh
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.mesh_map import MeshMap, reference_of
 
@@ -102,7 +102,7 @@ def test_a_mesh_follows_values_at_its_own_nodes(front: em.Mesh) -> None:
 def test_the_way_back_from_a_domain(front: em.Mesh) -> None:
     ring = em.AnnulusSector(center=(0.3, 0.0), radii=(0.5, 2.0), angles=(10, 130))
     for domain in (em.Rectangle(x=(-1.0, 3.0), y=(0.0, 0.5)), ring):
-        back = reference_of(mapped(front, domain), domain)
+        back = reference_of(map_mesh(front, domain), domain)
         assert max(np.abs(back.x - front.x).max(), np.abs(back.y - front.y).max()) < 1e-13
 
 

@@ -20,9 +20,9 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.plot.convergence import draw_convergence, draw_histories
-from equimesh.plot.mesh_lines import SHARED, MeshLines
+from equimesh.plot.mesh_lines import SHARED_OWNER, MeshLines
 from equimesh.plot.meshes import (
-    MOST_LINES,
+    MAX_LINES,
     OVERLAP_COLOUR,
     SINGLE_COLOUR,
     SUBDOMAIN_COLOURS,
@@ -172,24 +172,24 @@ def test_edges_belong_to_their_subdomain_and_the_shared_columns_to_the_overlap()
     decomposition = strips(12, 10, overlap=2)
     assert [part.columns for part in decomposition.parts] == [range(7), range(5, 12)]
     data = result(decomposition)
-    lines = MeshLines.of(data.mesh, most=MOST_LINES)
+    lines = MeshLines.of(data.mesh, most=MAX_LINES)
     along_xi, along_eta = lines.owners(data.subdomain, decomposition)
     assert along_xi.shape == (11, 10)
     assert along_eta.shape == (12, 9)
     # Between columns 5 and 6 both subdomains hold the edge; the lines of columns 5 and 6 themselves are shared.
-    assert (along_xi == np.array([0] * 5 + [SHARED] + [1] * 5)[:, None]).all()
-    assert (along_eta == np.array([0] * 5 + [SHARED] * 2 + [1] * 5)[:, None]).all()
+    assert (along_xi == np.array([0] * 5 + [SHARED_OWNER] + [1] * 5)[:, None]).all()
+    assert (along_eta == np.array([0] * 5 + [SHARED_OWNER] * 2 + [1] * 5)[:, None]).all()
 
 
 def test_every_edge_is_drawn_exactly_once() -> None:
     decomposition = Decomposition(grid=Grid(n_xi=14, n_eta=11), subdomains=(2, 2), overlap=3)
     data = result(decomposition)
-    lines = MeshLines.of(data.mesh, most=MOST_LINES)
+    lines = MeshLines.of(data.mesh, most=MAX_LINES)
     edges = lines.owners(data.subdomain, decomposition)
-    assert set(np.union1d(*edges)) == {SHARED, 0, 1, 2, 3}
+    assert set(np.union1d(*edges)) == {SHARED_OWNER, 0, 1, 2, 3}
     drawn = [
         (*map(tuple, np.round(piece[k : k + 2], 12).tolist()),)
-        for owner in (SHARED, 0, 1, 2, 3)
+        for owner in (SHARED_OWNER, 0, 1, 2, 3)
         for piece in lines.polylines(*edges, owner)
         for k in range(len(piece) - 1)
     ]
@@ -256,10 +256,10 @@ def test_large_meshes_are_thinned_and_the_title_says_so(tmp_path: Path) -> None:
     draw_mesh(data, path, decomposition=decomposition)
     assert "one line in 3 drawn" in texts(path)
     assert OVERLAP_COLOUR in colours(path)  # its two columns are among the lines that stay
-    lines = MeshLines.of(data.mesh, most=MOST_LINES, decomposition=decomposition)
+    lines = MeshLines.of(data.mesh, most=MAX_LINES, decomposition=decomposition)
     assert lines.columns[[0, -1]].tolist() == [0, 600]
     assert {300, 301} <= set(lines.columns.tolist())
-    assert lines.columns.size <= MOST_LINES + 3
+    assert lines.columns.size <= MAX_LINES + 3
     draw_surface(data, path)
     assert "one line in 8 drawn" in texts(path)
     draw_mesh(result(strips()), path)

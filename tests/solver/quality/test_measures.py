@@ -17,8 +17,7 @@ import equimesh as em
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.quality import cells as bilinear
-from equimesh.quality import measures
+from equimesh.quality import cells, measures
 from equimesh.quality.cells import BilinearCells
 from equimesh.quality.interpolation import ErrorRule, errors_of, interpolation_errors
 from equimesh.quality.measures import alignment, equidistribution, measure, shape_regularity
@@ -286,7 +285,7 @@ def test_exchanging_the_axes_transposes_every_measure() -> None:
 
 def test_blocks_do_not_change_the_measures(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = measure(wavy(), ArcLength(u=PAPER)).summary(arrays=True)
-    monkeypatch.setattr(bilinear, "BLOCK", 64 * 7)  # seven cells at a time, 96 in all
+    monkeypatch.setattr(cells, "BLOCK_POINTS", 64 * 7)  # seven cells at a time, 96 in all
     blocked = measure(wavy(), ArcLength(u=PAPER)).summary(arrays=True)
     for name in measures.PER_CELL:
         assert np.array(blocked[name]["cells"]) == pytest.approx(np.array(whole[name]["cells"]), rel=1e-12)
@@ -309,7 +308,7 @@ def test_memory_is_bounded_and_large_meshes_use_fewer_gauss_points() -> None:
     seen.clear()
     equidistribution(uniform(401), counting)
     assert sum(seen) == 400 * 400 * 2**2
-    assert max(seen) <= bilinear.BLOCK
+    assert max(seen) <= cells.BLOCK_POINTS
     assert len(seen) > 5
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.equations.newton_solve import LocalSolution
+from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
 from equimesh.schwarz.optimized import sides as yielding
@@ -73,8 +73,8 @@ def test_newton_finds_what_sweeps_converge_to_on_a_domain(data: em.LineData) -> 
 
 
 def test_newton_helps_where_sweeps_fail(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(_self: SubdomainSweeps, start: em.Mesh, *_: object, **__: object) -> LocalSolution:
-        return LocalSolution(start, 3, np.inf, converged=False, swept=True)
+    def fail(_self: SubdomainSweeps, start: em.Mesh, *_: object, **__: object) -> NewtonSolution:
+        return NewtonSolution(start, 3, np.inf, converged=False, swept=True)
 
     monkeypatch.setattr(SubdomainSweeps, "solve", fail)
     settings = em.Schwarz(subdomains=(2, 2), line_correction=0)

@@ -10,18 +10,18 @@ from cases import FUNCTIONS, problem
 from equimesh.equations.mesh_equations import Cells
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.nested import interpolate
-from equimesh.numerics import threads as workers
+from equimesh.numerics.threads import thread_count
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import SHARE, TIGHT
-from equimesh.sweeps import sweep as chord
+from equimesh.sweeps.sweep import Sweep, deviation, memory_needed
 
 
 def distance(one: em.Mesh, other: em.Mesh) -> float:
     return max(abs(one.x - other.x).max(), abs(one.y - other.y).max())
 
 
-def sweep_on(case: em.Problem, threads: int = 1) -> chord.Sweep:
-    return chord.Sweep(case.metric, case.boundary, case.grid.shape, np.empty(chord.needed(case.grid.shape)), threads)
+def sweep_on(case: em.Problem, threads: int = 1) -> Sweep:
+    return Sweep(case.metric, case.boundary, case.grid.shape, np.empty(memory_needed(case.grid.shape)), threads)
 
 
 def disturbed(case: em.Problem, size: float = 0.01) -> em.Mesh:
@@ -85,7 +85,7 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
 
 
 def test_threads_are_checked() -> None:
-    assert workers.checked(None) >= 1
+    assert thread_count(None) >= 1
     with pytest.raises(em.InputError, match="threads = 0"):
         em.solve(problem("paper", 9), threads=0)
 
@@ -100,7 +100,7 @@ def test_deviation_is_that_of_the_equations(domain: em.Domain) -> None:
     bottom, top, left, right = (2 * flux.value for flux in Cells(window).fluxes)
     xi, eta = (top[:, :-1] + bottom[:, 1:]) / 2, (right[:-1] + left[1:]) / 2
     expected = max(abs(xi / xi.mean(axis=0) - 1).max(), abs(eta.T / eta.mean(axis=1) - 1).max())
-    assert chord.deviation(case.metric, case.boundary, mesh) == pytest.approx(expected, rel=1e-12)
+    assert deviation(case.metric, case.boundary, mesh) == pytest.approx(expected, rel=1e-12)
 
 
 def test_one_sweep_solves_the_leading_part() -> None:

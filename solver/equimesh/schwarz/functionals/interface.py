@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equimesh.equations.mesh_equations import Rows, Triplets, Window
+from equimesh.equations.mesh_equations import NodalState, Rows, Triplets
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import PairOfFunctionals
 
@@ -37,7 +37,7 @@ class Interface:
     p: float
     data: InterfaceData
 
-    def rows(self, window: Window) -> Rows:
+    def rows(self, window: NodalState) -> Rows:
         """Functional minus received value, attached to the window's outermost line."""
         turned = window if self.axis == 0 else window.turned()
         edge = -1 if self.end else 0
@@ -63,7 +63,7 @@ class InterfaceCorner:
     x: float
     y: float
 
-    def rows(self, window: Window) -> Rows:
+    def rows(self, window: NodalState) -> Rows:
         """Coordinates minus received ones."""
         unknown = np.array([numbers[self.node] for numbers in window.numbers])
         values = np.array([window.x[self.node] - self.x, window.y[self.node] - self.y])

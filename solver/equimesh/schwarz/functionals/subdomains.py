@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.equations.newton_solve import LocalSolution, newton_steps
+from equimesh.equations.newton_solve import NewtonSolution, newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
@@ -110,7 +110,7 @@ class FunctionalSubdomains:
                 *_, solution = newton_steps(equations, start, most_steps=MOST_LOCAL_STEPS, fast=True)
                 if solution.converged:
                     return Outcome(solution, rescue)
-        return Outcome(LocalSolution(states[k], 0, math.inf, converged=False))
+        return Outcome(NewtonSolution(states[k], 0, math.inf, converged=False))
 
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with the data that it has from its neighbours."""
@@ -127,10 +127,10 @@ class FunctionalSubdomains:
         lines = sum(part.window.shape[1 - link.axis] for link in part.links)
         return 2 * (lines + len(part.corner_links))
 
-    def _swept(self, k: int, start: Mesh) -> LocalSolution:
+    def _swept(self, k: int, start: Mesh) -> NewtonSolution:
         """The solution with the interfaces held as ``start`` has them; not converged where it folds."""
         if start.is_folded:
-            return LocalSolution(start, 0, math.inf, converged=False)
+            return NewtonSolution(start, 0, math.inf, converged=False)
         if k not in self._sweeps:
             window = self.windows[k]
             frame = Frame(physical=window.physical)

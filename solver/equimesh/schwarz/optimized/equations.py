@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.equations.boundary import Boundary, Side, SideLine, sides
-from equimesh.equations.mesh_equations import Cells, Condition, MeshEquations, Rows, Triplets, Window
+from equimesh.equations.mesh_equations import Cells, Condition, MeshEquations, NodalState, Rows, Triplets
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.optimized.sides import Sides, YieldingSide
@@ -46,7 +46,7 @@ class HeldLine:
     end: int
     held: Mesh
 
-    def rows(self, window: Window) -> Rows:
+    def rows(self, window: NodalState) -> Rows:
         """Coordinates minus those that are held."""
         edge = -1 if self.end else 0
         place = edge if self.axis == 0 else (slice(None), edge)
@@ -65,7 +65,7 @@ class YieldingLine:
     side: YieldingSide
     edges: float
 
-    def rows(self, window: Window) -> Rows:
+    def rows(self, window: NodalState) -> Rows:
         """One equation for every line that crosses the interface in the interior of the window."""
         turned = window if self.side.axis == 0 else window.turned()
         # Two lines of nodes: the interface and the one inside, in the order of the grid.
@@ -77,7 +77,7 @@ class YieldingLine:
         row = turned.numbers[0][line, 1:-1]
         return Rows(row, upper[:-1] + lower[1:] - rest / self.edges, lambda: self._triplets(turned, cells, own, row))
 
-    def _triplets(self, turned: Window, cells: Cells, own: int, row: npt.NDArray[np.int64]) -> Triplets:
+    def _triplets(self, turned: NodalState, cells: Cells, own: int, row: npt.NDArray[np.int64]) -> Triplets:
         found: Triplets = []
         for edge, inside in ((1, slice(0, -1)), (0, slice(1, None))):
             for corner in range(4):
@@ -101,7 +101,7 @@ class YieldingEnd:
     end: int
     kind: Boundary
 
-    def rows(self, window: Window) -> Rows:
+    def rows(self, window: NodalState) -> Rows:
         """One equation, for the tangential coordinate on the side."""
         axis, corner = self.side.axis, -1 if self.end else 0
         along = Side(axis=1 - axis, end=self.end, kind=self.kind)
@@ -126,7 +126,7 @@ class YieldingEnd:
         return Rows(row, scale * (edge.fluxes - rest), triplets)
 
 
-def _between(window: Window, first: int) -> Window:
+def _between(window: NodalState, first: int) -> NodalState:
     """Two neighbouring lines of a window, from line ``first`` on."""
     rows = slice(first, first + 2)
     numbers = window.numbers[0][rows], window.numbers[1][rows]

@@ -6,7 +6,7 @@ import numpy as np
 
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics import threads as workers
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels, sweep
 from equimesh.sweeps.sides import Sides
@@ -36,7 +36,7 @@ class LineSums:
 
     def read(self, mesh: Mesh) -> None:
         """Take the sums of a mesh."""
-        workers.share(self._threads, lambda worker: self._interior(worker, mesh))
+        run_on_threads(self._threads, lambda worker: self._interior(worker, mesh))
         self._sides.moves(mesh.x, mesh.y)
         along_xi, along_eta = self._sums
         for side in (0, -1):

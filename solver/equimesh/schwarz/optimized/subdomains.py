@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.equations.newton_solve import LocalSolution, newton_steps
+from equimesh.equations.newton_solve import NewtonSolution, newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.conditions import LineData, Optimized
@@ -77,7 +77,7 @@ class YieldingSubdomains:
             *_, solution = newton_steps(self.equations(k), start, most_steps=MOST_LOCAL_STEPS, fast=True)
             if solution.converged:
                 return Outcome(solution)
-        return Outcome(LocalSolution(start, 0, math.inf, converged=False))
+        return Outcome(NewtonSolution(start, 0, math.inf, converged=False))
 
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with the data that it has from the merged mesh."""
