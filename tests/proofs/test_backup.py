@@ -24,7 +24,7 @@ from equimesh_service.store.migration import LATEST, current, upgrade
 from equimesh_service.store.schema import samples
 from service.conftest import small
 from service.databases import Postgres, installed
-from service.store.test_migration import FIRST
+from service.store.first_release import FIRST
 
 PAGE = (Path(__file__).parents[2] / "docs" / "back-up.md").read_text()
 

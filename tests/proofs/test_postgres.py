@@ -19,7 +19,7 @@ from equimesh_service.store.database import UnusableDatabaseError
 from equimesh_service.store.store import Store
 from service.conftest import SLOW, small, until
 from service.databases import Postgres, postgres_server
-from service.store.test_migration import fill
+from service.store.first_release import fill
 
 WAIT = {"Prefer": "wait=60"}
 

@@ -20,7 +20,7 @@ from equimesh_service.files.port import Publish, Removed, StoredFile
 from equimesh_service.store.rows import Artifact, NewMesh, NewStep, SamplesRow
 from equimesh_service.store.schema import removals
 from equimesh_service.store.store import Store
-from service.store.test_store import SPEC, Clock, claimed
+from service.store.stores import SPEC, Clock, claimed
 
 
 @dataclass(frozen=True)

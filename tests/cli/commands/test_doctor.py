@@ -33,7 +33,7 @@ from equimesh_service.store.store import Store
 from service.databases import ADDRESS, NEEDED, Postgres
 from service.guarded import Guarded
 from service.s3_server import ACCESS_KEY, SECRET_KEY, serving
-from service.store.test_migration import FIRST, MESH
+from service.store.first_release import FIRST, MESH
 
 OK, WARNING, FAILED = Level.OK, Level.WARNING, Level.FAILED
 

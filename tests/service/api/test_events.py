@@ -14,6 +14,7 @@ import pytest
 
 from equimesh_service import Settings, running
 from service.conftest import SLOW, until
+from service.requests import post
 
 
 def raw(url: str, path: str, last: str | None = None, most: int | None = None, seconds: float = 30.0) -> bytes:
@@ -123,3 +124,42 @@ def test_a_restart_of_the_service_in_between(tmp_path: Path) -> None:
         assert first + second + last == whole(http, mesh["id"])
         assert last[-1][1] == "done"
         assert len(second) > 3
+
+
+def test_events_stream_to_the_end(http: httpx.Client) -> None:
+    settings = {**SLOW["schwarz"], "max_iterations": 30}  # some tenths of a second
+    mesh = post(http, {**SLOW, "grid": {"n_xi": 20, "n_eta": 20}, "schwarz": settings}).json()
+    with http.stream("GET", mesh["links"]["events"]) as stream:
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        blocks = "".join(stream.iter_text()).strip().split("\n\n")
+    events = [dict(line.split(": ", 1) for line in block.splitlines()) for block in blocks[1:]]
+    assert blocks[0].startswith("retry:")
+    assert [int(event["id"]) for event in events] == list(range(1, len(events) + 1))
+    kinds = [event["event"] for event in events]
+    assert kinds[0] == "status"
+    assert "progress" in kinds
+    assert kinds[-1] == "done"
+    fractions = [json.loads(event["data"])["fraction"] for event in events if event["event"] == "progress"]
+    assert fractions == sorted(fractions)
+    assert json.loads(events[-1]["data"]) == {"status": "succeeded"}
+    with http.stream("GET", mesh["links"]["events"], headers={"Last-Event-ID": "2"}) as stream:
+        assert "id: 3\n" in (rest := "".join(stream.iter_text()))
+        assert "id: 2\n" not in rest
+    rows = http.get(mesh["links"]["events"], params={"after": 2}, headers={"Accept": "application/json"}).json()
+    assert [row["id"] for row in rows["items"]] == list(range(3, len(events) + 1))
+    assert rows["done"]
+    over = http.get(mesh["links"]["events"], headers={"Last-Event-ID": str(len(events))})
+    assert over.status_code == 204
+
+
+def test_events_come_while_the_mesh_is_computed(http: httpx.Client) -> None:
+    mesh = post(http, SLOW).json()
+    try:
+        with http.stream("GET", mesh["links"]["events"]) as stream:
+            lines = stream.iter_lines()
+            assert any(line == "event: progress" for line in lines)
+            assert http.get(mesh["links"]["self"]).json()["status"] == "running"
+            http.post(mesh["links"]["cancel"])
+            assert list(lines)[-4:][0] == "event: done"
+    finally:
+        http.delete(mesh["links"]["self"])

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import httpx
 import pytest
 
 from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
-from equimesh_service.dispatch.wakeups import Wakeups
-from equimesh_service.engine.port import EngineError, Health, WorkerLostError
-from equimesh_service.service import Asked, Service
+from equimesh_service.engine.port import EngineError, Health
+from equimesh_service.service import Service
 from equimesh_service.store.rows import Claim, Ending, NewMesh, Order
 from equimesh_service.store.store import Store
-from service.conftest import small, until
+from service.conftest import until
 
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
 ORDER = Order(spec=SPEC, samples={})
@@ -166,46 +163,6 @@ def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, s
     assert story[2]["reason"] == "it had not reached a worker"
 
 
-def test_who_waits_goes_straight_to_a_worker(http: httpx.Client) -> None:
-    def straight(**headers: str) -> bool:
-        posted = http.post("/v1/meshes", json=small(label="straight"), headers=headers)
-        mesh = http.get(f"{posted.headers['location']}?wait=30").json()
-        return bool(mesh["started_at"] == mesh["created_at"])
-
-    until(lambda: straight(Prefer="wait=30"))
-    assert not straight()
-
-
-def test_a_failure_after_the_wait_is_nobody_s() -> None:
-    async def told() -> list[dict[str, Any]]:
-        said: list[dict[str, Any]] = []
-        asyncio.get_running_loop().set_exception_handler(lambda _, context: said.append(context))
-        service: Any = SimpleNamespace(
-            settings=SimpleNamespace(max_wait=30.0, poll=0.01), wakeups=Wakeups(dict.fromkeys, 1.0)
-        )
-        task: Future[Any] = Future()
-        assert await Service.ending(service, Asked("a", task), 0.02) is None
-        task.set_exception(WorkerLostError("it died"))
-        await asyncio.sleep(0)
-        gc.collect()
-        return said
-
-    assert asyncio.run(told()) == []
-
-
-def test_both_ways_give_the_same_mesh(http: httpx.Client) -> None:
-    def etag(headers: dict[str, str]) -> str:
-        posted = http.post("/v1/meshes?format=npz", json=small(label="express"), headers=headers)
-        mesh = http.get(f"{posted.headers['location']}?wait=30").json()
-        events = http.get(mesh["links"]["events"], headers={"Accept": "application/json"}).json()["items"]
-        assert [event["data"]["status"] for event in events if event["event"] != "progress"] == [
-            *("queued", "running", "succeeded"),
-        ]
-        return http.get(mesh["links"]["file"], params={"format": "npz"}).headers["etag"]
-
-    assert etag({"Prefer": "wait=30"}) == etag({})
-
-
 def test_a_dispatcher_that_is_stuck_is_not_alive(
     store: Store, engine: Patient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -295,13 +252,3 @@ def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher)
     assert not dispatcher.reserve()  # nobody is left in the line, and no worker was lost
     dispatcher.release()
     until(dispatcher.reserve)
-
-
-def test_callers_beyond_the_workers_all_go_straight_to_one(http: httpx.Client) -> None:
-    def straight(number: int) -> bool:
-        mesh = http.post("/v1/meshes?reuse=false", json=small(label=str(number)), headers={"Prefer": "wait=30"}).json()
-        return bool(mesh["started_at"] == mesh["created_at"])
-
-    until(lambda: straight(-1))
-    with ThreadPoolExecutor(8) as callers:
-        assert sum(callers.map(straight, range(40))) >= 36  # a few may wait more than a second where all is slow

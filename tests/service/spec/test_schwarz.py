@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-from typing import Any, get_args
+from typing import get_args
 
 import httpx
 import pytest
 
-from equimesh import Acceleration, LineData, LocalSolver, Ordering, Schwarz, TransmissionCondition
-from equimesh_service.assembly.problem import build_schwarz
-from equimesh_service.spec.mesh import read_spec
+from equimesh import Acceleration, LineData, LocalSolver, Ordering, TransmissionCondition
 from equimesh_service.spec.schwarz import TRANSMISSION_USES, AnyTransmission, OptimizedSpec, SchwarzSpec
-from service.conftest import small
-
-WAIT = {"Prefer": "wait=30"}
-KINDS: list[dict[str, Any]] = [
-    {"kind": "optimized"},
-    {"kind": "optimized", "data": "local"},
-    {"kind": "classical"},
-    {"kind": "linear_robin", "p": 2.3},
-    {"kind": "nonlinear_robin"},
-]
+from service.spec.bad_specs import Refusal, expect_refusal, schwarz
 
 
 def test_the_choices_are_the_solvers() -> None:
@@ -33,55 +21,60 @@ def test_the_choices_are_the_solvers() -> None:
     assert kinds == {*TRANSMISSION_USES} == {kind.name for kind in get_args(TransmissionCondition)}
 
 
-def test_every_condition_goes_with_every_ordering(http: httpx.Client) -> None:
-    asked = [
-        small(schwarz={"transmission": kind, "ordering": ordering, "tolerance": None, "max_iterations": 2})
-        for kind, ordering in itertools.product(KINDS, Ordering)
-    ]
-    posted = [http.post("/v1/meshes", json=spec).json() for spec in asked]
-    for spec, mesh in zip(asked, posted, strict=True):
-        done = http.get(mesh["links"]["self"], params={"wait": 30}).json()
-        assert done["status"] == "succeeded", (spec, done["error"])
-        assert done["convergence"]["transmission"].startswith(spec["schwarz"]["transmission"]["kind"])
+SETTINGS: dict[str, Refusal] = {
+    "large overlap": (schwarz(overlap=8), "/schwarz/overlap", "wider than the overlap", None),
+    "absurd overlap": (schwarz(overlap=10**12), "/schwarz/overlap", "larger than the grid", None),
+    "small overlap": (schwarz(overlap=1), "/schwarz/overlap", "at least 2", None),
+    "many subdomains": (schwarz(subdomains=[9, 1], overlap=2), "/schwarz/subdomains", "do not fit", None),
+    "absurd subdomains": (schwarz(subdomains=[10**12, 1]), "/schwarz/subdomains", "16", None),
+    "no subdomain": (schwarz(subdomains=[0, 1]), "/schwarz/subdomains", "at least 1", None),
+    "three directions": (schwarz(subdomains=[2, 1, 1]), "/schwarz/subdomains", "2 items", None),
+    "negative p": (
+        schwarz(transmission={"kind": "linear_robin", "p": -2}),
+        "/schwarz/transmission/p",
+        "positive",
+        None,
+    ),
+    "word for p": (
+        schwarz(transmission={"kind": "linear_robin", "p": "big"}),
+        "/schwarz/transmission/p",
+        "this must be a positive number, or 'auto'",
+        None,
+    ),
+    "p of optimized": (
+        schwarz(transmission={"kind": "optimized", "p": 1}),
+        "/schwarz/transmission/p",
+        "no such key here; known are kind, data",
+        None,
+    ),
+    "other data": (
+        schwarz(transmission={"kind": "optimized", "data": "all"}),
+        "/schwarz/transmission/data",
+        "'line_sums' or 'local'",
+        None,
+    ),
+    "other line correction": (schwarz(line_correction="some"), "/schwarz/line_correction", "0 to 10, or 'auto'", None),
+    "many line corrections": (schwarz(line_correction=11), "/schwarz/line_correction", "0 to 10", None),
+    "fractional line corrections": (schwarz(line_correction=1.5), "/schwarz/line_correction", "whole number", None),
+    "other acceleration": (schwarz(acceleration="aitken"), "/schwarz/acceleration", "'anderson'", None),
+    "other local solver": (schwarz(local_solver="direct"), "/schwarz/local_solver", "'sweeps' or 'newton'", None),
+    "fallback as text": (schwarz(fallback="no"), "/schwarz/fallback", "boolean", None),
+    "word for tolerance": (schwarz(tolerance="low"), "/schwarz/tolerance", "'discretization', or null", None),
+    "p of classical": (
+        schwarz(transmission={"kind": "classical", "p": 1}),
+        "/schwarz/transmission/p",
+        "no such key",
+        None,
+    ),
+    "other transmission": (schwarz(transmission={"kind": "magic"}), "/schwarz/transmission/kind", "classical", None),
+    "transmission as text": (schwarz(transmission="classical"), "/schwarz/transmission", "kind", None),
+    "zero tolerance": (schwarz(tolerance=0), "/schwarz/tolerance", "positive", None),
+    "no iteration": (schwarz(max_iterations=0), "/schwarz/max_iterations", "at least 1", None),
+    "absurd iterations": (schwarz(max_iterations=10**9), "/schwarz/max_iterations", "at most", None),
+    "other ordering": (schwarz(ordering="random"), "/schwarz/ordering", "'coloured'", None),
+}
 
 
-@pytest.mark.parametrize(
-    ("asked", "built"),
-    [
-        ({}, Schwarz()),
-        (
-            {
-                "line_correction": 2,
-                "acceleration": "anderson",
-                "local_solver": "newton",
-                "fallback": False,
-                "tolerance": "discretization",
-            },
-            Schwarz(
-                line_correction=2,
-                acceleration=Acceleration.ANDERSON,
-                local_solver=LocalSolver.NEWTON,
-                fallback=False,
-                tolerance="discretization",
-            ),
-        ),
-    ],
-)
-def test_the_solver_is_given_what_was_asked(asked: dict[str, Any], built: Schwarz) -> None:
-    assert build_schwarz(read_spec(small(schwarz=asked))) == built
-
-
-def test_a_fallback_is_told(http: httpx.Client) -> None:
-    spec = {
-        "monitor": {"u": {"expression": "tanh(20*((x-0.5)**2 + (y-0.5)**2 - 0.09))"}},
-        "grid": {"n_xi": 33, "n_eta": 33},
-        "schwarz": {"transmission": {"kind": "linear_robin"}, "ordering": "alternating"},
-    }
-    mesh = http.post("/v1/meshes", json=spec, headers=WAIT)
-    said = mesh.json()["convergence"]
-    assert (said["status"], said["transmission"]) == ("converged", "optimized")
-    assert "The linear_robin condition stalled; from iteration" in said["message"]
-    history = http.get(mesh.json()["links"]["convergence"]).json()["iterations"]
-    assert [record["transmission"] for record in (history[0], history[-1])] == ["linear_robin", "optimized"]
-    assert said["work"] == sum(record["work"] for record in history) > 33 * 33
-    assert said["traffic"] == sum(record["traffic"] for record in history) > 0
+@pytest.mark.parametrize("name", SETTINGS)
+def test_bad_spec_is_refused_precisely(http: httpx.Client, name: str) -> None:
+    expect_refusal(http, SETTINGS[name])

@@ -13,7 +13,7 @@ from equimesh_service.store.schema import meshes, samples, samples_keys, sequenc
 from equimesh_service.store.store import Store
 from service.conftest import until
 from service.databases import Postgres
-from service.store.test_store import SPEC
+from service.store.stores import SPEC
 
 
 @pytest.fixture

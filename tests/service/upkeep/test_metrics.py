@@ -26,11 +26,12 @@ from equimesh_service.api.app import create_app
 from equimesh_service.api.middleware import Observation
 from equimesh_service.store.rows import STATUSES, Census, Ending
 from equimesh_service.upkeep.metrics import Glance, Metrics
-from proofs.test_faults import children
 from service.conftest import SLOW, small, until
+from service.processes import children
+from service.requests import WAIT
 
 ROOT = Path(__file__).parents[3]
-WAIT = {"Prefer": "wait=30"}
+
 Samples = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 
 

@@ -16,7 +16,7 @@ from equimesh_service.files.port import StoredFile
 from equimesh_service.store.rows import Artifact, NewMesh, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.retention import Retention, Swept
-from service.store.test_store import SPEC, Clock, claimed
+from service.store.stores import SPEC, Clock, claimed
 
 DAY = 86_400.0
 

@@ -1,0 +1,30 @@
+"""The pages need no network, and the command on the front page works."""
+
+from __future__ import annotations
+
+import re
+
+import httpx
+
+
+def test_the_pages_load_nothing_from_elsewhere(http: httpx.Client) -> None:
+    for page in ("/", "/docs"):
+        answer = http.get(page)
+        assert answer.status_code == 200
+        assert answer.headers["content-type"].startswith("text/html")
+        links = re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)""", answer.text)
+        assert links
+        for link in links:
+            assert "//" not in link, link
+            assert http.get("/" + link.lstrip("/")).status_code == 200, link
+    assert "SwaggerUIBundle" in http.get("/docs/assets/swagger-ui-bundle.js").text
+
+
+def test_the_command_on_the_front_page_works(http: httpx.Client, url: str) -> None:
+    page = http.get("/").text
+    body = re.search(r"-d '(.*?)'", page)
+    assert body is not None
+    assert f"curl '{url}/v1/meshes?format=vtu'" in page
+    headers = {"Content-Type": "application/json", "Prefer": "wait=30"}
+    answer = http.post("/v1/meshes?format=vtu", content=body.group(1), headers=headers)
+    assert (answer.status_code, answer.content[:5]) == (201, b"<?xml")

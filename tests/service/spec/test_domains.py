@@ -1,0 +1,44 @@
+"""Bad domains are refused with the place of the mistake."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+
+from service.conftest import small
+from service.spec.bad_specs import (
+    LINE,
+    Refusal,
+    between,
+    expect_refusal,
+    on,
+)
+
+DOMAINS: dict[str, Refusal] = {
+    "other domain": (on(kind="disk"), "/domain/kind", "rectangle, annulus_sector, quadrilateral", None),
+    "text for a domain": (small(domain="rectangle"), "/domain", "must be an object", None),
+    "empty rectangle": (on(kind="rectangle", x=[1, 1]), "/domain/x", "greater", None),
+    "endless rectangle": (on(x=[0, float("inf")]), "/domain/x/1", "finite", None),
+    "huge rectangle": (on(x=[0, 1e30]), "/domain/x", "1e+09", None),
+    "radii of a rectangle": (on(radii=[1, 2]), "/domain/radii", "known are kind, x, y", None),
+    "radii in disorder": (on(kind="annulus_sector", radii=[2, 1]), "/domain/radii", "less than", None),
+    "whole disk": (on(kind="annulus_sector", radii=[0, 1]), "/domain/radii", "positive", None),
+    "more than a turn": (on(kind="annulus_sector", angles=[0, 361]), "/domain/angles", "360", None),
+    "three angles": (on(kind="annulus_sector", angles=[0, 1, 2]), "/domain/angles", "2 items", None),
+    "three sides": (on(kind="quadrilateral", bottom={"x": "t", "y": "0"}), "/domain/right", "required", None),
+    "no curve": (between(left=3), "/domain/left", "keys x, points", None),
+    "half a curve": (between(left={"x": "0"}), "/domain/left/y", "required", None),
+    "bad curve": (between(left={"x": "0", "y": "t +* 1"}), "/domain/left/y", "", 4),
+    "curve in x": (between(left={"x": "x", "y": "t"}), "/domain/left/x", "x", 1),
+    "infinite curve": (between(left={"x": "0", "y": "1/t"}), "/domain/left/y", "not finite", 1),
+    "one point": (between(left={"points": [[0, 0]]}), "/domain/left/points", "2 give a straight line", None),
+    "many points of a curve": (between(left={"points": LINE}), "/domain/left/points", "10000", None),
+    "triples": (between(left={"points": [[0, 0, 0]]}), "/domain/left/points/0", "2 items", None),
+    "open corner": (between(left={"points": [[0, 0], [0, 0.9]]}), "/domain/left", "must meet", None),
+    "fold": (between(top={"points": [[0, 1], [0.5, -1], [1, 1]]}), "/domain", "", None),
+}
+
+
+@pytest.mark.parametrize("name", DOMAINS)
+def test_bad_spec_is_refused_precisely(http: httpx.Client, name: str) -> None:
+    expect_refusal(http, DOMAINS[name])

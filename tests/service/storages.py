@@ -1,0 +1,46 @@
+"""Files in a folder and in S3, as fixtures, and a content that they keep."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import SecretStr
+
+from equimesh_service.files.folder import FolderFiles
+from equimesh_service.files.port import Files
+from equimesh_service.files.s3 import Bucket, S3Files
+from service.s3_server import ACCESS_KEY, SECRET_KEY, S3Server, serving
+
+CONTENT = bytes(range(256)) * 40
+_numbers = itertools.count()
+
+
+@pytest.fixture(scope="session")
+def s3(tmp_path_factory: pytest.TempPathFactory) -> Iterator[S3Server]:
+    """A server of the S3 protocol."""
+    with serving(tmp_path_factory.mktemp("s3")) as server:
+        yield server
+
+
+def bucket_of(s3: S3Server, name: str, **more: Any) -> Bucket:
+    """How a bucket of the server is reached."""
+    keys = {"access_key": SecretStr(ACCESS_KEY), "secret_key": SecretStr(SECRET_KEY)}
+    return Bucket(**{"name": name, "prefix": "a/b", "endpoint": s3.endpoint, **keys, **more})
+
+
+@pytest.fixture(params=["folder", "s3"])
+def files(request: pytest.FixtureRequest, tmp_path: Path) -> Files:
+    """Files of both kinds, prepared; their temporary files are in ``tmp_path``."""
+    if request.param == "folder":
+        found: Files = FolderFiles(tmp_path)
+    else:
+        server: S3Server = request.getfixturevalue("s3")
+        name = f"bucket-{next(_numbers)}"
+        server.bucket(name)
+        found = S3Files(bucket_of(server, name), tmp_path)
+    found.prepare(alone=True)
+    return found
