@@ -1,4 +1,4 @@
-"""Samples: accuracy, invariants of the spline, and a precise refusal of everything that cannot be used."""
+"""Samples on a grid: accuracy, invariants of the spline, and a precise refusal of everything that cannot be used."""
 
 from __future__ import annotations
 
@@ -8,49 +8,68 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh.errors import InputError, SamplesError
+import equimesh as em
+from equimesh.errors import SamplesError
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
-
-PROBE = np.meshgrid(np.linspace(0, 1, 211), np.linspace(0, 1, 211), indexing="ij")
-FINE = np.meshgrid(np.linspace(0, 1, 2501), np.linspace(0, 1, 81), indexing="ij")  # resolves the layer's error
-CORNERS = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
+from solver.domains.shapes import S, T
+from solver.fields.tables import BOX, CORNERS, PROBE, errors, on_box, on_grid, refusal, scattered_points
 
 
-def paper(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The paper's u and its gradient."""
-    layer = np.exp(15 * (x - 1))
-    return (
-        (1 - layer) * np.sin(np.pi * y),
-        -15 * layer * np.sin(np.pi * y),
-        (1 - layer) * np.pi * np.cos(np.pi * y),
-    )
+class TestOnABox:
+    def test_a_grid_on_a_box(self) -> None:
+        x, y = np.linspace(10, 14, 81), np.linspace(-2, -1, 41)
+        field = em.GridSamples(x=x, y=y, values=on_box(x[:, None], y), box=BOX)
+        p, q = 10 + 4 * S, -2 + T
+        np.testing.assert_allclose(field.evaluate(p, q)[0], on_box(p, q), atol=1e-6)
 
+    def test_a_grid_that_leaves_out_a_part_is_refused(self) -> None:
+        x, y = np.linspace(10, 13.9, 9), np.linspace(-2, -1, 9)
+        error = refusal(em.GridSamples, x=x, y=y, values=np.ones((9, 9)), box=BOX)
+        assert error.field == "x"
+        assert "from 10 to 13.9, but the samples must cover the domain, where x goes from 10 to 14" in error.message
+        error = refusal(em.GridSamples, x=x - 5, y=y, values=np.ones((9, 9)), box=BOX)
+        assert "add samples up to 10 and 14" in error.message
+        error = refusal(em.GridSamples, x=np.linspace(0, 20, 9), y=y, values=np.ones((9, 9)), box=BOX)
+        assert "far beyond the domain that is meshed: send only the part in [10, 14]" in error.message
+        edge = np.linspace(10 + 3e-9, 14 - 3e-9, 9)  # misses the ends by less than 1e-9 of the extent
+        em.GridSamples(x=edge, y=y, values=np.ones((9, 9)), box=BOX)
+        error = refusal(em.GridSamples, x=edge + 2e-9, y=y, values=np.ones((9, 9)), box=BOX)
+        assert error.field == "x"
 
-def on_grid(n_x: int, n_y: int, u: Any = paper) -> GridSamples:
-    x, y = np.linspace(0, 1, n_x), np.linspace(0, 1, n_y)
-    return GridSamples(x=x, y=y, values=u(*np.meshgrid(x, y, indexing="ij"))[0])
+    def test_the_domain_is_offered_where_the_samples_cover_another_rectangle(self) -> None:
+        x, y, values = np.linspace(0, 2, 9), np.linspace(0, 1, 9), np.ones((9, 9))
+        short = np.linspace(0, 0.5, 9)
+        scattered = {"points": [[0, 0], [0.5, 0], [0.5, 1], [0, 1]], "values": np.ones(4)}
+        for samples, given, end in (
+            (em.GridSamples, {"x": x, "y": y, "values": values}, 2),
+            (em.GridSamples, {"x": short, "y": y, "values": values}, 0.5),
+            (em.ScatteredSamples, scattered, 0.5),
+        ):
+            alone = refusal(samples, **given).message
+            assert f"box=((0, {end}), (0, 1)) here and domain=Rectangle(x=(0, {end}), y=(0, 1)) in the pro" in alone
+            assert "unit square" in alone
+            domain = refusal(samples, **given, box=em.Rectangle().box).message
+            assert domain.endswith(f"or give the domain that they cover, a rectangle with x=(0, {end}), y=(0, 1)")
+            other = refusal(samples, **given, box=((0, 1), (5, 6))).message
+            for message in (domain, other):
+                assert "unit square" not in message
+            assert "give the domain" not in other
+            em.Problem(
+                monitor=em.ArcLength(u=samples(**given, box=((0, end), (0, 1)))),
+                grid=em.Grid(n_xi=8, n_eta=8),
+                domain=em.Rectangle(x=(0, end), y=(0, 1)),
+            )
+        triangle = {"points": [[0, 0], [0.5, 0], [0, 0.5], [0.1, 0.1]], "values": np.ones(4)}
+        assert "Rectangle" not in refusal(em.ScatteredSamples, **triangle).message
 
-
-def errors(field: Any) -> np.ndarray:
-    """Largest error of the value and of the gradient, and the mean-square error of the value."""
-    u, u_x, u_y = (found - exact for found, exact in zip(field.evaluate(*FINE, 1), paper(*FINE), strict=True))
-    return np.array([np.abs(u).max(), np.hypot(u_x, u_y).max(), np.sqrt(np.mean(u**2))])
-
-
-def refusal(kind: type, **arrays: Any) -> SamplesError:
-    with pytest.raises(SamplesError) as caught:
-        kind(**arrays)
-    assert isinstance(caught.value, InputError)
-    return caught.value
-
-
-def scattered_points(n: int) -> np.ndarray:
-    """n random points inside, and about sqrt(n) on each side, corners included."""
-    t = np.linspace(0, 1, max(2, int(np.sqrt(n))))
-    zero, one = np.zeros_like(t), np.ones_like(t)
-    rim = np.concatenate([np.column_stack(p) for p in ((t, zero), (t, one), (zero, t), (one, t))])
-    return np.unique(np.concatenate([np.random.default_rng(7).random((n, 2)), rim]), axis=0)
+    def test_the_unit_square_is_the_default(self) -> None:
+        k = np.linspace(0, 1, 5)
+        assert em.GridSamples(x=k, y=k, values=np.ones((5, 5))).box == ((0, 1), (0, 1))
+        for box in (3, ((0, 1),), ((0, 1), (1, 0)), ((0, 1), (0, "1"))):
+            with pytest.raises(em.InputError) as caught:
+                em.GridSamples(x=k, y=k, values=np.ones((5, 5)), box=box)  # type: ignore[arg-type]
+            assert caught.value.field == "box"
 
 
 class TestAccuracy:
@@ -83,36 +102,6 @@ class TestAccuracy:
         with pytest.raises(SamplesError, match="from -1 to 1 in x") as caught:
             ScatteredSamples(points=points, values=points[:, 0])
         assert caught.value.field == "points"
-
-    def test_samples_that_stop_before_the_sides_are_continued_to_them(self) -> None:
-        """Cell centres, and points at random with only the corners on the sides: errors fall with the spacing."""
-
-        def centres(m: int) -> np.ndarray:
-            axis = (np.arange(m) + 0.5) / m
-            return np.column_stack([q.ravel() for q in np.meshgrid(axis, axis)])
-
-        def strewn(m: int) -> np.ndarray:
-            return np.vstack([CORNERS, np.random.default_rng(5).random((m * m, 2))])
-
-        for points_of in (centres, strewn):
-            coarse, fine = (
-                errors(ScatteredSamples(points=p, values=paper(*p.T)[0]))[0] for p in map(points_of, (24, 96))
-            )
-            assert fine < 0.15 * coarse
-            assert fine < 0.02
-
-    def test_scattered_samples_measured(self) -> None:
-        found = np.array(
-            [errors(ScatteredSamples(points=p, values=paper(*p.T)[0])) for p in map(scattered_points, (500, 8000))]
-        )
-        # measured at 8000: largest error 3.4e-3, mean square 1.1e-4, gradient 1.1 of 15
-        assert found[1, 0] < 1e-2
-        assert found[1, 2] < 3e-4
-        assert found[1, 1] < 3
-        halvings = 2  # spacing goes with 1 / sqrt(n)
-        orders = np.log2(found[0] / found[1]) / halvings
-        assert orders[2] > 1.5
-        assert orders[1] > 0.5
 
 
 class TestSpline:
@@ -202,42 +191,6 @@ class TestSpline:
         np.testing.assert_array_equal(lists.evaluate(*PROBE)[0], masked.evaluate(*PROBE)[0])
         hidden = np.ma.array(table, mask=np.eye(4, dtype=bool))
         assert "values[0][0] is NaN" in refusal(GridSamples, x=axis, y=axis, values=hidden).message
-
-
-class TestScattered:
-    def test_linear_functions_are_exact(self) -> None:
-        points = scattered_points(200)
-        field = ScatteredSamples(points=points, values=1e-9 * (2 + points @ [3, -1]))
-        u, u_x, u_y = field.evaluate(*PROBE, 1)
-        np.testing.assert_allclose(u, 1e-9 * (2 + 3 * PROBE[0] - PROBE[1]), atol=1e-15)
-        np.testing.assert_allclose(u_x, 3e-9, atol=1e-13)
-        np.testing.assert_allclose(u_y, -1e-9, atol=1e-13)
-
-    def test_the_grid_follows_the_number_of_samples_in_the_square(self) -> None:
-        points = scattered_points(2500)
-        inside = len(points)
-        far = np.add(0.4 * points, [1.05, 0.0])
-        field = ScatteredSamples(points=np.concatenate([far, points]), values=np.zeros(2 * inside))
-        assert field.grid.x.size == round(2 * np.sqrt(inside))
-        assert ScatteredSamples(points=CORNERS, values=np.ones(4)).grid.x.size == 16
-
-    def test_a_constant_stays_constant(self) -> None:
-        field = ScatteredSamples(points=scattered_points(40), values=np.full(len(scattered_points(40)), 7.0))
-        u, u_x, u_y = field.evaluate(*PROBE, 1)
-        np.testing.assert_allclose(u, 7, rtol=1e-14)
-        np.testing.assert_allclose([u_x, u_y], 0, atol=1e-10)
-
-    def test_repeated_points_with_the_same_value_count_once(self) -> None:
-        points = scattered_points(50)
-        values = np.sin(points[:, 0])
-        once = ScatteredSamples(points=points, values=values)
-        twice = ScatteredSamples(points=np.tile(points, (2, 1)), values=np.tile(values, 2))
-        np.testing.assert_allclose(once.grid.evaluate(*PROBE)[0], twice.grid.evaluate(*PROBE)[0], atol=2e-3)
-
-    def test_a_hull_that_misses_the_square_by_rounding_is_accepted(self) -> None:
-        points = 0.5 + (1 - 1e-9) * (scattered_points(100) - 0.5)
-        field = ScatteredSamples(points=points, values=points[:, 0])
-        np.testing.assert_allclose(field.evaluate(*PROBE)[0], PROBE[0], atol=1e-7)
 
 
 class TestRefusals:

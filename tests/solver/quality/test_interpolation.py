@@ -1,0 +1,135 @@
+"""Errors of interpolation: exact values, orders, samples of many cells, and gains over the uniform mesh."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.arc_length import ArcLength
+from equimesh.quality import measures
+from equimesh.quality.cells import BilinearCells
+from equimesh.quality.interpolation import ErrorRule, errors_of, interpolation_errors
+from equimesh.quality.measures import equidistribution, measure
+from solver.quality.handmade import (
+    CONSTANT,
+    ERRORS,
+    PAPER,
+    PAPER_TEXT,
+    SLOPE,
+    TANH20,
+    Analytic,
+    constant,
+    folded,
+    uniform,
+    wavy,
+)
+
+
+def test_interpolation_error_by_hand() -> None:
+    # u = y^2 on cells of height h: u - u_h = -t (h - t), so L2^2 = h^4/30 and H1^2 = h^2/3 on the square.
+    square_y = Analytic(lambda x, y: 0 * x + y**2, constant(0.0), lambda x, y: 2 * y + 0 * x)
+    error = measure(uniform(5, 11), ArcLength(u=square_y)).interpolation_error
+    assert error.l2 == pytest.approx(math.sqrt(1e-4 / 30), rel=1e-12)
+    assert error.h1 == pytest.approx(math.sqrt(1e-2 / 3), rel=1e-12)
+    # On a distorted mesh the bilinear space still holds x and y themselves.
+    error = measure(wavy(), ArcLength(u=SLOPE)).interpolation_error
+    assert max(error.l2, error.h1) < 1e-12
+
+
+@pytest.mark.parametrize("text", [PAPER_TEXT, TANH20.text])
+def test_few_points_a_cell_suffice_on_many_cells(text: str) -> None:
+    monitor = ArcLength(u=em.Expression(text))
+    grid = uniform(257)
+    x, y = grid.x, grid.y  # towards the front of the second function
+    mesh = Mesh(x + 0.2 * x * (1 - x) * np.sin(3 * y), y - 0.15 * y * (1 - y) * (1 + x))
+    full = measure(mesh, monitor, gauss=8)
+    lean = equidistribution(mesh, monitor, gauss=measures.GAUSS_POINTS_BEYOND)
+    assert lean == pytest.approx(full.q_eq.cells, rel=1e-5)
+    exact, fast = full.interpolation_error, interpolation_errors(mesh, monitor.u)
+    assert exact is not None
+    for name in ERRORS:
+        assert getattr(fast, name) == pytest.approx(getattr(exact, name), rel=1e-4), name
+    # 2 x 2 points alone see too little of the error: the reason for the middles of the edges
+    two = measure(mesh, monitor, gauss=2).interpolation_error
+    assert two is not None
+    assert two.l2 < 0.97 * exact.l2
+
+
+def test_a_sample_of_the_cells_gives_the_errors_of_all() -> None:
+    u = em.Expression("tanh(100*(x - 0.5)) + tanh(60*(y - x - 0.1))")
+    start = uniform(460, 400)
+    mesh = Mesh(start.x + 0.1 * start.x * (1 - start.x) * (start.y + 1), start.y**1.2)
+    full = errors_of(BilinearCells(mesh), BilinearCells(uniform(460, 400)), u, ErrorRule.lean())
+    seen: list[int] = []
+
+    class Counting:
+        def evaluate(self, x: np.ndarray, y: np.ndarray, order: int = 0) -> tuple[np.ndarray, ...]:
+            seen.append(x.size)
+            return u.evaluate(x, y, order)
+
+    some = interpolation_errors(mesh, Counting())
+    assert sum(seen) < 2 * 12 * mesh.grid.cells / 5 + 100
+    measured = measure(mesh, ArcLength(u=u)).interpolation_error
+    for name in ERRORS:
+        assert getattr(some, name) == pytest.approx(getattr(full, name), rel=5e-3), name
+        assert getattr(measured, name) == getattr(some, name)
+
+
+def test_gains_compare_with_the_uniform_mesh_of_the_domain() -> None:
+    sector = em.AnnulusSector()
+    plain = Mesh(*sector.map(uniform(12).x, uniform(12).y))
+    u = em.Expression("exp(-20*(x**2 + y**2 - 1))")  # a layer at the inner arc
+    same = measure(plain, ArcLength(u=u), uniform=plain).interpolation_error
+    assert same is not None
+    assert same.gain_l2 == same.gain_h1 == 1.0
+    adapted = Mesh(*sector.map(uniform(12).x ** 1.5, uniform(12).y))
+    error = measure(adapted, ArcLength(u=u), uniform=plain).interpolation_error
+    assert error is not None
+    assert error.gain_l2 == error.l2_uniform / error.l2 > 1.5
+    assert error.gain_h1 == error.h1_uniform / error.h1 > 1.2
+    assert (error.l2_uniform, error.h1_uniform) == (same.l2, same.h1)
+    worse = Mesh(*sector.map(uniform(12).x ** 0.7, uniform(12).y))
+    assert interpolation_errors(worse, u, plain).gain_l2 < 0.9
+
+
+def test_rounding_is_no_gain_and_no_loss() -> None:
+    for u in (CONSTANT, SLOPE, em.Expression("1e9*x + 7")):
+        error = measure(wavy(), ArcLength(u=u)).interpolation_error
+        assert error is not None
+        assert error.gain_l2 == error.gain_h1 == 1.0
+        assert interpolation_errors(wavy(41, 30), u).gain_h1 == 1.0
+    tiny = em.Expression("1e-9*sin(5*x)")
+    assert interpolation_errors(wavy(), tiny).gain_l2 != 1.0
+
+
+def test_a_folded_mesh_gains_nothing() -> None:
+    error = interpolation_errors(folded(), PAPER)
+    assert error.gain_l2 == error.gain_h1 == 0.0
+
+
+def test_interpolation_error_falls_at_second_order_and_its_gradient_at_first() -> None:
+    smooth = Analytic(
+        lambda x, y: np.sin(3 * x) * np.exp(y),
+        lambda x, y: 3 * np.cos(3 * x) * np.exp(y),
+        lambda x, y: np.sin(3 * x) * np.exp(y),
+    )
+    errors = [measure(uniform(n), ArcLength(u=smooth)).interpolation_error for n in (9, 17, 33)]
+    for coarse, fine in itertools.pairwise(errors):
+        assert math.log2(coarse.l2 / fine.l2) == pytest.approx(2.0, abs=0.02)
+        assert math.log2(coarse.h1 / fine.h1) == pytest.approx(1.0, abs=0.02)
+    assert errors[-1].l2 < 1.5e-3
+    assert errors[-1].h1 < 0.12
+    assert errors[-1].l2 == errors[-1].l2_uniform
+    assert errors[-1].h1 == errors[-1].h1_uniform
+
+
+def test_a_mesh_that_gathers_in_the_layer_interpolates_better_than_the_uniform_one() -> None:
+    start = uniform(12)
+    error = measure(Mesh(1 - (1 - start.x) ** 1.5, start.y), ArcLength(u=PAPER)).interpolation_error
+    assert error.l2 < 0.7 * error.l2_uniform
+    assert error.h1 < 0.7 * error.h1_uniform

@@ -1,0 +1,36 @@
+"""XML that somebody sends: no entities, and bounds on elements, depth and attributes."""
+
+from __future__ import annotations
+
+import pytest
+
+from solver.upload.bombs import check_bomb_is_refused
+from solver.upload.files import refused
+
+
+def test_entities_are_refused() -> None:
+    laughs = b'<!DOCTYPE a [<!ENTITY b "bbbb">]><VTKFile>&b;</VTKFile>'
+    refused(laughs, "u.vtu", "entities")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_entities_are_refused_in_any_encoding(encoding: str) -> None:
+    head = f"<?xml version='1.0' encoding='{encoding}'?>"
+    for name, tag in (("u.xdmf", "Xdmf"), ("u.vtu", "VTKFile")):
+        laughs = f'{head}<!DOCTYPE a [<!ENTITY b "bbbb">]><{tag}>&b;</{tag}>'
+        refused(laughs.encode(encoding), name, "entities")
+
+
+BOMBS = {
+    "deep": (b"<VTKFile>" + b"<a>" * 1_000_000 + b"</a>" * 1_000_000 + b"</VTKFile>", "more than 100000"),
+    "not quite as deep": (b"<VTKFile>" + b"<a>" * 40_000 + b"</a>" * 40_000 + b"</VTKFile>", "levels deep"),
+    "wide": (b"<VTKFile>" + b"<a/>" * 1_000_000 + b"</VTKFile>", "more than 100000 elements"),
+    "many attributes": (b"<VTKFile " + b"".join(b"a%d='' " % k for k in range(500_000)) + b"/>", "attributes"),
+    "entities": (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile>&b;</VTKFile>', "declares entities"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_bomb_is_refused(name: str) -> None:
+    data, match = BOMBS[name]
+    check_bomb_is_refused(data, "u.vtu", match)
