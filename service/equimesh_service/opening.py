@@ -11,9 +11,9 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Callers
 from equimesh_service.admission.quotas import Quotas
-from equimesh_service.dispatch.check_threads import Checkers
+from equimesh_service.dispatch.check_threads import CheckThreads
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
-from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.engine.port import Engine
@@ -23,15 +23,15 @@ from equimesh_service.service import Service
 from equimesh_service.settings import Settings
 from equimesh_service.store.database import UnusableDatabaseError, sqlite_file
 from equimesh_service.store.store import Store
-from equimesh_service.upkeep.metrics import Glance, Metrics
+from equimesh_service.upkeep.metrics import Metrics, Snapshot
 from equimesh_service.upkeep.readiness import OK, Readiness
 from equimesh_service.upkeep.retention import Retention
 from equimesh_service.worker import solve
-from equimesh_service.worker.job import Job, Place
+from equimesh_service.worker.job import Job, Storage
 
 _log = logging.getLogger(__name__)
 # Files, pictures and samples have workers of their own, so that they never wait behind the solves.
-_DESK_WORKERS = 2
+_SIDE_WORKERS = 2
 # Modules that workers share the memory and the loading time of.
 PRELOAD = (
     "equimesh_service.worker.solve",
@@ -53,14 +53,14 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     folder = settings.data_dir.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     lock = _lock(settings)
-    place = Place(settings.database, files_address(settings))
-    store, files = Store(place.database_url), place.files()
+    storage = Storage(settings.database, files_address(settings))
+    store, files = Store(storage.database_url), storage.files()
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
     limit, prepare = settings.memory_limit, Preparation.of(settings)
     engine = PebbleEngine(settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up)
-    desk = Desk(PebbleEngine(_DESK_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
-    wakeups, checkers = Wakeups(store.meshes.unfinished, settings.poll), Checkers()
+    side_workers = SideWorkers(PebbleEngine(_SIDE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
+    wakeups, check_threads = Wakeups(store.meshes.unfinished, settings.poll), CheckThreads()
     rules = Rules(
         time_limit=settings.time_limit,
         memory_limit=settings.memory_limit,
@@ -73,55 +73,55 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         owner,
         store,
         engine,
-        lambda claim, order: (solve.solve_mesh, (Job(place, claim, settings.worker_threads, order),)),
+        lambda claim, mesh_input: (solve.solve_mesh, (Job(storage, claim, settings.worker_threads, mesh_input),)),
         rules,
         wakeups.announce,
         metrics,
     )
-    metrics.look(lambda: _glance(store, settings.workers))
+    metrics.add_snapshots(lambda: _take_snapshot(store, settings.workers))
     dispatcher.start(alone=lock is not None)
     retention = Retention(store, files, settings.retention_days)
     retention.start()
     _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
     return Service(
         settings=settings,
-        place=place,
+        storage=storage,
         store=store,
         files=files,
         engine=engine,
-        desk=desk,
+        side_workers=side_workers,
         dispatcher=dispatcher,
         retention=retention,
         wakeups=wakeups,
-        admission=Admission(settings, store, files, desk, checkers.aside),
+        admission=Admission(settings, store, files, side_workers, check_threads.while_waiting),
         callers=Callers(store.keys),
         quotas=Quotas(settings, store.quotas),
         lock=lock,
-        checkers=checkers,
+        check_threads=check_threads,
         metrics=metrics,
         readiness=Readiness(
             {
                 "store": store.check,
                 "files": files.check,
                 "engine": lambda: _health(engine),
-                "exports": lambda: _health(desk),
+                "exports": lambda: _health(side_workers),
                 "dispatcher": lambda: OK if dispatcher.alive() else "stopped",
             }
         ),
     )
 
 
-def _health(engine: Engine | Desk) -> str:
+def _health(engine: Engine | SideWorkers) -> str:
     health = engine.health()
     return OK if health.ready else health.detail
 
 
-def _glance(store: Store, workers: int) -> Glance:
+def _take_snapshot(store: Store, workers: int) -> Snapshot:
     try:
-        census = store.queue.census()
+        counts = store.queue.count()
     except SQLAlchemyError:
-        census = None  # a scrape says so, and the rest of it is of use
-    return Glance(workers={"solve": workers, "files": _DESK_WORKERS}, census=census)
+        counts = None  # a scrape says so, and the rest of it is of use
+    return Snapshot(workers={"solve": workers, "files": _SIDE_WORKERS}, counts=counts)
 
 
 def check_files(settings: Settings) -> None:
@@ -160,10 +160,10 @@ def _lock(settings: Settings) -> TextIOWrapper | None:
 
     None for a database server, which any number of services share.
     """
-    place = sqlite_file(settings.database)
-    if place is None:
+    file_path = sqlite_file(settings.database)
+    if file_path is None:
         return None
-    folder = place.resolve().parent
+    folder = file_path.resolve().parent
     file = (folder / "service.lock").open("w")
     try:
         import fcntl

@@ -16,16 +16,19 @@ import uvicorn
 
 from equimesh_service.api.app import create_app
 from equimesh_service.opening import check_database, check_files, check_folder
-from equimesh_service.settings import Settings, complaint, unknown
+from equimesh_service.settings import Settings, describe_unknown, find_unknown
 from equimesh_service.telemetry import logs
 from equimesh_service.upkeep.exposure import check_exposure
 
 _log = logging.getLogger(__name__)
-_START_SECONDS, _GRACE_SECONDS = 300.0, 5  # the first start on a machine compiles the kernels
+# The first start on a machine compiles the kernels.
+_MAX_START_SECONDS = 300.0
+# How long requests that run may take when the service stops.
+_GRACE_SECONDS = 5
 # Longer than proxies keep their connections to a service (nginx: 60), so that none is closed as they use it.
 _KEEP_ALIVE_SECONDS = 75
 # Request line and headers.
-_MOST_HEADER_BYTES = 32 * 1024
+_MAX_HEADER_BYTES = 32 * 1024
 
 
 class _Server(uvicorn.Server):
@@ -47,8 +50,8 @@ def run(settings: Settings) -> None:
     address cannot be used.
     """
     logs.configure(settings.log_level, settings.log_format)
-    for name, nearest in unknown(os.environ).items():
-        _log.warning("%s", complaint(name, nearest))
+    for name, nearest in find_unknown(os.environ).items():
+        _log.warning("%s", describe_unknown(name, nearest))
     with _ending_well():
         server = _server(settings)
         listener = _opened(settings)
@@ -109,7 +112,7 @@ def _server(settings: Settings) -> _Server:
         forwarded_allow_ips=settings.trusted_proxies,
         root_path=settings.root,
         timeout_keep_alive=_KEEP_ALIVE_SECONDS,
-        h11_max_incomplete_event_size=_MOST_HEADER_BYTES,
+        h11_max_incomplete_event_size=_MAX_HEADER_BYTES,
     )
     return _Server(config)
 
@@ -147,10 +150,10 @@ def _url(settings: Settings, listener: socket.socket) -> str:
 
 
 def _wait_until_ready(server: _Server, thread: threading.Thread) -> None:
-    deadline = time.monotonic() + _START_SECONDS
+    deadline = time.monotonic() + _MAX_START_SECONDS
     while time.monotonic() < deadline and thread.is_alive():
         service = getattr(server.config.app.state, "service", None)  # type: ignore[union-attr]
-        if server.started and service is not None and service.engine.health().ready and service.desk.health().ready:
+        if server.started and service is not None and service.is_ready:
             return
         time.sleep(0.02)
     raise RuntimeError("the service did not start; its log says why")

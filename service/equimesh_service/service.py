@@ -17,10 +17,10 @@ from starlette.concurrency import run_in_threadpool
 
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller, Callers
-from equimesh_service.admission.quotas import Quotas, exceeded
-from equimesh_service.dispatch.check_threads import Checked, Checkers
+from equimesh_service.admission.quotas import Quotas, quota_problem
+from equimesh_service.dispatch.check_threads import Checked, CheckThreads
 from equimesh_service.dispatch.dispatcher import Dispatcher
-from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.dispatch.wakeups import END, Wakeups
 from equimesh_service.engine.port import Engine, EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files.port import Files
@@ -31,12 +31,12 @@ from equimesh_service.store.rows import (
     Artifact,
     Claim,
     Ending,
-    Hold,
     KeyReusedError,
+    Lease,
+    MeshInput,
     MeshRow,
     NewMesh,
     NewStep,
-    Order,
     SamplesGoneError,
     SequenceRow,
     StepTakenError,
@@ -47,11 +47,11 @@ from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.upkeep.readiness import Readiness
 from equimesh_service.upkeep.retention import Retention
 from equimesh_service.worker import export
-from equimesh_service.worker.job import Export, Place
+from equimesh_service.worker.job import Export, Storage
 
 _log = logging.getLogger(__name__)
 # Seconds that a request stands in line for a worker; then its mesh waits in the store, where nothing is lost.
-_PATIENCE = 1.0
+_MAX_LINE_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class Asked:
 
 @dataclass(kw_only=True)
 class Service:
-    """The four rooms, opened. ``engine`` solves, ``desk`` makes files and pictures, and reads samples."""
+    """The four rooms, opened. ``engine`` solves, ``side_workers`` makes files and pictures, and reads samples."""
 
     settings: Settings
-    place: Place
+    storage: Storage
     store: Store
     files: Files
     engine: Engine
-    desk: Desk
+    side_workers: SideWorkers
     dispatcher: Dispatcher
     retention: Retention
     wakeups: Wakeups
@@ -79,10 +79,15 @@ class Service:
     callers: Callers
     quotas: Quotas
     lock: TextIOWrapper | None
-    checkers: Checkers
+    check_threads: CheckThreads
     metrics: Metrics
     readiness: Readiness
     exporting: dict[Export, Future[Artifact | None]] = field(default_factory=dict)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether all workers have started."""
+        return self.engine.health().ready and self.side_workers.health().ready
 
     async def check(self, function: Callable[..., Checked], *arguments: Any) -> Checked:
         """Run a check of what a client sent, off the event loop.
@@ -90,7 +95,7 @@ class Service:
         Checks may take long (a million samples), so they have a few threads of their own: however many there
         are, the other requests are served.
         """
-        return await self.checkers.run(function, *arguments)
+        return await self.check_threads.run(function, *arguments)
 
     async def mesh(self, mesh_id: str, caller: Caller) -> MeshRow:
         """The mesh with this id; raises a 404 problem, also when it is not the caller's to see."""
@@ -152,27 +157,27 @@ class Service:
         fingerprint = admitted.fingerprint(format) if step is None else step.fingerprint
         reserved = seconds > 0 and self.dispatcher.reserve()
         if not reserved:
-            known = await self._known(new, key, fingerprint)
+            known = await self._find_repeated(new, key, fingerprint)
             if known is not None:  # a repeated request asks for no more than is there
                 log_context.current().mesh_id = known
                 return Asked(known)
-            reserved = seconds > 0 and await self._stand_in_line(min(seconds, _PATIENCE))
-        hold = self.dispatcher.hold if reserved else None
+            reserved = seconds > 0 and await self._stand_in_line(min(seconds, _MAX_LINE_SECONDS))
+        lease = self.dispatcher.lease if reserved else None
         try:
-            asked = await self._add(admitted, caller, new, key, fingerprint, hold, step)
+            asked = await self._add(admitted, caller, new, key, fingerprint, lease, step)
         except BaseException:
-            if hold is not None:
+            if lease is not None:
                 self.dispatcher.release()
             raise
         log_context.current().mesh_id = asked.mesh_id
         return asked
 
-    async def _known(self, new: NewMesh, key: str | None, fingerprint: str) -> str | None:
+    async def _find_repeated(self, new: NewMesh, key: str | None, fingerprint: str) -> str | None:
         """The mesh of an earlier request with this idempotency key."""
         if key is None:
             return None
         with refusals():
-            return await run_in_threadpool(self.store.meshes.known, new.key_id, key, fingerprint)
+            return await run_in_threadpool(self.store.meshes.find_repeated, new.key_id, key, fingerprint)
 
     async def _stand_in_line(self, seconds: float) -> bool:
         """Wait for a worker to be reserved; False where none came free in time."""
@@ -194,10 +199,10 @@ class Service:
         new: NewMesh,
         key: str | None,
         fingerprint: str,
-        hold: Hold | None,
+        lease: Lease | None,
         step: NewStep | None,
     ) -> Asked:
-        if hold is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
+        if lease is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
         with tracing.span("enqueue"), refusals():
             mesh_id = await run_in_threadpool(
@@ -206,22 +211,22 @@ class Service:
                 key=key,
                 fingerprint=fingerprint,
                 quota=self.quotas.for_mesh(caller),
-                hold=hold,
+                lease=lease,
                 step=step,
             )
-        if hold is None:
+        if lease is None:
             self.dispatcher.wake()
             return Asked(mesh_id)
         if mesh_id != new.id:  # an older one of the same key
             self.dispatcher.release()
             return Asked(mesh_id)
-        order = Order(spec=admitted.spec, samples=admitted.samples, format=new.format)
+        mesh_input = MeshInput(spec=admitted.spec, samples=admitted.samples, format=new.format)
         if step is not None:
             fields = None if step.fields is None else step.fields.sha256
-            order = replace(order, start=step.start, fields=fields)
+            mesh_input = replace(mesh_input, start=step.start, fields=fields)
         claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
         try:
-            return Asked(mesh_id, self.dispatcher.begin(claim, order))
+            return Asked(mesh_id, self.dispatcher.begin(claim, mesh_input))
         except EngineError:
             self.dispatcher.release()  # the mesh is there, and the dispatcher sees that no worker has it
             return Asked(mesh_id)
@@ -244,10 +249,10 @@ class Service:
         if found is not None:
             return found
         here = log_context.current()
-        task = Export(self.place, mesh_id, name, here.request_id, tracing.traceparent())
+        task = Export(self.storage, mesh_id, name, here.request_id, tracing.traceparent())
         future = self.exporting.get(task)
         if future is None:
-            future = self.desk.submit(here.key_id, export.export, task, time_limit=self.settings.time_limit)
+            future = self.side_workers.submit(here.key_id, export.export, task, time_limit=self.settings.time_limit)
             self.exporting[task] = future
             future.add_done_callback(lambda _: self.exporting.pop(task, None))
         try:
@@ -274,7 +279,7 @@ class Service:
         self.retention.stop()
         self.dispatcher.stop()
         self.engine.close()
-        self.desk.close()
+        self.side_workers.close()
         self.store.close()
         if self.lock is not None:
             self.lock.close()
@@ -301,7 +306,7 @@ def refusals() -> Iterator[None]:
     except KeyReusedError:
         raise Problem("idempotency-key-reused", "The key was used for another spec.") from None
     except QuotaError as error:
-        raise exceeded(error) from None
+        raise quota_problem(error) from None
     except StepTakenError:
         detail = "The sequence has taken another step meanwhile, or lost the one that this follows: look at it again."
         raise Problem("conflict", detail) from None

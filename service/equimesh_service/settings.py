@@ -122,7 +122,7 @@ PREFIX = "EQUIMESH_"
 
 
 # What clients read: an address and an API key.
-_OF_CLIENTS = ("URL", "KEY")
+_CLIENT_VARIABLES = ("URL", "KEY")
 
 
 def variable(name: str) -> str:
@@ -130,9 +130,9 @@ def variable(name: str) -> str:
     return PREFIX + name.upper()
 
 
-def unknown(environment: Mapping[str, str]) -> dict[str, str | None]:
+def find_unknown(environment: Mapping[str, str]) -> dict[str, str | None]:
     """Every variable that begins as settings do and is none, with the setting's variable that it is nearest to."""
-    known = [*map(str.upper, Settings.model_fields), *_OF_CLIENTS]
+    known = [*map(str.upper, Settings.model_fields), *_CLIENT_VARIABLES]
     found: dict[str, str | None] = {}
     for given in sorted(environment):
         name = given.upper()
@@ -142,7 +142,7 @@ def unknown(environment: Mapping[str, str]) -> dict[str, str | None]:
     return found
 
 
-def complaint(given: str, nearest: str | None) -> str:
+def describe_unknown(given: str, nearest: str | None) -> str:
     """What is wrong with such a variable."""
     hint = f"; did you mean {nearest}?" if nearest else ""
     return f"{given} is no setting, and is ignored{hint}"

@@ -47,7 +47,9 @@ MEMORY = 256 * 2**20  # on top of what the readers need to start
 MOST_BYTES, MOST_SECONDS = 1_000_000, 5.0
 FORBIDDEN = ("pickle.find_class", "socket.connect", "socket.getaddrinfo", "subprocess.Popen", "os.system")
 BYTES = st.sampled_from([b"\x00", b"\x01", b"\x7f", b"\x80", b"\xff", b"9", b"-", b" ", b"\n", b"e", b"(", b"<"])
-LARGE = st.sampled_from([b"\xff" * 4, b"\xff" * 8, b"\x00" * 8, b"\x00\x00\x00\x40", b"9" * 20, b"1e999", b"nan"])
+MIN_POINTS_FOR_THREADS = st.sampled_from(
+    [b"\xff" * 4, b"\xff" * 8, b"\x00" * 8, b"\x00\x00\x00\x40", b"9" * 20, b"1e999", b"nan"]
+)
 PARTS = {
     "npz": [b"PK\x01\x02", b"PK\x05\x06", b"values.npy", b"../x.npy", b"\x93NUMPY"],
     "npy": [b"\x93NUMPY", b"'descr': '|O'", b"(1 2,)", b"(10**9,)", b"'shape': ()", b"cos\nsystem\n(S'true'\ntR."],
@@ -123,7 +125,7 @@ def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -
                 new = draw(BYTES)
                 data[at : at + len(new)] = new
             case 3:
-                new = draw(LARGE | st.sampled_from(PARTS[suffix]))
+                new = draw(MIN_POINTS_FOR_THREADS | st.sampled_from(PARTS[suffix]))
                 data[at : at + draw(st.sampled_from([0, len(new)]))] = new
             case 4:
                 del data[at : at + draw(st.sampled_from([1, 2, 8, 100]))]

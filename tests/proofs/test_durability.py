@@ -203,7 +203,7 @@ def _lives(url: str) -> bool:
 
 
 def _unfinished(store: Store) -> int:
-    census = store.queue.census().meshes
+    census = store.queue.count().meshes
     return census["queued"] + census["running"]
 
 

@@ -339,7 +339,7 @@ def leave() -> None:
 def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
     function: Any, arguments: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pool_watch, "PATIENCE", 2.0)
+    monkeypatch.setattr(pool_watch, "MAX_SILENT_SECONDS", 2.0)
     engine = PebbleEngine(2, preload=PRELOAD)
     try:
         assert engine.wait_until_ready(60.0)
@@ -367,7 +367,7 @@ class Unreadable:
 
 
 def test_a_task_that_no_worker_can_read_is_lost_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool_watch, "PATIENCE", 2.0)
+    monkeypatch.setattr(pool_watch, "MAX_SILENT_SECONDS", 2.0)
     engine = PebbleEngine(2, preload=PRELOAD)
     try:
         assert engine.wait_until_ready(60.0)

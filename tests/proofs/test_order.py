@@ -1,4 +1,4 @@
-"""Order: node positions converge at second order in the spacing, for every boundary condition."""
+"""MeshInput: node positions converge at second order in the spacing, for every boundary condition."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from service.processes import ServiceProcess, service_process
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
 _LEASE = 3.0
 # What a replica was about to write when it was frozen is undone after this time, not after that of every day.
-_IDLE = "-c idle_in_transaction_session_timeout=2s"
+_IDLE_OPTION = "-c idle_in_transaction_session_timeout=2s"
 _STARTS = re.compile(r"mesh (m-\w+) starts, attempt (\d+)")
 
 
@@ -91,7 +91,7 @@ def pair(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     folder = tmp_path_factory.mktemp("replicas")
     with postgres.database() as url:
         shared = {
-            "DATABASE_URL": _also(url, _IDLE),
+            "DATABASE_URL": _also(url, _IDLE_OPTION),
             "FILES_URL": f"file://{folder / 'shared'}",
             "LEASE": str(_LEASE),
             "LOG_LEVEL": "info",

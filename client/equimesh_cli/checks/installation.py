@@ -23,11 +23,11 @@ TABLE_1 = "1.1979"
 
 def variables(settings: Settings) -> Finding:  # noqa: ARG001
     """Whether every variable that means to be a setting is one."""
-    from equimesh_service.settings import complaint, unknown
+    from equimesh_service.settings import describe_unknown, find_unknown
 
-    foreign = unknown(os.environ)
+    foreign = find_unknown(os.environ)
     if foreign:
-        said = "; ".join(complaint(name, nearest) for name, nearest in foreign.items())
+        said = "; ".join(describe_unknown(name, nearest) for name, nearest in foreign.items())
         return warning(said, "correct or unset what is misspelled; `equimesh config` shows the settings in force")
     return ok("every EQUIMESH_ variable is a setting")
 

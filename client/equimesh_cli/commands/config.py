@@ -63,12 +63,12 @@ def add_parser(commands: Any, *, full: bool) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print all settings; complain of variables that are none."""
     try:
-        from equimesh_service.settings import complaint, unknown
+        from equimesh_service.settings import describe_unknown, find_unknown
     except ImportError as error:
         raise NotInstalled("service", error) from error
     options_given = given(options)
     rows = shown(chosen(options_given), options_given)
-    foreign = unknown(os.environ)
+    foreign = find_unknown(os.environ)
     if options.json:
         print(json.dumps({"settings": [asdict(row) for row in rows], "unknown": foreign}, indent=2))
     elif options.env:
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         for row in rows:
             print(f"{row.name:<26}{row.source:<13}{_words(row.value)}")
     for name, nearest in foreign.items():
-        print(f"equimesh: {complaint(name, nearest)}", file=sys.stderr)
+        print(f"equimesh: {describe_unknown(name, nearest)}", file=sys.stderr)
     return Exit.DONE
 
 

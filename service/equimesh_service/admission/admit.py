@@ -20,7 +20,7 @@ from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.problem import build_grid, build_schwarz, check_problem, pointing
 from equimesh_service.assembly.samples import Arrays, Upload
-from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.engine.port import EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, invalid
@@ -34,9 +34,9 @@ from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 
 # Longest that one request may keep a worker busy with its samples.
-_WORK_SECONDS = 60.0
+_MAX_WORK_SECONDS = 60.0
 # How many monitors are remembered as good for their domain.
-_REMEMBERED = 1000
+_MAX_REMEMBERED = 1000
 _VERSION = version("equimesh")
 Result = TypeVar("Result")
 
@@ -67,8 +67,8 @@ class Admission:
     settings: Settings
     store: Store
     files: Files
-    desk: Desk
-    aside: Callable[[str], AbstractContextManager[None]]  # entered to wait for the desk, by the key that does
+    side_workers: SideWorkers
+    while_waiting: Callable[[str], AbstractContextManager[None]]  # entered to wait for a side worker, by the API key
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
     def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
@@ -170,15 +170,15 @@ class Admission:
 
     def _remember(self, mark: str) -> None:
         self.known[mark] = None
-        while len(self.known) > _REMEMBERED:
+        while len(self.known) > _MAX_REMEMBERED:
             self.known.popitem(last=False)
 
     def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
         """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
         key_id = log_context.current().key_id
         try:
-            with pointing(pointer), self.aside(key_id):
-                return self.desk.submit(key_id, function, *arguments, time_limit=_WORK_SECONDS).result()
+            with pointing(pointer), self.while_waiting(key_id):
+                return self.side_workers.submit(key_id, function, *arguments, time_limit=_MAX_WORK_SECONDS).result()
         except (TimeLimitError, MemoryLimitError) as error:
             message = f"this takes too long to check ({error}): send fewer samples, or send them on a grid"
             raise invalid(pointer or "/monitor", message) from None

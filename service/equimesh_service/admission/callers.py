@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from starlette.concurrency import run_in_threadpool
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.store.key_secrets import ADMIN, SCOPES, allowed, digest, id_of
+from equimesh_service.store.key_secrets import ADMIN, SCOPES, digest, expand_scopes, id_of
 from equimesh_service.store.keys import KeyStore
 
 # A revoked key works no longer than this, and a first key closes an open service this soon.
 _REMEMBERED_SECONDS = 1.0
 # Secrets, good and bad, that are remembered at most.
-_REMEMBERED = 1000
+_MAX_REMEMBERED = 1000
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ class Callers:
         if found is not None and now < found[1]:
             return found[0]
         row = await run_in_threadpool(self._store.get, key_id)
-        caller = Caller(key_id, allowed(row.scopes), mark) if row is not None and row.opened_by(mark) else None
+        caller = Caller(key_id, expand_scopes(row.scopes), mark) if row is not None and row.opened_by(mark) else None
         # The time counts from before the look: a key that is revoked after it is let in no longer than that.
         self._known[mark] = (caller, now + _REMEMBERED_SECONDS)
         self._known.move_to_end(mark)
-        while len(self._known) > _REMEMBERED:
+        while len(self._known) > _MAX_REMEMBERED:
             self._known.popitem(last=False)
         return caller

@@ -16,15 +16,15 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.settings import Settings
 from equimesh_service.store.quotas import Quota, QuotaError, QuotaStore
 
-_MINUTE = 60
+_MINUTE_SECONDS = 60
 # Bytes are summed anew after so many seconds, or after so many times as long as the sum took.
 _SUM_SECONDS, _SUM_SHARE = 5.0, 50.0
 # Who has deleted something waits no longer than this until there is room.
-_AGAIN_SECONDS = 0.5
+_MIN_SUM_SECONDS = 0.5
 # Seconds after which to ask again; else 10. Unfinished meshes come to an end, and waits do so soon, while bytes go when
 # somebody deletes them.
-_AGAIN = {"key_max_bytes": "3600", "key_max_waits": "2"}
-_WHAT = {
+_RETRY_SECONDS = {"key_max_bytes": "3600", "key_max_waits": "2"}
+_LIMITS = {
     "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
     "key_max_points": ("points in unfinished meshes", "wait until some are finished, or ask for fewer points"),
     "key_max_waits": ("open waits and event streams", "wait until some have ended, or ask without waiting"),
@@ -41,7 +41,7 @@ class _Minute:
 
     def forget(self, now: float) -> None:
         """Forget what was more than a minute ago."""
-        while self._seconds and self._seconds[0][0] < math.floor(now) - _MINUTE:
+        while self._seconds and self._seconds[0][0] < math.floor(now) - _MINUTE_SECONDS:
             self.total -= self._seconds.popleft()[1]
 
     def add(self, now: float) -> None:
@@ -55,7 +55,7 @@ class _Minute:
     def next_forgotten(self, now: float) -> int:
         """Seconds until some of them are forgotten."""
         oldest = self._seconds[0][0] if self._seconds else math.floor(now)
-        return max(1, math.ceil(oldest + _MINUTE + 1 - now))
+        return max(1, math.ceil(oldest + _MINUTE_SECONDS + 1 - now))
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Quotas:
             return
         if self._waits[key_id] >= most:
             who = "This key has" if key_id else "Callers without a key have"
-            raise exceeded(QuotaError("key_max_waits", self._waits[key_id], most), who)
+            raise quota_problem(QuotaError("key_max_waits", self._waits[key_id], most), who)
         self._waits[key_id] += 1
         try:
             yield
@@ -135,19 +135,19 @@ class Quotas:
             size = await run_in_threadpool(self._store.stored_bytes, caller.key_id)
             took = self._clock() - now
             wait = _SUM_SHARE * took
-            found = _Sum(size, now + max(_SUM_SECONDS, wait), now + max(_AGAIN_SECONDS, wait))
+            found = _Sum(size, now + max(_SUM_SECONDS, wait), now + max(_MIN_SUM_SECONDS, wait))
         fits = found.size + more <= most
         self._sums[caller.key_id] = replace(found, size=found.size + more) if fits else found
         if not fits:
-            raise exceeded(QuotaError("key_max_bytes", found.size, most))
+            raise quota_problem(QuotaError("key_max_bytes", found.size, most))
 
 
 def _rate(most: int, left: int, seconds: int) -> dict[str, str]:
-    return {"RateLimit-Policy": f'"key";q={most};w={_MINUTE}', "RateLimit": f'"key";r={left};t={seconds}'}
+    return {"RateLimit-Policy": f'"key";q={most};w={_MINUTE_SECONDS}', "RateLimit": f'"key";r={left};t={seconds}'}
 
 
-def exceeded(error: QuotaError, who: str = "This key has") -> Problem:
+def quota_problem(error: QuotaError, who: str = "This key has") -> Problem:
     """The 429 problem of a limit that is reached."""
-    what, remedy = _WHAT[error.limit]
+    what, remedy = _LIMITS[error.limit]
     detail = f"{who} {error.used} {what}, and may have {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
-    return Problem("quota-exceeded", detail, headers={"Retry-After": _AGAIN.get(error.limit, "10")})
+    return Problem("quota-exceeded", detail, headers={"Retry-After": _RETRY_SECONDS.get(error.limit, "10")})

@@ -22,11 +22,11 @@ from equimesh.upload.samples import read_npz
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.files.port import Files, Removed, StoredFile
-from equimesh_service.problems.problem import Complaint, Problem, complaint_of, invalid, refused
+from equimesh_service.problems.problem import Complaint, Problem, complaint_of, invalid, invalid_input
 from equimesh_service.spec.document import escaped, parse
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.sources import ExpressionSource
-from equimesh_service.spec.step import MOST_FIELDS, NodesSource, StepSpec
+from equimesh_service.spec.step import MAX_FIELDS, NodesSource, StepSpec
 from equimesh_service.spec.strict import validated
 from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
 from equimesh_service.store.store import Store
@@ -49,7 +49,7 @@ class Move:
     u: Any
     fields: Mapping[str, Any]
 
-    def checked(self, mesh: Mesh) -> tuple[Array | None, dict[str, Array]]:
+    def check(self, mesh: Mesh) -> tuple[Array | None, dict[str, Array]]:
         """u, None for an expression, and the fields, at the nodes of ``mesh``; raises a 422 problem."""
         complaints: list[Complaint] = []
 
@@ -71,7 +71,7 @@ class Move:
             elif (found := read(values, name, pointer)) is not None:
                 fields[name] = found
         if complaints:
-            raise refused(complaints)
+            raise invalid_input(complaints)
         return u, fields
 
 
@@ -86,7 +86,7 @@ def read_arrays(data: bytes, max_bytes: int) -> Move:
     try:
         arrays = read_npz(data, max_bytes=max_bytes)
     except SamplesError as error:
-        raise refused([complaint_of(error, escaped(error.field) if error.field else "")]) from None
+        raise invalid_input([complaint_of(error, escaped(error.field) if error.field else "")]) from None
     for name in ("step", "u"):
         if name not in arrays:
             raise invalid(
@@ -96,12 +96,12 @@ def read_arrays(data: bytes, max_bytes: int) -> Move:
     if step.size != 1 or step.dtype.kind not in "iu":
         raise invalid("/step", "this must be a single whole number: the step that this one follows")
     u = arrays.pop("u")
-    if len(arrays) > MOST_FIELDS:
-        raise invalid("/fields", f"{len(arrays)} fields; a step carries at most {MOST_FIELDS}")
+    if len(arrays) > MAX_FIELDS:
+        raise invalid("/fields", f"{len(arrays)} fields; a step carries at most {MAX_FIELDS}")
     return Move(step=int(step.reshape(-1)[0]), u=u, fields=arrays)
 
 
-def first_spec(admitted: Admitted) -> Admitted:
+def check_first_spec(admitted: Admitted) -> Admitted:
     """The spec of a sequence's first mesh, if a sequence can go on from it; raises a 422 problem."""
     kind = admitted.spec["monitor"]["kind"]
     if kind not in KINDS:
@@ -137,7 +137,7 @@ class Stepping:
         spec, mesh = self.store.meshes.spec(mesh_id), self._mesh(mesh_id)
         if spec is None:
             raise _gone()
-        u, fields = move.checked(mesh)
+        u, fields = move.check(mesh)
         if u is None:
             admitted = self._of_expression(spec, move.u, caller)
         else:
@@ -159,7 +159,7 @@ class Stepping:
         except Problem as problem:
             if not problem.errors:
                 raise
-            raise refused([_moved(complaint) for complaint in problem.errors]) from None
+            raise invalid_input([_moved(complaint) for complaint in problem.errors]) from None
 
     def _mesh(self, mesh_id: str) -> Mesh:
         artifact = self.store.meshes.artifact(mesh_id, "mesh")

@@ -21,13 +21,13 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import MODE_USES, read_expression_check
-from equimesh_service.spec.step import MOST_FIELDS
+from equimesh_service.spec.step import MAX_FIELDS
 from equimesh_service.wire import body as bodies
 from equimesh_service.worker.names import PICTURES, PLOTS
 
 router = APIRouter(prefix="/v1", tags=["checks"])
 
-_POINTS = 65
+_CHECKED_POINTS = 65
 _BODY = {
     "required": True,
     "content": {
@@ -71,7 +71,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "formats": ["npz", "npy", "csv", "json", "vtu", "vtk", "xdmf"],
             "max_samples": settings.max_samples,
         },
-        "sequences": {"monitors": list(steps.KINDS), "max_fields": MOST_FIELDS},
+        "sequences": {"monitors": list(steps.KINDS), "max_fields": MAX_FIELDS},
         "monitors": _named(monitors.USES),
         "domains": _named(domains.USES),
         "modes": _named(MODE_USES),
@@ -110,7 +110,7 @@ def _report(data: bytes) -> ExpressionReport:
     domain = build_domain(asked.domain)
     with pointing("", default="expression"):
         expression = build_expression(asked, domain)
-    line = np.linspace(0.0, 1.0, _POINTS)
+    line = np.linspace(0.0, 1.0, _CHECKED_POINTS)
     u, u_x, u_y = expression.evaluate(*domain.map(*np.meshgrid(line, line, indexing="ij")), order=1)
     gradient = np.hypot(u_x, u_y)
     return ExpressionReport(

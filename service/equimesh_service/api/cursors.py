@@ -10,7 +10,7 @@ import math
 import re
 from struct import pack, unpack
 
-from equimesh_service.api.routing import LARGEST
+from equimesh_service.api.routing import MAX_NUMBER
 from equimesh_service.problems.problem import Problem, invalid
 from equimesh_service.store.rows import MeshRow, Position
 
@@ -27,17 +27,17 @@ def position_of(cursor: str, key_id: str | None) -> Position:
     """Where the page of this cursor ends; raises a 422 problem."""
     if key_id is None:
         number = int(cursor, 16) if _NUMBER.fullmatch(cursor) else 0
-        if 0 < number < LARGEST:
+        if 0 < number < MAX_NUMBER:
             return (number,)
-        raise _none()
+        raise _invalid_cursor()
     found = _MOMENT.fullmatch(cursor)
     if found is None:
-        raise _none()
+        raise _invalid_cursor()
     [moment] = unpack(">d", bytes.fromhex(found[1]))
     if not math.isfinite(moment):
-        raise _none()
+        raise _invalid_cursor()
     return moment, found[2]
 
 
-def _none() -> Problem:
+def _invalid_cursor() -> Problem:
     return invalid("", "not a cursor of this list", parameter="cursor")

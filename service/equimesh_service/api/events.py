@@ -18,11 +18,11 @@ from starlette.types import Receive, Scope, Send
 
 from equimesh_service.admission.callers import Caller
 from equimesh_service.api.resources import MeshEvents, event_resource
-from equimesh_service.api.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, problems
+from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import EventRow
-from equimesh_service.wire.negotiation import chosen
+from equimesh_service.wire.negotiation import choose_offer
 
 router = APIRouter(prefix="/v1/meshes/{id}", tags=["meshes"], responses=KEY_PROBLEMS)
 
@@ -39,7 +39,7 @@ _EVENT = {
 _PING_SECONDS = 15.0
 _RETRY_MILLISECONDS = 1000
 # How often it is seen to that the caller would still be let in, while nothing happens.
-_STANDS_SECONDS = 1.0
+_RECHECK_SECONDS = 1.0
 
 
 @router.get(
@@ -64,18 +64,18 @@ async def get_events(
     request: Request,
     service: ServiceDependency,
     caller: Reader,
-    after: Annotated[int, Query(ge=0, le=LARGEST, description="Only events with larger ids.")] = 0,
+    after: Annotated[int, Query(ge=0, le=MAX_NUMBER, description="Only events with larger ids.")] = 0,
     last_event_id: Annotated[
         str | None, Header(description="As `after`; sent by browsers when they connect again.")
     ] = None,
 ) -> Response:
     """A stream that ends with the event `done`; with `Accept: application/json`, what there is by now."""
-    kind = chosen(request.headers.get("accept"), _OFFERS)
+    kind = choose_offer(request.headers.get("accept"), _OFFERS)
     if kind is None:
         raise Problem("not-acceptable", "Events are text/event-stream or application/json.")
     row = await service.mesh(id, caller)
     if last_event_id is not None and last_event_id.isascii() and last_event_id.isdigit():
-        after = max(after, min(int(last_event_id[:19]), LARGEST))
+        after = max(after, min(int(last_event_id[:19]), MAX_NUMBER))
     if kind == "json":
         events = await run_in_threadpool(service.store.meshes.events, id, after=after)
         last = events[-1].number if events else after
@@ -117,7 +117,7 @@ async def _stream(service: Service, mesh_id: str, after: int, caller: Caller) ->
             yield KEEPALIVE_COMMENT
         if news and not events and await run_in_threadpool(service.store.meshes.get, mesh_id) is None:
             return  # deleted
-        news = await service.wakeups.wait(mesh_id, _STANDS_SECONDS, seen=after)
+        news = await service.wakeups.wait(mesh_id, _RECHECK_SECONDS, seen=after)
 
 
 def _wire(event: EventRow) -> bytes:

@@ -118,7 +118,7 @@ def media_types() -> dict[str, str]:
     return {name: form.media_type for name, form in FORMATS.items()}
 
 
-def checked_key(key: str | None) -> str | None:
+def check_key(key: str | None) -> str | None:
     """An idempotency key that can be one; raises a 400 problem."""
     if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
         raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")

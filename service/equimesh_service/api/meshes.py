@@ -13,7 +13,7 @@ from starlette.responses import Response
 from equimesh.io.write import FORMATS
 from equimesh_service.api.cursors import cursor_of, position_of
 from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
-from equimesh_service.api.mesh_requests import MESH_BODY, checked_key, media_types, read_request
+from equimesh_service.api.mesh_requests import MESH_BODY, check_key, media_types, read_request
 from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.problems.problem import Problem
@@ -21,7 +21,7 @@ from equimesh_service.service import Service
 from equimesh_service.spec.mesh import MeshSpec
 from equimesh_service.spec.strict import WITHOUT_NUL
 from equimesh_service.store.rows import CANCELED, Ending, MeshRow
-from equimesh_service.wire.negotiation import explicit, preferred_wait
+from equimesh_service.wire.negotiation import choose_explicit_offer, parse_wait
 from equimesh_service.worker.names import file_name
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
@@ -88,15 +88,19 @@ async def create(
     Where the same mesh has been computed before, the answer is at once a mesh of its own with the same points and
     files; `reused_from` and the header `Equimesh-Reused` name the earlier one, and `reuse=false` declines.
     """
-    name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), media_types())
-    key = checked_key(idempotency_key)
+    name = (
+        mesh_format(format)
+        if format is not None
+        else choose_explicit_offer(request.headers.get("accept"), media_types())
+    )
+    key = check_key(idempotency_key)
     document, upload = await read_request(request, service)
     # Before the samples that come along are kept.
     await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
     admitted = await service.check(service.admission.receive, document, upload, caller)
     if upload is not None:
         service.metrics.uploaded()
-    wanted = preferred_wait(prefer)
+    wanted = parse_wait(prefer)
     seconds = min(wanted or 0, int(service.settings.max_wait))
     with service.quotas.waiting(caller, seconds):
         asked = await service.ask(admitted, caller, key=key, format=name, seconds=seconds, reuse=reuse)

@@ -19,7 +19,7 @@ _ID_HEADER = REQUEST_ID.lower().encode()
 _log = logging.getLogger(__name__)
 _MESH = re.compile(r"/v1/meshes/(m-[0-9a-f]{1,38})(?:/|$)", re.ASCII)
 # What probes and Prometheus ask all day.
-_UNSAID = frozenset({"/livez", "/readyz", "/metrics"})
+_UNLOGGED_ROUTES = frozenset({"/livez", "/readyz", "/metrics"})
 
 
 class Observation:
@@ -36,12 +36,13 @@ class Observation:
             return
         began = time.perf_counter()
         named = _MESH.search(scope["path"])
-        here = log_context.Trail(
-            request_id=log_context.request_id(_header(scope, _ID_HEADER)), mesh_id="" if named is None else named[1]
+        here = log_context.LogContext(
+            request_id=log_context.choose_request_id(_header(scope, _ID_HEADER)),
+            mesh_id="" if named is None else named[1],
         )
         with ExitStack() as stack:
             exchange = _Exchange(send, here.request_id, self._metrics, stack)
-            with log_context.follow(here), self._span(scope):
+            with log_context.enter(here), self._span(scope):
                 try:
                     await self._answer(scope, receive, exchange)
                 finally:
@@ -74,7 +75,7 @@ class Observation:
             return  # the client, or the service, went away before there was an answer
         exchange.size = 0 if method == "HEAD" else exchange.size  # the server cuts the body off
         self._metrics.answered(method, route, status, seconds, exchange.size)
-        if route not in _UNSAID:
+        if route not in _UNLOGGED_ROUTES:
             logs.access(method, route, status, seconds, exchange.size)
 
 

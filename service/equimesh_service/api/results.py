@@ -15,7 +15,7 @@ from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import Artifact
-from equimesh_service.wire.negotiation import chosen
+from equimesh_service.wire.negotiation import choose_offer
 from equimesh_service.worker.convergence import NO_ITERATIONS, ConvergenceHistory, table
 from equimesh_service.worker.names import ARRAYS, CONVERGENCE, PICTURES, plot_name
 
@@ -131,7 +131,7 @@ async def get_convergence(
     if artifact is None and row.result is None:
         check_done(row, partial=False)
     offers = {"json": "application/json", "csv": "text/csv"}
-    name = format or chosen(request.headers.get("accept"), offers)
+    name = format or choose_offer(request.headers.get("accept"), offers)
     if name is None:
         raise Problem("not-acceptable", "Convergence is application/json or text/csv.")
     if name == "json" and artifact is not None:
@@ -162,7 +162,7 @@ async def get_plot(
     format: Annotated[Literal["svg", "png"] | None, Query(description="It wins over Accept.")] = None,
 ) -> Response:
     """The mesh with its subdomains, its cells coloured by Q_eq, or the history of the Schwarz iteration."""
-    name = format or chosen(request.headers.get("accept"), PICTURES)
+    name = format or choose_offer(request.headers.get("accept"), PICTURES)
     if name is None:
         raise Problem("not-acceptable", f"Pictures are {', '.join(PICTURES.values())}.")
     row = await service.mesh(id, caller)
@@ -174,7 +174,7 @@ async def get_plot(
 
 def _accepted(request: Request) -> str:
     offers = {name: form.media_type for name, form in FORMATS.items()}
-    name = chosen(request.headers.get("accept"), offers)
+    name = choose_offer(request.headers.get("accept"), offers)
     if name is None:
         raise Problem("not-acceptable", f"Meshes are {', '.join(offers.values())}.")
     return name

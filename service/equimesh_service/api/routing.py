@@ -14,7 +14,7 @@ from equimesh_service.store.key_secrets import ADMIN, READ, WRITE
 from equimesh_service.telemetry import log_context
 from equimesh_service.wire.security_headers import add_headers
 
-LARGEST = 2**62
+MAX_NUMBER = 2**62
 
 _MEANINGS = {
     400: "The body or a header cannot be read.",

@@ -18,14 +18,14 @@ from equimesh.io.write import FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
 from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
-from equimesh_service.api.mesh_requests import MESH_BODY, checked_key, media_types, read_request
+from equimesh_service.api.mesh_requests import MESH_BODY, check_key, media_types, read_request
 from equimesh_service.api.resources import SequenceResource, sequence_resource
-from equimesh_service.api.routing import KEY_PROBLEMS, LARGEST, Reader, ServiceDependency, Writer, problems
+from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, Writer, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Asked, Service, refusals
 from equimesh_service.store.rows import CANCELED, FAILED, Ending, NewStep
 from equimesh_service.wire import body as bodies
-from equimesh_service.wire.negotiation import explicit, preferred_wait
+from equimesh_service.wire.negotiation import choose_explicit_offer, parse_wait
 from equimesh_service.worker.names import file_name
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
@@ -113,10 +113,10 @@ async def create(
     The answer names the sequence, and waits for the first mesh as a request for a mesh does.
     """
     waiting = _Waiting.of(request, service, format, prefer)
-    key = checked_key(idempotency_key)
+    key = check_key(idempotency_key)
     document, upload = await read_request(request, service)
     await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
-    admitted = steps.first_spec(await service.check(service.admission.receive, document, upload, caller))
+    admitted = steps.check_first_spec(await service.check(service.admission.receive, document, upload, caller))
     if upload is not None:
         service.metrics.uploaded()
     step = NewStep(
@@ -169,7 +169,7 @@ async def step(
     if sequence.key_id not in ("", caller.key_id):  # the step's mesh would not be there for the sequence's own key
         raise Problem("forbidden", "Only the key that began a sequence takes its steps.")
     waiting = _Waiting.of(request, service, format, prefer)
-    key = checked_key(idempotency_key)
+    key = check_key(idempotency_key)
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
@@ -179,7 +179,7 @@ async def step(
     def repeated() -> tuple[str, str | None]:
         digest = sha256(f"{id} {waiting.format} {kind} ".encode())
         digest.update(data)
-        return digest.hexdigest(), service.store.meshes.known(caller.key_id, key, digest.hexdigest())
+        return digest.hexdigest(), service.store.meshes.find_repeated(caller.key_id, key, digest.hexdigest())
 
     with refusals():
         fingerprint, again = await run_in_threadpool(repeated)
@@ -233,7 +233,7 @@ async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
 async def _start(service: Service, caller: Caller, sequence_id: str, step: int) -> str:
     """The finished mesh of the step that another one is to follow; raises the problem why there is none."""
     sequence = await service.sequence(sequence_id, caller)
-    number = step if 0 <= step < LARGEST else -1
+    number = step if 0 <= step < MAX_NUMBER else -1
     mesh_id = None
     if number == sequence.number or (number < sequence.number and sequence.status in (FAILED, CANCELED)):
         mesh_id = await run_in_threadpool(service.store.sequences.mesh_of, sequence_id, number)
@@ -252,8 +252,12 @@ class _Waiting:
 
     @classmethod
     def of(cls, request: Request, service: Service, format: str | None, prefer: str | None) -> _Waiting:
-        name = mesh_format(format) if format is not None else explicit(request.headers.get("accept"), media_types())
-        wanted = preferred_wait(prefer)
+        name = (
+            mesh_format(format)
+            if format is not None
+            else choose_explicit_offer(request.headers.get("accept"), media_types())
+        )
+        wanted = parse_wait(prefer)
         return cls(name, min(wanted or 0, int(service.settings.max_wait)), wanted)
 
     async def answer(self, request: Request, service: Service, caller: Caller, asked: Asked, cells: str) -> Response:

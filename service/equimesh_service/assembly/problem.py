@@ -10,7 +10,7 @@ from typing import TypeAlias
 import equimesh
 from equimesh.errors import InputError
 from equimesh_service.assembly.samples import Arrays, field_of
-from equimesh_service.problems.problem import complaint_of, refused
+from equimesh_service.problems.problem import complaint_of, invalid_input
 from equimesh_service.spec import domains as dm
 from equimesh_service.spec import mesh as sp
 from equimesh_service.spec import monitors as mn
@@ -165,7 +165,7 @@ def pointing(section: str, *, default: str = "") -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise refused([complaint_of(error, _pointer(section, error.field or default))]) from None
+        raise invalid_input([complaint_of(error, _pointer(section, error.field or default))]) from None
 
 
 def _pointer(section: str, field: str) -> str:

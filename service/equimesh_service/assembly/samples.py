@@ -26,20 +26,20 @@ from equimesh.upload.samples import read_arrays, samples_of
 from equimesh_service.assembly import samples as intake
 
 Arrays: TypeAlias = Mapping[str, Any]
-LIGHT = 256 * 1024  # bytes
+MAX_LIGHT_BYTES = 256 * 1024  # bytes
 # The sides of a mesh may leave out this share of the box around a domain with curved sides.
-_RIM = 0.05
+_RIM_SHARE = 0.05
 
 
 def is_light(data: bytes, filename: str) -> bool:
     """Whether a file is read in about a millisecond: npz or npy, and small when it is unpacked, too."""
     if filename.lower().endswith(".npy"):
-        return len(data) <= LIGHT
-    if not filename.lower().endswith(".npz") or len(data) > LIGHT:
+        return len(data) <= MAX_LIGHT_BYTES
+    if not filename.lower().endswith(".npz") or len(data) > MAX_LIGHT_BYTES:
         return False
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            return sum(entry.file_size for entry in archive.infolist()) <= LIGHT
+            return sum(entry.file_size for entry in archive.infolist()) <= MAX_LIGHT_BYTES
     except (zipfile.BadZipFile, ValueError, NotImplementedError):
         return False  # a worker will say what is wrong
 
@@ -80,7 +80,7 @@ def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:
     if "x" not in given or given["x"].ndim == 1:
         return samples_of(given, box=box)
     for name, (low, high) in zip(("x", "y"), box, strict=True):
-        rim = _RIM * (high - low)
+        rim = _RIM_SHARE * (high - low)
         if abs(given[name].min() - low) > rim or abs(given[name].max() - high) > rim:
             raise SamplesError("these are values at the nodes of a mesh of another domain", field=name)
     return equimesh.NodalField(mesh=equimesh.Mesh(given["x"], given["y"]), values=given["values"])

@@ -16,18 +16,18 @@ from typing import Any
 from equimesh_service.engine.port import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_problem
-from equimesh_service.store.rows import FAILED, Claim, Ending, Hold, Order
+from equimesh_service.store.rows import FAILED, Claim, Ending, Lease, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 from equimesh_service.upkeep.metrics import Metrics
-from equimesh_service.worker.attempt import of
+from equimesh_service.worker.attempt import log_context_of
 
 _log = logging.getLogger(__name__)
 # Seconds; a database that is locked is waited for half as long.
-_LONGEST_ROUND = 60.0
+_MAX_ROUND_SECONDS = 60.0
 # How often a dispatcher looks whether its claims still stand; work that is for nobody ends after two looks.
 _CHECK_SECONDS = 0.4
-_LONGEST_LINE = 64
+_MAX_LINE_LENGTH = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Dispatcher:
     the store itself. ``notify`` hears the id of every mesh whose status may have changed.
 
     A mesh for which somebody waits need not go through the queue: :meth:`reserve` a worker, put the mesh into the
-    store as claimed by :attr:`hold`, and :meth:`begin` it, or :meth:`release` the worker. Where no worker is free,
+    store as claimed by :attr:`lease`, and :meth:`begin` it, or :meth:`release` the worker. Where no worker is free,
     :meth:`line_up` for one: this line and the queue take turns.
     """
 
@@ -58,7 +58,7 @@ class Dispatcher:
         owner: str,
         store: Store,
         engine: Engine,
-        run: Callable[[Claim, Order | None], tuple[Callable[..., Any], tuple[Any, ...]]],
+        run: Callable[[Claim, MeshInput | None], tuple[Callable[..., Any], tuple[Any, ...]]],
         rules: Rules,
         notify: Callable[[str], None],
         metrics: Metrics | None = None,
@@ -70,7 +70,7 @@ class Dispatcher:
         self._rules = rules
         self._notify = notify
         self._metrics = metrics or Metrics()
-        self.hold = Hold(owner=owner, lease=rules.lease)
+        self.lease = Lease(owner=owner, seconds=rules.lease)
         self._lock = threading.RLock()  # of the six that follow; a task may end while it is submitted
         self._running: dict[Claim, Future[Any]] = {}
         self._reserved = 0
@@ -109,7 +109,7 @@ class Dispatcher:
         """Wait for a worker: True when one is reserved, False when the line is too long, or the service ends."""
         turn: Future[bool] = Future()
         with self._lock:
-            if len(self._line) < _LONGEST_LINE and not self._stopping.is_set():
+            if len(self._line) < _MAX_LINE_LENGTH and not self._stopping.is_set():
                 self._line.append(turn)
                 self._call_up()
                 return turn
@@ -132,10 +132,10 @@ class Dispatcher:
             self._call_up()
         self._wake.set()
 
-    def begin(self, claim: Claim, order: Order) -> Future[Any]:
+    def begin(self, claim: Claim, mesh_input: MeshInput) -> Future[Any]:
         """Give a claimed mesh to the reserved worker; the future ends when the worker does."""
         with self._lock:
-            task = self._submit(claim, order)
+            task = self._submit(claim, mesh_input)
             self._reserved -= 1
             return task
 
@@ -149,7 +149,7 @@ class Dispatcher:
 
     def alive(self) -> bool:
         """Whether the thread does its work: it is there, and has come round within a minute."""
-        return self._thread.is_alive() and time.monotonic() - self._came_round < _LONGEST_ROUND
+        return self._thread.is_alive() and time.monotonic() - self._came_round < _MAX_ROUND_SECONDS
 
     def stop(self) -> None:
         """End; meshes that are being computed go back into the queue."""
@@ -237,11 +237,11 @@ class Dispatcher:
         with self._lock:
             return list(self._running.items())
 
-    def _submit(self, claim: Claim, order: Order | None) -> Future[Any]:
+    def _submit(self, claim: Claim, mesh_input: MeshInput | None) -> Future[Any]:
         self._metrics.began(claim.waited)
-        with log_context.follow(of(claim)):
+        with log_context.enter(log_context_of(claim)):
             _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
-        function, arguments = self._run(claim, order)
+        function, arguments = self._run(claim, mesh_input)
         task = self._engine.submit(function, *arguments, time_limit=self._rules.time_limit)
         self._running[claim] = task
         task.add_done_callback(partial(self._end, claim))
@@ -268,7 +268,7 @@ class Dispatcher:
         while not self._ended.empty():
             claim, task = self._ended.get()
             try:
-                with log_context.follow(of(claim)):
+                with log_context.enter(log_context_of(claim)):
                     self._conclude(claim, task.exception())
             except Exception:
                 self._ended.put((claim, task))  # the store did not take it: once more, later
@@ -311,7 +311,7 @@ class Dispatcher:
         if status is not None:
             self._queue_is_empty = False
             self._metrics.lost(status)
-            with log_context.follow(of(claim)):
+            with log_context.enter(log_context_of(claim)):
                 _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
             self._notify(claim.mesh_id)
 

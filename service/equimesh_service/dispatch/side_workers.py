@@ -1,4 +1,4 @@
-"""The desk: workers that make files and pictures and read samples, for all keys in turns."""
+"""Side workers: they make files and pictures and read samples, for all keys in turn."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class _Task:
     told: Future[Any]
 
 
-class Desk:
+class SideWorkers:
     """Gives an engine as many tasks as it has workers, and takes the next from each key in turn.
 
     However many tasks one key has waiting here, another key's first one begins when any of those that run has ended.

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
-from equimesh_service.engine.pool_watch import UNTOLD, PoolWatch
+from equimesh_service.engine.pool_watch import SERVER_DIED_EXIT_CODE, PoolWatch
 from equimesh_service.engine.port import EngineError, Health, MemoryLimitError, TimeLimitError, WorkerLostError
 
 Result = TypeVar("Result")
@@ -166,7 +166,7 @@ class PebbleEngine:
                 outer.set_result(inner.result())
             case TimeoutError() if not hasattr(error, "traceback"):  # Pebble's own, not the function's
                 outer.set_exception(TimeLimitError("the time limit was reached"))
-            case ProcessExpired(exitcode=code) if code != UNTOLD:
+            case ProcessExpired(exitcode=code) if code != SERVER_DIED_EXIT_CODE:
                 outer.set_exception(WorkerLostError(f"the worker died: {error}"))
             case ProcessExpired() | BrokenProcessPool():
                 with self._lock:

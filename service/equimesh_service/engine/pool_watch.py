@@ -18,9 +18,9 @@ from typing import Any
 from pebble import ProcessPool
 
 # Seconds. Workers hold the lock for less than a millisecond; for more when they have to import a module for a task.
-PATIENCE = 10.0
+MAX_SILENT_SECONDS = 10.0
 # The exit code of a process whose server died before it could tell: see :mod:`multiprocessing.popen_forkserver`.
-UNTOLD = 255
+SERVER_DIED_EXIT_CODE = 255
 
 
 class PoolWatch:
@@ -47,12 +47,12 @@ class PoolWatch:
                 self._free = now
         before, self._alive = self._alive, self._workers.workers.copy()
         codes = {before[pid].exitcode for pid in before.keys() - self._alive.keys()}
-        if UNTOLD in codes:
+        if SERVER_DIED_EXIT_CODE in codes:
             return "the server that its workers are forked from died"
         # Those that the pool stops itself do not count: it takes the lock first.
         if codes - {-signal.SIGTERM}:
             self._died = now
-        if now - self._free > PATIENCE and self._died >= self._free:
+        if now - self._free > MAX_SILENT_SECONDS and self._died >= self._free:
             return "a worker died while it took a task or gave a result"
         earlier, self._known = self._known, self._tasks.tasks.copy()
         tasks, ended = self._known.values(), (earlier[name] for name in earlier.keys() - self._known.keys())
@@ -61,6 +61,6 @@ class PoolWatch:
         lost = [task.id for task in begun if task.worker_id not in self._alive]
         lost += [task.id for task in tasks if not task.started and task.id < self._last and not task.future.cancelled()]
         self._forgotten = {name: self._forgotten.get(name, now) for name in lost}
-        if any(now - since > PATIENCE for since in self._forgotten.values()):
+        if any(now - since > MAX_SILENT_SECONDS for since in self._forgotten.values()):
             return "a worker died as it began a task"
         return ""

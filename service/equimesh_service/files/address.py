@@ -17,7 +17,7 @@ from equimesh_service.settings import Settings
 
 _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 _NONE = SecretStr("")
-_KNOWN = "s3://bucket/prefix, or file:///folder"
+_ADDRESS_FORMS = "s3://bucket/prefix, or file:///folder"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class FilesAddress:
         if parts.scheme == "file" and parts.netloc in ("", "localhost") and parts.path.startswith("/"):
             return FolderFiles(Path(unquote(parts.path)))
         if parts.scheme != "s3":
-            raise FilesError(f"EQUIMESH_FILES_URL is {_shown(self.url)}: it must be {_KNOWN}")
+            raise FilesError(f"EQUIMESH_FILES_URL is {_shown(self.url)}: it must be {_ADDRESS_FORMS}")
         return S3Files(self._bucket(), self.folder)
 
     @property

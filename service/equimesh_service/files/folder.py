@@ -12,7 +12,7 @@ from pathlib import Path
 
 from anyio import to_thread
 
-from equimesh_service.files.port import PIECE, SHA256, ListedFile, Removed, StoredFile, digest_of, key_of
+from equimesh_service.files.port import PIECE_BYTES, SHA256, ListedFile, Removed, StoredFile, digest_of, key_of
 from equimesh_service.files.unfinished import clear, temporary
 
 
@@ -74,7 +74,7 @@ class FolderFiles:
                 return opened[0].read(size)
 
             while start < end:
-                piece = await to_thread.run_sync(read, min(PIECE, end - start))
+                piece = await to_thread.run_sync(read, min(PIECE_BYTES, end - start))
                 if not piece:
                     raise EOFError(f"{path.name} ends at {start}, before {end}")
                 start += len(piece)

@@ -91,7 +91,7 @@ class Files(Protocol):
         ...
 
     def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
-        """The bytes from ``start`` up to ``end``, which is left out, in pieces of :data:`PIECE` at most."""
+        """The bytes from ``start`` up to ``end``, which is left out, in pieces of :data:`PIECE_BYTES` at most."""
         ...
 
     def remove(self, sha256: str) -> None:
@@ -108,7 +108,7 @@ class Files(Protocol):
 
 
 # Bytes that a download keeps in memory at a time.
-PIECE = 1024 * 1024
+PIECE_BYTES = 1024 * 1024
 
 
 def key_of(sha256: str) -> str:

@@ -15,14 +15,25 @@ from typing import TYPE_CHECKING
 
 from pydantic import SecretStr
 
-from equimesh_service.files.port import PIECE, SHA256, FilesError, ListedFile, Removed, StoredFile, digest_of, key_of
+from equimesh_service.files.port import (
+    PIECE_BYTES,
+    SHA256,
+    FilesError,
+    ListedFile,
+    Removed,
+    StoredFile,
+    digest_of,
+    key_of,
+)
 from equimesh_service.files.unfinished import clear, temporary
 
 if TYPE_CHECKING:
     from obstore.store import S3Config, S3Store
 
-# Larger files go up in parts of this size, so many of them in memory at a time.
-_PART, _PARTS_AT_A_TIME = 8 * 1024 * 1024, 2
+# Larger files are uploaded in parts of this size.
+_PART_BYTES = 8 * 1024 * 1024
+# Parts of one upload that are in memory at a time.
+_MAX_PARTS_IN_MEMORY = 2
 _PROBE = "probe"
 _NONE = SecretStr("")
 # What servers call having no room.
@@ -110,8 +121,8 @@ class S3Files:
             with self._asking(), path.open("wb") as copy:
                 key = key_of(sha256)
                 size = obstore.head(self._store, key)["size"]
-                for start in range(0, size, _PART):
-                    piece = obstore.get_range(self._store, key, start=start, end=min(start + _PART, size))
+                for start in range(0, size, _PART_BYTES):
+                    piece = obstore.get_range(self._store, key, start=start, end=min(start + _PART_BYTES, size))
                     digest.update(piece)
                     copy.write(piece)
             if digest.hexdigest() != sha256:
@@ -126,7 +137,9 @@ class S3Files:
         key = key_of(sha256)
         while start < end:
             with self._asking():
-                piece = bytes(await obstore.get_range_async(self._store, key, start=start, end=min(start + PIECE, end)))
+                piece = bytes(
+                    await obstore.get_range_async(self._store, key, start=start, end=min(start + PIECE_BYTES, end))
+                )
             if not piece:
                 raise EOFError(f"{sha256} ends at {start}, before {end}")
             start += len(piece)
@@ -171,9 +184,9 @@ class S3Files:
                 self._store,
                 key_of(file.sha256),
                 path,
-                use_multipart=file.size > _PART,
-                chunk_size=_PART,
-                max_concurrency=_PARTS_AT_A_TIME,
+                use_multipart=file.size > _PART_BYTES,
+                chunk_size=_PART_BYTES,
+                max_concurrency=_MAX_PARTS_IN_MEMORY,
             )
 
     @property

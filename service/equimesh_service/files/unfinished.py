@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 # Seconds after which a file here is left over, where other services may be writing theirs.
-_LEFT_OVER = 6 * 3600.0
+_LEFT_OVER_SECONDS = 6 * 3600.0
 
 
 def clear(folder: Path, *, alone: bool) -> None:
@@ -19,7 +19,7 @@ def clear(folder: Path, *, alone: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for left in folder.iterdir():
         try:
-            old = alone or time.time() - left.stat().st_mtime > _LEFT_OVER
+            old = alone or time.time() - left.stat().st_mtime > _LEFT_OVER_SECONDS
         except FileNotFoundError:
             continue  # another service was done with it
         if old and left.is_dir():  # a writer of several files works in a folder of its own

@@ -88,10 +88,10 @@ def answer(body: Mapping[str, Any], status: int, headers: Mapping[str, str] | No
 
 def invalid(pointer: str, message: str, *, parameter: str | None = None) -> Problem:
     """A 422 for one thing wrong."""
-    return refused([Complaint(pointer=pointer, message=message, parameter=parameter)])
+    return invalid_input([Complaint(pointer=pointer, message=message, parameter=parameter)])
 
 
-def refused(complaints: Sequence[Complaint]) -> Problem:
+def invalid_input(complaints: Sequence[Complaint]) -> Problem:
     """A 422 for everything wrong; the detail repeats the first complaint."""
     first = complaints[0]
     where = first.parameter or first.pointer
@@ -115,7 +115,7 @@ def problem_of(error: Exception) -> Problem:
         case Problem():
             return error
         case RequestValidationError():
-            return refused([_parameter_complaint(entry) for entry in error.errors()])
+            return invalid_input([_parameter_complaint(entry) for entry in error.errors()])
         case HTTPException(status_code=405):
             allowed = (error.headers or {}).get("Allow", "")
             return Problem("method-not-allowed", f"This path takes {allowed}.", headers=dict(error.headers or {}))
@@ -124,7 +124,7 @@ def problem_of(error: Exception) -> Problem:
         case HTTPException(status_code=status) if 400 <= status < 500:
             return Problem("malformed-body", str(error.detail))
         case InputError():
-            return refused([complaint_of(error, "")])
+            return invalid_input([complaint_of(error, "")])
         case _:
             return Problem("internal-error", "An unexpected error; the service's log has the details.")
 

@@ -15,8 +15,8 @@ from equimesh_service.files.port import FilesError
 from equimesh_service.problems.problem import Problem
 
 _log = logging.getLogger(__name__)
-_FULL = {errno.ENOSPC, errno.EDQUOT}
-_UNUSABLE = {errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENXIO}
+_FULL_ERRNOS = {errno.ENOSPC, errno.EDQUOT}
+_UNUSABLE_ERRNOS = {errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENXIO}
 _SQLITE_UNUSABLE = {
     sqlite3.SQLITE_BUSY,
     sqlite3.SQLITE_READONLY,
@@ -44,9 +44,10 @@ def storage_problem(error: BaseException) -> Problem | None:
             return _unusable("The files of the service", error)
         case DBAPIError() | PoolTimeoutError() | sqlite3.Error():
             return _database_problem(error)
-        case OSError() if error.errno in _FULL or "No space left on device" in str(error):  # HDF5 says it in words
+        # HDF5 gives no errno, only the words.
+        case OSError() if error.errno in _FULL_ERRNOS or "No space left on device" in str(error):
             return _full(error)
-        case OSError() if error.errno in _UNUSABLE:
+        case OSError() if error.errno in _UNUSABLE_ERRNOS:
             return _unusable("The files of the service", error)
         case _:
             return None

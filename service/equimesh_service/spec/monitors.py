@@ -10,7 +10,7 @@ from pydantic import Field, FiniteFloat, Tag
 from equimesh_service.spec.sources import AnySource, Source
 from equimesh_service.spec.strict import TAG, Strict, by_kind
 
-MOST_MONITORS = 8
+MAX_MONITORS = 8
 USES = {
     "arc_length": "Fronts and layers: small cells where u is steep. The default, after Haynes and Howse.",
     "curvature": "The least interpolation error of u (norm l2) or of its gradient (h1): small cells where u is curved.",
@@ -82,7 +82,7 @@ class IntersectionSpec(Strict):
 
     kind: Literal["intersection"]
     monitors: list[PlainMonitor] = Field(
-        max_length=MOST_MONITORS, description="2 to 8, none of them an intersection.", json_schema_extra={"minItems": 2}
+        max_length=MAX_MONITORS, description="2 to 8, none of them an intersection.", json_schema_extra={"minItems": 2}
     )
     smoothing: _Smoothing = 0.0
 

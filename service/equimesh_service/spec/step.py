@@ -9,7 +9,7 @@ from pydantic import FailFast, Field, Tag
 from equimesh_service.spec.sources import ExpressionSource
 from equimesh_service.spec.strict import TAG, Numbers, Strict, by_key
 
-MOST_FIELDS = 32
+MAX_FIELDS = 32
 
 
 _Rows = Annotated[list[Numbers], FailFast()]
@@ -31,7 +31,7 @@ class StepSpec(Strict):
     ] = Field(description="What the next mesh adapts to.")
     fields: dict[str, _Rows] = Field(
         default_factory=dict,
-        max_length=MOST_FIELDS,
+        max_length=MAX_FIELDS,
         description="Further values at the nodes, as u.nodes, to be carried to the next mesh; by names of letters, "
         "digits and underscores.",
     )

@@ -19,12 +19,12 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from equimesh_service.problems.problem import Complaint, refused
+from equimesh_service.problems.problem import Complaint, invalid_input
 from equimesh_service.spec.document import escaped
 
 # Tags of unions start with this character, so that they can be taken out of a pointer again.
 TAG = "\x00"
-MOST_COMPLAINTS = 20
+MAX_COMPLAINTS = 20
 # Texts that databases take: PostgreSQL refuses U+0000.
 WITHOUT_NUL = r"^[^\x00]*$"
 Model = TypeVar("Model", bound=BaseModel)
@@ -78,12 +78,12 @@ def either(words: str) -> WrapValidator:
 def validated(model: type[Model], document: Any) -> Model:
     """The model of a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
     if not isinstance(document, Mapping):
-        raise refused([Complaint(pointer="", message="the body must be one JSON object")])
+        raise invalid_input([Complaint(pointer="", message="the body must be one JSON object")])
     try:
         return model.model_validate(document)
     except ValidationError as error:
         entries = error.errors(include_url=False, include_context=True)
-        raise refused([_complaint(model, entry) for entry in entries[:MOST_COMPLAINTS]]) from None
+        raise invalid_input([_complaint(model, entry) for entry in entries[:MAX_COMPLAINTS]]) from None
 
 
 def _complaint(model: type[BaseModel], entry: Any) -> Complaint:

@@ -21,7 +21,7 @@ from equimesh_service.store.schema import artifacts, removals, samples
 # Built once: that takes longer than to execute them.
 _REMOVE = delete(artifacts).where(artifacts.c.mesh_id == bindparam("mesh"), artifacts.c.name == bindparam("file"))
 _INSERT = insert(artifacts)
-_NOTED = select(removals.c.sha256).where(removals.c.sha256 == bindparam("file")).limit(1)
+_FIND_REMOVAL = select(removals.c.sha256).where(removals.c.sha256 == bindparam("file")).limit(1)
 
 
 def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
@@ -38,9 +38,9 @@ def note_removals(connection: Connection, held: Iterable[str], now: float) -> No
         insert_new(connection, removals, {"sha256": sha256, "noted_at": now})
 
 
-def noted(connection: Connection) -> Removed:
+def removal_lookup(connection: Connection) -> Removed:
     """What tells whether the removal of a file was noted, in a transaction that holds the lock of the file."""
-    return lambda sha256: connection.execute(_NOTED, {"file": sha256}).first() is not None
+    return lambda sha256: connection.execute(_FIND_REMOVAL, {"file": sha256}).first() is not None
 
 
 def remove_unused(database: Database, held: Iterable[str], remove_file: Callable[[str], None]) -> None:
@@ -52,11 +52,11 @@ def remove_unused(database: Database, held: Iterable[str], remove_file: Callable
     for sha256 in sorted(set(held)):
         with database.write() as connection:
             lock(connection, [sha256])
-            if unnamed(connection, [sha256]):
+            if find_unnamed(connection, [sha256]):
                 remove_file(sha256)
 
 
-def unnamed(connection: Connection, held: Iterable[str]) -> set[str]:
+def find_unnamed(connection: Connection, held: Iterable[str]) -> set[str]:
     """Those files ``held`` that no row names."""
     known = set(held)
     in_artifacts = select(artifacts.c.sha256).where(artifacts.c.sha256.in_(known))

@@ -22,14 +22,14 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.sql.dml import ReturningInsert
 
-_KNOWN = "addresses are postgresql+psycopg://user:password@host/name and sqlite:////path/of/a/file"
+_ADDRESS_FORMS = "addresses are postgresql+psycopg://user:password@host/name and sqlite:////path/of/a/file"
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
 # Seconds until a server that does not answer counts as down.
 _CONNECT_SECONDS = 5
 # A replica that is frozen, or whose host has vanished, within a transaction must not keep the others from its meshes.
-_IDLE = "-c idle_in_transaction_session_timeout=60s"
+_IDLE_OPTION = "-c idle_in_transaction_session_timeout=60s"
 # A server whose host has vanished is given up after some 20 s, not after the hours of the system's own patience.
-_WATCHED = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 2, "tcp_user_timeout": 20_000}
+_KEEPALIVE = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 2, "tcp_user_timeout": 20_000}
 
 
 class UnusableDatabaseError(Exception):
@@ -62,10 +62,11 @@ class Database:
                 raise UnusableDatabaseError(
                     "PostgreSQL needs psycopg; install it with: pip install 'equimesh[postgres]'"
                 )
-            options = [_IDLE, "" if durable else "-c synchronous_commit=off", str(address.query.get("options", ""))]
+            more = str(address.query.get("options", ""))
+            options = [_IDLE_OPTION, "" if durable else "-c synchronous_commit=off", more]
             self._engine = create_engine(
                 address,
-                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": " ".join(options), **_WATCHED},
+                connect_args={"connect_timeout": _CONNECT_SECONDS, "options": " ".join(options), **_KEEPALIVE},
                 json_serializer=to_json,
                 pool_size=8,
                 max_overflow=8,
@@ -134,11 +135,11 @@ def _address(url: str) -> URL:
     try:
         address = make_url(url)
     except (ArgumentError, ValueError):
-        raise UnusableDatabaseError(f"this is not the address of a database; {_KNOWN}") from None
+        raise UnusableDatabaseError(f"this is not the address of a database; {_ADDRESS_FORMS}") from None
     if address.drivername in _POSTGRES:
         return address.set(drivername="postgresql+psycopg")
     if address.drivername != "sqlite" or address.database in (None, "", ":memory:"):
-        raise UnusableDatabaseError(f"a service cannot keep its data in {address.drivername}; {_KNOWN}")
+        raise UnusableDatabaseError(f"a service cannot keep its data in {address.drivername}; {_ADDRESS_FORMS}")
     return address
 
 

@@ -50,6 +50,6 @@ def digest(secret: str) -> str:
     return sha256(secret.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def allowed(scopes: Iterable[str]) -> frozenset[str]:
+def expand_scopes(scopes: Iterable[str]) -> frozenset[str]:
     """All that these scopes allow: write includes read, admin includes both."""
     return frozenset[str]().union(*(_INCLUDED[scope] for scope in scopes))

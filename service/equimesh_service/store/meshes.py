@@ -10,7 +10,7 @@ from sqlalchemy import Connection, Row, bindparam, insert, select, tuple_, updat
 from sqlalchemy.exc import IntegrityError
 
 from equimesh_service.files.port import Publish, publish_nothing
-from equimesh_service.store.artifacts import insert_artifacts, noted, remove_unused
+from equimesh_service.store.artifacts import insert_artifacts, removal_lookup, remove_unused
 from equimesh_service.store.database import Database, to_json
 from equimesh_service.store.deletion import delete_ended, delete_meshes
 from equimesh_service.store.quotas import Quota, take
@@ -21,12 +21,12 @@ from equimesh_service.store.rows import (
     SUCCEEDED,
     Artifact,
     EventRow,
-    Hold,
     KeyReusedError,
+    Lease,
+    MeshInput,
     MeshRow,
     NewMesh,
     NewStep,
-    Order,
     Position,
     SamplesGoneError,
     StepTakenError,
@@ -35,9 +35,9 @@ from equimesh_service.store.schema import artifacts, events, idempotency, mesh_s
 from equimesh_service.store.sequences import insert_step, take_turn
 
 # How exactly it is noted when samples were last used.
-_USED_SECONDS = 3600.0
+_USED_AT_PRECISION_SECONDS = 3600.0
 # How many meshes one query asks for by their ids.
-_AT_ONCE = 500
+_MAX_IDS_PER_QUERY = 500
 _SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
 # Built once, since building them takes longer than executing them.
 _SHOW = select(*_SHOWN).where(meshes.c.id == bindparam("mesh"))
@@ -60,12 +60,12 @@ class MeshesStore:
         key: str | None = None,
         fingerprint: str = "",
         quota: Quota | None = None,
-        hold: Hold | None = None,
+        lease: Lease | None = None,
         step: NewStep | None = None,
     ) -> str:
         """Put a mesh into the queue and return its id: an older one's when ``key`` was seen before.
 
-        With ``hold`` it does not wait there: it is claimed from the start, at its first attempt. As the ``step`` of a
+        With ``lease`` it does not wait there: it is claimed from the start, at its first attempt. As the ``step`` of a
         sequence it takes the place of meshes that are no longer kept.
 
         Raises :class:`KeyReusedError` when the key came with another ``fingerprint``,
@@ -78,7 +78,7 @@ class MeshesStore:
             if quota is not None:
                 take(connection, new.key_id, new.points, quota)
             leaving = [] if step is None else take_turn(connection, step, self._clock())
-            self._insert_waiting(connection, new, hold)
+            self._insert_waiting(connection, new, lease)
             if step is not None:
                 # After the mesh is there, whose samples may be those of a failed step that makes way.
                 held.update(delete_meshes(connection, leaving, self._clock()).files)
@@ -91,9 +91,9 @@ class MeshesStore:
             remove_unused(self._database, held, step.discard)
         return added
 
-    def known(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
+    def find_repeated(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
         """The mesh of an earlier request with this idempotency key; raises :class:`KeyReusedError`."""
-        return self._known(key_id, key, fingerprint)
+        return self._find_repeated(key_id, key, fingerprint)
 
     def reuse(self, new: NewMesh, *, key: str | None = None, fingerprint: str = "") -> str | None:
         """Make the mesh of one that has succeeded, with the same ``new.fingerprint`` and for the same API key.
@@ -131,8 +131,8 @@ class MeshesStore:
         """The number of the last event of each of these meshes that is not finished."""
         found: dict[str, int] = {}
         with self._read() as connection:
-            for start in range(0, len(names), _AT_ONCE):
-                here = meshes.c.id.in_(names[start : start + _AT_ONCE])
+            for start in range(0, len(names), _MAX_IDS_PER_QUERY):
+                here = meshes.c.id.in_(names[start : start + _MAX_IDS_PER_QUERY])
                 rows = connection.execute(select(meshes.c.id, meshes.c.status, meshes.c.last_event).where(here))
                 found |= {row.id: row.last_event for row in rows if row.status not in FINISHED}
         return found
@@ -143,7 +143,7 @@ class MeshesStore:
             text = connection.execute(select(meshes.c.spec).where(meshes.c.id == mesh_id)).scalar()
         return None if text is None else json.loads(text)
 
-    def order(self, mesh_id: str) -> Order | None:
+    def get_input(self, mesh_id: str) -> MeshInput | None:
         """What a worker needs to know of a mesh."""
         asked = select(meshes.c.spec, meshes.c.format).where(meshes.c.id == mesh_id)
         joined = mesh_samples.join(samples, samples.c.id == mesh_samples.c.samples_id)
@@ -155,7 +155,7 @@ class MeshesStore:
             held = {used.id: used.sha256 for used in connection.execute(files)}
             step = connection.execute(select(steps.c.start, steps.c.fields).where(steps.c.mesh_id == mesh_id)).first()
         start, fields = (None, None) if step is None else (step.start, step.fields)
-        return Order(spec=json.loads(row.spec), format=row.format, samples=held, start=start, fields=fields)
+        return MeshInput(spec=json.loads(row.spec), format=row.format, samples=held, start=start, fields=fields)
 
     def page(
         self,
@@ -216,12 +216,12 @@ class MeshesStore:
             if connection.execute(query).first() is None:
                 return False
             insert_artifacts(connection, mesh_id, [file])
-            publish(noted(connection))
+            publish(removal_lookup(connection))
             return True
 
     def _once(self, new: NewMesh, key: str | None, fingerprint: str, put: Callable[[Connection], bool]) -> str | None:
         """The id of a new mesh, or of the one that the key stands for; None when there was none to ``put``."""
-        known = self._known(new.key_id, key, fingerprint)
+        known = self._find_repeated(new.key_id, key, fingerprint)
         if known is not None:
             return known
         try:
@@ -232,13 +232,13 @@ class MeshesStore:
                     row = {"key_id": new.key_id, "key": key, "fingerprint": fingerprint, "mesh_id": new.id}
                     connection.execute(insert(idempotency).values(row))
         except (IntegrityError, StepTakenError):
-            known = self._known(new.key_id, key, fingerprint)  # the same key came at the same moment
+            known = self._find_repeated(new.key_id, key, fingerprint)  # the same key came at the same moment
             if known is None:
                 raise
             return known
         return new.id
 
-    def _known(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
+    def _find_repeated(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
         if key is None:
             return None
         here = (idempotency.c.key_id == key_id, idempotency.c.key == key)
@@ -251,12 +251,12 @@ class MeshesStore:
             raise KeyReusedError(key)
         return str(row.mesh_id)
 
-    def _insert_waiting(self, connection: Connection, new: NewMesh, hold: Hold | None) -> None:
+    def _insert_waiting(self, connection: Connection, new: NewMesh, lease: Lease | None) -> None:
         now = self._clock()
-        if hold is None:
+        if lease is None:
             self._insert(connection, new, now, {"status": QUEUED}, [("status", {"status": QUEUED})])
             return
-        state = {"attempt": 1, "owner": hold.owner, "lease_until": now + hold.lease, "started_at": now}
+        state = {"attempt": 1, "owner": lease.owner, "lease_until": now + lease.seconds, "started_at": now}
         began: dict[str, Any] = {"status": RUNNING, "attempt": 1}
         story = [("status", {"status": QUEUED}), ("status", began)]
         self._insert(connection, new, now, {"status": RUNNING, **state}, story)
@@ -315,7 +315,7 @@ def _use_samples(connection: Connection, names: Sequence[str], now: float) -> No
         used_at = connection.execute(_USED_AT, {"name": name}).scalar()
         if used_at is None:
             raise SamplesGoneError(name)
-        if used_at < now - _USED_SECONDS:
+        if used_at < now - _USED_AT_PRECISION_SECONDS:
             connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
 
 

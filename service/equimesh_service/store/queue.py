@@ -14,9 +14,19 @@ from sqlalchemy import Connection, bindparam, func, insert, or_, select, update
 from sqlalchemy.sql.dml import ReturningUpdate
 
 from equimesh_service.files.port import Publish, publish_nothing
-from equimesh_service.store.artifacts import insert_artifacts, noted
+from equimesh_service.store.artifacts import insert_artifacts, removal_lookup
 from equimesh_service.store.database import Database
-from equimesh_service.store.rows import CANCELED, FAILED, QUEUED, RUNNING, STATUSES, SUCCEEDED, Artifact, Census, Claim
+from equimesh_service.store.rows import (
+    CANCELED,
+    FAILED,
+    QUEUED,
+    RUNNING,
+    STATUSES,
+    SUCCEEDED,
+    Artifact,
+    Claim,
+    QueueCounts,
+)
 from equimesh_service.store.schema import events, meshes
 
 # Statements are built once, since building them takes longer than executing them. A change takes the mesh and, beside
@@ -55,7 +65,7 @@ class QueueStore:
         with self._read() as connection:
             return int(connection.execute(query).scalar_one())
 
-    def census(self) -> Census:
+    def count(self) -> QueueCounts:
         """How many meshes there are, and how long the oldest waiting one has waited."""
         query = select(meshes.c.status, func.count()).group_by(meshes.c.status)
         oldest = select(meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number).limit(1)
@@ -63,7 +73,7 @@ class QueueStore:
             counted = {status: int(count) for status, count in connection.execute(query)}
             since = connection.execute(oldest).scalar()
         waited = 0.0 if since is None else max(0.0, self._clock() - since)
-        return Census(meshes={status: counted.get(status, 0) for status in STATUSES}, oldest_wait=waited)
+        return QueueCounts(meshes={status: counted.get(status, 0) for status in STATUSES}, oldest_wait=waited)
 
     def cancel(self, mesh_id: str) -> bool:
         """Cancel a mesh that is not finished; False when it is."""
@@ -177,7 +187,7 @@ class QueueStore:
             if not self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data):
                 return False
             insert_artifacts(connection, claim.mesh_id, files)
-            publish(noted(connection))
+            publish(removal_lookup(connection))
             return True
 
     def _back(self, connection: Connection, claim: Claim, reason: str, lost: int) -> bool:

@@ -10,15 +10,15 @@ from collections.abc import Callable, Iterable, Sequence
 
 from sqlalchemy import Connection, delete, func, select, update
 
-from equimesh_service.store.artifacts import note_removals, remove_unused, unnamed
+from equimesh_service.store.artifacts import find_unnamed, note_removals, remove_unused
 from equimesh_service.store.database import Database, insert_new
 from equimesh_service.store.deletion import delete_ended, delete_meshes
 from equimesh_service.store.schema import mesh_samples, meshes, removals, retired, samples, samples_keys
 
 # How many things one transaction removes.
-_AT_ONCE = 20
+_MAX_REMOVED_AT_ONCE = 20
 # Longer, by far, than any file is sealed before a row names it: so long it is known that the same content was removed.
-_SEALED = 86_400.0
+_MAX_SEALED_SECONDS = 86_400.0
 
 
 class RetentionStore:
@@ -33,7 +33,7 @@ class RetentionStore:
         latest = self._clock() - age
         late = meshes.c.finished_at < latest, func.coalesce(meshes.c.kept_from, 0.0) < latest
         query = select(meshes.c.id, meshes.c.key_id).where(*late)
-        query = query.order_by(meshes.c.finished_at).limit(_AT_ONCE).with_for_update(skip_locked=True)
+        query = query.order_by(meshes.c.finished_at).limit(_MAX_REMOVED_AT_ONCE).with_for_update(skip_locked=True)
         with self._database.read() as connection:
             if connection.execute(query.with_only_columns(meshes.c.id).limit(1)).first() is None:
                 return 0
@@ -53,7 +53,7 @@ class RetentionStore:
         late = samples.c.used_at < self._clock() - age
         unused = ~select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples.c.id).exists()
         query = select(samples.c.id, samples.c.sha256).where(late, unused).order_by(samples.c.used_at)
-        query = query.limit(_AT_ONCE).with_for_update(skip_locked=True)
+        query = query.limit(_MAX_REMOVED_AT_ONCE).with_for_update(skip_locked=True)
         with self._database.read() as connection:
             if connection.execute(query.with_only_columns(samples.c.id).limit(1)).first() is None:
                 return 0
@@ -76,7 +76,7 @@ class RetentionStore:
     def forget(self, age: float) -> int:
         """Drop the record of what was removed more than ``age`` seconds ago; returns how many things that were."""
         with self._database.write() as connection:
-            connection.execute(delete(removals).where(removals.c.noted_at < self._clock() - _SEALED))
+            connection.execute(delete(removals).where(removals.c.noted_at < self._clock() - _MAX_SEALED_SECONDS))
             return connection.execute(delete(retired).where(retired.c.retired_at < self._clock() - age)).rowcount
 
     def was_there(self, name: str, key_id: str | None) -> bool:
@@ -87,10 +87,10 @@ class RetentionStore:
         with self._database.read() as connection:
             return connection.execute(query.limit(1)).first() is not None
 
-    def unnamed(self, files: Iterable[str]) -> set[str]:
+    def find_unnamed(self, files: Iterable[str]) -> set[str]:
         """Those of some files that no row names."""
         with self._database.read() as connection:
-            return unnamed(connection, files)
+            return find_unnamed(connection, files)
 
     def remove_unnamed(self, files: Sequence[str], remove_file: Callable[[str], None]) -> None:
         """Remove files that no row names; others stay."""

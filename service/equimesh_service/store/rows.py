@@ -112,7 +112,7 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Order:
+class MeshInput:
     """What a worker needs to know of a mesh: its spec, the files of the samples in it, and the file asked for first."""
 
     spec: Mapping[str, Any]
@@ -123,7 +123,7 @@ class Order:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Census:
+class QueueCounts:
     """How many meshes there are of each status, and for how many seconds the oldest waiting one has waited."""
 
     meshes: Mapping[str, int]
@@ -131,11 +131,11 @@ class Census:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hold:
-    """Who claims a mesh, and for how many seconds until the claim is to be renewed."""
+class Lease:
+    """The owner of claims, and the seconds after which a claim expires unless it is renewed."""
 
     owner: str
-    lease: float
+    seconds: float
 
 
 @dataclass(frozen=True)

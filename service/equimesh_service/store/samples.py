@@ -7,7 +7,7 @@ from collections.abc import Callable
 from sqlalchemy import ColumnElement, Select, bindparam, delete, select
 
 from equimesh_service.files.port import Publish, publish_nothing
-from equimesh_service.store.artifacts import note_removals, noted, remove_unused
+from equimesh_service.store.artifacts import note_removals, removal_lookup, remove_unused
 from equimesh_service.store.database import Database, insert_new, lock
 from equimesh_service.store.rows import QUEUED, RUNNING, SamplesRow
 from equimesh_service.store.schema import mesh_samples, meshes, retired, samples, samples_keys
@@ -41,7 +41,7 @@ class SamplesStore:
             if not new and connection.execute(_STAY, {"samples": row.id}).first() is None:
                 new = insert_new(connection, samples, stored)  # they were deleted at this moment
             if new:
-                publish(noted(connection))
+                publish(removal_lookup(connection))
             connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
             owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}
             return insert_new(connection, samples_keys, owned)
@@ -69,7 +69,7 @@ class SamplesStore:
             owned = samples_keys.c.samples_id == samples_id
             others = select(samples_keys.c.key_id).where(owned, samples_keys.c.key_id != key_id)
             shared = key_id is not None and connection.execute(others.limit(1)).first() is not None
-            query = needing(samples_id)
+            query = select_needing(samples_id)
             if connection.execute(query.where(meshes.c.key_id == key_id) if shared else query).first() is not None:
                 return False
             connection.execute(delete(samples_keys).where(owned, *_key_is(key_id)))
@@ -80,7 +80,7 @@ class SamplesStore:
         return True
 
 
-def needing(samples_id: str) -> Select[tuple[str]]:
+def select_needing(samples_id: str) -> Select[tuple[str]]:
     """The query for unfinished meshes that need samples."""
     uses = select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples_id)
     return select(meshes.c.id).where(meshes.c.id.in_(uses), meshes.c.status.in_((QUEUED, RUNNING))).limit(1)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from equimesh_service.store.artifacts import insert_artifacts, noted, remove_unused
+from equimesh_service.store.artifacts import insert_artifacts, removal_lookup, remove_unused
 from equimesh_service.store.database import Database
 from equimesh_service.store.deletion import delete_meshes, lock_meshes
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, NewMesh, NewStep, SequenceRow, StepTakenError
@@ -112,4 +112,4 @@ def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
     connection.execute(insert(steps).values(row))
     if step.fields is not None:
         insert_artifacts(connection, new.id, [step.fields])
-        step.publish(noted(connection))
+        step.publish(removal_lookup(connection))

@@ -15,9 +15,9 @@ from equimesh_service.telemetry.log_context import current
 
 _TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 _ACCESS = logging.getLogger("equimesh_service.access")
-# Libraries that tell of their own insides at length.
-_TALKATIVE = ("numba", "matplotlib", "PIL", "asyncio", "urllib3", "httpcore", "httpx", "multipart", "python_multipart")
-_FRAMES = 12
+# Libraries that log much about themselves.
+_VERBOSE = ("numba", "matplotlib", "PIL", "asyncio", "urllib3", "httpcore", "httpx", "multipart", "python_multipart")
+_MAX_FRAMES = 12
 
 _Raised = tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
 
@@ -33,7 +33,7 @@ def configure(level: str, format: str) -> None:
     handler = logging.StreamHandler()
     handler.setFormatter(formatter(format))
     logging.basicConfig(level=level.upper(), handlers=[handler])
-    for name in _TALKATIVE:
+    for name in _VERBOSE:
         logging.getLogger(name).setLevel(max(logging.WARNING, root.level))
 
 
@@ -49,19 +49,19 @@ def access(method: str, route: str, status: int, seconds: float, size: int) -> N
         _ACCESS.info("%s %s %d, %.1f ms, %d bytes", method, route, status, 1e3 * seconds, size, extra=fields)
 
 
-def told(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """An exception in one line: what it is and where it was raised.
 
     Its own words only where these come from the system or the database: those of others may quote what a client
     sent.
     """
     words = str(error).partition("\n")[0][:300] if isinstance(error, OSError | SQLAlchemyError) else ""
-    frames = traceback.extract_tb(error.__traceback__)[-_FRAMES:]
+    frames = traceback.extract_tb(error.__traceback__)[-_MAX_FRAMES:]
     places = [f"{_short(frame.filename)}:{frame.lineno} {frame.name}" for frame in reversed(frames)]
     causes = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
     shown = ": ".join(filter(None, (type(error).__name__, words)))
     where = f" at {' < '.join(places)}" if places else ""
-    return f"{shown}{where}" + (f"; because of {told(causes)}" if causes is not None else "")
+    return f"{shown}{where}" + (f"; because of {describe_error(causes)}" if causes is not None else "")
 
 
 def _short(filename: str) -> str:
@@ -69,18 +69,18 @@ def _short(filename: str) -> str:
 
 
 def _raised(raised: _Raised) -> str:
-    return "" if raised[1] is None else told(raised[1])
+    return "" if raised[1] is None else describe_error(raised[1])
 
 
 class _Text(logging.Formatter):
-    """A line for people, with the trail at its end."""
+    """A line for people, with the log context at its end."""
 
     def format(self, record: logging.LogRecord) -> str:
         record.exc_text = None  # another handler's words for the exception
         return super().format(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        known = " ".join(f"{name}={value}" for name, value in current().known().items())
+        known = " ".join(f"{name}={value}" for name, value in current().to_fields().items())
         line = super().formatMessage(record)
         return f"{line} [{known}]" if known else line
 
@@ -89,7 +89,7 @@ class _Text(logging.Formatter):
 
 
 class _Json(JsonFormatter):
-    """A JSON object: time, level, logger, message, the trail, and what the record brings along."""
+    """A JSON object: time, level, logger, message, the log context, and what the record brings along."""
 
     def format(self, record: logging.LogRecord) -> str:
         record.exc_text = None
@@ -100,7 +100,7 @@ class _Json(JsonFormatter):
         log_data["level"] = record.levelname.lower()
         log_data["logger"] = record.name
         log_data["message"] = record.getMessage()
-        log_data.update(current().known())
+        log_data.update(current().to_fields())
         super().add_fields(log_data, record, {})
         if "exc_info" in message_dict:
             log_data["exception"] = message_dict["exc_info"]

@@ -62,7 +62,7 @@ def span(name: str, attributes: Attributes = _PLAIN) -> AbstractContextManager[N
     return _NOTHING if tracer is None else tracer.span(name, attributes)
 
 
-def follow(name: str, parent: str | None) -> AbstractContextManager[None]:
+def continue_span(name: str, parent: str | None) -> AbstractContextManager[None]:
     """A span under one of another process; nothing without ``parent``."""
     tracer = _tracer.get()
     return _NOTHING if tracer is None or parent is None else tracer.span(name, _PLAIN, parent=parent)

@@ -14,21 +14,21 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from equimesh_service.store.rows import CANCELED, FAILED, QUEUED, STATUSES, SUCCEEDED, Census, Ending
+from equimesh_service.store.rows import CANCELED, FAILED, QUEUED, STATUSES, SUCCEEDED, Ending, QueueCounts
 
 UNMATCHED = "unmatched"
 _METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
-_WAITS = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0, 300.0, 1800.0)
-_SOLVES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-_REQUESTS = (0.002, 0.005, 0.015, 0.04, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
+_WAIT_SECONDS = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0, 300.0, 1800.0)
+_SOLVE_SECONDS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+_REQUEST_SECONDS = (0.002, 0.005, 0.015, 0.04, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Glance:
-    """What is read at a scrape: workers by what they do, and the store's census, None when it does not answer."""
+class Snapshot:
+    """What is read at a scrape: workers by what they do, and the counts of the store, None when it does not answer."""
 
     workers: dict[str, int]
-    census: Census | None
+    counts: QueueCounts | None
 
 
 class Metrics:
@@ -53,10 +53,13 @@ class Metrics:
         self._reused = Counter("equimesh_meshes_reused", "Requests answered with an earlier mesh.", registry=here)
         self._samples = Counter("equimesh_samples_uploaded", "Samples that were uploaded.", registry=here)
         self._wait = Histogram(
-            "equimesh_queue_wait_seconds", "From the request to an attempt.", buckets=_WAITS, registry=here
+            "equimesh_queue_wait_seconds", "From the request to an attempt.", buckets=_WAIT_SECONDS, registry=here
         )
         self._solve = Histogram(
-            "equimesh_solve_seconds", "Solve time of meshes, without their files.", buckets=_SOLVES, registry=here
+            "equimesh_solve_seconds",
+            "Solve time of meshes, without their files.",
+            buckets=_SOLVE_SECONDS,
+            registry=here,
         )
         self._streams = Gauge("equimesh_event_streams", "Open streams of events (SSE).", registry=here)
         labels = ("method", "route", "status")
@@ -65,7 +68,7 @@ class Metrics:
             "equimesh_http_request_duration_seconds",
             "From a request to the end of its answer.",
             labels,
-            buckets=_REQUESTS,
+            buckets=_REQUEST_SECONDS,
             registry=here,
         )
         self._sent = Counter("equimesh_http_response_bytes", "Bytes of bodies that were sent.", registry=here)
@@ -74,9 +77,9 @@ class Metrics:
             self._finished.labels(status, "")  # there from the start, so that rates see the first one
         self._finished.labels(FAILED, "worker-lost")
 
-    def look(self, glance: Callable[[], Glance]) -> None:
-        """Have each scrape call ``glance``."""
-        self.registry.register(_Glances(glance))
+    def add_snapshots(self, take: Callable[[], Snapshot]) -> None:
+        """Have each scrape call ``take``."""
+        self.registry.register(_SnapshotCollector(take))
 
     def scrape(self, accept: str) -> tuple[bytes, str]:
         """All metrics in the text format that ``accept`` asks for, and its media type."""
@@ -136,31 +139,33 @@ class Metrics:
         self._sent.inc(size)
 
 
-class _Glances(Collector):
+class _SnapshotCollector(Collector):
     """What is not counted but looked at."""
 
-    def __init__(self, glance: Callable[[], Glance]) -> None:
-        self._glance = glance
+    def __init__(self, take: Callable[[], Snapshot]) -> None:
+        self._take = take
 
     def describe(self) -> Iterable[Metric]:
         """Nothing: what there is needs a look."""
         return ()
 
     def collect(self) -> Iterable[Metric]:
-        glance = self._glance()
+        snapshot = self._take()
         workers = GaugeMetricFamily("equimesh_workers", "Worker processes that are meant to run.", labels=("pool",))
-        for pool, count in glance.workers.items():
+        for pool, count in snapshot.workers.items():
             workers.add_metric((pool,), count)
         yield workers
-        up = glance.census is not None
+        up = snapshot.counts is not None
         yield GaugeMetricFamily("equimesh_store_up", "1 when the database answers.", value=float(up))
-        if glance.census is None:
+        if snapshot.counts is None:
             return
         meshes = GaugeMetricFamily("equimesh_meshes", "Meshes in the store.", labels=("status",))
         for status in STATUSES:
-            meshes.add_metric((status,), glance.census.meshes[status])
+            meshes.add_metric((status,), snapshot.counts.meshes[status])
         yield meshes
-        yield GaugeMetricFamily("equimesh_queue_depth", "Waiting meshes.", value=glance.census.meshes[QUEUED])
+        yield GaugeMetricFamily("equimesh_queue_depth", "Waiting meshes.", value=snapshot.counts.meshes[QUEUED])
         yield GaugeMetricFamily(
-            "equimesh_queue_oldest_seconds", "How long the oldest waiting mesh waits.", value=glance.census.oldest_wait
+            "equimesh_queue_oldest_seconds",
+            "How long the oldest waiting mesh waits.",
+            value=snapshot.counts.oldest_wait,
         )

@@ -10,19 +10,19 @@ from collections.abc import Callable, Mapping
 from anyio import CapacityLimiter, move_on_after, to_thread
 
 from equimesh_service.problems.storage import storage_problem
-from equimesh_service.telemetry.logs import told
+from equimesh_service.telemetry.logs import describe_error
 
 _log = logging.getLogger(__name__)
 OK = "ok"
 # However often probes ask, the rooms are tried this seldom.
 _KEPT_SECONDS = 1.0
-_PATIENCE_SECONDS = 5.0
+_MAX_CHECK_SECONDS = 5.0
 
 
 class Readiness:
     """Tries ``checks``, by name. Each gives None, "ok" or what is wrong, and may raise and block."""
 
-    def __init__(self, checks: Mapping[str, Callable[[], str | None]], *, patience: float = _PATIENCE_SECONDS) -> None:
+    def __init__(self, checks: Mapping[str, Callable[[], str | None]], *, patience: float = _MAX_CHECK_SECONDS) -> None:
         self._checks = checks
         self._patience = patience
         self._lock = asyncio.Lock()
@@ -50,6 +50,6 @@ class Readiness:
                 if problem is not None:
                     return problem.detail
                 # No more than the kind in the answer: its words may hold paths and addresses.
-                _log.warning("not ready, %s: %s", name, told(error))
+                _log.warning("not ready, %s: %s", name, describe_error(error))
                 return f"does not work ({type(error).__name__}); see the service's log"
         return f"no answer within {self._patience:g} s"

@@ -13,13 +13,16 @@ from equimesh_service.problems.storage import storage_problem
 from equimesh_service.store.store import Store
 
 _log = logging.getLogger(__name__)
-_DAY, _HOUR = 86_400.0, 3600.0
+_DAY_SECONDS = 86_400.0
+_HOUR_SECONDS = 3600.0
 # Files younger than this may belong to a mesh that is being finished.
-_YOUNGEST_ORPHAN = _HOUR
+_MIN_ORPHAN_SECONDS = _HOUR_SECONDS
 # How many files are looked up, and removed, in one transaction.
-_LOOKED_UP, _REMOVED = 500, 20
+_MAX_LOOKED_UP = 500
+_MAX_REMOVED = 20
 # For how many times the days of retention, and at least how many days, it is remembered that something was there.
-_REMEMBERED_TIMES, _REMEMBERED_DAYS = 10, 90
+_REMEMBERED_TIMES = 10
+_MIN_REMEMBERED_DAYS = 90
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,13 +60,13 @@ class Retention:
 
     def sweep(self) -> Swept:
         """Remove all that has had its time, and files without an owner."""
-        kept, store, remover = self._days * _DAY, self._store.retention, _Remover(self._files)
+        kept, store, remover = self._days * _DAY_SECONDS, self._store.retention, _Remover(self._files)
         meshes = samples = 0
         try:
             if self._days > 0:
                 meshes = self._all(lambda: store.retire_meshes(kept, remover.remove))
                 samples = self._all(lambda: store.retire_samples(kept, remover.remove))
-            store.forget(max(_REMEMBERED_TIMES * kept, _REMEMBERED_DAYS * _DAY))
+            store.forget(max(_REMEMBERED_TIMES * kept, _MIN_REMEMBERED_DAYS * _DAY_SECONDS))
             remover.attempt("unfinished", self._files.tidy)
             return Swept(meshes=meshes, samples=samples, orphans=self._remove_orphans(remover))
         finally:
@@ -83,7 +86,7 @@ class Retention:
             except Exception as error:
                 if storage_problem(error) is None:  # which says itself what it is
                     _log.exception("the removal of what has had its time failed; it is tried again in an hour")
-            self._stopping.wait(_HOUR)
+            self._stopping.wait(_HOUR_SECONDS)
 
     def _all(self, some: Callable[[], int]) -> int:
         removed = 0
@@ -93,10 +96,10 @@ class Retention:
 
     def _remove_orphans(self, remover: _Remover) -> int:
         before = remover.removed
-        old = (file.sha256 for file in self._files.listing() if file.age > _YOUNGEST_ORPHAN)
-        while not self._stopping.is_set() and (some := list(islice(old, _LOOKED_UP))):
-            left = iter(self._store.retention.unnamed(some) - remover.failed.keys())
-            while not self._stopping.is_set() and (few := list(islice(left, _REMOVED))):
+        old = (file.sha256 for file in self._files.listing() if file.age > _MIN_ORPHAN_SECONDS)
+        while not self._stopping.is_set() and (some := list(islice(old, _MAX_LOOKED_UP))):
+            left = iter(self._store.retention.find_unnamed(some) - remover.failed.keys())
+            while not self._stopping.is_set() and (few := list(islice(left, _MAX_REMOVED))):
                 self._store.retention.remove_unnamed(few, remover.remove)
         return remover.removed - before
 

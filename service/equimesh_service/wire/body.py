@@ -20,7 +20,7 @@ MULTIPART = "multipart/form-data"
 # A sender that is slower holds a connection, and memory, for nothing.
 BODY_SECONDS = 300.0
 # Multipart bodies up to this size are taken apart on the event loop, in milliseconds whatever is in them.
-_QUICK = 64 * 1024
+_INLINE_BYTES = 64 * 1024
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) ->
     parser = MultiPartParser(request.headers, stream(), max_files=8, max_fields=8, max_part_size=len(body) + 1)  # type: ignore[arg-type]
     try:
         # A long body of nothing but line ends keeps the parser busy for seconds.
-        form = await (parser.parse() if len(body) <= _QUICK else to_thread.run_sync(asyncio.run, parser.parse()))
+        form = await (parser.parse() if len(body) <= _INLINE_BYTES else to_thread.run_sync(asyncio.run, parser.parse()))
     except (MultiPartException, KeyError, LookupError, UnicodeError) as error:
         raise Problem("malformed-body", f"The multipart body cannot be read: {str(error).rstrip('.')}.") from None
     try:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 _JSON = ("application/json", "application/problem+json")
 
 
-def preferred_types(header: str) -> list[str]:
+def parse_accept(header: str) -> list[str]:
     """Media types of an Accept header, the most wanted first; those with q=0 are left out."""
     found: list[tuple[float, str]] = []
     for entry in header.split(","):
@@ -22,12 +22,12 @@ def preferred_types(header: str) -> list[str]:
     return [name for _, name in sorted(found, key=lambda entry: entry[0])]
 
 
-def chosen(header: str | None, offers: Mapping[str, str]) -> str | None:
+def choose_offer(header: str | None, offers: Mapping[str, str]) -> str | None:
     """The offer that Accept asks for first, None when it takes none; without the header, the first offer.
 
     ``offers`` maps names to media types.
     """
-    for wanted in preferred_types(header or "*/*"):
+    for wanted in parse_accept(header or "*/*"):
         group = wanted.removesuffix("*") if wanted.endswith("/*") else None
         for name, media_type in offers.items():
             if wanted in (media_type, "*/*", "*") or (group is not None and media_type.startswith(group)):
@@ -35,9 +35,9 @@ def chosen(header: str | None, offers: Mapping[str, str]) -> str | None:
     return None
 
 
-def explicit(header: str | None, offers: Mapping[str, str]) -> str | None:
+def choose_explicit_offer(header: str | None, offers: Mapping[str, str]) -> str | None:
     """The offer that Accept names before JSON and wildcards, if it names one."""
-    for wanted in preferred_types(header or ""):
+    for wanted in parse_accept(header or ""):
         if wanted in _JSON or "*" in wanted:
             return None
         for name, media_type in offers.items():
@@ -46,7 +46,7 @@ def explicit(header: str | None, offers: Mapping[str, str]) -> str | None:
     return None
 
 
-def preferred_wait(header: str | None) -> int | None:
+def parse_wait(header: str | None) -> int | None:
     """Seconds of ``Prefer: wait=N``, None when it is not there or cannot be read."""
     for entry in re.split(r"[,;]", header or ""):
         if match := re.fullmatch(r'\s*wait\s*=\s*"?(\d{1,9})"?\s*', entry, re.IGNORECASE):

@@ -10,9 +10,9 @@ from equimesh_service.problems.problem import Problem
 
 _SPAN = r"\s*(?:\d+-\d*|-\d+)\s*"
 _RANGES = re.compile(rf"bytes=({_SPAN}(?:,{_SPAN})*)", re.ASCII | re.IGNORECASE)
-_DIGITS = 18  # of a position in a file; more are past its end
+_MAX_DIGITS = 18  # of a position in a file; more are past its end
 # Most ranges of one answer; a request for more gets the whole file, as one for ranges that overlap.
-_MOST = 16
+_MAX_RANGES = 16
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Span:
         return f"bytes {self.start}-{self.end - 1}/{size}"
 
 
-def asked(header: str | None, size: int) -> tuple[Span, ...]:
+def parse_ranges(header: str | None, size: int) -> tuple[Span, ...]:
     """The parts of a file of ``size`` bytes that a Range header asks for; none for the whole file.
 
     A header that is no range of bytes is ignored; nothing but ranges past the end are a 416 problem.
@@ -44,7 +44,7 @@ def asked(header: str | None, size: int) -> tuple[Span, ...]:
         raise Problem("range-not-satisfiable", f"The file has {size} bytes.", headers=extent)
     in_order = sorted(there, key=lambda span: span.start)
     overlap = any(before.end > after.start for before, after in pairwise(in_order))
-    return () if overlap or len(there) > _MOST else tuple(there)
+    return () if overlap or len(there) > _MAX_RANGES else tuple(there)
 
 
 def _is_backward(span: str) -> bool:
@@ -60,4 +60,4 @@ def _within(span: str, size: int) -> Span | None:
 
 
 def _number(digits: str) -> int:
-    return int(digits) if len(digits) <= _DIGITS else 10**_DIGITS
+    return int(digits) if len(digits) <= _MAX_DIGITS else 10**_MAX_DIGITS

@@ -13,7 +13,7 @@ from starlette.types import Receive, Scope, Send
 
 from equimesh_service.files.port import Files, StoredFile
 from equimesh_service.problems.problem import Problem
-from equimesh_service.wire.ranges import Span, asked
+from equimesh_service.wire.ranges import Span, parse_ranges
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ async def send_file(
         if _matches(request.headers.get("if-none-match", ""), etag, weakly=True):
             return Response(status_code=304, headers=shared)
         if request.headers.get("if-range", etag).strip() == etag and request.method == "GET":
-            spans = asked(request.headers.get("range"), file.size)
+            spans = parse_ranges(request.headers.get("range"), file.size)
     shared["Accept-Ranges"] = "bytes"
     if filename is not None:
         shared["Content-Disposition"] = f'attachment; filename="{filename}"'

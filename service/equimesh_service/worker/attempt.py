@@ -7,13 +7,13 @@ from contextlib import contextmanager
 
 from equimesh_service.store.rows import Claim
 from equimesh_service.telemetry import tracing
-from equimesh_service.telemetry.log_context import Trail
+from equimesh_service.telemetry.log_context import LogContext
 from equimesh_service.telemetry.tracing import Attributes
 
 
-def of(claim: Claim) -> Trail:
-    """The trail of an attempt at a mesh, which goes on from the request that asked for it."""
-    return Trail(request_id=claim.request_id or "", mesh_id=claim.mesh_id, key_id=claim.key_id)
+def log_context_of(claim: Claim) -> LogContext:
+    """The log context of an attempt at a mesh; it continues that of the request."""
+    return LogContext(request_id=claim.request_id or "", mesh_id=claim.mesh_id, key_id=claim.key_id)
 
 
 @contextmanager

@@ -27,13 +27,13 @@ from equimesh_service.worker.solve import open_store, samples_of
 
 def export(task: Export) -> Artifact | None:
     """Make the file and give it to the mesh; None when the mesh is gone."""
-    here = log_context.Trail(request_id=task.request_id, mesh_id=task.mesh_id)
-    with log_context.follow(here), tracing.follow("export", task.trace), storage_faults():
+    here = log_context.LogContext(request_id=task.request_id, mesh_id=task.mesh_id)
+    with log_context.enter(here), tracing.continue_span("export", task.trace), storage_faults():
         return _export(task)
 
 
 def _export(task: Export) -> Artifact | None:
-    store, files = open_store(task.place), task.place.files()
+    store, files = open_store(task.storage), task.storage.files()
     with files.unfinished(_suffix(task.name)) as path:
         with ExitStack() as sources:
             _write(task, path, store, files, sources)
@@ -75,11 +75,11 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             else:
                 draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
         case _:
-            order = store.meshes.order(task.mesh_id)
-            if order is None:
+            mesh_input = store.meshes.get_input(task.mesh_id)
+            if mesh_input is None:
                 raise Problem("not-found", "The mesh is gone.")
             mesh = load_npz(source(MESH)).mesh
-            problem = build_problem(read_spec(order.spec), samples_of(order, files, sources))
+            problem = build_problem(read_spec(mesh_input.spec), samples_of(mesh_input, files, sources))
             uniform = map_mesh(equimesh.Mesh.uniform(problem.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 from equimesh_service.files.address import FilesAddress
 from equimesh_service.files.port import Files
-from equimesh_service.store.rows import Claim, Order
+from equimesh_service.store.rows import Claim, MeshInput
 from equimesh_service.store.store import Store
 
 
 @dataclass(frozen=True)
-class Place:
+class Storage:
     """Where a service keeps its database and its files."""
 
     database_url: str
@@ -30,17 +30,17 @@ class Place:
 class Job:
     """One attempt at a mesh, on so many threads."""
 
-    place: Place
+    storage: Storage
     claim: Claim
     threads: int = 1
-    order: Order | None = None  # what the store knows of the mesh, where it need not be asked
+    mesh_input: MeshInput | None = None  # what the store knows of the mesh, where it need not be asked
 
 
 @dataclass(frozen=True)
 class Export:
     """A file to be made of a mesh that is done: ``name`` as in :mod:`equimesh_service.names`."""
 
-    place: Place
+    storage: Storage
     mesh_id: str
     name: str
     request_id: str = field(default="", compare=False)  # that which asked first, for log lines

@@ -15,12 +15,12 @@ from equimesh_service.store.rows import Artifact
 
 
 class Output:
-    """Files that are written but not yet published; each by a thread of its own where they are written ``aside``."""
+    """Files that are written but not yet published; ``in_threads``: each by a thread of its own."""
 
-    def __init__(self, files: Files, stack: ExitStack, *, aside: bool) -> None:
+    def __init__(self, files: Files, stack: ExitStack, *, in_threads: bool) -> None:
         self._files = files
         self._stack = stack
-        self._aside = aside
+        self._in_threads = in_threads
         self._names: list[str] = []
         self._sealed: list[tuple[Path, Callable[[], StoredFile]]] = []
 
@@ -37,7 +37,7 @@ class Output:
             return self._files.seal(path)
 
         self._names.append(name)
-        self._sealed.append((path, self._begin(made) if self._aside else _done(made)))
+        self._sealed.append((path, self._begin(made) if self._in_threads else _done(made)))
 
     def _begin(self, made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
         # Left before its file is removed: whoever gives up waits for it.

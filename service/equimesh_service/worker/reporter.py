@@ -13,10 +13,11 @@ from equimesh.inputs import finite_or_none
 
 SINGLE_DOMAIN, START, SCHWARZ, WRITING = "single_domain", "start", "schwarz", "writing"
 # Part of the whole that the solves before a Schwarz iteration count for, and the part before the writing.
-_START_SHARE, _SOLVE_SHARE = 0.1, 0.95
-_NEWTON_STEPS = 8.0
+_START_SHARE = 0.1
+_SOLVE_SHARE = 0.95
+_USUAL_NEWTON_STEPS = 8.0
 # A nested start is off by a few times the error of the grid, and the iteration ends at a fifth of that error.
-_DISCRETIZATION = 20.0
+_START_ERROR_RATIO = 20.0
 
 
 class AttemptLostError(Exception):
@@ -51,7 +52,7 @@ class Reporter:
             more = {"max_q_eq": event.max_q_eq, "change": event.change, "min_jacobian": event.min_jacobian}
             self.report(SCHWARZ, event.iteration, residual, more)
             return
-        done = (event.level + min(event.step / _NEWTON_STEPS, 1.0)) / event.levels
+        done = (event.level + min(event.step / _USUAL_NEWTON_STEPS, 1.0)) / event.levels
         share = _START_SHARE if self.schwarz is not None else _SOLVE_SHARE
         self._fraction = max(self._fraction, share * done)
         stage = SINGLE_DOMAIN if self.schwarz is None else START
@@ -99,7 +100,7 @@ class Reporter:
         if math.isnan(self._first_change):
             self._first_change = event.change
         if tolerance == "discretization":
-            tolerance = self._first_change / _DISCRETIZATION
+            tolerance = self._first_change / _START_ERROR_RATIO
         # An error that falls at a steady rate makes the same way on a logarithmic scale in each iteration.
         way = self._first_change / tolerance
         if not (way > 1.0 and event.change > 0.0):

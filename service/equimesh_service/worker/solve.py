@@ -22,23 +22,23 @@ from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
 from equimesh_service.spec.mesh import read_spec
-from equimesh_service.store.rows import FAILED, SUCCEEDED, Ending, Order
+from equimesh_service.store.rows import FAILED, SUCCEEDED, Ending, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
-from equimesh_service.worker.attempt import attempt, of
-from equimesh_service.worker.job import Job, Place
+from equimesh_service.worker.attempt import attempt, log_context_of
+from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import AttemptLostError, Reporter
 
 _log = logging.getLogger(__name__)
 # Points of a mesh whose files take so long to write that threads are worth their start.
-LARGE = 100_000
+MIN_POINTS_FOR_THREADS = 100_000
 
 
 def solve_mesh(job: Job) -> Ending | None:
     """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile."""
-    with log_context.follow(of(job.claim)), attempt(job.claim):
+    with log_context.enter(log_context_of(job.claim)), attempt(job.claim):
         try:
             with storage_faults():
                 return _solve(job)
@@ -86,32 +86,32 @@ def warm_up() -> None:
 
 
 @lru_cache(maxsize=8)
-def open_store(place: Place) -> Store:
+def open_store(storage: Storage) -> Store:
     """The store, opened once in each process."""
-    return place.store()
+    return storage.store()
 
 
-def samples_of(order: Order, files: Files, stack: ExitStack) -> SamplesOf:
+def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> SamplesOf:
     """Where the samples of specs are, as long as ``stack`` is open."""
 
     def path(samples_id: str) -> Path:
-        if samples_id not in order.samples:
+        if samples_id not in mesh_input.samples:
             raise Problem("conflict", "The samples of this mesh were deleted.")
-        return stack.enter_context(files.local(order.samples[samples_id]))
+        return stack.enter_context(files.local(mesh_input.samples[samples_id]))
 
     return path
 
 
 def _solve(job: Job) -> Ending | None:
     started = time.perf_counter()
-    store, files = open_store(job.place), job.place.files()
-    order = job.order or store.meshes.order(job.claim.mesh_id)
-    if order is None:
+    store, files = open_store(job.storage), job.storage.files()
+    mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
+    if mesh_input is None:
         raise AttemptLostError
-    spec = read_spec(order.spec)
+    spec = read_spec(mesh_input.spec)
     with ExitStack() as samples:
-        problem = build_problem(spec, samples_of(order, files, samples))
-    start = _start(order, files)
+        problem = build_problem(spec, samples_of(mesh_input, files, samples))
+    start = _start(mesh_input, files)
     schwarz = build_schwarz(spec)
     reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
     with tracing.span("solve"):
@@ -129,17 +129,17 @@ def _solve(job: Job) -> Ending | None:
     reporter.writing()
     usable = not solution.mesh.is_folded
     with tracing.span("write"), ExitStack() as stack:
-        output = Output(files, stack, aside=problem.grid.points >= LARGE)
+        output = Output(files, stack, in_threads=problem.grid.points >= MIN_POINTS_FOR_THREADS)
         if schwarz is not None:
             output.json(CONVERGENCE, solution.convergence())
         quality = None
         if usable:
             data = solution.data()
-            if start is not None and order.fields is not None:
-                data = replace(data, fields=_carried(start, order.fields, solution.mesh, files))
+            if start is not None and mesh_input.fields is not None:
+                data = replace(data, fields=_carried(start, mesh_input.fields, solution.mesh, files))
             output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
-            if order.format is not None and (order.format, spec.cells) != ("npz", "quad"):
-                name, cells = order.format, spec.cells
+            if mesh_input.format is not None and (mesh_input.format, spec.cells) != ("npz", "quad"):
+                name, cells = mesh_input.format, spec.cells
                 output.write(
                     file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
                 )
@@ -174,12 +174,12 @@ def _solve(job: Job) -> Ending | None:
     )
 
 
-def _start(order: Order, files: Files) -> equimesh.Mesh | None:
+def _start(mesh_input: MeshInput, files: Files) -> equimesh.Mesh | None:
     """The mesh of the step before; None for a mesh that is no step of a sequence, or the first."""
-    if order.start is None:
+    if mesh_input.start is None:
         return None
     try:
-        with files.local(order.start) as path:
+        with files.local(mesh_input.start) as path:
             return load_npz(path).mesh
     except FileNotFoundError:
         raise Problem("conflict", "The mesh that this step starts from was deleted.") from None

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from equimesh_cli import main
-from equimesh_service.settings import Settings, unknown
+from equimesh_service.settings import Settings, find_unknown
 
 SECRETS = {
     "EQUIMESH_DATABASE_URL": "postgresql+psycopg://ada:hidden1@db.example/meshes?password=hidden2&sslmode=require",
@@ -89,7 +89,7 @@ def test_unknown_variables_are_named_with_the_nearest(
     assert main(["config"]) == 0
     said = capsys.readouterr().err
     assert said == "equimesh: EQUIMESH_WORKRES is no setting, and is ignored; did you mean EQUIMESH_WORKERS?\n"
-    assert unknown({"EQUIMESH_ZZZ": "", "PATH": "", "EQUIMESH_URL": ""}) == {"EQUIMESH_ZZZ": None}
+    assert find_unknown({"EQUIMESH_ZZZ": "", "PATH": "", "EQUIMESH_URL": ""}) == {"EQUIMESH_ZZZ": None}
 
 
 def test_a_bad_value_is_refused_as_by_serve(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,32 +7,32 @@ import threading
 import anyio
 import pytest
 
-from equimesh_service.dispatch.check_threads import Checkers
+from equimesh_service.dispatch.check_threads import CheckThreads
 from equimesh_service.problems.problem import Problem
 
 
 @pytest.mark.anyio
 async def test_a_check_that_waits_for_a_worker_makes_room() -> None:
-    checkers, done, waits = Checkers(threads=1), threading.Event(), threading.Event()
+    check_threads, done, waits = CheckThreads(threads=1), threading.Event(), threading.Event()
 
     def slow() -> None:
-        with checkers.aside(""):
+        with check_threads.while_waiting(""):
             waits.set()
             done.wait(20.0)
 
     async with anyio.create_task_group() as group:
-        group.start_soon(checkers.run, slow)
-        group.start_soon(checkers.run, slow)
+        group.start_soon(check_threads.run, slow)
+        group.start_soon(check_threads.run, slow)
         with anyio.fail_after(10.0):
-            while not await checkers.run(waits.is_set):
+            while not await check_threads.run(waits.is_set):
                 pass
         done.set()
     busy = threading.Event()
     async with anyio.create_task_group() as group:  # afterwards there is as much room as before
-        group.start_soon(checkers.run, busy.wait, 20.0)
+        group.start_soon(check_threads.run, busy.wait, 20.0)
         await anyio.sleep(0.05)
         with anyio.move_on_after(0.2) as scope:
-            await checkers.run(bool)
+            await check_threads.run(bool)
         assert scope.cancelled_caught
         busy.set()
 
@@ -41,12 +41,12 @@ class Slow:
     """Checks that wait for a worker until they are done, and what is said to those that may not wait."""
 
     def __init__(self) -> None:
-        self.checkers, self.done = Checkers(threads=1), threading.Event()
+        self.check_threads, self.done = CheckThreads(threads=1), threading.Event()
         self.refused: list[Problem] = []
 
     def wait(self, key_id: str) -> None:
         try:
-            with self.checkers.aside(key_id):
+            with self.check_threads.while_waiting(key_id):
                 self.done.wait(20.0)
         except Problem as problem:
             self.refused.append(problem)
@@ -55,38 +55,38 @@ class Slow:
 @pytest.mark.anyio
 async def test_one_key_does_not_take_all_the_room() -> None:
     slow = Slow()
-    checkers, done, refused, wait = slow.checkers, slow.done, slow.refused, slow.wait
+    check_threads, done, refused, wait = slow.check_threads, slow.done, slow.refused, slow.wait
 
     def let_through() -> str:
-        with checkers.aside("another"):
+        with check_threads.while_waiting("another"):
             return "seen"
 
     async with anyio.create_task_group() as group:
         for _ in range(40):
-            group.start_soon(checkers.run, wait, "k")
+            group.start_soon(check_threads.run, wait, "k")
         with anyio.fail_after(10.0):
             while len(refused) < 8:
                 await anyio.sleep(0.01)
-            assert await checkers.run(let_through) == "seen"
+            assert await check_threads.run(let_through) == "seen"
         done.set()
     assert {problem.name for problem in refused} == {"quota-exceeded"}
     assert refused[0].headers["Retry-After"] == "5"
-    assert "This key has 32 requests whose samples wait to be read" in refused[0].detail
-    await checkers.run(wait, "k")  # done is set: there is room again
+    assert "This key has 32 uploads waiting to be read" in refused[0].detail
+    await check_threads.run(wait, "k")  # done is set: there is room again
     assert len(refused) == 8
 
 
 @pytest.mark.anyio
 async def test_all_keys_together_leave_room_for_quick_checks() -> None:
     slow = Slow()
-    checkers, done, refused, wait = slow.checkers, slow.done, slow.refused, slow.wait
+    check_threads, done, refused, wait = slow.check_threads, slow.done, slow.refused, slow.wait
 
     async with anyio.create_task_group() as group:
         for number in range(129):
-            group.start_soon(checkers.run, wait, f"key {number % 5}")
+            group.start_soon(check_threads.run, wait, f"key {number % 5}")
         with anyio.fail_after(10.0):
             while not refused:
                 await anyio.sleep(0.01)
-            assert await checkers.run(lambda: "quick") == "quick"
+            assert await check_threads.run(lambda: "quick") == "quick"
         done.set()
     assert [problem.name for problem in refused] == ["unavailable"]

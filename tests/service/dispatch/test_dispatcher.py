@@ -17,12 +17,12 @@ from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import EngineError, Health
 from equimesh_service.service import Service
-from equimesh_service.store.rows import Claim, Ending, NewMesh, Order
+from equimesh_service.store.rows import Claim, Ending, MeshInput, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import until
 
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
-ORDER = Order(spec=SPEC, samples={})
+MESH_INPUT = MeshInput(spec=SPEC, samples={})
 
 
 class Patient:
@@ -79,8 +79,8 @@ def test_as_many_are_taken_as_there_are_workers(dispatcher: Dispatcher, store: S
     dispatcher.release()
     until(dispatcher.reserve)
     for name in ("a", "b"):
-        store.meshes.add(NewMesh(id=name, spec=SPEC), hold=dispatcher.hold)
-        dispatcher.begin(Claim(name, 1), ORDER)
+        store.meshes.add(NewMesh(id=name, spec=SPEC), lease=dispatcher.lease)
+        dispatcher.begin(Claim(name, 1), MESH_INPUT)
     assert not dispatcher.reserve()
     store.queue.finish(Claim("a", 1))
     engine.tasks[0].set_result(None)
@@ -102,7 +102,7 @@ def test_a_worker_that_takes_nothing_stays_reserved(dispatcher: Dispatcher, engi
     until(dispatcher.reserve)
     engine.closed = True
     with pytest.raises(EngineError):
-        dispatcher.begin(Claim("a", 1), ORDER)
+        dispatcher.begin(Claim("a", 1), MESH_INPUT)
     dispatcher.release()
     until(dispatcher.reserve)
     until(dispatcher.reserve)
@@ -155,7 +155,7 @@ def test_what_is_claimed_keeps_its_worker(store: Store, engine: Patient, monkeyp
 
 def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
     until(dispatcher.reserve)
-    store.meshes.add(NewMesh(id="a", spec=SPEC), hold=dispatcher.hold)
+    store.meshes.add(NewMesh(id="a", spec=SPEC), lease=dispatcher.lease)
     dispatcher.release()  # whoever asked for it is gone
     until(lambda: len(engine.tasks) == 1)
     story = [event.data for event in store.meshes.events("a")]
@@ -166,7 +166,7 @@ def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, s
 def test_a_dispatcher_that_is_stuck_is_not_alive(
     store: Store, engine: Patient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dispatcher_module, "_LONGEST_ROUND", 0.2)
+    monkeypatch.setattr(dispatcher_module, "_MAX_ROUND_SECONDS", 0.2)
     go_on = threading.Event()
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
     dispatcher.start(alone=True)
@@ -186,8 +186,8 @@ def _finish(store: Store, engine: Patient, number: int, name: str) -> None:
 
 
 def _hold(dispatcher: Dispatcher, store: Store, name: str) -> None:
-    store.meshes.add(NewMesh(id=name, spec=SPEC), hold=dispatcher.hold)
-    dispatcher.begin(Claim(name, 1), ORDER)
+    store.meshes.add(NewMesh(id=name, spec=SPEC), lease=dispatcher.lease)
+    dispatcher.begin(Claim(name, 1), MESH_INPUT)
 
 
 def test_a_line_forms_where_no_worker_is_free(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:

@@ -1,4 +1,4 @@
-"""The desk takes keys in turns: what one has waiting does not hold up the others."""
+"""Side workers take keys in turn: what one has waiting does not hold up the others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from equimesh_service import Settings
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import ANYONE
-from equimesh_service.dispatch.side_workers import Desk
+from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.engine.port import EngineError, Health, WorkerLostError
 from equimesh_service.service import Service
 from equimesh_service.telemetry import log_context
@@ -57,10 +57,10 @@ class ByHand:
 
 def test_keys_take_turns() -> None:
     engine = ByHand()
-    desk = Desk(engine)
-    first = [desk.submit("a", print, f"a{number}") for number in range(6)]
-    second = [desk.submit("b", print, f"b{number}") for number in range(2)]
-    third = desk.submit("c", print, "c0")
+    side_workers = SideWorkers(engine)
+    first = [side_workers.submit("a", print, f"a{number}") for number in range(6)]
+    second = [side_workers.submit("b", print, f"b{number}") for number in range(2)]
+    third = side_workers.submit("c", print, "c0")
     assert engine.begun == ["a0", "a1"]
     for name in ("a1", "a0", "b0", "c0", "a2", "b1"):
         engine.end(name)
@@ -75,25 +75,25 @@ def test_keys_take_turns() -> None:
 
 def test_no_task_is_forgotten_when_the_workers_are() -> None:
     engine = ByHand()
-    desk = Desk(engine)
-    tasks = [desk.submit("a", print, f"a{number}") for number in range(3000)]
+    side_workers = SideWorkers(engine)
+    tasks = [side_workers.submit("a", print, f"a{number}") for number in range(3000)]
     engine.state = "broken"
     engine.end("a0")
     assert tasks[0].result(0) == "A0"
     assert isinstance(tasks[2999].exception(0), WorkerLostError)
     engine.state = "open"
-    waiting = [desk.submit("b", print, f"b{number}") for number in range(4)]
+    waiting = [side_workers.submit("b", print, f"b{number}") for number in range(4)]
     assert engine.begun[-1] == "b0"  # beside a1: there are as many places as before
-    desk.close()
+    side_workers.close()
     assert all(task.exception(0) is not None for task in (tasks[1], *waiting))
 
 
 class Asked(Exception):
-    """The desk was asked."""
+    """The side workers were asked."""
 
 
 def asked_by() -> tuple[list[str], Any]:
-    """For which keys the desk is asked from now on, and the desk."""
+    """The keys that tasks are submitted for, and the side workers."""
     keys: list[str] = []
 
     def submit(key_id: str, *_: Any, time_limit: float) -> Future[Any]:  # noqa: ARG001
@@ -105,18 +105,25 @@ def asked_by() -> tuple[list[str], Any]:
 
 @pytest.mark.anyio
 async def test_samples_and_files_take_the_turns_of_who_asks() -> None:
-    keys, desk = asked_by()
+    keys, side_workers = asked_by()
     scattered = {"points": [[i / 4, j / 4] for i in range(5) for j in range(5)], "values": [0.1 * k for k in range(25)]}
     spec = json.dumps(small(monitor={"u": {"scattered": scattered}})).encode()
     nowhere: Any = None
     admission = Admission(
-        Settings(), nowhere, nowhere, desk, lambda key_id: nullcontext(keys.append(f"aside {key_id}")), OrderedDict()
+        Settings(),
+        nowhere,
+        nowhere,
+        side_workers,
+        lambda key_id: nullcontext(keys.append(f"waiting {key_id}")),
+        OrderedDict(),
     )
     store = SimpleNamespace(meshes=SimpleNamespace(artifact=lambda *_: None))
-    service: Any = SimpleNamespace(store=store, place=None, exporting={}, desk=desk, settings=Settings())
-    with log_context.follow(log_context.Trail(key_id="k")):
+    service: Any = SimpleNamespace(
+        store=store, storage=None, exporting={}, side_workers=side_workers, settings=Settings()
+    )
+    with log_context.enter(log_context.LogContext(key_id="k")):
         with pytest.raises(Asked):
             admission.receive(spec, None, ANYONE)
         with pytest.raises(Asked):
             await Service.artifact(service, "m-1", "plot:mesh:svg")
-    assert keys == ["aside k", "k", "k"]
+    assert keys == ["waiting k", "k", "k"]

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from equimesh_service.files.port import PIECE, Files, ListedFile, StoredFile
+from equimesh_service.files.port import PIECE_BYTES, Files, ListedFile, StoredFile
 
 # Larger than what goes up, or comes down, in one piece.
-LARGE = random.Random(1).randbytes(20_000_001)
+MIN_POINTS_FOR_THREADS = random.Random(1).randbytes(20_000_001)
 
 
 def keep(files: Files, content: bytes) -> StoredFile:
@@ -71,11 +71,11 @@ def check_life(files: Files, folder: Path) -> None:
 
 def check_large(files: Files, folder: Path) -> None:
     """A large file is the same afterwards, and comes in pieces of a bounded size."""
-    file = keep(files, LARGE)
-    assert read(files, file.sha256) == LARGE
-    pieces = read_range(files, file.sha256, 7, len(LARGE) - 1)
-    assert b"".join(pieces) == LARGE[7:-1]
-    assert max(map(len, pieces)) <= PIECE
+    file = keep(files, MIN_POINTS_FOR_THREADS)
+    assert read(files, file.sha256) == MIN_POINTS_FOR_THREADS
+    pieces = read_range(files, file.sha256, 7, len(MIN_POINTS_FOR_THREADS) - 1)
+    assert b"".join(pieces) == MIN_POINTS_FOR_THREADS[7:-1]
+    assert max(map(len, pieces)) <= PIECE_BYTES
     assert unfinished(folder) == []
 
 

@@ -190,7 +190,7 @@ async def _database_without_writes(http: httpx.AsyncClient, data: Path, service:
     # A disk with open files cannot be made so: everything that holds the database lets go of it first.
     service.lock.close()
     service.engine.close()
-    service.desk.close()
+    service.side_workers.close()
     deadline = time.monotonic() + 20.0
     while time.monotonic() < deadline:
         service.store.close()

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from equimesh_service.store.rows import Artifact, Claim, Hold, NewMesh
+from equimesh_service.store.rows import Artifact, Claim, Lease, NewMesh
 from equimesh_service.store.store import Store
 from service.store.stores import ERROR, SPEC, Clock, add, claimed, status
 
@@ -116,8 +116,8 @@ def test_cancel_works_until_the_end(store: Store) -> None:
 
 
 def test_a_mesh_that_somebody_waits_for_is_claimed_from_the_start(store: Store, clock: Clock) -> None:
-    hold = Hold(owner="me", lease=10.0)
-    store.meshes.add(NewMesh(id="a", spec=SPEC), hold=hold)
+    lease = Lease(owner="me", seconds=10.0)
+    store.meshes.add(NewMesh(id="a", spec=SPEC), lease=lease)
     assert store.queue.claim("other", 10.0) is None
     assert [event.data["status"] for event in store.meshes.events("a")] == ["queued", "running"]
     assert store.queue.renew("me", 10.0) == {Claim("a", 1)}

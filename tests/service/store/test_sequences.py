@@ -50,7 +50,7 @@ def test_the_store_takes_one_step_after_the_other(database_url: str) -> None:
     second = take(1)  # in place of the one that failed
     with pytest.raises(StepTakenError):
         take(1)
-    order = store.meshes.order(second)
+    order = store.meshes.get_input(second)
     assert order is not None
     assert (order.start, order.fields, list(order.samples)) == ("a" * 64, "f1" * 32, ["n-1"])
     finish(second)

@@ -14,7 +14,7 @@ from starlette.types import Receive, Scope, Send
 
 from equimesh_service.api.middleware import Observation
 from equimesh_service.telemetry import logs
-from equimesh_service.telemetry.log_context import Trail, follow, request_id
+from equimesh_service.telemetry.log_context import LogContext, choose_request_id, enter
 from equimesh_service.upkeep.metrics import Metrics
 from service.conftest import small, until
 from service.observed import Observed
@@ -56,10 +56,10 @@ def test_probes_and_what_clients_make_up_are_not_in_the_log(observed: Observed) 
 
 def test_ids_of_clients_are_taken_when_they_are_sane() -> None:
     for good in ("a", "Run_7.b:c-d", "x" * 64):
-        assert request_id(good) == good
+        assert choose_request_id(good) == good
     for bad in (None, "", "x" * 65, "a b", "a\n", "ä", 'a"b'):
-        assert re.fullmatch("[0-9a-f]{24}", request_id(bad))
-    assert request_id(None) != request_id(None)
+        assert re.fullmatch("[0-9a-f]{24}", choose_request_id(bad))
+    assert choose_request_id(None) != choose_request_id(None)
 
 
 def line_of(format: str, error: BaseException | None = None) -> str:
@@ -70,7 +70,7 @@ def line_of(format: str, error: BaseException | None = None) -> str:
 
 
 def test_both_formats_name_the_trail() -> None:
-    with follow(Trail(request_id="r-1", key_id="k-1")):
+    with enter(LogContext(request_id="r-1", key_id="k-1")):
         told, text = json.loads(line_of("json")), line_of("text")
     assert (told["message"], told["level"], told["logger"]) == ("it is so", "warning", "here")
     assert (told["request_id"], told["key_id"], "mesh_id" in told) == ("r-1", "k-1", False)

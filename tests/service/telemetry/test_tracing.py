@@ -68,7 +68,7 @@ def test_off_they_load_nothing_and_do_nothing() -> None:
     assert [path.stem for path in modules if any("opentelemetry" in name for name in imports(path))] == ["spans"]
     assert not [path.stem for path in modules if "equimesh_service.telemetry.spans" in imports(path)]
     assert open_tracer("", "service") is None
-    assert tracing.span("a") is tracing.span("b") is tracing.follow("c", f"00-{TRACE}-{CALLER}-01")
+    assert tracing.span("a") is tracing.span("b") is tracing.continue_span("c", f"00-{TRACE}-{CALLER}-01")
     assert tracing.traceparent() is None
     with attempt(Claim("m-1", 1)):
         pass

@@ -24,8 +24,8 @@ from equimesh_service import Settings
 from equimesh_service.admission.callers import ANYONE
 from equimesh_service.api.app import create_app
 from equimesh_service.api.middleware import Observation
-from equimesh_service.store.rows import STATUSES, Census, Ending
-from equimesh_service.upkeep.metrics import Glance, Metrics
+from equimesh_service.store.rows import STATUSES, Ending, QueueCounts
+from equimesh_service.upkeep.metrics import Metrics, Snapshot
 from service.conftest import SLOW, small, until
 from service.processes import children
 from service.requests import WAIT
@@ -214,7 +214,7 @@ def test_services_do_not_share_their_metrics() -> None:
 
 def test_a_scrape_does_without_the_store() -> None:
     metrics = Metrics()
-    metrics.look(lambda: Glance(workers={"solve": 1}, census=None))
+    metrics.add_snapshots(lambda: Snapshot(workers={"solve": 1}, counts=None))
     samples = read(metrics.scrape("")[0].decode())
     assert samples[("equimesh_store_up", ())] == 0
     assert ("equimesh_queue_depth", ()) not in samples
@@ -247,7 +247,9 @@ def anyio_backend() -> str:
 def families() -> dict[str, tuple[str, set[str]]]:
     """Type and labels of all metrics of a service, by the name that queries use."""
     metrics = Metrics()
-    metrics.look(lambda: Glance(workers={"solve": 1}, census=Census(meshes=dict.fromkeys(STATUSES, 0), oldest_wait=0)))
+    metrics.add_snapshots(
+        lambda: Snapshot(workers={"solve": 1}, counts=QueueCounts(meshes=dict.fromkeys(STATUSES, 0), oldest_wait=0))
+    )
     metrics.ended(Ending(status="succeeded", solve_seconds=1.0))
     metrics.answered("GET", "/", 200, 0.1, 1)
     found = {}

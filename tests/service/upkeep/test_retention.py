@@ -169,7 +169,7 @@ def test_a_storage_that_does_not_work_ends_the_sweep(
 
 def test_a_file_that_finds_an_owner_meanwhile_stays(store: Store, files: FolderFiles) -> None:
     left = keep(files, b"left", hours=2.0)
-    assert store.retention.unnamed([left.sha256]) == {left.sha256}
+    assert store.retention.find_unnamed([left.sha256]) == {left.sha256}
     finished(store, left, "m-1")
     store.retention.remove_unnamed([left.sha256], files.remove)
     assert files.path(left.sha256).exists()

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from equimesh_service.wire.negotiation import chosen, explicit, preferred_types, preferred_wait
+from equimesh_service.wire.negotiation import choose_explicit_offer, choose_offer, parse_accept, parse_wait
 
 OFFERS = {"vtu": "application/vnd.vtk.vtu+xml", "msh": "model/mesh"}
 
@@ -30,7 +30,7 @@ OFFERS = {"vtu": "application/vnd.vtk.vtu+xml", "msh": "model/mesh"}
     ],
 )
 def test_the_most_wanted_offer_is_chosen(header: str | None, name: str | None) -> None:
-    assert chosen(header, OFFERS) == name
+    assert choose_offer(header, OFFERS) == name
 
 
 @pytest.mark.parametrize(
@@ -45,17 +45,17 @@ def test_the_most_wanted_offer_is_chosen(header: str | None, name: str | None) -
     ],
 )
 def test_a_mesh_is_sent_instead_of_json_only_when_it_is_named(header: str | None, name: str | None) -> None:
-    assert explicit(header, OFFERS) == name
+    assert choose_explicit_offer(header, OFFERS) == name
 
 
 def test_a_long_header_is_read_at_once() -> None:
     began = time.perf_counter()
-    assert chosen(",".join(f"*/********{number:x}" for number in range(2500)), OFFERS) is None
+    assert choose_offer(",".join(f"*/********{number:x}" for number in range(2500)), OFFERS) is None
     assert time.perf_counter() - began < 1.0  # a search with patterns takes seconds
 
 
 def test_equal_wishes_keep_their_order() -> None:
-    assert preferred_types("b/b, a/a;q=1.0, c/c;q=0.9, d/d;q=0") == ["b/b", "a/a", "c/c"]
+    assert parse_accept("b/b, a/a;q=1.0, c/c;q=0.9, d/d;q=0") == ["b/b", "a/a", "c/c"]
 
 
 @pytest.mark.parametrize(
@@ -63,4 +63,4 @@ def test_equal_wishes_keep_their_order() -> None:
     [("wait=5", 5), ("respond-async, wait=10", 10), ('Wait="7"', 7), ("wait = 3", 3), ("wait=x", None), (None, None)],
 )
 def test_the_wait_that_is_preferred(header: str | None, seconds: int | None) -> None:
-    assert preferred_wait(header) == seconds
+    assert parse_wait(header) == seconds

@@ -20,13 +20,13 @@ def files(tmp_path: Path) -> FolderFiles:
     return files
 
 
-@pytest.mark.parametrize("aside", [False, True])
-def test_files_are_there_in_their_order_once_they_are_published(files: FolderFiles, aside: bool) -> None:
+@pytest.mark.parametrize("in_threads", [False, True])
+def test_files_are_there_in_their_order_once_they_are_published(files: FolderFiles, in_threads: bool) -> None:
     """The first is the last to be ready where each has a thread, which is what the order must not depend on."""
     second = threading.Event()
     with ExitStack() as stack:
-        output = Output(files, stack, aside=aside)
-        output.write("one", ".txt", lambda path: (second.wait(30.0 if aside else 0.0), path.write_text("first")))
+        output = Output(files, stack, in_threads=in_threads)
+        output.write("one", ".txt", lambda path: (second.wait(30.0 if in_threads else 0.0), path.write_text("first")))
         output.write("two", ".txt", lambda path: (path.write_text("the second"), second.set()))
         output.json("three", {"a": 1})
         artifacts = output.artifacts()
@@ -38,8 +38,8 @@ def test_files_are_there_in_their_order_once_they_are_published(files: FolderFil
             assert Artifact(file.name, *vars(digest_of(path)).values()) == file
 
 
-@pytest.mark.parametrize("aside", [False, True])
-def test_a_file_that_cannot_be_written_leaves_nothing(files: FolderFiles, tmp_path: Path, aside: bool) -> None:
+@pytest.mark.parametrize("in_threads", [False, True])
+def test_a_file_that_cannot_be_written_leaves_nothing(files: FolderFiles, tmp_path: Path, in_threads: bool) -> None:
     """Not even of another that a thread is writing meanwhile: whoever gives up waits for it."""
     ended = threading.Event()
 
@@ -54,12 +54,12 @@ def test_a_file_that_cannot_be_written_leaves_nothing(files: FolderFiles, tmp_pa
 
     def written() -> None:
         with ExitStack() as stack:
-            output = Output(files, stack, aside=aside)
+            output = Output(files, stack, in_threads=in_threads)
             output.write("full", ".txt", full)
             output.write("late", ".txt", late)
             output.artifacts()
 
     with pytest.raises(OSError, match="No space left"):
         written()
-    assert ended.is_set() == aside
+    assert ended.is_set() == in_threads
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
