@@ -53,6 +53,11 @@ def code_of(error: Exception) -> Exit | None:
         return error.code
     if isinstance(error, OSError) and not isinstance(error, ConnectionError | TimeoutError):
         return Exit.INPUT
+    if "equimesh_service" in sys.modules:
+        from equimesh_service.errors import CannotServeError
+
+        if isinstance(error, CannotServeError):
+            return Exit.INPUT
     if "equimesh_client" in sys.modules:
         from equimesh_client import errors as client
 

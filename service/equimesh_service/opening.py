@@ -18,10 +18,11 @@ from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.engine.port import Engine
 from equimesh_service.engine.preparation import Preparation
+from equimesh_service.errors import FolderInUseError, UnusableDatabaseError
 from equimesh_service.files.address import files_address
 from equimesh_service.service import Service
 from equimesh_service.settings import Settings
-from equimesh_service.store.database import UnusableDatabaseError, sqlite_file
+from equimesh_service.store.database import sqlite_file
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.metrics import Metrics, Snapshot
 from equimesh_service.upkeep.readiness import OK, Readiness
@@ -41,10 +42,6 @@ PRELOAD = (
     "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg",
 )
-
-
-class FolderInUseError(OSError):
-    """Another service works in the same data folder."""
 
 
 def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:

@@ -44,9 +44,9 @@ class _Server(uvicorn.Server):
 def run(settings: Settings) -> None:
     """Serve until the process is told to stop (SIGINT or SIGTERM).
 
-    Raises :class:`~equimesh_service.opening.FolderInUseError` when another service uses the data folder,
-    :class:`~equimesh_service.store.database.UnusableDatabaseError` when the database cannot be worked with,
-    :class:`~equimesh_service.upkeep.exposure.ExposedError` when others could use it without a key, and OSError when the
+    Raises :class:`~equimesh_service.errors.FolderInUseError` when another service uses the data folder,
+    :class:`~equimesh_service.errors.UnusableDatabaseError` when the database cannot be worked with,
+    :class:`~equimesh_service.errors.ExposedError` when others could use it without a key, and OSError when the
     address cannot be used.
     """
     logs.configure(settings.log_level, settings.log_format)
@@ -64,8 +64,8 @@ def running(settings: Settings) -> Iterator[str]:
     """A service in a thread of this process, ready to work, for the length of a ``with``; gives its URL.
 
     The main module of a program that uses it must be guarded by ``if __name__ == "__main__"``, as worker
-    processes import it. Raises :class:`~equimesh_service.opening.FolderInUseError` when another service uses
-    the data folder, :class:`~equimesh_service.upkeep.exposure.ExposedError` when others could use it without a key, and
+    processes import it. Raises :class:`~equimesh_service.errors.FolderInUseError` when another service uses
+    the data folder, :class:`~equimesh_service.errors.ExposedError` when others could use it without a key, and
     :class:`RuntimeError` when the service does not start.
     """
     server = _server(settings)

@@ -24,8 +24,9 @@ from equimesh_service import Settings, running
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine import pool_watch
 from equimesh_service.engine.pebble import PebbleEngine
-from equimesh_service.engine.port import Health, TimeLimitError, WorkerLostError
-from equimesh_service.opening import PRELOAD, FolderInUseError, open_service
+from equimesh_service.engine.port import Health
+from equimesh_service.errors import FolderInUseError, TimeLimitError, WorkerLostError
+from equimesh_service.opening import PRELOAD, open_service
 from equimesh_service.store.rows import Claim, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import SLOW, small, until

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 
 from equimesh_service.dispatch.wakeups import Wakeups
-from equimesh_service.engine.port import WorkerLostError
+from equimesh_service.errors import WorkerLostError
 from equimesh_service.service import Asked, Service
 from service.conftest import small, until
 

@@ -105,7 +105,6 @@ def _answered(options: argparse.Namespace, action: Callable[[Settings], Found]) 
     try:
         from sqlalchemy.exc import SQLAlchemyError
 
-        from equimesh_service.store.database import UnusableDatabaseError
     except ImportError as error:
         raise NotInstalled("service", error) from error
     import sqlite3
@@ -114,8 +113,6 @@ def _answered(options: argparse.Namespace, action: Callable[[Settings], Found]) 
     settings = chosen(asked)
     try:
         return action(settings)
-    except UnusableDatabaseError as error:
-        raise Refused(str(error)) from None
     except (SQLAlchemyError, sqlite3.Error) as error:
         # The text of the error may name the address with its password.
         cause = type(getattr(error, "orig", None) or error).__name__

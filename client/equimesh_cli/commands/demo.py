@@ -53,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
     """Serve, ask, report, write."""
     try:
         import equimesh_service
+        from equimesh_service.errors import CannotServeError
         from equimesh_service.settings import Settings
     except ImportError as error:
         raise NotInstalled("service", error) from error
@@ -72,6 +73,8 @@ def run(options: argparse.Namespace) -> int:
         with ExitStack() as stack:
             try:
                 url = stack.enter_context(equimesh_service.running(settings))
+            except CannotServeError as error:
+                raise Refused(str(error), Exit.UNREACHABLE) from None
             except OSError as error:
                 raise Refused(cannot_serve(settings, error), Exit.UNREACHABLE) from error
             except RuntimeError as error:

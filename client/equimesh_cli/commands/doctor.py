@@ -130,15 +130,12 @@ def _tried(check: Callable[[Settings], Finding | None], settings: Settings) -> F
     """What a check finds; an error of what it looks at is a finding, too."""
     from sqlalchemy.exc import SQLAlchemyError
 
-    from equimesh_service.files.port import FilesError
-    from equimesh_service.store.database import UnusableDatabaseError
+    from equimesh_service.errors import CannotServeError
 
     try:
         return check(settings)
-    except UnusableDatabaseError as error:
+    except CannotServeError as error:
         return failed(str(error).splitlines()[0])
-    except FilesError as error:
-        return failed(error.strerror or str(error), "see EQUIMESH_FILES_URL and the settings of S3")
     except ImportError as error:
         return failed(f"{error.name} is not installed", "see the check of the packages")
     except SQLAlchemyError as error:

@@ -110,7 +110,6 @@ def _opened(options: argparse.Namespace, *, new: bool = False) -> Iterator[KeySt
     try:
         from sqlalchemy.exc import SQLAlchemyError
 
-        from equimesh_service.store.database import UnusableDatabaseError
         from equimesh_service.store.store import Store
     except ImportError as error:
         raise NotInstalled("service", error) from error
@@ -122,15 +121,10 @@ def _opened(options: argparse.Namespace, *, new: bool = False) -> Iterator[KeySt
         settings.data_dir.mkdir(parents=True, exist_ok=True)
     elif inside and not file.exists():
         raise Refused(f"there is no database in {settings.data_dir}; name the data folder with --data-dir")
-    try:
-        store = Store(settings.database)
-    except UnusableDatabaseError as error:
-        raise Refused(str(error)) from None
+    store = Store(settings.database)
     try:
         store.prepare()
         yield store.keys
-    except UnusableDatabaseError as error:
-        raise Refused(str(error)) from None
     except SQLAlchemyError as error:
         # The text of the error may name the address with its password.
         where = f"in {settings.data_dir}" if inside else "of the given address"

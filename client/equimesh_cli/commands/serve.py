@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.options.settings import add_settings, cannot_serve, chosen, given
 from equimesh_cli.parser import Parser
-
-if TYPE_CHECKING:
-    pass
 
 EXAMPLES = """\
 Every option is also an environment variable: --data-dir is EQUIMESH_DATA_DIR. The option wins.
@@ -44,8 +41,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the service in this process."""
     try:
         import equimesh_service
-        from equimesh_service.store.database import UnusableDatabaseError
-        from equimesh_service.upkeep.exposure import ExposedError
+        from equimesh_service.errors import CannotServeError
     except ImportError as error:
         raise NotInstalled("service", error) from error
     settings = chosen(given(options))
@@ -53,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
         equimesh_service.run(settings)
     except KeyboardInterrupt:
         pass  # the way to stop it
-    except (ExposedError, UnusableDatabaseError) as error:
+    except CannotServeError as error:
         raise Refused(str(error)) from None
     except OSError as error:
         raise Refused(cannot_serve(settings, error)) from error

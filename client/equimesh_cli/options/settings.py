@@ -52,12 +52,8 @@ def chosen(given: dict[str, str]) -> Settings:
 
 
 def cannot_serve(settings: Settings, error: OSError) -> str:
-    """Why a service does not start: its folder, its storage, or its address."""
-    from equimesh_service.files.port import FilesError
-
+    """The message for an error of the system at the start of a service: of its folder or its address."""
     said = error.strerror or str(error)
-    if isinstance(error, FilesError):
-        return said
     if error.filename is not None:
         return f"cannot use the data folder {settings.data_dir} ({error.filename}: {said}); choose one with --data-dir"
     if error.errno == errno.EADDRINUSE:

@@ -21,7 +21,7 @@ from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.problem import build_grid, build_schwarz, check_problem, pointing
 from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
-from equimesh_service.engine.port import EngineError, MemoryLimitError, TimeLimitError
+from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, invalid
 from equimesh_service.settings import Settings

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 from starlette.concurrency import run_in_threadpool
 
 from equimesh_service.admission.callers import Caller
+from equimesh_service.errors import QuotaError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.settings import Settings
-from equimesh_service.store.quotas import Quota, QuotaError, QuotaStore
+from equimesh_service.store.quotas import Quota, QuotaStore
 
 _MINUTE_SECONDS = 60
 # Bytes are summed anew after so many seconds, or after so many times as long as the sum took.

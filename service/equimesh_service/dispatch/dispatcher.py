@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from equimesh_service.engine.port import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.engine.port import Engine
+from equimesh_service.errors import MemoryLimitError, TimeLimitError, WorkerLostError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_problem
 from equimesh_service.store.rows import FAILED, Claim, Ending, Lease, MeshInput

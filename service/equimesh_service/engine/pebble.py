@@ -20,7 +20,8 @@ from typing import Any, TypeVar
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from equimesh_service.engine.pool_watch import SERVER_DIED_EXIT_CODE, PoolWatch
-from equimesh_service.engine.port import EngineError, Health, MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.engine.port import Health
+from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError, WorkerLostError
 
 Result = TypeVar("Result")
 _log = logging.getLogger(__name__)

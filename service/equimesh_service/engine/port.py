@@ -10,22 +10,6 @@ from typing import Any, Protocol, TypeVar
 Result = TypeVar("Result")
 
 
-class EngineError(Exception):
-    """A task that did not come to its own end."""
-
-
-class TimeLimitError(EngineError):
-    """The task ran longer than its time limit and was stopped."""
-
-
-class MemoryLimitError(EngineError):
-    """The task wanted more memory than its worker may have."""
-
-
-class WorkerLostError(EngineError):
-    """The worker died while it ran the task; running it again may succeed."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Health:
     """Whether an engine can run tasks, and the number of its workers."""
@@ -43,7 +27,8 @@ class Engine(Protocol):
     ) -> Future[Result]:
         """Run ``function(*arguments)``, all picklable, in a worker.
 
-        The future holds what the function returns or raises, an :class:`EngineError`, or is cancelled.
+        The future holds what the function returns or raises, an
+        :class:`~equimesh_service.errors.EngineError`, or is cancelled.
         ``time_limit`` is in seconds, counted from when a worker starts the task.
         """
         ...

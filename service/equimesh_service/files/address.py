@@ -10,8 +10,9 @@ from urllib.parse import unquote, urlsplit
 
 from pydantic import SecretStr
 
+from equimesh_service.errors import FilesError
 from equimesh_service.files.folder import FolderFiles
-from equimesh_service.files.port import Files, FilesError
+from equimesh_service.files.port import Files
 from equimesh_service.files.s3 import Bucket, S3Files
 from equimesh_service.settings import Settings
 
@@ -32,7 +33,7 @@ class FilesAddress:
     secret_key: SecretStr = _NONE
 
     def open(self) -> Files:
-        """The files. Raises :class:`~equimesh_service.files.port.FilesError` for an address that cannot be used."""
+        """The files. Raises :class:`FilesError` for an address that cannot be used."""
         parts = urlsplit(self.url)
         if not self.url:
             return FolderFiles(self.folder)

@@ -18,10 +18,6 @@ from typing import Protocol
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
-class FilesError(OSError):
-    """The storage of files cannot be used; the message says which, why, and what to do."""
-
-
 @dataclass(frozen=True)
 class StoredFile:
     """A file of the store: the SHA-256 of its bytes, in hexadecimal, and their number."""
@@ -53,9 +49,9 @@ class Files(Protocol):
     """Files under the SHA-256 of their bytes; safe for many processes, and after a crash.
 
     A file is written to a local temporary file first (:meth:`unfinished`), then sealed, then published inside the
-    transaction that names it. Nobody ever sees half a file. Every method raises :class:`OSError` when the storage
-    fails, :class:`FilesError` when it cannot be reached or used, and :class:`FileNotFoundError` for a file that is
-    not there.
+    transaction that names it. A half-written file is never visible. Every method raises :class:`OSError` when the
+    storage fails, :class:`~equimesh_service.errors.FilesError` when it cannot be reached or used, and
+    :class:`FileNotFoundError` for a missing file.
     """
 
     def prepare(self, *, alone: bool) -> None:

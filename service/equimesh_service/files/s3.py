@@ -15,16 +15,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import SecretStr
 
-from equimesh_service.files.port import (
-    PIECE_BYTES,
-    SHA256,
-    FilesError,
-    ListedFile,
-    Removed,
-    StoredFile,
-    digest_of,
-    key_of,
-)
+from equimesh_service.errors import FilesError
+from equimesh_service.files.port import PIECE_BYTES, SHA256, ListedFile, Removed, StoredFile, digest_of, key_of
 from equimesh_service.files.unfinished import clear, temporary
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from equimesh.errors import ExpressionError, InputError
+from equimesh_service.errors import ServiceError
 from equimesh_service.problems.kinds import KINDS, Kind
 from equimesh_service.telemetry.log_context import current
 
@@ -38,7 +39,7 @@ class Complaint:
 
 
 @dataclass(eq=False)
-class Problem(Exception):
+class Problem(ServiceError):
     """A problem to be answered, or to be kept as the ``error`` of a failed mesh.
 
     ``remedy`` is what to do about this very case; without one, that of the kind is given.

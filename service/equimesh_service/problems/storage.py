@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from equimesh_service.files.port import FilesError
+from equimesh_service.errors import FilesError
 from equimesh_service.problems.problem import Problem
 
 _log = logging.getLogger(__name__)

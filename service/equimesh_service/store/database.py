@@ -22,6 +22,8 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.sql.dml import ReturningInsert
 
+from equimesh_service.errors import UnusableDatabaseError
+
 _ADDRESS_FORMS = "addresses are postgresql+psycopg://user:password@host/name and sqlite:////path/of/a/file"
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
 # Seconds until a server that does not answer counts as down.
@@ -30,10 +32,6 @@ _CONNECT_SECONDS = 5
 _IDLE_OPTION = "-c idle_in_transaction_session_timeout=60s"
 # A server whose host has vanished is given up after some 20 s, not after the hours of the system's own patience.
 _KEEPALIVE = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 2, "tcp_user_timeout": 20_000}
-
-
-class UnusableDatabaseError(Exception):
-    """A database that the service cannot work with; the message says why and what to do, without the address."""
 
 
 class Database:

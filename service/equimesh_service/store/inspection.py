@@ -9,7 +9,8 @@ from pathlib import Path
 
 from sqlalchemy import func, select
 
-from equimesh_service.store.database import Database, UnusableDatabaseError, sqlite_file
+from equimesh_service.errors import UnusableDatabaseError
+from equimesh_service.store.database import Database, sqlite_file
 from equimesh_service.store.schema import artifacts, keys, meshes, samples
 
 
@@ -61,7 +62,7 @@ class InspectionStore:
 def back_up(url: str, target: Path) -> int:
     """Copy an SQLite database that may be in use, as it is at one moment; returns the bytes of the copy.
 
-    Raises :class:`~equimesh_service.store.database.UnusableDatabaseError` for PostgreSQL, which has programs of its own
+    Raises :class:`UnusableDatabaseError` for PostgreSQL, which has programs of its own
     for it, :class:`FileExistsError` when the target is there, and :class:`FileNotFoundError` when the database is not.
     """
     source = sqlite_file(url)

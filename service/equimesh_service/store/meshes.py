@@ -9,6 +9,7 @@ from typing import Any
 from sqlalchemy import Connection, Row, bindparam, insert, select, tuple_, update
 from sqlalchemy.exc import IntegrityError
 
+from equimesh_service.errors import KeyReusedError, SamplesGoneError, StepTakenError
 from equimesh_service.files.port import Publish, publish_nothing
 from equimesh_service.store.artifacts import insert_artifacts, removal_lookup, remove_unused
 from equimesh_service.store.database import Database, to_json
@@ -21,15 +22,12 @@ from equimesh_service.store.rows import (
     SUCCEEDED,
     Artifact,
     EventRow,
-    KeyReusedError,
     Lease,
     MeshInput,
     MeshRow,
     NewMesh,
     NewStep,
     Position,
-    SamplesGoneError,
-    StepTakenError,
 )
 from equimesh_service.store.schema import artifacts, events, idempotency, mesh_samples, meshes, samples, steps
 from equimesh_service.store.sequences import insert_step, take_turn
@@ -70,7 +68,7 @@ class MeshesStore:
 
         Raises :class:`KeyReusedError` when the key came with another ``fingerprint``,
         :class:`SamplesGoneError` when the samples were deleted,
-        :class:`~equimesh_service.store.quotas.QuotaError` when it is one too many, and :class:`StepTakenError`.
+        :class:`~equimesh_service.errors.QuotaError` when it is one too many, and :class:`StepTakenError`.
         """
         held: set[str] = set()
 

@@ -6,7 +6,8 @@ import logging
 
 from sqlalchemy import Column, Connection, MetaData, String, Table, insert, inspect, select
 
-from equimesh_service.store.database import Database, UnusableDatabaseError, lock
+from equimesh_service.errors import NewerDatabaseError
+from equimesh_service.store.database import Database, lock
 from equimesh_service.store.schema import artifacts, meshes, metadata
 
 # The revision of the tables in `schema`, which is that of the last step in `migrations`.
@@ -15,10 +16,6 @@ _FIRST = "0001"
 _log = logging.getLogger(__name__)
 # Alembic's own table, as it makes it.
 _version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
-
-
-class NewerDatabaseError(UnusableDatabaseError):
-    """A database that a newer release has changed: this one would not understand it."""
 
 
 def current(url: str) -> str | None:

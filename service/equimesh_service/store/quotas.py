@@ -6,17 +6,10 @@ from dataclasses import dataclass
 
 from sqlalchemy import Connection, func, select
 
+from equimesh_service.errors import QuotaError
 from equimesh_service.store.database import Database, lock
 from equimesh_service.store.rows import QUEUED, RUNNING
 from equimesh_service.store.schema import artifacts, meshes, samples, samples_keys
-
-
-class QuotaError(Exception):
-    """A mesh that would take its key over a limit: the setting, what the key has, and the most it may have."""
-
-    def __init__(self, limit: str, used: int, most: int) -> None:
-        super().__init__(f"{limit}: {used} of {most}")
-        self.limit, self.used, self.most = limit, used, most
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,18 +19,6 @@ NODAL = "n-"
 Position = tuple[int] | tuple[float, str]
 
 
-class SamplesGoneError(Exception):
-    """A mesh that refers to samples which are not there."""
-
-
-class KeyReusedError(Exception):
-    """An idempotency key that belongs to another request."""
-
-
-class StepTakenError(Exception):
-    """A step of a sequence that has taken another one meanwhile, or whose start is gone."""
-
-
 def _keep(_: str) -> None:
     pass
 

@@ -9,10 +9,11 @@ from collections.abc import Callable
 
 from sqlalchemy import Connection, delete, insert, select, update
 
+from equimesh_service.errors import StepTakenError
 from equimesh_service.store.artifacts import insert_artifacts, removal_lookup, remove_unused
 from equimesh_service.store.database import Database
 from equimesh_service.store.deletion import delete_meshes, lock_meshes
-from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, NewMesh, NewStep, SequenceRow, StepTakenError
+from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, NewMesh, NewStep, SequenceRow
 from equimesh_service.store.schema import meshes, sequences, steps
 
 

@@ -39,7 +39,7 @@ class Store:
     def prepare(self) -> None:
         """Make the tables, or bring those of an older release up to this one.
 
-        Raises :class:`~equimesh_service.store.migration.NewerDatabaseError`.
+        Raises :class:`~equimesh_service.errors.NewerDatabaseError`.
         """
         migration.prepare(self.database)
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
+from equimesh_service.errors import TracingMissingError
 from equimesh_service.telemetry.tracing import Tracer
-
-
-class TracingMissingError(OSError):
-    """Traces are asked for, and OpenTelemetry is not installed."""
 
 
 def open_tracer(endpoint: str, part: str) -> Tracer | None:

@@ -6,18 +6,15 @@ from ipaddress import ip_address
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from equimesh_service.errors import ExposedError
 from equimesh_service.settings import Settings
 from equimesh_service.store.store import Store
-
-
-class ExposedError(Exception):
-    """A service that anyone who reaches it could use, and that nobody has allowed; the message says what to do."""
 
 
 def check_exposure(settings: Settings) -> None:
     """Nothing for a service that only this machine reaches, or that has keys, or that may be open to all.
 
-    Raises :class:`ExposedError` for any other, and :class:`~equimesh_service.store.database.UnusableDatabaseError`;
+    Raises :class:`ExposedError` for any other, and :class:`~equimesh_service.errors.UnusableDatabaseError`;
     makes the database if it is not there.
     """
     if settings.allow_anonymous or is_loopback(settings.host):

@@ -10,6 +10,7 @@ from typing import Any
 
 from equimesh import Event, Iteration, Schwarz
 from equimesh.inputs import finite_or_none
+from equimesh_service.errors import AttemptLostError
 
 SINGLE_DOMAIN, START, SCHWARZ, WRITING = "single_domain", "start", "schwarz", "writing"
 # Part of the whole that the solves before a Schwarz iteration count for, and the part before the writing.
@@ -18,10 +19,6 @@ _SOLVE_SHARE = 0.95
 _USUAL_NEWTON_STEPS = 8.0
 # A nested start is off by a few times the error of the grid, and the iteration ends at a fifth of that error.
 _START_ERROR_RATIO = 20.0
-
-
-class AttemptLostError(Exception):
-    """The mesh was canceled, or is computed by someone else now: what this worker does is for nobody."""
 
 
 @dataclass

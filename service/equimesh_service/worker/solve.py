@@ -18,6 +18,7 @@ from equimesh.fields.mesh_map import reference_of
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
 from equimesh_service.assembly.problem import SamplesOf, build_problem, build_schwarz
+from equimesh_service.errors import AttemptLostError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
@@ -29,7 +30,7 @@ from equimesh_service.worker.attempt import attempt, log_context_of
 from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
-from equimesh_service.worker.reporter import AttemptLostError, Reporter
+from equimesh_service.worker.reporter import Reporter
 
 _log = logging.getLogger(__name__)
 # Points of a mesh whose files take so long to write that threads are worth their start.

@@ -15,7 +15,8 @@ import pytest
 
 from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
-from equimesh_service.engine.port import EngineError, Health
+from equimesh_service.engine.port import Health
+from equimesh_service.errors import EngineError
 from equimesh_service.service import Service
 from equimesh_service.store.rows import Claim, Ending, MeshInput, NewMesh
 from equimesh_service.store.store import Store

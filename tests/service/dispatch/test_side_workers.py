@@ -16,7 +16,8 @@ from equimesh_service import Settings
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import ANYONE
 from equimesh_service.dispatch.side_workers import SideWorkers
-from equimesh_service.engine.port import EngineError, Health, WorkerLostError
+from equimesh_service.engine.port import Health
+from equimesh_service.errors import EngineError, WorkerLostError
 from equimesh_service.service import Service
 from equimesh_service.telemetry import log_context
 from service.conftest import small

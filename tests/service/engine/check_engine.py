@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.engine.port import Engine, MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.engine.port import Engine
+from equimesh_service.errors import MemoryLimitError, TimeLimitError, WorkerLostError
 
 SECONDS = 20.0
 

@@ -10,9 +10,10 @@ import pytest
 from pydantic import SecretStr
 
 from equimesh_service import Settings
+from equimesh_service.errors import FilesError
 from equimesh_service.files.address import FilesAddress, files_address
 from equimesh_service.files.folder import FolderFiles
-from equimesh_service.files.port import Files, FilesError
+from equimesh_service.files.port import Files
 from equimesh_service.files.s3 import Bucket, S3Files
 
 

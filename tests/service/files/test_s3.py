@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from pydantic import SecretStr
 
-from equimesh_service.files.port import FilesError, StoredFile
+from equimesh_service.errors import FilesError
+from equimesh_service.files.port import StoredFile
 from equimesh_service.files.s3 import Bucket, S3Files
 from service.files.check_files import keep, read
 from service.s3_server import SECRET_KEY, S3Server

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from equimesh_service.api.cursors import cursor_of, position_of
+from equimesh_service.errors import KeyReusedError
 from equimesh_service.spec.mesh import read_spec
-from equimesh_service.store.rows import Artifact, KeyReusedError, NewMesh
+from equimesh_service.store.rows import Artifact, NewMesh
 from equimesh_service.store.store import Store
 from service.store.stores import ERROR, SPEC, Clock, add, claimed
 

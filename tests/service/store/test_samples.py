@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_service.store.rows import NewMesh, SamplesGoneError, SamplesRow
+from equimesh_service.errors import SamplesGoneError
+from equimesh_service.store.rows import NewMesh, SamplesRow
 from equimesh_service.store.store import Store
 from service.store.stores import SPEC
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from equimesh_service.store.rows import Artifact, NewMesh, NewStep, SamplesRow, StepTakenError
+from equimesh_service.errors import StepTakenError
+from equimesh_service.store.rows import Artifact, NewMesh, NewStep, SamplesRow
 from equimesh_service.store.store import Store
 from service.requests import FRONT
 

@@ -10,9 +10,10 @@ import httpx
 import pytest
 
 import equimesh_service
+from equimesh_service.errors import TracingMissingError
 from equimesh_service.store.rows import Claim
 from equimesh_service.telemetry import tracing
-from equimesh_service.telemetry.tracer import TracingMissingError, open_tracer
+from equimesh_service.telemetry.tracer import open_tracer
 from equimesh_service.worker.attempt import attempt
 from service.conftest import small, until
 from service.observed import Observed

@@ -8,8 +8,9 @@ import pytest
 
 from equimesh_cli import main
 from equimesh_service import Settings, running
+from equimesh_service.errors import ExposedError
 from equimesh_service.store.store import Store
-from equimesh_service.upkeep.exposure import ExposedError, check_exposure, is_loopback
+from equimesh_service.upkeep.exposure import check_exposure, is_loopback
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 import equimesh
-from equimesh_service.worker.reporter import AttemptLostError, Reporter
+from equimesh_service.errors import AttemptLostError
+from equimesh_service.worker.reporter import Reporter
 
 U = equimesh.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
 PROBLEM = equimesh.Problem(monitor=equimesh.ArcLength(u=U), grid=equimesh.Grid(n_xi=12, n_eta=12))
