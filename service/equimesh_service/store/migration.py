@@ -1,4 +1,4 @@
-"""The revision of a database's tables: found out, and brought up to this release."""
+"""The revision of a database's tables, and its upgrade to that of this release."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from equimesh_service.store.database import Database, lock
 from equimesh_service.store.schema import artifacts, meshes, metadata
 
 # The revision of the tables in `schema`, which is that of the last step in `migrations`.
-LATEST = "0006"
+LATEST = "0004"
 _FIRST = "0001"
 _log = logging.getLogger(__name__)
 # Alembic's own table, as it makes it.
@@ -67,10 +67,11 @@ def _revision(connection: Connection) -> str | None:
         # Release 0.1 kept no record of its revision.
         return _FIRST if {meshes.name, artifacts.name} <= tables else None
     found = connection.execute(select(_version.c.version_num)).scalar()
-    if found is None or str(found) > LATEST:
+    # A development version called its revisions 0004 to 0006; its 0004 lacks a table.
+    if found is None or str(found) > LATEST or (found == LATEST and not metadata.tables.keys() <= tables):
         raise NewerDatabaseError(
-            f"the database is of revision {found}, of a newer release of equimesh; this one knows {LATEST}: "
-            "install the newer release again, or restore a backup from before it"
+            f"the database is of revision {found}, of a newer release of equimesh or a development version; "
+            f"this release knows {LATEST}: install that version again, or restore a backup from before it"
         )
     return str(found)
 

@@ -95,11 +95,15 @@ def test_services_that_start_together_change_it_once(database_url: str, engine: 
         assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
 
 
-def test_a_database_of_a_newer_release_is_refused(database_url: str, engine: Engine, tmp_path: Path) -> None:
+@pytest.mark.parametrize("change", ["UPDATE alembic_version SET version_num = '0006'", "DROP TABLE removals"])
+def test_a_database_of_a_newer_release_is_refused(
+    database_url: str, engine: Engine, tmp_path: Path, change: str
+) -> None:
+    """Also one that a development version left, whose revision 0004 had fewer tables."""
     upgrade(database_url)
     with engine.begin() as connection:
-        connection.execute(text("UPDATE alembic_version SET version_num = '0099'"))
-    with pytest.raises(NewerDatabaseError, match=r"revision 0099, of a newer release .* restore a backup"):
+        connection.execute(text(change))
+    with pytest.raises(NewerDatabaseError, match=r"revision 000\d, of a newer release .* restore a backup"):
         upgrade(database_url)
     settings = Settings(data_dir=tmp_path, database_url=database_url, port=0)  # type: ignore[arg-type]
     with pytest.raises(NewerDatabaseError), running(settings):

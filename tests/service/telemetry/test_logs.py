@@ -89,7 +89,7 @@ def test_exceptions_are_told_by_kind_and_place() -> None:
     with pytest.raises(KeyError) as caught:
         broken()
     told = json.loads(line_of("json", caught.value))["exception"]
-    assert re.match(r"KeyError at service/test_logs\.py:\d+ broken < ", told)
+    assert re.match(r"KeyError at telemetry/test_logs\.py:\d+ broken < ", told)
     assert "; because of JSONDecodeError at json/decoder.py" in told
     for format in ("json", "text"):
         line = line_of(format, caught.value)
@@ -138,7 +138,7 @@ async def test_what_nobody_expected_is_a_problem_with_the_id_that_the_log_has(ca
     assert answer.json()["type"] == "/problems/internal-error"
     assert "private" not in answer.text
     (record,) = (record for record in caplog.records if record.levelno == logging.ERROR)
-    assert "RuntimeError at service/test_logs.py" in logs.formatter("text").format(record)
+    assert "RuntimeError at telemetry/test_logs.py" in logs.formatter("text").format(record)
     assert "private" not in logs.formatter("json").format(record)
     assert b'requests_total{method="GET",route="unmatched",status="500"} 1.0' in metrics.scrape("")[0]
 

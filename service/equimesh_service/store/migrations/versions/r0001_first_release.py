@@ -17,6 +17,13 @@ def upgrade() -> None:
 def tables() -> sa.MetaData:
     """The tables as release 0.1 described them."""
     metadata = sa.MetaData()
+    _add_meshes(metadata)
+    _add_what_meshes_have(metadata)
+    _add_samples_and_keys(metadata)
+    return metadata
+
+
+def _add_meshes(metadata: sa.MetaData) -> None:
     sa.Table(
         "meshes",
         metadata,
@@ -45,6 +52,9 @@ def tables() -> sa.MetaData:
         sa.Index("meshes_by_status", "status", "number"),
         sqlite_autoincrement=True,
     )
+
+
+def _add_what_meshes_have(metadata: sa.MetaData) -> None:
     sa.Table(
         "events",
         metadata,
@@ -64,6 +74,9 @@ def tables() -> sa.MetaData:
         sa.Column("size", sa.Integer, nullable=False),
         sa.PrimaryKeyConstraint("mesh_id", "name"),
     )
+
+
+def _add_samples_and_keys(metadata: sa.MetaData) -> None:
     sa.Table(
         "samples",
         metadata,
@@ -87,4 +100,3 @@ def tables() -> sa.MetaData:
         sa.Column("fingerprint", sa.String(64), nullable=False),
         sa.Column("mesh_id", sa.String(40), sa.ForeignKey("meshes.id", ondelete="CASCADE"), nullable=False),
     )
-    return metadata
