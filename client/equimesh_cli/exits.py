@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 from enum import IntEnum
 
-from equimesh.solving.solution import SolveError
-
 EPILOG = """\
 exit codes:
   0    done
@@ -71,9 +69,9 @@ def code_of(error: Exception) -> Exit | None:
             if isinstance(error, kind):
                 return code
     if "equimesh" in sys.modules:
-        from equimesh import errors as solver
+        import equimesh as solver
 
-        if isinstance(error, SolveError):
+        if isinstance(error, solver.SolveError):
             return Exit.FAILED
         if isinstance(error, solver.EquimeshError):
             return Exit.INPUT

@@ -38,7 +38,7 @@ from equimesh_client.errors import (
     TooLarge,
     Unauthorized,
 )
-from equimesh_client.records.certificate import Certificate, Relaxation
+from equimesh_client.records.certificate import Certificate, Relaxed
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.state import Progress
@@ -49,8 +49,11 @@ from equimesh_client.spec.sources import StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.pictures import Plot
 from equimesh_client.wire.retry import RetryPolicy
-from equimesh_client.wire.steps import Step
+from equimesh_client.wire.steps import SequenceStep
 from equimesh_client.wire.stream import Event
+
+Relaxation = Relaxed  # the name in release 0.2
+Step = SequenceStep  # the name in release 0.2
 
 __all__ = [
     "AnnulusSector",
@@ -92,9 +95,11 @@ __all__ = [
     "RateLimited",
     "Rectangle",
     "Relaxation",
+    "Relaxed",
     "RetryPolicy",
     "Schwarz",
     "Sequence",
+    "SequenceStep",
     "ServerError",
     "ServiceUnreachable",
     "Step",

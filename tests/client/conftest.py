@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from client.fake_service import FakeService, Fault
-from equimesh_client import AsyncClient, Client, RetryPolicy
+from equimesh_client import AsyncClient, AsyncMesh, Client, RetryPolicy
 
 QUICK = RetryPolicy(retries=3, first=0.01, longest=0.05)
 
@@ -23,7 +23,7 @@ class Blocking:
         self._target = target
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("points", "cells", "boundary", "x", "y", "u"):
+        if isinstance(self._target, AsyncMesh) and name in ("points", "cells", "boundary", "x", "y", "u"):
             return getattr(self.arrays(), name)
         value = getattr(self._target, name)
         if name in ("quality", "convergence"):
@@ -37,7 +37,7 @@ class Blocking:
             value = self._runner.run(value)
         if isinstance(value, AsyncIterator):
             return self._iterate(value)
-        if type(value).__name__ in ("AsyncMesh", "AsyncMeshes", "AsyncSamplesStore"):
+        if type(value).__name__ in ("AsyncMesh", "AsyncMeshes", "AsyncSamplesStore", "AsyncSequence", "AsyncSequences"):
             return value_of(self, value)
         return value
 

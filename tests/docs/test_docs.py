@@ -7,6 +7,7 @@ those marked ``py``, ``shell``, ``text`` and ``json`` are not, nor are commands 
 from __future__ import annotations
 
 import argparse
+import inspect
 import os
 import re
 import shutil
@@ -38,6 +39,8 @@ from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
 from equimesh_cli.command import build_parser
 from equimesh_cli.exits import Exit
+from equimesh_client import Client
+from equimesh_client.spec.mesh import DEFAULTS
 from equimesh_service import Settings, running
 from equimesh_service.api.app import create_app
 from equimesh_service.api.resources import MeshResource
@@ -286,6 +289,17 @@ def test_the_symbol_table_names_what_there_is() -> None:
     source = "\n".join(path.read_text() for path in (ROOT / "solver" / "equimesh").rglob("*.py"))
     for name in re.findall(r"`([A-Z]\w+)(?:\.\w+)?`", table):
         assert re.search(rf"^class {name}\b", source, re.MULTILINE), name
+
+
+def test_every_option_of_the_client_is_documented_with_its_default() -> None:
+    text = page("client").split("### `generate(u, n, *, ...)`")[1].split("### ")[0]
+    told: dict[str, str] = {}
+    for names, defaults in re.findall(r"^\| (`[^|]+`) \| (`[^|]+`) \|", text, re.MULTILINE):
+        told |= zip(re.findall("`([^`]+)`", names), re.findall("`([^`]+)`", defaults), strict=True)
+    parameters = inspect.signature(Client.generate).parameters.values()
+    keywords = {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
+    shown = {name: repr(value).replace("'", '"') for name, value in {**DEFAULTS, **keywords}.items()}
+    assert told == shown
 
 
 def test_the_tree_of_exceptions_is_that_of_the_client() -> None:

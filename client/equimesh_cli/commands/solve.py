@@ -8,7 +8,6 @@ import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from equimesh.plot.convergence import draw_convergence
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
 from equimesh_cli.options.mesh import add_mesh_options, check_options
 
@@ -140,12 +139,12 @@ def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
         files.append(str(options.output))
     if options.plot is not None:
         try:
-            from equimesh.plot import meshes
+            from equimesh.plot import convergence, meshes
         except ImportError as error:
             raise Refused("--plot needs matplotlib: pip install 'equimesh[plot]'") from error
         match options.plot_kind:
             case "convergence":
-                draw_convergence(solution.convergence(), options.plot)
+                convergence.draw_convergence(solution.convergence(), options.plot)
             case "quality":
                 meshes.draw_quality(solution.data(), options.plot)
             case _:

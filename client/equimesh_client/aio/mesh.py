@@ -1,4 +1,4 @@
-"""A mesh at the service, for asyncio: the twin of ``mesh``."""
+"""A mesh at the service, for asyncio: the twin of ``equimesh_client.blocking.mesh``."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from equimesh_client.progress_bar import Watch
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Quality
 from equimesh_client.records.state import MeshState
-from equimesh_client.spec.request import DEADLINE
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.archives import unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
-from equimesh_client.wire.deadline import Deadline
+from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
-from equimesh_client.wire.outcome import meshio_mesh, settled
+from equimesh_client.wire.outcome import meshio_mesh, raise_unless_succeeded
 from equimesh_client.wire.pictures import Plot, plot_format
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.stream import Event, StreamPosition
 
 
 class AsyncMesh(MeshState):
-    """A mesh at the service. What is large is fetched when it is first asked for, and kept."""
+    """A mesh at the service. Arrays, quality and convergence are fetched when they are first used, and kept."""
 
     def __init__(self, session: AsyncSession, record: Mapping[str, Any]) -> None:
         super().__init__(record)
@@ -34,39 +33,30 @@ class AsyncMesh(MeshState):
         self._convergence: Convergence | None = None
 
     async def refresh(self, *, deadline: float | None = None) -> AsyncMesh:
-        """The mesh itself, after asking the service for its present state."""
+        """The mesh itself, with the current record of the service."""
         self.record = await self._session.fetch(protocol.get_mesh(self.id), deadline)
         return self
 
-    async def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE) -> AsyncMesh:
-        """The mesh itself, once it is finished.
-
-        Raises :class:`MeshFailed`, :class:`MeshCanceled`, or :class:`DeadlineExceeded` after ``deadline``
-        seconds; the mesh then goes on, and can be waited for again.
-        """
+    async def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE_SECONDS) -> AsyncMesh:
+        """The mesh itself, once it is finished. See :meth:`Mesh.wait`."""
         with Watch(progress) as watch:
             await self._wait(Deadline.after(deadline), watch)
-        settled(self)
+        raise_unless_succeeded(self)
         return self
 
-    def events(self, *, after: int = 0, deadline: float = DEADLINE) -> AsyncIterator[Event]:
-        """The events of the mesh from number ``after`` on, up to ``done``, as they happen.
-
-        A dropped connection is opened again where it ended: no event is lost, none comes twice.
-        """
+    def events(self, *, after: int = 0, deadline: float = DEADLINE_SECONDS) -> AsyncIterator[Event]:
+        """The events of the mesh after number ``after``, up to ``done``, as they happen. See :meth:`Mesh.events`."""
         return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
 
     async def cancel(self, *, deadline: float | None = None) -> AsyncMesh:
-        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it had finished."""
+        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it was finished before."""
         settings = self._session.settings
         self.record = await self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
         return self
 
     async def delete(self, *, deadline: float | None = None) -> None:
         """Delete the mesh and its files at the service."""
-        settings = self._session.settings
-        flow = flows.delete(protocol.delete_mesh(self.id), settings, settings.deadline(deadline))
-        await self._session.run(flow)
+        await self._session.delete(protocol.delete_mesh(self.id), deadline)
 
     async def quality(self, *, deadline: float | None = None) -> Quality:
         """All quality measures; ``print(await mesh.quality())`` shows a table."""
@@ -88,7 +78,7 @@ class AsyncMesh(MeshState):
         return self._convergence
 
     async def spec(self, *, deadline: float | None = None) -> dict[str, Any]:
-        """The spec with all defaults filled in; creating it again gives the same mesh."""
+        """The complete spec, with all defaults; creating it again gives the same mesh."""
         return await self._session.fetch(protocol.mesh_part(self.id, "spec"), deadline)
 
     async def download(
@@ -98,34 +88,26 @@ class AsyncMesh(MeshState):
         *,
         cells: str | None = None,
         partial: bool = False,
-        deadline: float = DEADLINE,
+        deadline: float = DEADLINE_SECONDS,
     ) -> Path:
-        """Write the mesh to ``path`` and return it; the format follows from the suffix.
-
-        A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
-
-        The file is complete and has the checksum that the service announced, or does not appear at all. A transfer
-        that breaks is gone on with where it ended, also by the next download to this name, for which what has arrived
-        stays beside it, as ``.NAME.SHA256.part``.
-        ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
-        ``partial`` takes the mesh of a failed solve, too, if it is not folded.
-        """
+        """Write the mesh to ``path`` and return it; the format follows from the suffix. See :meth:`Mesh.download`."""
         call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
-            return unpack_xdmf(await self._session.run(flows.verified(call, settings, limit)), path)
+            return unpack_xdmf(await self._session.run(flows.fetch_file(call, settings, limit)), path)
         with PartFile(path) as part:
             await self._session.run(flows.save(call, settings, limit, part))
         return Path(path)
 
-    async def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:
+    async def arrays(self, *, deadline: float = DEADLINE_SECONDS) -> MeshArrays:
         """All arrays of the mesh, fetched once: points, cells, boundary, x, y, u."""
         if self._arrays is None:
-            flow = flows.verified(protocol.mesh_file(self.id, "npz"), self._session.settings, Deadline.after(deadline))
+            call, limit = protocol.mesh_file(self.id, "npz"), Deadline.after(deadline)
+            flow = flows.fetch_file(call, self._session.settings, limit)
             self._arrays = arrays_of(await self._session.run(flow))
         return self._arrays
 
-    async def to_meshio(self, *, deadline: float = DEADLINE) -> Any:
+    async def to_meshio(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
         """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
         return meshio_mesh(await self.arrays(deadline=deadline))
 
@@ -137,16 +119,10 @@ class AsyncMesh(MeshState):
         format: str | None = None,
         deadline: float | None = None,
     ) -> Plot:
-        """A picture drawn by the service: ``mesh``, ``quality`` or ``convergence``; written to ``path`` if
-        given.
-
-        svg, unless the suffix or ``format`` says png. Shows itself in a notebook.
-        """
-        chosen = plot_format(path, format)
-        settings = self._session.settings
-        flow = flows.request(protocol.mesh_plot(self.id, kind, chosen), settings, settings.deadline(deadline))
-        reply = await self._session.run(flow)
-        plot = Plot(data=reply.body, format=chosen)
+        """A picture drawn by the service, written to ``path`` if given. A notebook shows it. See :meth:`Mesh.plot`."""
+        format, settings = plot_format(path, format), self._session.settings
+        flow = flows.request(protocol.mesh_plot(self.id, kind, format), settings, settings.deadline(deadline))
+        plot = Plot(data=(await self._session.run(flow)).body, format=format)
         if path is not None:
             plot.save(path)
         return plot
@@ -157,9 +133,8 @@ class AsyncMesh(MeshState):
             watch.update(record)
 
         try:
-            await self._session.run(
-                flows.wait(self.record, self._session.settings, deadline, watched=watch.shown), report
-            )
+            flow = flows.wait(self.record, self._session.settings, deadline, watched=watch.shown)
+            await self._session.run(flow, report)
         except DeadlineExceeded as error:
             error.mesh = self
             raise

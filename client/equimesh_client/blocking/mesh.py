@@ -12,20 +12,19 @@ from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Quality
 from equimesh_client.records.state import MeshState
 from equimesh_client.records.tables import Array, IntArray
-from equimesh_client.spec.request import DEADLINE
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.archives import unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
-from equimesh_client.wire.deadline import Deadline
+from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
-from equimesh_client.wire.outcome import meshio_mesh, settled
+from equimesh_client.wire.outcome import meshio_mesh, raise_unless_succeeded
 from equimesh_client.wire.pictures import Plot, plot_format
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.stream import Event, StreamPosition
 
 
 class Mesh(MeshState):
-    """A mesh at the service. What is large is fetched when it is first asked for, and kept."""
+    """A mesh at the service. Arrays, quality and convergence are fetched when they are first used, and kept."""
 
     def __init__(self, session: Session, record: Mapping[str, Any]) -> None:
         super().__init__(record)
@@ -35,45 +34,44 @@ class Mesh(MeshState):
         self._convergence: Convergence | None = None
 
     def refresh(self, *, deadline: float | None = None) -> Mesh:
-        """The mesh itself, after asking the service for its present state."""
+        """The mesh itself, with the current record of the service."""
         self.record = self._session.fetch(protocol.get_mesh(self.id), deadline)
         return self
 
-    def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE) -> Mesh:
+    def wait(self, *, progress: bool | None = None, deadline: float = DEADLINE_SECONDS) -> Mesh:
         """The mesh itself, once it is finished.
 
-        Raises :class:`MeshFailed`, :class:`MeshCanceled`, or :class:`DeadlineExceeded` after ``deadline``
-        seconds; the mesh then goes on, and can be waited for again.
+        Raises :class:`MeshFailed`, :class:`MeshCanceled`, or :class:`DeadlineExceeded` after ``deadline`` seconds.
+        The deadline does not cancel the mesh, which can be waited for again.
         """
         with Watch(progress) as watch:
             self._wait(Deadline.after(deadline), watch)
-        settled(self)
+        raise_unless_succeeded(self)
         return self
 
-    def events(self, *, after: int = 0, deadline: float = DEADLINE) -> Iterator[Event]:
-        """The events of the mesh from number ``after`` on, up to ``done``, as they happen.
+    def events(self, *, after: int = 0, deadline: float = DEADLINE_SECONDS) -> Iterator[Event]:
+        """The events of the mesh after number ``after``, up to ``done``, as they happen.
 
-        A dropped connection is opened again where it ended: no event is lost, none comes twice.
+        A dropped connection is opened again where it ended: no event is lost or repeated.
         """
         return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
 
     def cancel(self, *, deadline: float | None = None) -> Mesh:
-        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it had finished."""
+        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it was finished before."""
         settings = self._session.settings
         self.record = self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
         return self
 
     def delete(self, *, deadline: float | None = None) -> None:
         """Delete the mesh and its files at the service."""
-        settings = self._session.settings
-        flow = flows.delete(protocol.delete_mesh(self.id), settings, settings.deadline(deadline))
-        self._session.run(flow)
+        self._session.delete(protocol.delete_mesh(self.id), deadline)
 
     @property
     def quality(self) -> Quality:
         """All quality measures; ``print(mesh.quality)`` shows a table."""
         if self._quality is None:
-            self._quality = Quality.from_json(self._session.fetch(protocol.mesh_part(self.id, "quality")))
+            call = protocol.mesh_part(self.id, "quality")
+            self._quality = Quality.from_json(self._session.fetch(call))
         return self._quality
 
     def quality_of_cells(self, *, deadline: float | None = None) -> Quality:
@@ -85,11 +83,12 @@ class Mesh(MeshState):
     def convergence(self) -> Convergence:
         """The Schwarz iteration; ``print(mesh.convergence)`` shows a table."""
         if self._convergence is None:
-            self._convergence = Convergence.from_json(self._session.fetch(protocol.mesh_part(self.id, "convergence")))
+            call = protocol.mesh_part(self.id, "convergence")
+            self._convergence = Convergence.from_json(self._session.fetch(call))
         return self._convergence
 
     def spec(self, *, deadline: float | None = None) -> dict[str, Any]:
-        """The spec with all defaults filled in; creating it again gives the same mesh."""
+        """The complete spec, with all defaults; creating it again gives the same mesh."""
         return self._session.fetch(protocol.mesh_part(self.id, "spec"), deadline)
 
     def download(
@@ -99,30 +98,31 @@ class Mesh(MeshState):
         *,
         cells: str | None = None,
         partial: bool = False,
-        deadline: float = DEADLINE,
+        deadline: float = DEADLINE_SECONDS,
     ) -> Path:
         """Write the mesh to ``path`` and return it; the format follows from the suffix.
 
-        A name in ``.xdmf`` gets its three companions beside it, one in ``.xdmf.zip`` holds all four.
+        A name in ``.xdmf`` gets its three companion files next to it; one in ``.xdmf.zip`` holds all four.
 
-        The file is complete and has the checksum that the service announced, or does not appear at all. A transfer
-        that breaks is gone on with where it ended, also by the next download to this name, for which what has arrived
-        stays beside it, as ``.NAME.SHA256.part``.
-        ``cells``, ``"quad"`` or ``"triangle"``, overrules what the mesh was asked for with.
-        ``partial`` takes the mesh of a failed solve, too, if it is not folded.
+        The file is complete and has the checksum that the service announced, or does not appear at all. A broken
+        transfer continues where it ended. The next download to this name does so, too: until then the part that has
+        arrived stays next to the file, as ``.NAME.SHA256.part``.
+        ``cells``, ``"quad"`` or ``"triangle"``, overrides the cells of the request.
+        ``partial`` also takes the mesh of a failed solve, if it is not folded.
         """
         call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
-            return unpack_xdmf(self._session.run(flows.verified(call, settings, limit)), path)
+            return unpack_xdmf(self._session.run(flows.fetch_file(call, settings, limit)), path)
         with PartFile(path) as part:
             self._session.run(flows.save(call, settings, limit, part))
         return Path(path)
 
-    def arrays(self, *, deadline: float = DEADLINE) -> MeshArrays:
+    def arrays(self, *, deadline: float = DEADLINE_SECONDS) -> MeshArrays:
         """All arrays of the mesh, fetched once."""
         if self._arrays is None:
-            flow = flows.verified(protocol.mesh_file(self.id, "npz"), self._session.settings, Deadline.after(deadline))
+            call, limit = protocol.mesh_file(self.id, "npz"), Deadline.after(deadline)
+            flow = flows.fetch_file(call, self._session.settings, limit)
             self._arrays = arrays_of(self._session.run(flow))
         return self._arrays
 
@@ -156,7 +156,7 @@ class Mesh(MeshState):
         """The values of u at the nodes, shape ``(n_xi, n_eta)``; None where the monitor has no u."""
         return self.arrays().u
 
-    def to_meshio(self, *, deadline: float = DEADLINE) -> Any:
+    def to_meshio(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
         """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
         return meshio_mesh(self.arrays(deadline=deadline))
 
@@ -168,16 +168,14 @@ class Mesh(MeshState):
         format: str | None = None,
         deadline: float | None = None,
     ) -> Plot:
-        """A picture drawn by the service: ``mesh``, ``quality`` or ``convergence``; written to ``path`` if
-        given.
+        """A picture drawn by the service, written to ``path`` if given. A notebook shows it.
 
-        svg, unless the suffix or ``format`` says png. Shows itself in a notebook.
+        ``kind`` is ``"mesh"``, ``"quality"`` or ``"convergence"``. The format is svg, unless the suffix or ``format``
+        is png.
         """
-        chosen = plot_format(path, format)
-        settings = self._session.settings
-        flow = flows.request(protocol.mesh_plot(self.id, kind, chosen), settings, settings.deadline(deadline))
-        reply = self._session.run(flow)
-        plot = Plot(data=reply.body, format=chosen)
+        format, settings = plot_format(path, format), self._session.settings
+        flow = flows.request(protocol.mesh_plot(self.id, kind, format), settings, settings.deadline(deadline))
+        plot = Plot(data=self._session.run(flow).body, format=format)
         if path is not None:
             plot.save(path)
         return plot
@@ -188,7 +186,8 @@ class Mesh(MeshState):
             watch.update(record)
 
         try:
-            self._session.run(flows.wait(self.record, self._session.settings, deadline, watched=watch.shown), report)
+            flow = flows.wait(self.record, self._session.settings, deadline, watched=watch.shown)
+            self._session.run(flow, report)
         except DeadlineExceeded as error:
             error.mesh = self
             raise

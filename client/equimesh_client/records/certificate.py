@@ -18,7 +18,7 @@ UNKNOWN = "not known"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Relaxation:
+class Relaxed:
     """One thing that was asked and not reached: ``what`` it is, ``"a"``, ``"strength"``, ``"cross_line"`` or
     ``"points"``, the value ``asked`` for and the value ``reached``.
     """
@@ -51,7 +51,7 @@ class Certificate:
     discretization_error: float
     algebraic_error: float
     min_jacobian: float
-    relaxed: tuple[Relaxation, ...]
+    relaxed: tuple[Relaxed, ...]
     warnings: tuple[str, ...]
     interpolation_gain: Mapping[str, float] | None
     record: Mapping[str, Any] = field(repr=False)
@@ -68,7 +68,7 @@ class Certificate:
             algebraic_error=real_or_nan(record.get("algebraic_error")),
             min_jacobian=real_or_nan(record.get("min_jacobian")),
             relaxed=tuple(
-                Relaxation(
+                Relaxed(
                     what=str(part["what"]),
                     asked=real_or_nan(part.get("asked")),
                     reached=real_or_nan(part.get("reached")),

@@ -1,23 +1,83 @@
-"""The spec of a mesh, from the arguments of a call."""
+"""The spec of a mesh, and the options that it is made of."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import inspect
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from typing import Any, TypedDict
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.spec.schwarz import Json, Schwarz
+from equimesh_client.spec.domains import Domain, domain_json
+from equimesh_client.spec.monitors import Json, Monitor
+from equimesh_client.spec.schwarz import Schwarz
 
 BOUNDARIES = ("trace", "equidistributed_1d", "orthogonal")
-
-
 INITIALS = ("nested", "uniform")
-
-
 CELLS = ("quad", "triangle")
-
-
 MODES = ("discretization", "tight")
+
+
+class MeshOptions(TypedDict, total=False):
+    """Options of a mesh, for `generate` and `sequences.start` of both clients. Each of them may be left out."""
+
+    monitor: Monitor | Mapping[str, Any] | None
+    """What the mesh equidistributes. Default: None, which is :class:`ArcLength` of u with ``a`` and ``b``."""
+    domain: Domain | Mapping[str, Any] | None
+    """The domain of the mesh. Default: None, which is the unit square."""
+    a: float
+    """Strength of the arc length, from 0 to 1. Default: 0.7. A larger one makes cells smaller where u is steep."""
+    b: float
+    """Damping of the arc length where u is steep, not negative. Default: 0.05. A larger one makes cells more equal."""
+    schwarz: Schwarz | Mapping[str, Any] | None
+    """How the domain is divided into subdomains. Default: None, which solves on a single domain."""
+    boundary: str
+    """How points move along the sides: ``"trace"`` (default), ``"equidistributed_1d"`` or ``"orthogonal"``."""
+    mode: str
+    """``"discretization"`` (default) solves to the error of the grid, ``"tight"`` to rounding."""
+    allow_relaxed: bool
+    """Whether a mesh of a weaker monitor will do where the requested equations have no valid solution. Default: True.
+    ``mesh.relaxed`` then reports it. With False such a mesh fails.
+    """
+    label: str | None
+    """Free text for the list of meshes. Default: None."""
+    parameters: Mapping[str, float] | None
+    """Values of further names in all expressions. Default: None."""
+    t: float | None
+    """Value of the name t in all expressions. Default: None."""
+    n_samples: int
+    """Points a side at which a callable is evaluated. Default: 129. Raise it for a callable with fine detail."""
+
+
+DEFAULTS: MeshOptions = {
+    "monitor": None,
+    "domain": None,
+    "a": 0.7,
+    "b": 0.05,
+    "schwarz": None,
+    "boundary": "trace",
+    "mode": "discretization",
+    "allow_relaxed": True,
+    "label": None,
+    "parameters": None,
+    "t": None,
+    "n_samples": 129,
+}
+"""What an option is that is not given."""
+
+
+def complete_options(options: MeshOptions, method: Callable[..., object]) -> MeshOptions:
+    """All options of a mesh: those that ``method`` was called with, and the defaults of the others.
+
+    Raises :class:`TypeError` for an option that the method does not have; the message names the nearest one.
+    """
+    unknown = [name for name in options if name not in DEFAULTS]
+    if unknown:
+        names = [*DEFAULTS, *(name for name in inspect.signature(method).parameters if name != "options")]
+        nearest = get_close_matches(unknown[0], names, n=1)
+        advice = f"did you mean {nearest[0]!r}?" if nearest else f"it has {', '.join(names)}"
+        raise TypeError(f"{method.__name__}() has no option {unknown[0]!r}; {advice}")
+    return {**DEFAULTS, **options}
 
 
 def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:
@@ -38,35 +98,32 @@ def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:
 def mesh_spec(
     monitor: Mapping[str, Any],
     n: int | tuple[int, int],
+    options: MeshOptions = DEFAULTS,
     *,
-    domain: Mapping[str, Any] | None = None,
-    schwarz: Schwarz | Mapping[str, Any] | None = None,
-    boundary: str = "trace",
     initial: str = "nested",
-    mode: str = "discretization",
-    allow_relaxed: bool = True,
     cells: str = "quad",
-    label: str | None = None,
 ) -> Json:
-    """The JSON body of a request for a mesh. ``schwarz=None`` asks for a single domain.
+    """The JSON body of a request for a mesh; ``monitor`` is its JSON, which ``options`` do not replace.
 
-    What services of the first release do not know is left out where it is the default.
+    Keys that services of the first release do not know are left out where they have their default.
     """
+    options = {**DEFAULTS, **options}
     n_xi, n_eta = points_per_side(n)
+    schwarz = options["schwarz"]
     spec: Json = {
         "monitor": dict(monitor),
         "grid": {"n_xi": n_xi, "n_eta": n_eta},
-        "boundary": str(boundary),
+        "boundary": str(options["boundary"]),
         "initial": str(initial),
         "schwarz": schwarz.json() if isinstance(schwarz, Schwarz) else (None if schwarz is None else dict(schwarz)),
         "cells": str(cells),
     }
-    if domain is not None:
-        spec["domain"] = dict(domain)
-    if mode != "discretization":
-        spec["mode"] = str(mode)
-    if not allow_relaxed:
+    if options["domain"] is not None:
+        spec["domain"] = domain_json(options["domain"])
+    if options["mode"] != DEFAULTS["mode"]:
+        spec["mode"] = str(options["mode"])
+    if not options["allow_relaxed"]:
         spec["allow_relaxed"] = False
-    if label is not None:
-        spec["label"] = label
+    if options["label"] is not None:
+        spec["label"] = options["label"]
     return spec

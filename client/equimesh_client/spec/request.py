@@ -1,4 +1,4 @@
-"""A request for a mesh, made ready: what `generate` and `meshes.create` of both clients share."""
+"""A request for a mesh, ready to send: what `generate` and `meshes.create` of both clients share."""
 
 from __future__ import annotations
 
@@ -8,23 +8,22 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
-from equimesh_client.spec.mesh import mesh_spec
-from equimesh_client.spec.monitors import ArcLength, Monitor, Read, monitor_json
-from equimesh_client.spec.schwarz import Schwarz
-from equimesh_client.spec.sources import StoredSamples, Upload, needs_box, source_of, upload_of
+from equimesh_client.spec.domains import UNIT_BOX, Box, read_domain
+from equimesh_client.spec.mesh import MeshOptions, mesh_spec
+from equimesh_client.spec.monitors import ArcLength, Json, Read, monitor_json
+from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
 
-DEADLINE = 600.0
-"""Seconds that a wait may take when the caller does not say."""
 UPLOAD = "upload"
+"""Name, in a spec, of the one file of samples that goes with the request."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Order:
-    """One logical request for a mesh. ``uploads`` are the files that go with it, of which the spec speaks as
-    ``{"samples": "upload"}``, or while there are several as ``"upload:0"``, ``"upload:1"`` and so on. ``key`` stays the
-    same over all retries, so that one mesh comes of it. Without ``reuse`` the mesh is computed even if the service has
-    the same one.
+class MeshRequest:
+    """One logical request for a mesh.
+
+    ``uploads`` are the files that go with it. The spec refers to a single one as ``{"samples": "upload"}``, and to
+    several as ``"upload:0"``, ``"upload:1"`` and so on. ``key`` stays the same over all retries, so that they make
+    one mesh. Without ``reuse`` the mesh is computed even if the service has the same one.
     """
 
     spec: dict[str, Any]
@@ -32,126 +31,101 @@ class Order:
     key: str
     reuse: bool = True
 
-    def stored(self, names: Sequence[str]) -> Order:
-        """The same order for samples that the service keeps under ``names``."""
-        given = {f"upload:{number}": name for number, name in enumerate(names)}
-        return replace(self, spec={**self.spec, "monitor": _renamed(self.spec["monitor"], given)}, uploads=())
+    def with_stored_samples(self, ids: Sequence[str]) -> MeshRequest:
+        """The same request, with samples that the service keeps under ``ids`` in place of its uploads."""
+        names = {f"upload:{number}": samples_id for number, samples_id in enumerate(ids)}
+        return replace(self, spec={**self.spec, "monitor": _rename_samples(self.spec["monitor"], names)}, uploads=())
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
-    """What `generate` is asked for: its arguments."""
+class GenerateArguments:
+    """The arguments of `generate`; ``options`` holds all options of a mesh, as `complete_options` returns them."""
 
     u: object
     n: int | tuple[int, int]
-    monitor: Monitor | Mapping[str, Any] | None
-    domain: Domain | Mapping[str, Any] | None
-    a: float
-    b: float
-    schwarz: Schwarz | Mapping[str, Any] | None
-    boundary: str
-    initial: str
-    mode: str
-    allow_relaxed: bool
-    cells: str
-    label: str | None
-    parameters: Mapping[str, float] | None
-    t: float | None
-    n_samples: int
-    reuse: bool
+    options: MeshOptions
+    initial: str = "nested"
+    cells: str = "quad"
+    reuse: bool = True
 
     def box(self) -> Box | None:
-        """The box on which functions are sampled; None where only the service knows it, and it is needed."""
+        """The box on which functions are sampled; None where it is needed and only the service knows it."""
         functions: list[object] = []
 
-        def look(function: object) -> dict[str, Any]:
+        def collect(function: object) -> dict[str, Any]:
             functions.append(function)
             return {}
 
-        self._monitor(look)
-        if self.domain is None or not any(map(needs_box, functions)):
+        self._monitor_json(collect)
+        domain = self.options["domain"]
+        if domain is None or not any(map(needs_box, functions)):
             return UNIT_BOX
-        domain = read_domain(self.domain) if isinstance(self.domain, Mapping) else self.domain
-        return domain.box
+        return (read_domain(domain) if isinstance(domain, Mapping) else domain).box
 
-    def order(self, box: Box) -> Order:
+    def request(self, box: Box) -> MeshRequest:
         """The request, with callables and arrays sampled on ``box``."""
         uploads: list[Upload] = []
-        formulas = 0
+        has_formula = False
+        parameters, t, n_samples = self.options["parameters"], self.options["t"], self.options["n_samples"]
 
         def read(function: object) -> dict[str, Any]:
-            nonlocal formulas
-            is_formula = isinstance(function, str)
-            formulas += is_formula
-            more = {"parameters": self.parameters, "t": self.t} if is_formula else {}
-            source = source_of(function, n_samples=self.n_samples, box=box, **more)  # type: ignore[arg-type]
+            nonlocal has_formula
+            if isinstance(function, str):
+                has_formula = True
+                return source_of(function, parameters=parameters, t=t).json
+            source = source_of(function, n_samples=n_samples, box=box)
             if source.upload is None:
                 return source.json
             if source.upload not in uploads:
                 uploads.append(source.upload)
             return {"samples": f"upload:{uploads.index(source.upload)}"}
 
-        monitor = self._monitor(read)
-        if not formulas and (self.parameters or self.t is not None):
+        monitor = self._monitor_json(read)
+        if not has_formula and (parameters or t is not None):
             raise BadArgument("parameters and t belong to an expression; u is not a string here")
         if len(uploads) == 1:
-            monitor = _renamed(monitor, {"upload:0": UPLOAD})
-        spec = mesh_spec(
-            monitor,
-            self.n,
-            domain=None if self.domain is None else domain_json(self.domain),
-            schwarz=self.schwarz,
-            boundary=self.boundary,
-            initial=self.initial,
-            mode=self.mode,
-            allow_relaxed=self.allow_relaxed,
-            cells=self.cells,
-            label=self.label,
-        )
-        return Order(spec=spec, uploads=tuple(uploads), key=str(uuid.uuid4()), reuse=self.reuse)
+            monitor = _rename_samples(monitor, {"upload:0": UPLOAD})
+        spec = mesh_spec(monitor, self.n, self.options, initial=self.initial, cells=self.cells)
+        return MeshRequest(spec=spec, uploads=tuple(uploads), key=str(uuid.uuid4()), reuse=self.reuse)
 
-    def _monitor(self, read: Read) -> dict[str, Any]:
-        if self.monitor is None:
-            return monitor_json(ArcLength(a=self.a, b=self.b), read, self.u)
-        if (self.a, self.b) != (ArcLength.a, ArcLength.b):
+    def _monitor_json(self, read: Read) -> Json:
+        monitor, a, b = self.options["monitor"], self.options["a"], self.options["b"]
+        if monitor is None:
+            return monitor_json(ArcLength(a=a, b=b), read, self.u)
+        if (a, b) != (ArcLength.a, ArcLength.b):
             raise BadArgument("a and b belong to the arc length: give them in it, monitor=ArcLength(a=..., b=...)")
-        return monitor_json(self.monitor, read, self.u)
+        return monitor_json(monitor, read, self.u)
 
 
-def order_of_spec(spec: Mapping[str, Any], samples: object, key: str | None, *, reuse: bool = True) -> Order:
+def request_of_spec(spec: Mapping[str, Any], samples: object, key: str | None, *, reuse: bool = True) -> MeshRequest:
     """The request for a complete spec; ``samples`` go with ``{"samples": "upload"}`` in its monitor.
 
     Raises :class:`BadArgument` when one of the two is missing.
     """
     if not isinstance(spec, Mapping):
         raise BadArgument(f"a spec is a mapping, as in the HTTP interface, not {type(spec).__name__}")
-    if _wants_upload(spec.get("monitor")) != (samples is not None):
+    if _needs_upload(spec.get("monitor")) != (samples is not None):
         raise BadArgument('samples go with a spec whose monitor has "u": {"samples": "upload"}, and only with it')
     uploads = () if samples is None else (upload_of(samples),)
-    return Order(spec=dict(spec), uploads=uploads, key=key or str(uuid.uuid4()), reuse=reuse)
+    return MeshRequest(spec=dict(spec), uploads=uploads, key=key or str(uuid.uuid4()), reuse=reuse)
 
 
-def _wants_upload(monitor: object) -> bool:
+def _needs_upload(monitor: object) -> bool:
     if not isinstance(monitor, Mapping):
         return False
     members = monitor.get("monitors")
-    inner = any(map(_wants_upload, members)) if isinstance(members, Sequence) else False
+    inner = any(map(_needs_upload, members)) if isinstance(members, Sequence) else False
     return inner or any(isinstance(part, Mapping) and part.get("samples") == UPLOAD for part in monitor.values())
 
 
-def _renamed(monitor: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    """The JSON of a monitor with other names for samples."""
-    made: dict[str, Any] = {}
+def _rename_samples(monitor: Mapping[str, Any], names: Mapping[str, str]) -> Json:
+    """The JSON of a monitor, with the names of samples replaced."""
+    renamed: Json = {}
     for key, part in monitor.items():
         if key == "monitors":
-            made[key] = [_renamed(member, names) for member in part]
+            renamed[key] = [_rename_samples(member, names) for member in part]
         elif isinstance(part, Mapping) and part.get("samples") in names:
-            made[key] = {"samples": names[part["samples"]]}
+            renamed[key] = {"samples": names[part["samples"]]}
         else:
-            made[key] = part
-    return made
-
-
-def stored(record: Mapping[str, Any]) -> StoredSamples:
-    """Samples that the service keeps."""
-    return StoredSamples(id=str(record["id"]), record=dict(record))
+            renamed[key] = part
+    return renamed

@@ -45,6 +45,11 @@ class StoredSamples:
     id: str
     record: Mapping[str, Any]
 
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> StoredSamples:
+        """The samples in the JSON of the service."""
+        return cls(id=str(record["id"]), record=dict(record))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Source:

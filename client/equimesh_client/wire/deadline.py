@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from equimesh_client.errors import (
-    BadArgument,
-    DeadlineExceeded,
-)
+from equimesh_client.errors import BadArgument, DeadlineExceeded
 from equimesh_client.wire.retry import RetryPolicy
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+"""Address of a service with default settings on this machine."""
+DEADLINE_SECONDS = 600.0
+"""Time for a wait when the caller gives no deadline."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,17 +32,17 @@ class Deadline:
 
     @property
     def left(self) -> float:
-        """Seconds that are left, not below 0."""
+        """Seconds that remain, at least 0."""
         return max(0.0, self.end - self.clock())
 
     def exceeded(self, doing: str) -> DeadlineExceeded:
-        """The exception that says so."""
+        """The exception for a deadline that has passed while ``doing`` something."""
         return DeadlineExceeded(f"{doing}: the deadline of {self.seconds:g} s has passed")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What a client was made with: base ``url``, seconds a single answer may take, the retry policy."""
+    """Settings of a client: base ``url``, ``timeout`` of a single answer in seconds, retry ``policy``."""
 
     url: str
     timeout: float
@@ -48,12 +50,9 @@ class Settings:
 
     @property
     def attempts(self) -> float:
-        """Seconds that are enough for every attempt at a request."""
+        """Time for all attempts at a request, in seconds."""
         return self.timeout * (self.policy.retries + 1)
 
     def deadline(self, seconds: float | None = None) -> Deadline:
-        """The deadline of a plain request, ``seconds`` from now; unless given, there is time for every attempt."""
+        """The deadline of a plain request, ``seconds`` from now; unless given, with time for all attempts."""
         return Deadline.after(self.attempts if seconds is None else seconds)
-
-
-URL = "http://127.0.0.1:8000"

@@ -1,4 +1,4 @@
-"""What the client does, step by step, without I/O: generators that both shells drive.
+"""What the client does, as generators without I/O that both shells drive.
 
 A flow yields steps and is sent their outcomes: a :class:`Send` is answered with a :class:`Reply` or a
 :class:`Disconnected`, a :class:`Pause` and a :class:`Report` with None. What a flow returns is its result.
@@ -24,7 +24,7 @@ from equimesh_client.errors import (
 )
 from equimesh_client.records.state import FINISHED
 from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
-from equimesh_client.spec.request import Order, Wish
+from equimesh_client.spec.request import GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, upload_of
 from equimesh_client.wire import protocol
 from equimesh_client.wire.deadline import Deadline, Settings
@@ -34,16 +34,23 @@ from equimesh_client.wire.retry import RETRIED, pause_before_retry, retry_after_
 from equimesh_client.wire.stream import StreamPosition
 
 T = TypeVar("T")
-LONG_POLL = 20
-"""Seconds that the service is asked to hold an answer back while nobody watches the progress."""
-FAREWELL = 2.0
-"""Seconds for canceling a mesh that nobody waits for any more."""
+LONG_POLL_SECONDS = 20
+"""How long the service is asked to hold an answer back when no progress bar is shown."""
+MAX_CANCEL_SECONDS = 2.0
+"""Time to cancel a mesh whose caller has stopped waiting."""
+PAGE_RECORDS = 100
+"""Meshes in one page of a list."""
+MIN_HELD_SECONDS = 0.5
+"""An answer that comes sooner was not held back: the next request then waits."""
+MIN_STREAM_SECONDS = 5.0
+"""An event stream that was open for longer worked, even if it brought no event."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Send:
-    """Send this call; nothing may arrive for at most ``timeout`` seconds, all within the ``deadline``. A
-    ``sink`` takes the body of a success.
+    """Send this call, within ``deadline``, with at most ``timeout`` seconds between two bytes of the answer.
+
+    A ``sink`` takes the body of a success.
     """
 
     call: Call
@@ -61,14 +68,14 @@ class Pause:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """News of the mesh that is waited for: the resource as it is now."""
+    """The current resource of the mesh that the caller waits for."""
 
     record: Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Disconnected:
-    """The outcome of a :class:`Send` that brought no answer."""
+    """The outcome of a :class:`Send` without an answer."""
 
     reason: str
 
@@ -79,22 +86,22 @@ Flow: TypeAlias = Generator[Step, Outcome, T]
 
 
 def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download | None = None) -> Flow[Reply]:
-    """The first answer that is not worth a retry, success or not; raises when there is none in time.
+    """The first answer that is not to be retried, success or not; raises when there is none in time.
 
-    Each attempt at a download asks for what is missing in the ``sink``. One that got further than all before it was a
-    good one: only failures in a row count.
+    Each attempt at a download requests what is missing in the ``sink``. An attempt that got further than all before it
+    starts the count of failures again.
     """
     attempt, furthest = 0, 0
     while True:
         if deadline.left <= 0:
             raise deadline.exceeded(f"{call.method} {call.path}")
         timeout = min(settings.timeout + call.patience, deadline.left)
-        asked = call if sink is None else replace(call, headers={**call.headers, **sink.headers})
-        outcome = yield Send(call=asked, timeout=timeout, deadline=deadline, sink=sink)
+        attempted = call if sink is None else replace(call, headers={**call.headers, **sink.headers})
+        outcome = yield Send(call=attempted, timeout=timeout, deadline=deadline, sink=sink)
         assert outcome is not None
         if sink is not None and isinstance(outcome, Disconnected):
             if sink.whole:
-                return Reply(status=200, headers={})  # the line broke after the last byte
+                return Reply(status=200, headers={})  # the connection broke after the last byte
             if sink.received > furthest:
                 attempt, furthest = 0, sink.received
         if isinstance(outcome, Reply):
@@ -118,7 +125,7 @@ def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download |
 
 
 def unreachable(url: str, reason: str) -> ServiceUnreachable:
-    """The exception for a service that does not answer, with what to do about it."""
+    """The exception for a service that does not answer; the message says what to do."""
     return ServiceUnreachable(
         f"no equimesh service answers at {url} ({reason}); start one with `equimesh serve`, or give its URL"
     )
@@ -127,53 +134,58 @@ def unreachable(url: str, reason: str) -> ServiceUnreachable:
 def request(call: Call, settings: Settings, deadline: Deadline | None = None) -> Flow[Reply]:
     """A successful answer; raises the problem when it is none."""
     reply = yield from persist(call, settings, deadline or settings.deadline())
-    return protocol.checked(reply, call)
+    return protocol.raise_for_status(reply, call)
 
 
 def fetch(call: Call, settings: Settings, deadline: Deadline | None = None) -> Flow[dict[str, Any]]:
-    """The JSON object that a call is answered with."""
+    """The JSON object of the answer to a call."""
     return protocol.json_of((yield from request(call, settings, deadline)))
 
 
-def prepared(wish: Wish, settings: Settings, deadline: Deadline) -> Flow[Order]:
-    """The request for the mesh of `generate`. One file of samples goes with it; several are stored at the service
-    first, which keeps each of them once however often it is sent.
+def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline) -> Flow[MeshRequest]:
+    """The request for the mesh of `generate`.
+
+    One file of samples goes with the request. Several are stored at the service first, which keeps equal ones once.
     """
-    box = wish.box()
-    if box is None and wish.domain is not None:
-        box = yield from box_of(wish.domain, settings, deadline)
-    made = wish.order(box or UNIT_BOX)
-    if len(made.uploads) < 2:
-        return made
-    names = []
-    for upload in made.uploads:
+    box, domain = arguments.box(), arguments.options["domain"]
+    if box is None and domain is not None:
+        box = yield from box_of(domain, settings, deadline)
+    mesh_request = arguments.request(box or UNIT_BOX)
+    if len(mesh_request.uploads) < 2:
+        return mesh_request
+    ids = []
+    for upload in mesh_request.uploads:
         reply = yield from request(protocol.upload_samples(upload), settings, deadline)
-        names.append(str(protocol.json_of(reply)["id"]))
-    return made.stored(names)
+        ids.append(str(protocol.json_of(reply)["id"]))
+    return mesh_request.with_stored_samples(ids)
 
 
 def box_of(domain: Domain | Mapping[str, Any], settings: Settings, deadline: Deadline) -> Flow[Box]:
-    """The box of a domain whose curves only the service evaluates."""
+    """The box of a domain whose curves the service evaluates."""
     call = protocol.check_expression("0", None, None, domain_json(domain))
     return protocol.box_of((yield from request(call, settings, deadline)))
 
 
-def create(made: Order, settings: Settings, *, wait: int, deadline: Deadline) -> Flow[dict[str, Any]]:
+def hold_seconds(deadline: Deadline, *, watched: bool = False) -> int:
+    """Seconds that the service is asked to hold an answer back, so that the mesh may be finished when it comes."""
+    return max(1, min(1 if watched else LONG_POLL_SECONDS, int(deadline.left)))
+
+
+def create(mesh_request: MeshRequest, settings: Settings, *, wait: int, deadline: Deadline) -> Flow[dict[str, Any]]:
     """The resource of a new mesh."""
-    upload = made.uploads[0] if made.uploads else None
-    call = protocol.create_mesh(made.spec, upload, wait=wait, key=made.key, reuse=made.reuse)
+    call = protocol.create_mesh(mesh_request, wait=wait)
     return protocol.mesh_of((yield from request(call, settings, deadline)))
 
 
-def abandon(made: Order, mesh_id: str | None, settings: Settings) -> Flow[None]:
-    """Nothing. Cancels, as well as can be done in a short time, a mesh that nobody waits for any more.
+def abandon(mesh_request: MeshRequest, mesh_id: str | None, settings: Settings) -> Flow[None]:
+    """Cancel an abandoned mesh, best effort; returns nothing.
 
-    When its id is not known, because the answer to the request has not arrived, the same key tells it.
+    ``mesh_id`` is None when the answer to the request has not arrived. The same key then gives the same mesh.
     """
-    deadline = Deadline.after(FAREWELL)
+    deadline = Deadline.after(MAX_CANCEL_SECONDS)
     try:
         if mesh_id is None:
-            mesh_id = str((yield from create(made, settings, wait=0, deadline=deadline))["id"])
+            mesh_id = str((yield from create(mesh_request, settings, wait=0, deadline=deadline))["id"])
         yield from cancel(mesh_id, settings, deadline)
     except EquimeshClientError:
         return
@@ -182,26 +194,24 @@ def abandon(made: Order, mesh_id: str | None, settings: Settings) -> Flow[None]:
 def wait(record: Mapping[str, Any], settings: Settings, deadline: Deadline, *, watched: bool) -> Flow[dict[str, Any]]:
     """The resource once its status is final. ``watched``: report at least every second."""
     now = dict(record)
-    hold, idle = (1 if watched else LONG_POLL), 0.05
+    idle = 0.05
     yield Report(record=now)
     while now.get("status") not in FINISHED:
         if deadline.left <= 0:
             raise deadline.exceeded(f"mesh {now['id']} is still {now.get('status', 'unknown')}")
-        asked = deadline.clock()
-        call = protocol.get_mesh(str(now["id"]), wait=max(1, min(hold, int(deadline.left))))
+        sent = deadline.clock()
+        call = protocol.get_mesh(str(now["id"]), wait=hold_seconds(deadline, watched=watched))
         now = protocol.mesh_of((yield from request(call, settings, deadline)))
         yield Report(record=now)
-        if now.get("status") not in FINISHED and deadline.clock() - asked < 0.5:
-            # The service did not hold the answer back: do not ask in a tight loop.
+        if now.get("status") not in FINISHED and deadline.clock() - sent < MIN_HELD_SECONDS:
+            # no tight loop of requests
             yield Pause(seconds=min(idle, deadline.left))
             idle = min(1.0, idle * 2.0)
     return now
 
 
 def cancel(mesh_id: str, settings: Settings, deadline: Deadline | None = None) -> Flow[dict[str, Any]]:
-    """The resource after a cancel. That it was canceled before, perhaps by a request whose answer got lost,
-    is fine.
-    """
+    """The resource after a cancel. A mesh that was canceled before, perhaps by a lost request, is no error."""
     call = protocol.cancel_mesh(mesh_id)
     try:
         reply = yield from request(call, settings, deadline)
@@ -216,7 +226,7 @@ def cancel(mesh_id: str, settings: Settings, deadline: Deadline | None = None) -
 
 
 def delete(call: Call, settings: Settings, deadline: Deadline) -> Flow[None]:
-    """Nothing. That it is gone already is an error only when no earlier attempt can have removed it."""
+    """Delete a resource; returns nothing. "Not found" is an error only if no earlier attempt can have deleted it."""
     flow = persist(call, settings, deadline)
     sends, outcome = 0, None
     try:
@@ -227,21 +237,21 @@ def delete(call: Call, settings: Settings, deadline: Deadline) -> Flow[None]:
     except StopIteration as stop:
         reply: Reply = stop.value
     try:
-        protocol.checked(reply, call)
+        protocol.raise_for_status(reply, call)
     except NotFound:
         if sends == 1:
             raise
 
 
 def download(call: Call, settings: Settings, deadline: Deadline, into: Download) -> Flow[None]:
-    """Nothing; ``into`` is whole afterwards. Bytes that do not match the ETag are fetched a second time."""
+    """Download into ``into``, which is complete afterwards. Bytes that do not match the ETag are fetched once more."""
     for attempt in (1, 2):
         if not into.whole:
             reply = yield from persist(call, settings, deadline, into)
             if reply.status == 416 and attempt == 1:  # what is there is no part of this file
                 into.restart()
                 continue
-            protocol.checked(reply, call)
+            protocol.raise_for_status(reply, call)
         try:
             return into.check()
         except DownloadDamaged:
@@ -251,8 +261,10 @@ def download(call: Call, settings: Settings, deadline: Deadline, into: Download)
 
 
 def save(call: Call, settings: Settings, deadline: Deadline, part: PartFile) -> Flow[None]:
-    """Nothing; the file has its name afterwards. What has arrived when the line or the time ends stays beside it, for
-    another call to go on with.
+    """Download a file, which has its name afterwards.
+
+    After a lost connection or an expired deadline the part that has arrived stays next to it: another call continues
+    from there.
     """
     try:
         yield from download(call, settings, deadline, part)
@@ -263,8 +275,8 @@ def save(call: Call, settings: Settings, deadline: Deadline, part: PartFile) -> 
     part.commit()
 
 
-def verified(call: Call, settings: Settings, deadline: Deadline) -> Flow[bytes]:
-    """The body of a file, checked against its ETag."""
+def fetch_file(call: Call, settings: Settings, deadline: Deadline) -> Flow[bytes]:
+    """The bytes of a file, checked against its ETag."""
     into = Download()
     yield from download(call, settings, deadline, into)
     return into.body()
@@ -273,24 +285,36 @@ def verified(call: Call, settings: Settings, deadline: Deadline) -> Flow[bytes]:
 def upload(
     u: object, n_samples: int, domain: Domain | Mapping[str, Any] | None, settings: Settings, deadline: Deadline
 ) -> Flow[dict[str, Any]]:
-    """The record of samples that are stored, sampled on the box of ``domain`` where they are a callable or an array."""
+    """The record of stored samples. A callable or an array is sampled on the box of ``domain``."""
     box: Box | None = UNIT_BOX
     if domain is not None and needs_box(u):
-        known = read_domain(domain) if isinstance(domain, Mapping) else domain
-        box = known.box
+        box = (read_domain(domain) if isinstance(domain, Mapping) else domain).box
         if box is None:
             box = yield from box_of(domain, settings, deadline)
     call = protocol.upload_samples(upload_of(u, n_samples=n_samples, box=box or UNIT_BOX))
     return (yield from fetch(call, settings, deadline))
 
 
-def pages(
-    settings: Settings, deadline: Deadline, *, status: str | None, label: str | None, cursor: str | None, limit: int
-) -> Flow[tuple[list[dict[str, Any]], str | None]]:
-    """One page of meshes and the cursor of the next."""
-    call = protocol.list_meshes(status=status, label=label, limit=limit, cursor=cursor)
-    answer = yield from fetch(call, settings, deadline)
-    return list(answer.get("items") or []), answer.get("next_cursor")
+class Pages:
+    """The list of meshes, page by page: at most ``limit`` records in all, any number of them for None."""
+
+    def __init__(self, *, status: str | None, label: str | None, limit: int | None) -> None:
+        self._status, self._label, self._left = status, label, limit
+        self._cursor: str | None = None
+        self.more = limit is None or limit > 0
+
+    def next_call(self) -> Call:
+        """The request for the next page."""
+        size = PAGE_RECORDS if self._left is None else min(self._left, PAGE_RECORDS)
+        return protocol.list_meshes(status=self._status, label=self._label, cursor=self._cursor, limit=size)
+
+    def records(self, page: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """The records of a page that was fetched, no more than still count."""
+        records = list(page.get("items") or [])[: self._left]
+        self._cursor = page.get("next_cursor")
+        self._left = None if self._left is None else self._left - len(records)
+        self.more = self._cursor is not None and (self._left is None or self._left > 0)
+        return records
 
 
 def silence(settings: Settings, deadline: Deadline) -> float:
@@ -301,12 +325,13 @@ def silence(settings: Settings, deadline: Deadline) -> float:
 
 
 def streams(head: Reply, call: Call, position: StreamPosition) -> bool:
-    """Whether an answer is the event stream. False when there is nothing after ``position`` (204), and when it is
-    worth a retry; raises when it is neither.
+    """Whether an answer is the event stream.
+
+    False when there are no events after ``position`` (204), and for an answer to be retried; raises for any other.
     """
     if head.status in RETRIED:
         return False
-    protocol.checked(head, call)
+    protocol.raise_for_status(head, call)
     if head.status == 204:
         position.done = True
         return False
@@ -324,14 +349,12 @@ def reconnect_pause(
     ending: Reply | Disconnected,
     lived: float,
 ) -> float:
-    """Seconds until an event stream that had this ``ending`` is opened again; raises when that is pointless or too
-    late.
+    """Seconds until an event stream that had this ``ending`` is opened again; raises when there is no further attempt.
 
-    A connection that ``lived`` some seconds, or brought an event, was a good one: only failures in a row
-    count.
+    A connection that ``lived`` some seconds, or brought an event, starts the count of failures again.
     """
     refused = isinstance(ending, Reply) and ending.status in RETRIED
-    if lived > 5.0 and not refused:
+    if lived > MIN_STREAM_SECONDS and not refused:
         position.failures = 0
     status = ending.status if isinstance(ending, Reply) and refused else None
     after = retry_after_of(ending.headers) if isinstance(ending, Reply) else None
@@ -340,7 +363,7 @@ def reconnect_pause(
         raise deadline.exceeded("waiting for events")
     if pause is None:
         if isinstance(ending, Reply):
-            protocol.checked(ending, call)
+            protocol.raise_for_status(ending, call)
         reason = ending.reason if isinstance(ending, Disconnected) else "closed by the service"
         raise unreachable(settings.url, f"the event stream ended early, {reason}")
     position.failures += 1

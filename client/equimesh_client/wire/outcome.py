@@ -1,4 +1,4 @@
-"""What becomes of the answer to a request for a mesh."""
+"""The outcome of a request: an exception, or a mesh for another library."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from equimesh_client.records.state import MeshState
 from equimesh_client.wire.arrays import MeshArrays
 
 
-def settled(mesh: MeshState) -> None:
-    """Nothing for a mesh that succeeded; raises :class:`MeshFailed` or :class:`MeshCanceled` for one that
-    did not.
-    """
+def raise_unless_succeeded(mesh: MeshState) -> None:
+    """Raise :class:`MeshFailed` or :class:`MeshCanceled` for a finished mesh that did not succeed."""
     if mesh.status == "failed":
         raise MeshFailed(mesh, mesh.error or {})
     if mesh.status == "canceled":
@@ -28,7 +26,7 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
     Raises :class:`BadArgument` when meshio is not installed.
     """
     try:
-        # By name: the client does not depend on meshio, and import-linter holds it to that.
+        # By name: the client must not depend on meshio, which import-linter checks.
         meshio = importlib.import_module("meshio")
     except ImportError as error:
         raise BadArgument("to_meshio() needs meshio, which is not installed: pip install meshio") from error
@@ -37,7 +35,7 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
     kind, parts = ("triangle", 2) if arrays.cells.shape[1] == 3 else ("quad", 1)
     along_xi, along_eta = (np.linspace(0.0, 1.0, n) for n in arrays.x.shape)
     xi, eta = np.meshgrid(along_xi, along_eta, indexing="ij")
-    of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # and what a side has in its place
+    of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # the second is the value on sides
     return meshio.Mesh(
         arrays.points,
         [(kind, arrays.cells), *(("line", edges) for _, edges in sides)],

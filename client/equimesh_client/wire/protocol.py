@@ -1,4 +1,4 @@
-"""The HTTP interface as plain functions: requests are built and answers are read here, nothing is sent."""
+"""The HTTP interface as plain functions, which build requests and read answers; nothing is sent here."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from urllib.parse import quote, unquote
 
 from equimesh_client.errors import BadArgument, InputProblem, ProblemError, ServiceUnreachable, error_class
 from equimesh_client.spec.domains import Box
+from equimesh_client.spec.request import MeshRequest
 from equimesh_client.spec.sources import Upload
 from equimesh_client.wire.retry import retry_after_of
 from equimesh_client.wire.stream import StreamPosition
@@ -29,8 +30,10 @@ PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
 
 @dataclass(frozen=True, kw_only=True)
 class Call:
-    """One request. ``body`` is complete, so that a repeated call sends the same bytes; ``sent`` is the JSON
-    in it, which error messages quote from; ``patience`` is how long the service may take before it answers.
+    """One request.
+
+    ``body`` is complete, so that a repeated call sends the same bytes. ``sent`` is the JSON in it, from which error
+    messages quote. ``patience`` is the time in seconds that the service may hold its answer back.
     """
 
     method: str
@@ -51,35 +54,31 @@ class Reply:
     body: bytes = b""
 
 
-def create_mesh(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str, reuse: bool = True) -> Call:
-    """Ask for a mesh. ``key`` makes repeated calls the same request; ``wait`` is in seconds, 0 for none; without
-    ``reuse`` it is computed even if the service has the same one.
-    """
-    headers = {"Accept": "application/json", "Idempotency-Key": key}
+def create_mesh(mesh_request: MeshRequest, *, wait: int) -> Call:
+    """Request a mesh. The service may hold its answer back for ``wait`` seconds, until the mesh is finished."""
+    headers = {"Accept": "application/json", "Idempotency-Key": mesh_request.key}
     if wait:
         headers["Prefer"] = f"wait={wait}"
-    body = encoded(spec)
-    if upload is None:
-        headers["Content-Type"] = "application/json"
-    else:
+    body = json_bytes(mesh_request.spec)
+    if mesh_request.uploads:
         part = Upload(filename="", data=body, media_type="application/json")
-        headers["Content-Type"], body = multipart({"spec": part, "samples": upload})
-    query = {} if reuse else {"reuse": "false"}
+        headers["Content-Type"], body = multipart({"spec": part, "samples": mesh_request.uploads[0]})
+    else:
+        headers["Content-Type"] = "application/json"
     return Call(
         method="POST",
         path="/v1/meshes",
-        query=query,
+        query={} if mesh_request.reuse else {"reuse": "false"},
         headers=headers,
         body=body,
-        sent=dict(spec),
+        sent=dict(mesh_request.spec),
         patience=float(wait),
     )
 
 
-def create_sequence(spec: Mapping[str, Any], upload: Upload | None, *, wait: int, key: str, keep: int) -> Call:
-    """Begin a sequence with the mesh of a spec; ``keep`` is how many of its last meshes are kept."""
-    call = create_mesh(spec, upload, wait=wait, key=key)
-    return replace(call, path="/v1/sequences", query={"keep": str(keep)})
+def create_sequence(mesh_request: MeshRequest, *, wait: int, keep: int) -> Call:
+    """Begin a sequence with a mesh; the service keeps the last ``keep`` meshes of the sequence."""
+    return replace(create_mesh(mesh_request, wait=wait), path="/v1/sequences", query={"keep": str(keep)})
 
 
 def sequence(sequence_id: str, *, method: str = "GET") -> Call:
@@ -97,12 +96,12 @@ def create_step(sequence_id: str, body: bytes, media_type: str, *, sent: Any = N
 
 def list_meshes(*, status: str | None, label: str | None, limit: int, cursor: str | None) -> Call:
     """One page of the list of meshes."""
-    asked = {"status": status, "label": label, "limit": str(limit), "cursor": cursor}
-    return _get("/v1/meshes", query={key: value for key, value in asked.items() if value is not None})
+    query = {"status": status, "label": label, "limit": str(limit), "cursor": cursor}
+    return _get("/v1/meshes", query={key: value for key, value in query.items() if value is not None})
 
 
 def get_mesh(mesh_id: str, *, wait: int = 0) -> Call:
-    """One mesh; with ``wait`` the answer comes when it is finished or after so many seconds."""
+    """One mesh; with ``wait`` the answer comes when it is finished, or after this many seconds."""
     return _get(_mesh(mesh_id), query={"wait": str(wait)} if wait else {}, patience=float(wait))
 
 
@@ -123,13 +122,13 @@ def delete_mesh(mesh_id: str) -> Call:
 
 
 def mesh_file(mesh_id: str, format: str, *, cells: str | None = None, partial: bool = False) -> Call:
-    """The mesh as a file; ``cells`` overrules what the spec says."""
+    """The mesh as a file; ``cells`` overrides the cells of the spec."""
     query = {"format": format}
     if cells is not None:
         query["cells"] = cells
     if partial:
         query["partial"] = "true"
-    # as it is: the parts of a file that a proxy compresses do not fit together
+    # not compressed by a proxy: parts of a compressed file cannot be joined
     headers = {"Accept": "*/*", "Accept-Encoding": "identity"}
     return Call(method="GET", path=_mesh(mesh_id, "file"), query=query, headers=headers)
 
@@ -173,7 +172,7 @@ def check_expression(
     t: float | None,
     domain: Mapping[str, Any] | None = None,
 ) -> Call:
-    """Have an expression parsed and evaluated on ``domain``, the unit square unless given."""
+    """Parse and evaluate an expression on ``domain``, the unit square unless given."""
     sent: dict[str, Any] = {"expression": expression}
     if parameters:
         sent["parameters"] = dict(parameters)
@@ -182,16 +181,16 @@ def check_expression(
     if domain is not None:
         sent["domain"] = dict(domain)
     headers = {"Accept": "application/json", "Content-Type": "application/json"}
-    return Call(method="POST", path="/v1/expressions/check", headers=headers, body=encoded(sent), sent=sent)
+    return Call(method="POST", path="/v1/expressions/check", headers=headers, body=json_bytes(sent), sent=sent)
 
 
 def capabilities() -> Call:
-    """What the service can do."""
+    """The capabilities of the service."""
     return _get("/v1/capabilities")
 
 
-def encoded(value: object) -> bytes:
-    """JSON bytes. Raises :class:`BadArgument` for what JSON cannot carry (NaN, infinity, foreign objects)."""
+def json_bytes(value: object) -> bytes:
+    """JSON bytes. Raises :class:`BadArgument` for values that JSON does not have (NaN, infinity, foreign objects)."""
     try:
         return json.dumps(value, allow_nan=False, default=_plain).encode()
     except (TypeError, ValueError) as error:
@@ -226,9 +225,7 @@ def multipart(parts: Mapping[str, Upload]) -> tuple[str, bytes]:
 
 
 def json_of(reply: Reply) -> dict[str, Any]:
-    """The JSON object of an answer. Raises :class:`ServiceUnreachable` when it is none: something else
-    answered.
-    """
+    """The JSON object of an answer. Raises :class:`ServiceUnreachable` when it is none: another program answered."""
     try:
         value = json.loads(reply.body)
     except ValueError:
@@ -263,7 +260,7 @@ def box_of(reply: Reply) -> Box:
         ) from None
 
 
-def checked(reply: Reply, call: Call) -> Reply:
+def raise_for_status(reply: Reply, call: Call) -> Reply:
     """The reply itself when it is a success; otherwise raises the :class:`ProblemError` that it holds."""
     if 200 <= reply.status < 300:
         return reply
@@ -271,7 +268,7 @@ def checked(reply: Reply, call: Call) -> Reply:
 
 
 def problem_of(reply: Reply, call: Call) -> ProblemError:
-    """The exception for an answer that is no success, whatever its body looks like."""
+    """The exception for an answer that is no success, with any body."""
     try:
         document = json.loads(reply.body)
     except ValueError:
@@ -334,21 +331,21 @@ def sha256_of(headers: Mapping[str, str]) -> str | None:
 
 
 def continues(reply: Reply, sha256: str | None, start: int) -> bool:
-    """Whether a 206 is what comes after the first ``start`` bytes of the file with this sha256."""
+    """Whether a 206 continues the file with this sha256 after its first ``start`` bytes."""
     found = re.match(r"bytes (\d+)-\d+/", reply.headers.get("content-range", ""))
     return found is not None and int(found[1]) == start and resumable(reply) and sha256_of(reply.headers) == sha256
 
 
 def resumable(reply: Reply) -> bool:
-    """Whether the rest of this file can be asked for later: a strong ETag names these very bytes."""
+    """Whether the rest of this file can be requested later: a strong ETag identifies its bytes."""
     plain = reply.headers.get("content-encoding", "identity") == "identity"
     return plain and reply.headers.get("etag", "").startswith('"') and sha256_of(reply.headers) is not None
 
 
 def format_of(path: str, format: str | None = None) -> str:
-    """The mesh format: ``format`` itself, or what the suffix of ``path`` says.
+    """The mesh format: ``format`` itself, or that of the suffix of ``path``.
 
-    Raises :class:`BadArgument` when neither tells.
+    Raises :class:`BadArgument` when there is neither.
     """
     if format is not None:
         return format

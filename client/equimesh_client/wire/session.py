@@ -1,4 +1,4 @@
-"""The two shells that do what the flows say: one blocks, one awaits. No decision is taken here."""
+"""The two shells that carry out flows: one blocks, one awaits. They decide nothing."""
 
 from __future__ import annotations
 
@@ -45,11 +45,15 @@ class Session:
                         report(record)
 
     def fetch(self, call: Call, deadline: float | None = None) -> dict[str, Any]:
-        """The JSON object that a call is answered with, within ``deadline`` seconds."""
+        """The JSON object of the answer to a call, within ``deadline`` seconds."""
         return self.run(flows.fetch(call, self.settings, self.settings.deadline(deadline)))
 
+    def delete(self, call: Call, deadline: float | None = None) -> None:
+        """Delete a resource within ``deadline`` seconds."""
+        self.run(flows.delete(call, self.settings, self.settings.deadline(deadline)))
+
     def follow(self, mesh_id: str, position: StreamPosition, deadline: Deadline) -> Iterator[Event]:
-        """The events of a mesh over as many connections as it takes."""
+        """The events of a mesh, over any number of connections."""
         while not position.done:
             opened = deadline.clock()
             call = protocol.events(mesh_id, position)
@@ -103,11 +107,15 @@ class AsyncSession:
                         report(record)
 
     async def fetch(self, call: Call, deadline: float | None = None) -> dict[str, Any]:
-        """The JSON object that a call is answered with, within ``deadline`` seconds."""
+        """The JSON object of the answer to a call, within ``deadline`` seconds."""
         return await self.run(flows.fetch(call, self.settings, self.settings.deadline(deadline)))
 
+    async def delete(self, call: Call, deadline: float | None = None) -> None:
+        """Delete a resource within ``deadline`` seconds."""
+        await self.run(flows.delete(call, self.settings, self.settings.deadline(deadline)))
+
     async def follow(self, mesh_id: str, position: StreamPosition, deadline: Deadline) -> AsyncIterator[Event]:
-        """The events of a mesh over as many connections as it takes."""
+        """The events of a mesh, over any number of connections."""
         while not position.done:
             opened = deadline.clock()
             call = protocol.events(mesh_id, position)

@@ -77,7 +77,7 @@ class Dripper:
 @pytest.fixture(params=list(BEHAVIOURS))
 def url(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A service that does not get on."""
-    monkeypatch.setattr(flows, "FAREWELL", 0.1)  # of a generate, after its deadline
+    monkeypatch.setattr(flows, "MAX_CANCEL_SECONDS", 0.1)  # of a generate, after its deadline
     dripper = Dripper(*BEHAVIOURS[request.param])
     yield dripper.url
     dripper.close()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import pickle
 from email.parser import BytesParser
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
 
 from equimesh_client import (
+    ArcLength,
     BadArgument,
     Classical,
     Convergence,
@@ -34,7 +35,8 @@ from equimesh_client import (
 )
 from equimesh_client.errors import EquimeshClientError, caret
 from equimesh_client.records.tables import aligned, number
-from equimesh_client.spec.mesh import mesh_spec, points_per_side
+from equimesh_client.spec.mesh import DEFAULTS, MeshOptions, mesh_spec, points_per_side
+from equimesh_client.spec.request import MeshRequest
 from equimesh_client.spec.schwarz import transmission
 from equimesh_client.wire.protocol import (
     Call,
@@ -42,9 +44,9 @@ from equimesh_client.wire.protocol import (
     at_pointer,
     check_expression,
     create_mesh,
-    encoded,
     format_of,
     get_mesh,
+    json_bytes,
     mesh_of,
     mesh_plot,
     multipart,
@@ -72,7 +74,7 @@ def test_a_spec_with_all_defaults() -> None:
 
 
 def test_a_spec_with_other_options() -> None:
-    spec = mesh_spec({}, 8, domain={"kind": "rectangle"}, mode="tight", allow_relaxed=False, label="mine")
+    spec = mesh_spec({}, 8, {"domain": {"kind": "rectangle"}, "mode": "tight", "allow_relaxed": False, "label": "mine"})
     assert [spec[name] for name in ("domain", "mode", "allow_relaxed", "label")] == [
         {"kind": "rectangle"},
         "tight",
@@ -81,8 +83,27 @@ def test_a_spec_with_other_options() -> None:
     ]
 
 
+def test_every_option_has_a_type_and_a_default() -> None:
+    assert get_type_hints(MeshOptions).keys() == DEFAULTS.keys()
+    assert (DEFAULTS["a"], DEFAULTS["b"]) == (ArcLength.a, ArcLength.b)
+
+
+def test_an_unknown_option_names_the_nearest(connect: Any, service: Any) -> None:
+    client = connect(service.url)
+    for method, option, words in (
+        (client.generate, "bounday", r"generate\(\) has no option 'bounday'; did you mean 'boundary'\?"),
+        (client.generate, "deadlin", "did you mean 'deadline'"),
+        (client.generate, "xyz", "it has monitor, domain, a, b, "),
+        (client.sequences.start, "kep", "did you mean 'keep'"),
+        (client.sequences.start, "initial", "has no option 'initial'"),
+    ):
+        with pytest.raises(TypeError, match=words):
+            method("x", 8, **{option: 1})
+    assert service.requests == []
+
+
 def test_schwarz_as_json() -> None:
-    schwarz = mesh_spec({}, 8, schwarz=Schwarz(transmission=LinearRobin(2.3), tolerance=None))["schwarz"]
+    schwarz = mesh_spec({}, 8, {"schwarz": Schwarz(transmission=LinearRobin(2.3), tolerance=None)})["schwarz"]
     assert schwarz == {
         "subdomains": [2, 1],
         "overlap": 4,
@@ -96,7 +117,7 @@ def test_schwarz_as_json() -> None:
         "max_iterations": 100,
         "compare_single_domain": False,
     }
-    assert mesh_spec({}, 8, schwarz={"overlap": 3})["schwarz"] == {"overlap": 3}
+    assert mesh_spec({}, 8, {"schwarz": {"overlap": 3}})["schwarz"] == {"overlap": 3}
 
 
 @pytest.mark.parametrize("n", [0.5, "a", None, (1, 2, 3), (4, 4.5), "12"])
@@ -121,10 +142,11 @@ def test_transmission_by_name() -> None:
 
 def test_json_cannot_carry_nan() -> None:
     with pytest.raises(BadArgument, match="JSON"):
-        encoded({"b": float("nan")})
+        json_bytes({"b": float("nan")})
     with pytest.raises(BadArgument, match="JSON"):
-        encoded({"b": object()})
-    assert encoded({"b": np.float64(0.5), "n": np.int64(3), "x": np.ones(2)}) == b'{"b": 0.5, "n": 3, "x": [1.0, 1.0]}'
+        json_bytes({"b": object()})
+    sent = {"b": np.float64(0.5), "n": np.int64(3), "x": np.ones(2)}
+    assert json_bytes(sent) == b'{"b": 0.5, "n": 3, "x": [1.0, 1.0]}'
 
 
 def test_multipart_is_what_parsers_read_and_the_same_each_time() -> None:
@@ -143,13 +165,14 @@ def test_an_id_stays_inside_its_segment() -> None:
 
 
 def test_the_calls_of_a_create() -> None:
-    call = create_mesh({"a": 1}, None, wait=0, key="k")
+    request = MeshRequest(spec={"a": 1}, uploads=(), key="k")
+    call = create_mesh(request, wait=0)
     assert call.headers == {
         "Accept": "application/json",
         "Idempotency-Key": "k",
         "Content-Type": "application/json",
     }
-    assert create_mesh({}, None, wait=5, key="k").headers["Prefer"] == "wait=5"
+    assert create_mesh(request, wait=5).headers["Prefer"] == "wait=5"
     assert check_expression("x", {"c": 1.0}, 2.0).sent == {"expression": "x", "parameters": {"c": 1.0}, "t": 2.0}
     with pytest.raises(BadArgument, match="svg or png"):
         mesh_plot("m", "mesh", "gif")
