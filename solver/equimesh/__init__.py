@@ -41,7 +41,7 @@ from equimesh.schwarz.conditions import (
     TransmissionCondition,
 )
 from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.iteration import iterate
+from equimesh.schwarz.iteration import schwarz_iterations as iterate
 from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz

@@ -12,7 +12,7 @@ from cases import problem
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.schwarz.functionals.interface import InterfaceData
 from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
-from equimesh.schwarz.optimized.subdomains import YieldingSubdomains
+from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
 
 STEPS = (1e-3, 5e-4, 2.5e-4)
 
@@ -90,9 +90,11 @@ def test_subdomain_with_interfaces_on_every_side(condition: em.TransmissionCondi
 def test_subdomains_whose_interfaces_yield(boundary: em.Boundary, parts: tuple[int, int]) -> None:
     case = problem("tanh20", 18, 15, boundary=boundary)
     decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=2)
-    subdomains = YieldingSubdomains(case, decomposition, em.Optimized(), em.LocalSolver.NEWTON, enough=0.0, threads=1)
+    subdomains = OptimizedSubdomains(
+        case, decomposition, em.Optimized(), em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
+    )
     mesh = em.Mesh.uniform(case.grid)
-    subdomains.begin([], mesh)
+    subdomains.begin(mesh)
     for k, window in enumerate(subdomains.windows):
         equations, state = subdomains.equations(k), window.restrict(mesh)
         check_taylor_remainder(equations, state)

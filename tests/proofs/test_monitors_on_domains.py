@@ -52,8 +52,8 @@ def distance(one: em.Mesh, other: em.Mesh) -> float:
 @pytest.mark.parametrize(("monitor", "domain"), PAIRS)
 def test_the_mesh_is_that_of_newton(monitor: str, domain: str) -> None:
     problem = case(monitor, domain, 21, 18)
-    *_, fast = iteration.iterate(problem)
-    *_, reference = iteration.iterate(problem, sweeps=False)
+    *_, fast = iteration.single_domain_steps(problem)
+    *_, reference = iteration.single_domain_steps(problem, sweeps=False)
     assert fast.relaxation.is_none
     assert reference.relaxation.is_none
     assert distance(fast.mesh, reference.mesh) < 1e-9
@@ -107,7 +107,9 @@ def test_second_order(monitor: em.Monitor, domain: str, boundary: em.Boundary) -
     sizes, meshes = (33, 65, 129, 257), {}
     for n in sizes:
         grid = em.Grid(n_xi=n, n_eta=n)
-        *_, last = iteration.iterate(em.Problem(monitor=monitor, grid=grid, domain=DOMAINS[domain], boundary=boundary))
+        *_, last = iteration.single_domain_steps(
+            em.Problem(monitor=monitor, grid=grid, domain=DOMAINS[domain], boundary=boundary)
+        )
         assert last.relaxation.is_none
         meshes[n] = last.mesh
     errors = []

@@ -11,6 +11,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection, newton
 
 MAX_STEPS = 60
+# Grids and windows of up to this many points are factorised where sweeps fail. Larger ones would take minutes.
+MAX_FACTORISED_POINTS = 257 * 257
 TOLERANCE = 1e-12  # of the residual, relative to the mean flux
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.meshes.folding import smallest_jacobian
+from equimesh.meshes.folding import largest_difference, smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.numerics.types import Array
 
@@ -65,6 +65,10 @@ class Mesh:
         number = np.arange(self.x.size).reshape(self.x.shape)
         lines = {"left": number[0, ::-1], "right": number[-1, :], "bottom": number[:, 0], "top": number[::-1, -1]}
         return {side: np.column_stack([lines[side][:-1], lines[side][1:]]) for side in SIDES}
+
+    def distance(self, other: Mesh) -> float:
+        """The largest difference of a coordinate to another mesh of the same shape."""
+        return max(largest_difference(self.x, other.x), largest_difference(self.y, other.y))
 
     def corner_jacobians(self) -> Array:
         """Jacobian of the cell map at the corners, shape ``(4, n_xi - 1, n_eta - 1)``, counter-clockwise.

@@ -1,321 +1,186 @@
-"""The nonlinear Schwarz iteration: subdomain solves that exchange interface data until they agree."""
+"""The nonlinear Schwarz iteration of Haynes and Howse (section 3).
+
+Every subdomain is solved with data from its neighbours, the solutions are merged to one mesh, and so on until they
+agree. What makes it faster, and what guards it, stands in modules of its own: :mod:`~equimesh.schwarz.rescue`,
+:mod:`~equimesh.schwarz.line_corrections`, :mod:`~equimesh.schwarz.acceleration`, :mod:`~equimesh.schwarz.claims`,
+:mod:`~equimesh.schwarz.stalls`.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any, TypeVar
 
 from equimesh.domains.domain import map_mesh
-from equimesh.equations.newton_solve import newton_steps
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
-from equimesh.meshes.folding import largest_difference, smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
-from equimesh.schwarz.anderson import Anderson
-from equimesh.schwarz.conditions import Classical, Optimized, label
-from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.acceleration import accelerator
+from equimesh.schwarz.claims import Claim, tested
+from equimesh.schwarz.conditions import label
+from equimesh.schwarz.families import subdomains_of
 from equimesh.schwarz.line_corrections import Corrected, LineCorrections
-from equimesh.schwarz.optimized.subdomains import MOST_FACTORISED, YieldingSubdomains
-from equimesh.schwarz.ordering import Ordering, turns
-from equimesh.schwarz.port import Outcome, Subdomains
-from equimesh.schwarz.raspen import Raspen
-from equimesh.schwarz.records import Iteration, SubdomainRecord, estimated
-from equimesh.schwarz.settings import Acceleration, Schwarz
-
-# After this many iterations in which some subdomain had to take classical data, another condition takes over.
-MOST_RESCUES = 3
-# In so many iterations in a row may a subdomain stall, or the merged mesh fold: then the fallback comes or, if Newton
-# steps on the whole grid do not lower the residual by this factor in that time, the end.
-MOST_STALLS, PROGRESS = 3, 0.9
-# An iteration that moves the mesh by less than this fraction of the mismatch has found a fixed point that is not the
-# solution; a mismatch is one if it is so many times what rounding leaves.
-FALSE_FIXED_POINT, SEEN = 1e-3, 100.0
-# Iterations are combined once squared metric lengths deviate from the mean of their line by no more than this of it.
-LINEAR = 0.1
-# An iteration that took more than so many, or Newton steps on the whole grid, is tested by one before it is believed.
-FEW = 8
-# Changes that fall by less than this factor over so many iterations are a stall; those with classical data, slow by
-# nature, only where they do not fall at all.
-SLOWEST, STALL_WINDOW = 0.75, 8
+from equimesh.schwarz.ordering import turns
+from equimesh.schwarz.port import Outcome, Solved
+from equimesh.schwarz.records import Iteration, SubdomainRecord
+from equimesh.schwarz.rescue import Rescue
+from equimesh.schwarz.settings import Schwarz
+from equimesh.schwarz.stalls import Stalls
+from equimesh.schwarz.work import traffic, work
 
 
-def iterate(
+def schwarz_iterations(
     problem: Problem, settings: Schwarz, start: Mesh, reference: Mesh | None = None, *, threads: int = 1
 ) -> Iterator[Iteration]:
     """Schwarz iterations from ``start``, without end unless a subdomain stalls for good.
 
-    One record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``reference`` is
-    the single-domain solution against which errors are recorded. ``threads`` share the subdomains; the meshes do not
-    depend on their number. Haynes and Howse, section 3.
+    One record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``start`` and
+    ``reference`` are meshes of the reference square, of shape ``(n_xi, n_eta)``. ``reference`` is the single-domain
+    solution against which errors are recorded. ``threads`` share the subdomains; the meshes do not depend on their
+    number. Haynes and Howse, section 3. Raises :class:`~equimesh.errors.DecompositionError` where the subdomains do not
+    fit the grid.
 
-    Where a subdomain stalls, a Newton step is taken on the whole grid. Where a condition of the paper gives a
-    subdomain no solution for good, or a fixed point on which the subdomains do not agree, or none at all, the
-    optimized condition takes over from the start, if the settings allow it; the records say so. An iteration that was
-    slow is tested by a Newton step on the whole grid before its estimate is believed.
+    Where a condition of the paper stalls, the optimized condition takes over from ``start``, if the settings allow it.
+    The records say so.
     """
-    run = _Run(problem, settings, start, threads)
-    yield run.record(0, reference)
-    for number in range(1, 10**9):
-        run.step()
-        record = run.record(number, reference)
+    run = SchwarzRun(problem, settings, start, threads)
+    yield run.first(reference)
+    for number in itertools.count(1):
+        if run.stalls.call_for_another_condition(run.rescue):
+            run = SchwarzRun(problem, settings.fallen_back(), start, threads)
+        record = run.next(number, reference)
         yield record
         if record.failed:
             return
 
 
-class _Run:
-    """The state of a Schwarz iteration."""
+T = TypeVar("T")
+
+
+class SchwarzRun:
+    """The iteration with one transmission condition: the mesh that it has reached, and what guards it."""
 
     def __init__(self, problem: Problem, settings: Schwarz, start: Mesh, threads: int) -> None:
-        self.problem, self.start, self.threads = problem, start, threads
-        self.decomposition = settings.decompose(problem.grid)
-        self.rounding = smallest_tolerance(problem)
-        self.mesh, self.changes = start, [math.nan]
+        self.problem, self.settings, self.mesh, self.threads = problem, settings, start, threads
+        decomposition, rounding = settings.decompose(problem.grid), smallest_tolerance(problem)
+        self.enough = max(settings.tolerance, rounding) if isinstance(settings.tolerance, float) else 0.0
+        self.turns = turns(decomposition, settings.ordering)
+        self.subdomains = subdomains_of(problem, decomposition, settings, enough=self.enough, threads=threads)
+        self.subdomains.restart(start)
         self.corrections = LineCorrections(problem, threads) if settings.line_corrections else None
-        self._begin(settings)
-        count = len(self.subdomains.windows)
-        self.records = tuple(SubdomainRecord(subdomain=k, newton_steps=0, residual=math.nan) for k in range(count))
-        self.mismatch = 0.0
-        self.corrected = Corrected(start)
-        self.global_step = self.accelerated = False
-        self.work = self.traffic = self.products = 0
+        self.accelerator = accelerator(settings, self.subdomains, rounding, threads)
+        self.rescue, self.stalls = Rescue(problem), Stalls(settings, rounding)
 
-    def _begin(self, settings: Schwarz) -> None:
-        """Begin from the start with these settings."""
-        self.settings = settings
-        self.enough = max(settings.tolerance, self.rounding) if isinstance(settings.tolerance, float) else 0.0
-        self.subdomains = self._subdomains()
-        self.turns = turns(self.decomposition, settings.ordering)
-        self.states = [window.restrict(self.start) for window in self.subdomains.windows]
-        self.mesh = self.start
-        self.stalls, self.rescues = [0] * len(self.states), 0
-        self.setbacks: list[float] = []
-        self.has_stepped, self.estimate = False, math.nan
-        if settings.line_corrections and self.corrections is None:
-            self.corrections = LineCorrections(self.problem, self.threads)
-        self.anderson = Anderson() if settings.accelerated_by is Acceleration.ANDERSON else None
-        by_newton = settings.accelerated_by is Acceleration.NEWTON
-        self.newton = Raspen(self.subdomains, self.rounding, self.threads) if by_newton else None
-        self.since = len(self.changes)
-
-    def _subdomains(self) -> Subdomains:
-        settings, condition = self.settings, self.settings.transmission
-        if not isinstance(condition, Optimized):
-            return FunctionalSubdomains(self.problem, self.decomposition, condition, settings.solved_by)
-        return YieldingSubdomains(
-            self.problem, self.decomposition, condition, settings.solved_by, enough=self.enough, threads=self.threads
+    def next(self, number: int, reference: Mesh | None) -> Iteration:
+        """One iteration: solve and merge, rescue, correct, accelerate, and test what is claimed."""
+        before = self.mesh
+        solved = self._solved()
+        rescued = self.rescue.applied(solved, before)
+        corrected = self._corrected(rescued.mesh)
+        accelerated = self.accelerator.applied(before, corrected, solved, self.enough)
+        mesh = accelerated.mesh
+        if mesh is not solved.mesh or self.accelerator.maps_merged_meshes:
+            self.subdomains.restart(mesh)
+        change = mesh.distance(before)
+        estimate = corrected.estimate
+        if accelerated.is_combined or math.isnan(estimate):
+            estimate = self.stalls.estimate(change)
+        claim = Claim(mesh, estimate, change, before)
+        if estimate <= self.enough and self._is_doubtful(corrected):
+            claim = tested(self.problem, claim, self.enough)
+        if claim.is_refuted:
+            self.accelerator.forget()
+            self.subdomains.restart(claim.mesh)
+        self.mesh = claim.mesh
+        self.stalls.note(solved, claim.change)
+        return self._record(
+            number,
+            reference,
+            change=claim.change,
+            estimate=claim.estimate,
+            mismatch=solved.mismatch,
+            subdomains=solved.records,
+            deviation=corrected.deviation,
+            global_step=rescued.is_stepped or claim.is_refuted,
+            accelerated=accelerated.is_combined,
+            failed=self.rescue.is_stuck and not self.settings.may_fall_back,
+            work=work(self.problem.grid, self.subdomains, solved.records, corrected.count),
+            traffic=traffic(self.problem.grid, self.settings, self.subdomains, self.turns, corrected.count),
+            products=accelerated.products,
         )
 
-    def step(self) -> None:
-        """One iteration."""
-        if self._has_stalled():
-            self._begin(self.settings.fallen_back())
-        start = self.mesh
-        merged = self._solved()
-        folded = not smallest_jacobian(merged.x, merged.y) > 0.0
-        self.mismatch = max(
-            max(window.distance(state, merged))
-            for window, state in zip(self.subdomains.windows, self.states, strict=True)
+    def first(self, reference: Mesh | None) -> Iteration:
+        """The record of the start."""
+        records = [
+            SubdomainRecord(subdomain=k, newton_steps=0, residual=math.nan) for k in range(len(self.subdomains.windows))
+        ]
+        return self._record(
+            0, reference, change=math.nan, estimate=math.nan, mismatch=0.0, subdomains=tuple(records), failed=False
         )
-        stepped = self._stepped(start if folded else merged, needed=folded or max(self.stalls) > 0)
-        self.corrected = Corrected(stepped)
-        if self.corrections is not None and self.settings.line_corrections:
-            self.corrected = self.corrections.apply(stepped, self.settings.line_corrections, self.enough)
-        self.mesh = self._accelerated(start, self.corrected)
-        # Newton's method knows the iteration as a map of merged meshes: all data is to come from one.
-        if not self.settings.is_optimized and (self.mesh is not merged or self.newton is not None):
-            self.states = [window.restrict(self.mesh) for window in self.subdomains.windows]
-        self.changes.append(_distance(self.mesh, start))
-        self.estimate = self._estimated()
-        if self.estimate <= self.enough and self._is_doubtful:
-            self._test(start)
-        self._count()
 
-    def record(self, number: int, reference: Mesh | None) -> Iteration:
-        """What there is to say of the last iteration."""
+    def _solved(self) -> Solved:
+        """One solve in every subdomain, turn by turn, merged to one mesh."""
+        mesh = Mesh(self.mesh.x.copy(), self.mesh.y.copy())
+        states, records = dict[int, Mesh](), dict[int, SubdomainRecord]()
+        for turn in self.turns:
+            self.subdomains.begin(mesh)
+            for k, outcome in self._outcomes(turn).items():
+                states[k], records[k] = outcome.solution.mesh, outcome.record(k, records.get(k))
+                self.subdomains.merge(k, states[k], mesh)
+        mesh.x[0], mesh.x[-1], mesh.y[:, 0], mesh.y[:, -1] = 0.0, 1.0, 0.0, 1.0
+        mismatch = max(max(window.distance(states[k], mesh)) for k, window in enumerate(self.subdomains.windows))
+        return Solved(mesh, _in_order(states), _in_order(records), mismatch)
+
+    def _outcomes(self, turn: list[int]) -> dict[int, Outcome]:
+        """The outcomes of the subdomains of one turn, which threads share."""
+        outcomes: dict[int, Outcome] = {}
+        threads = min(self.threads, len(turn))
+
+        def solve(thread: int) -> None:
+            for k in turn[thread::threads]:
+                outcomes[k] = self.subdomains.solve(k)
+
+        run_on_threads(threads, solve)
+        return {k: outcomes[k] for k in turn}
+
+    def _corrected(self, mesh: Mesh) -> Corrected:
+        if self.corrections is None:
+            return Corrected(mesh)
+        return self.corrections.apply(mesh, self.settings.line_corrections, self.enough)
+
+    def _is_doubtful(self, corrected: Corrected) -> bool:
+        """Whether errors may hide that neither sweeps nor iterations see: the equations are solved, but slowly."""
+        was_slow = self.stalls.was_slow or self.rescue.has_stepped
+        return was_slow and math.isfinite(corrected.deviation) and self.problem.grid.points <= MAX_FACTORISED_POINTS
+
+    def _record(self, number: int, reference: Mesh | None, **values: Any) -> Iteration:
+        """The record of the mesh that was reached; ``values`` are its fields that say how."""
         physical = map_mesh(self.mesh, self.problem.domain)
-        records = [self._with_error(record, reference) for record in self.records]
+        records = [self._with_error(record, reference) for record in values.pop("subdomains")]
         return Iteration(
             iteration=number,
             problem=self.problem,
             mesh=physical,
             reference=self.mesh,
             min_jacobian=physical.min_jacobian / self.problem.domain.area,
-            change=self.changes[-1],
-            estimate=self.estimate,
-            mismatch=self.mismatch,
             subdomains=tuple(records),
             transmission=label(self.settings.transmission),
-            deviation=self.corrected.deviation,
             error=None if reference is None else max(max(r.error_x or 0.0, r.error_y or 0.0) for r in records),
-            global_step=self.global_step,
-            accelerated=self.accelerated,
-            failed=self._is_stuck and not self._may_fall_back(),
-            work=self.work,
-            traffic=self.traffic,
-            products=self.products,
+            **values,
         )
-
-    def _stepped(self, mesh: Mesh, *, needed: bool) -> Mesh:
-        """The mesh after a guarded Newton step on the whole grid, where one is ``needed``.
-
-        Itself, or a copy, where there is none to take, or a factorisation would cost too much.
-        """
-        self.global_step = needed
-        self.has_stepped = self.has_stepped or needed
-        if not needed:
-            self.setbacks = []
-            return mesh
-        if self.problem.grid.points > MOST_FACTORISED:
-            self.setbacks.append(math.inf)
-            return Mesh(mesh.x.copy(), mesh.y.copy())
-        *_, last = newton_steps(self.problem.equations(), mesh, most_steps=1, fast=True)
-        self.setbacks.append(last.residual)
-        return Mesh.of_unit_square(last.mesh.x, last.mesh.y)
-
-    @property
-    def _is_stuck(self) -> bool:
-        """Whether Newton steps on the whole grid, taken several times in a row, lead nowhere."""
-        recent = self.setbacks[-MOST_STALLS:]
-        return len(recent) == MOST_STALLS and not recent[-1] < PROGRESS * recent[0]
-
-    def _solved(self) -> Mesh:
-        """One solve in every subdomain, turn by turn; the merged mesh."""
-        mesh, found = Mesh(self.mesh.x.copy(), self.mesh.y.copy()), dict[int, SubdomainRecord]()
-        whole = self.settings.is_optimized and self.settings.ordering is not Ordering.PARALLEL
-        for turn in self.turns:
-            self.subdomains.begin(self.states, mesh)
-            for k, outcome in self._outcomes(turn).items():
-                window = self.subdomains.windows[k]
-                self.states[k] = outcome.solution.mesh
-                window.write(self.states[k], mesh, window.covered if whole else window.part.owned)
-                found[k] = _record(k, outcome, found.get(k))
-        self.records = tuple(found[k] for k in range(len(self.states)))
-        self.stalls = [n + 1 if r.stalled else 0 for n, r in zip(self.stalls, self.records, strict=True)]
-        self.rescues += any(record.classical for record in self.records)
-        mesh.x[0], mesh.x[-1], mesh.y[:, 0], mesh.y[:, -1] = 0.0, 1.0, 0.0, 1.0
-        return mesh
-
-    def _outcomes(self, turn: list[int]) -> dict[int, Outcome]:
-        found: dict[int, Outcome] = {}
-        threads = min(self.threads, len(turn))
-
-        def work(worker: int) -> None:
-            for k in turn[worker::threads]:
-                found[k] = self.subdomains.solve(k)
-
-        run_on_threads(threads, work)
-        return {k: found[k] for k in turn}
-
-    def _accelerated(self, start: Mesh, corrected: Corrected) -> Mesh:
-        """The combination of this iteration with those before it, where it is needed and of use."""
-        self.accelerated, self.products = False, 0
-        if self.newton is not None:
-            return self._by_newton(self.newton, start, corrected.mesh)
-        if self.anderson is None or corrected.estimate <= self.enough:
-            return corrected.mesh
-        if corrected.deviation > LINEAR:  # what is seen so far from the solution says nothing of the changes near it
-            return corrected.mesh
-        combined = self.anderson.combined(start, corrected.mesh)
-        self.accelerated = combined is not None
-        return corrected.mesh if combined is None else combined
-
-    def _by_newton(self, newton: Raspen, start: Mesh, result: Mesh) -> Mesh:
-        """The mesh after a Newton step for the fixed point, where all subdomains have solved what was asked."""
-        if any(record.stalled or record.classical for record in self.records):
-            return result
-        combined = newton.combined(start, result, self.states)
-        self.accelerated, self.products = combined is not None, newton.products
-        return result if combined is None else combined
-
-    def _has_stalled(self) -> bool:
-        """Whether the condition is to give way to the optimized one."""
-        if not self._may_fall_back():
-            return False
-        own = self.changes[self.since :]
-        if len(self.setbacks) >= MOST_STALLS or self.rescues >= MOST_RESCUES:
-            return True
-        if own and self.mismatch > SEEN * self.rounding and own[-1] < FALSE_FIXED_POINT * self.mismatch:
-            return True
-        if len(own) <= STALL_WINDOW or own[-1] <= self.rounding:
-            return False
-        slowest = 1.0 if isinstance(self.settings.transmission, Classical) else SLOWEST
-        return own[-1] >= slowest**STALL_WINDOW * own[-1 - STALL_WINDOW]
-
-    def _may_fall_back(self) -> bool:
-        return self.settings.fallback and self.settings.transmission != Optimized()
-
-    @property
-    def _is_doubtful(self) -> bool:
-        """Whether errors may hide that neither sweeps nor iterations see: the equations are solved, but slowly."""
-        took = len(self.changes) - self.since
-        affordable = self.problem.grid.points <= MOST_FACTORISED and math.isfinite(self.corrected.deviation)
-        return affordable and (took > FEW or self.has_stepped)
-
-    def _test(self, start: Mesh) -> None:
-        """Go on from a Newton step on the whole grid, where that moves the mesh by more than the tolerance."""
-        *_, last = newton_steps(self.problem.equations(), self.mesh, most_steps=1, fast=True)
-        stepped = Mesh.of_unit_square(last.mesh.x, last.mesh.y)
-        moved = _distance(stepped, self.mesh)
-        self.estimate = max(self.estimate, moved)
-        if moved > self.enough:
-            self.mesh, self.global_step, self.changes[-1] = stepped, True, _distance(stepped, start)
-            self.anderson = None if self.anderson is None else Anderson()
-            if not self.settings.is_optimized:
-                self.states = [window.restrict(stepped) for window in self.subdomains.windows]
-
-    def _estimated(self) -> float:
-        if self.accelerated or math.isnan(self.corrected.estimate):
-            own = [math.nan, *self.changes[self.since :]]
-            return estimated(own, self.rounding)
-        return self.corrected.estimate
 
     def _with_error(self, record: SubdomainRecord, reference: Mesh | None) -> SubdomainRecord:
         if reference is None:
             return record
-        window = self.subdomains.windows[record.subdomain]
-        state = window.restrict(self.mesh) if self.settings.is_optimized else self.states[record.subdomain]
-        error_x, error_y = window.distance(state, reference)
+        k = record.subdomain
+        error_x, error_y = self.subdomains.windows[k].distance(self.subdomains.state(k, self.mesh), reference)
         return replace(record, error_x=error_x, error_y=error_y)
 
-    def _count(self) -> None:
-        """Work and traffic of the iteration."""
-        windows, shape = self.subdomains.windows, self.problem.grid.shape
-        solved = [k for turn in self.turns for k in turn]
-        self.work = sum(
-            windows[r.subdomain].shape[0] * windows[r.subdomain].shape[1] * max(r.sweeps, r.newton_steps)
-            for r in self.records
-        )
-        self.work += self.corrected.count * shape[0] * shape[1]
-        columns, rows = self.decomposition.subdomains
-        # A correction of all lines takes both neighbours' nodes next to every cut, and a line's sum there and back.
-        cuts = (columns - 1) * shape[1] + (rows - 1) * shape[0]
-        self.traffic = 8 * (sum(self.subdomains.sent(k) for k in solved) + 6 * cuts * self.corrected.count)
 
-
-def _record(k: int, outcome: Outcome, earlier: SubdomainRecord | None) -> SubdomainRecord:
-    """The record of a solve, with what the subdomain did earlier in the iteration."""
-    solution = outcome.solution
-    record = SubdomainRecord(
-        subdomain=k,
-        newton_steps=0 if solution.swept else solution.steps,
-        sweeps=solution.steps if solution.swept else 0,
-        residual=solution.residual,
-        stalled=not solution.converged,
-        classical=outcome.classical,
-    )
-    if earlier is None:
-        return record
-    return replace(
-        record,
-        newton_steps=record.newton_steps + earlier.newton_steps,
-        sweeps=record.sweeps + earlier.sweeps,
-        stalled=record.stalled or earlier.stalled,
-        classical=record.classical or earlier.classical,
-    )
-
-
-def _distance(mesh: Mesh, other: Mesh) -> float:
-    return max(largest_difference(mesh.x, other.x), largest_difference(mesh.y, other.y))
+def _in_order(by_number: dict[int, T]) -> tuple[T, ...]:
+    return tuple(by_number[k] for k in sorted(by_number))

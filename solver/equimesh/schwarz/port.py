@@ -3,25 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
+from equimesh.schwarz.records import SubdomainRecord
 from equimesh.schwarz.window import SubdomainWindow
 
-# Newton steps that a subdomain solve may take: it starts near its solution or has none near by.
-MOST_LOCAL_STEPS = 25
+# Newton steps of one subdomain solve: it starts near its solution, or has none near by.
+MAX_LOCAL_STEPS = 25
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A local solution, and whether classical data took the place of the asked condition."""
+    """A local solution, and whether classical data took the place of the requested condition."""
 
     solution: NewtonSolution
     classical: bool = False
+
+    def record(self, k: int, earlier: SubdomainRecord | None) -> SubdomainRecord:
+        """The record of subdomain ``k``, added to what it did ``earlier`` in the same iteration."""
+        solution = self.solution
+        steps, sweeps = (0, solution.steps) if solution.swept else (solution.steps, 0)
+        record = SubdomainRecord(
+            subdomain=k,
+            newton_steps=steps,
+            sweeps=sweeps,
+            residual=solution.residual,
+            stalled=not solution.converged,
+            classical=self.classical,
+        )
+        if earlier is None:
+            return record
+        return replace(
+            record,
+            newton_steps=steps + earlier.newton_steps,
+            sweeps=sweeps + earlier.sweeps,
+            stalled=record.stalled or earlier.stalled,
+            classical=record.classical or earlier.classical,
+        )
+
+
+@dataclass(frozen=True)
+class Solved:
+    """All subdomains after their solves of one iteration, and the mesh that they merge to.
+
+    ``mismatch`` is the largest difference between a subdomain and the merged mesh.
+    """
+
+    mesh: Mesh
+    states: tuple[Mesh, ...]
+    records: tuple[SubdomainRecord, ...]
+    mismatch: float
+
+    @property
+    def has_stalled(self) -> bool:
+        """Whether a subdomain found no solution."""
+        return any(record.stalled for record in self.records)
+
+    @property
+    def is_rescued(self) -> bool:
+        """Whether classical data took the place of the requested condition in a subdomain."""
+        return any(record.classical for record in self.records)
 
 
 class Slopes(Protocol):
@@ -32,35 +78,39 @@ class Slopes(Protocol):
         ...
 
 
-class Differentiable(Protocol):
-    """Subdomains that know how their solutions depend on the merged mesh they read."""
+class Subdomains(Protocol):
+    """All subdomains of a decomposition, and what they exchange."""
 
     windows: list[SubdomainWindow]
 
-    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
-        """Read these states, and the mesh that they merge to."""
+    def restart(self, mesh: Mesh) -> None:
+        """Continue from ``mesh``, which is not the one that the last solutions merged to."""
         ...
 
-    def equations(self, k: int) -> MeshEquations:
-        """The equations of a subdomain, with the data of the mesh that is read."""
-        ...
-
-    def slopes(self, states: Sequence[Mesh]) -> Slopes:
-        """The derivative of the data, where the subdomains have the solutions ``states``."""
-        ...
-
-
-class Subdomains(Differentiable, Protocol):
-    """All subdomains of a decomposition, with what they tell each other."""
-
-    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
-        """Read these states, and the mesh that they merge to, in the solves to come."""
+    def begin(self, mesh: Mesh) -> None:
+        """Exchange data: the solves to come read the merged mesh ``mesh`` and the solutions of the neighbours."""
         ...
 
     def solve(self, k: int) -> Outcome:
-        """The solution of a subdomain."""
+        """The solution of a subdomain with the data that was exchanged."""
+        ...
+
+    def merge(self, k: int, state: Mesh, mesh: Mesh) -> None:
+        """Keep the solution ``state`` of a subdomain, and write its own nodes into the merged mesh ``mesh``."""
+        ...
+
+    def state(self, k: int, mesh: Mesh) -> Mesh:
+        """What a subdomain has for its solution once the iteration has made ``mesh``."""
         ...
 
     def sent(self, k: int) -> int:
         """Numbers that a subdomain receives in one iteration."""
+        ...
+
+    def equations(self, k: int) -> MeshEquations:
+        """The equations of a subdomain, with the data that was exchanged."""
+        ...
+
+    def slopes(self, states: Sequence[Mesh]) -> Slopes:
+        """The derivative of the data, where the subdomains have the solutions ``states``."""
         ...

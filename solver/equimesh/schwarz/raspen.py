@@ -17,7 +17,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, Pair
-from equimesh.schwarz.port import Differentiable
+from equimesh.schwarz.port import Subdomains
 
 # Products in one Newton step, and how accurate a step is: to the share of the change that the change is of the square,
 # for quadratic convergence, between these (the smaller one is the default of scipy, of all versions).
@@ -32,8 +32,9 @@ class Slope:
     Raises ``RuntimeError`` where a subdomain's Jacobian is singular.
     """
 
-    def __init__(self, subdomains: Differentiable, mesh: Mesh, states: Sequence[Mesh], threads: int = 1) -> None:
-        subdomains.begin([window.restrict(mesh) for window in subdomains.windows], mesh)
+    def __init__(self, subdomains: Subdomains, mesh: Mesh, states: Sequence[Mesh], threads: int = 1) -> None:
+        subdomains.restart(mesh)
+        subdomains.begin(mesh)
         self._windows, self._slopes = subdomains.windows, subdomains.slopes(states)
         self._solvers: dict[int, Callable[[Array], Array]] = {}
 
@@ -58,7 +59,7 @@ class Slope:
 class Raspen:
     """Newton steps for the fixed point; ``products`` counts those with ``G'`` in the last one."""
 
-    def __init__(self, subdomains: Differentiable, rounding: float, threads: int = 1) -> None:
+    def __init__(self, subdomains: Subdomains, rounding: float, threads: int = 1) -> None:
         self._subdomains, self._rounding, self._threads = subdomains, rounding, threads
         self.products = 0
 

@@ -154,6 +154,11 @@ class Schwarz:
         """How subdomains are solved: Newton's method for the iteration needs solutions to rounding."""
         return LocalSolver.NEWTON if self.accelerated_by is Acceleration.NEWTON else self.local_solver
 
+    @property
+    def may_fall_back(self) -> bool:
+        """Whether the optimized condition may take over where this one stalls."""
+        return self.fallback and self.transmission != Optimized()
+
     def fallen_back(self) -> Schwarz:
         """The settings that take over where these stall."""
         return replace(

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from equimesh.equations.newton_solve import newton_steps
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
@@ -27,13 +27,11 @@ from equimesh.sweeps.sweep import deviation, memory_needed
 
 # Share of the monitor that leads up to one from whose uniform mesh the sweeps do not converge.
 LEADING = 0.5
-# Relaxed equations are solved by sparse factorisations, on grids of up to so many points.
-MOST_FACTORISED = 257 * 257
 # A mesh with this relative deviation satisfies the asked equations, whichever were solved.
 EXACT = 1e-8
 
 
-def iterate(
+def single_domain_steps(
     problem: Problem, start: Mesh | None = None, *, mode: Mode = Mode.TIGHT, sweeps: bool = True, threads: int = 1
 ) -> Iterator[Step]:
     """Sweeps and Newton steps up the nested grids to the single-domain solution.
@@ -83,17 +81,17 @@ def _weaker(problem: Problem, label: Step, memory: Array, threads: int) -> Steps
     return (yield from Level(weak, label, None, False, memory, threads).steps())
 
 
-def iterate_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:
+def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:
     """Sweeps from a mesh near the solution, as that of a monitor a time step earlier, to a tight tolerance.
 
-    Where they do not converge, what :func:`iterate` does without a start.
+    Where they do not converge, what :func:`single_domain_steps` does without a start.
     """
     own = Mesh(start.x.copy(), start.y.copy())
     label = Step(level=0, levels=1, grid=problem.grid, step=0, residual=math.nan, mesh=own)
     memory = np.empty(memory_needed(problem.grid.shape))
     last = yield from Level(problem, label, None, True, memory, threads).steps()
     if last is None:
-        yield from iterate(problem, mode=Mode.TIGHT, threads=threads)
+        yield from single_domain_steps(problem, mode=Mode.TIGHT, threads=threads)
     else:
         yield last
 
@@ -117,7 +115,7 @@ def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bo
                 return _with_errors(replace(step, converged=True), before)
             yield step
     found = None
-    if before is None or problem.grid.points <= MOST_FACTORISED:
+    if before is None or problem.grid.points <= MAX_FACTORISED_POINTS:
         found = yield from _labelled(continuation.attempts(problem, label.mesh, relaxation), label)
     if found is None and before is not None:
         solved = before.solved or before.grid

@@ -12,7 +12,7 @@ from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement
 from equimesh.schwarz.conditions import label
-from equimesh.schwarz.iteration import iterate
+from equimesh.schwarz.iteration import schwarz_iterations
 from equimesh.schwarz.records import Iteration
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
@@ -34,7 +34,8 @@ def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh
     reference = _reference(problem, options) if schwarz.compare_single_domain else None
     exact = reference.mesh if reference is not None and reference.is_exact else None
     records: list[Iteration] = []
-    for record in iterate(problem, replace(schwarz, tolerance=tolerance), start, exact, threads=options.threads):
+    settings = replace(schwarz, tolerance=tolerance)
+    for record in schwarz_iterations(problem, settings, start, exact, threads=options.threads):
         records.append(record)
         options.observe(record)
         if record.meets(tolerance) or record.iteration >= schwarz.max_iterations:
@@ -88,7 +89,7 @@ def _reference(problem: Problem, options: SolveOptions) -> Step:
     """The single-domain solution to rounding, as far as that is affordable: errors are measured against it."""
     step = last_step(problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
     if step.is_exact and problem.grid.points <= MAX_POLISHED_POINTS:
-        return last_of(iteration.iterate(problem, step.mesh), options.observe)
+        return last_of(iteration.single_domain_steps(problem, step.mesh), options.observe)
     return step
 
 
@@ -99,7 +100,9 @@ def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]
     if coarser == problem.grid:
         coarser = halved(problem.grid)
     solved: list[Step] = []
-    for step in iteration.iterate(replace(problem, grid=coarser), mode=options.mode, threads=options.threads):
+    for step in iteration.single_domain_steps(
+        replace(problem, grid=coarser), mode=options.mode, threads=options.threads
+    ):
         options.observe(step)
         if step.converged or step.failed:
             solved = [*solved[-1:], step]

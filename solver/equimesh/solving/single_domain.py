@@ -47,9 +47,11 @@ def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: Solv
 def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Step:
     """The end of a single-domain solve from where it is asked to start."""
     if isinstance(initial, Mesh):
-        return last_of(iteration.iterate_from(problem, initial, threads=options.threads), options.observe)
+        return last_of(iteration.steps_from(problem, initial, threads=options.threads), options.observe)
     start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
-    return last_of(iteration.iterate(problem, start, mode=options.mode, threads=options.threads), options.observe)
+    return last_of(
+        iteration.single_domain_steps(problem, start, mode=options.mode, threads=options.threads), options.observe
+    )
 
 
 def last_of(steps: Iterable[Step], observe: Observer) -> Step:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from equimesh.domains.domain import Rectangle, map_mesh
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import InputError
@@ -14,7 +15,6 @@ from equimesh.inputs import choice
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.options import Event, Initial, Observer, SolveOptions
 from equimesh.solving.schwarz import solve_by_schwarz
@@ -76,9 +76,9 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
     mesh of the reference square."""
     if isinstance(initial, Mesh):
         _check_mesh(problem, initial)
-    if initial is Initial.UNIFORM and problem.grid.points > iteration.MOST_FACTORISED:
+    if initial is Initial.UNIFORM and problem.grid.points > MAX_FACTORISED_POINTS:
         raise InputError(
-            f"a start from the uniform mesh takes Newton's method, on at most {iteration.MOST_FACTORISED} points;"
+            f"a start from the uniform mesh takes Newton's method, on at most {MAX_FACTORISED_POINTS} points;"
             f" {problem.grid} are more: start nested",
             field="initial",
         )

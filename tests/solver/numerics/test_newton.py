@@ -12,7 +12,7 @@ from cases import problem
 from equimesh.meshes.nested import prolong
 from equimesh.numerics import dissection, newton
 from equimesh.numerics.types import Array
-from equimesh.single_domain.iteration import iterate
+from equimesh.single_domain.iteration import single_domain_steps
 
 
 def square(z: Array) -> Array:
@@ -72,7 +72,7 @@ def test_a_factorisation_is_kept_while_it_serves() -> None:
         return dissection.factorise(matrix, (33, 33))
 
     equations = case.equations()
-    coarse = list(iterate(problem("tanh20", 17)))[-1].mesh
+    coarse = list(single_domain_steps(problem("tanh20", 17)))[-1].mesh
     start = equations.vector(prolong(coarse, case.grid))
     *_, plain = newton.newton_iterations(
         equations.residual, equations.jacobian, start, admissible=anywhere, tolerance=1e-10

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
-from equimesh.schwarz.optimized.subdomains import YieldingSubdomains
+from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
 from equimesh.single_domain import iteration as single_domain
 
 
 def bent(case: em.Problem, size: float) -> em.Mesh:
     """The solution with all nodes moved smoothly, those on sides along them."""
-    *_, step = single_domain.iterate(case)
+    *_, step = single_domain.single_domain_steps(case)
     x, y = step.mesh.x, step.mesh.y
     return em.Mesh(
         x + size * np.sin(np.pi * x) * np.cos(2 * y + x),
@@ -25,6 +25,8 @@ def distance(one: em.Mesh, other: em.Mesh) -> float:
 
 def yielding_subdomains(
     case: em.Problem, decomposition: em.Decomposition, condition: em.Optimized
-) -> YieldingSubdomains:
+) -> OptimizedSubdomains:
     """All subdomains with the optimized condition, solved by Newton's method."""
-    return YieldingSubdomains(case, decomposition, condition, em.LocalSolver.NEWTON, enough=0.0, threads=1)
+    return OptimizedSubdomains(
+        case, decomposition, condition, em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
+    )

@@ -31,7 +31,8 @@ def test_the_derivative_of_an_iteration_is_exact(kind: em.TransmissionCondition,
         found = FunctionalSubdomains(case, decomposition, kind, em.LocalSolver.NEWTON)
 
     def iterated(mesh: em.Mesh) -> tuple[np.ndarray, list[em.Mesh]]:
-        found.begin([window.restrict(mesh) for window in found.windows], mesh)
+        found.restart(mesh)
+        found.begin(mesh)
         outcomes = [found.solve(k) for k in range(len(found.windows))]
         assert all(outcome.solution.converged and not outcome.classical for outcome in outcomes)
         states = [outcome.solution.mesh for outcome in outcomes]

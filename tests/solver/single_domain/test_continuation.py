@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.single_domain.continuation import LADDER, scale
-from equimesh.single_domain.iteration import iterate
+from equimesh.single_domain.iteration import single_domain_steps
 
 
 def two_peaks(points: int, **settings: float) -> em.Problem:
@@ -30,7 +30,7 @@ def test_the_cross_line_term_gives_a_mesh_where_there_was_none() -> None:
 
 def test_the_mesh_satisfies_the_relaxed_equations() -> None:
     case = two_peaks(33)
-    *_, last = iterate(case)
+    *_, last = single_domain_steps(case)
     assert last.converged
     equations = case.equations(last.relaxation.cross_line * scale(case))
     z = equations.vector(last.mesh)
@@ -52,7 +52,7 @@ def test_relaxed_is_a_failure_where_it_is_not_allowed() -> None:
 def test_a_term_that_helped_is_given_up_where_it_is_not_needed() -> None:
     """A front thinner than the coarsest cells: the term leads there, finer grids do without."""
     steep = em.ArcLength(u=em.Expression("tanh(100*(x - y))"))
-    steps = list(iterate(em.Problem(monitor=steep, grid=em.Grid(n_xi=129, n_eta=129))))
+    steps = list(single_domain_steps(em.Problem(monitor=steep, grid=em.Grid(n_xi=129, n_eta=129))))
     last = {step.grid.n_xi: step for step in steps}
     assert last[17].relaxation.cross_line > 0.0
     assert last[129].relaxation.is_none
@@ -73,7 +73,7 @@ def test_the_strength_is_lowered_last() -> None:
 
 
 def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("equimesh.single_domain.iteration.MOST_FACTORISED", 33 * 33)
+    monkeypatch.setattr("equimesh.single_domain.iteration.MAX_FACTORISED_POINTS", 33 * 33)
     solution = em.solve(two_peaks(65))
     assert solution.status is em.Status.RELAXED
     assert {r.what: r.reached for r in solution.relaxed}["points"] == 33
@@ -83,7 +83,7 @@ def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest
 
 def test_an_interpolated_mesh_is_not_called_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where sweeps fail on a grid too large to factorise, what is left is the solution of a coarser one."""
-    monkeypatch.setattr("equimesh.single_domain.iteration.MOST_FACTORISED", 33 * 33)
+    monkeypatch.setattr("equimesh.single_domain.iteration.MAX_FACTORISED_POINTS", 33 * 33)
     monkeypatch.setattr("equimesh.single_domain.level.MOST_SWEEPS", 1)
     solution = em.solve(problem("tanh20", 65))
     assert solution.status is em.Status.RELAXED

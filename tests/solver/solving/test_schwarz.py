@@ -37,7 +37,7 @@ def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> No
         for record in em.iterate(*arguments, threads=threads):  # type: ignore[arg-type]
             yield replace(record, mesh=em.Mesh(record.mesh.x[::-1].copy(), record.mesh.y))
 
-    monkeypatch.setattr("equimesh.solving.schwarz.iterate", folding)
+    monkeypatch.setattr("equimesh.solving.schwarz.schwarz_iterations", folding)
     with pytest.raises(em.SolveError, match=r"inverted cell\. Run more iterations, lower a") as caught:
         em.solve(PAPER, settings)
     assert caught.value.solution.status is em.Status.FOLDED

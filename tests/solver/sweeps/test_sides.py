@@ -13,7 +13,7 @@ def test_the_sides_move_with_the_interior() -> None:
     """Nodes on the sides go where the equations of the sides want them, also at right angles to a moving interior."""
     for boundary in em.Boundary:
         case = problem("tanh20", 33, boundary=boundary, b=0.5)
-        *_, last = iteration.iterate(case)
+        *_, last = iteration.single_domain_steps(case)
         equations = case.equations()
         assert abs(equations.residual(equations.vector(last.mesh))).max() < 1e-9 * equations.mean_flux(
             equations.vector(last.mesh)

@@ -16,7 +16,7 @@ from solver.sweeps.windows import distance, disturbed, sweep_on
 def test_results_do_not_depend_on_the_number_of_threads() -> None:
     """Bit for bit: the strips that are shared out are always the same."""
     case = problem("ring", 301, 257)
-    meshes = [list(iteration.iterate(case, threads=threads))[-1].mesh for threads in (1, 2, 3, 1)]
+    meshes = [list(iteration.single_domain_steps(case, threads=threads))[-1].mesh for threads in (1, 2, 3, 1)]
     assert all(np.array_equal(meshes[0].x, mesh.x) and np.array_equal(meshes[0].y, mesh.y) for mesh in meshes[1:])
     sweep = sweep_on(case, threads=3)
     assert sweep._threads == 3
@@ -53,7 +53,7 @@ def test_one_sweep_solves_the_leading_part() -> None:
 
 def test_the_solution_stays_where_it_is() -> None:
     case = problem("tanh20", 33)
-    *_, last = iteration.iterate(case)
+    *_, last = iteration.single_domain_steps(case)
     assert sweep_on(case).correct(last.mesh.x, last.mesh.y).move < 1e-11
 
 

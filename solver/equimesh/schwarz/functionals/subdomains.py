@@ -18,7 +18,7 @@ from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.functionals.interface import Interface, InterfaceCorner, InterfaceData
 from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
-from equimesh.schwarz.port import MOST_LOCAL_STEPS, Outcome
+from equimesh.schwarz.port import MAX_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import SubdomainWindow
 from equimesh.sweeps.frame import Frame
@@ -85,11 +85,16 @@ class FunctionalSubdomains:
         self._sweeps: dict[int, SubdomainSweeps] = {}
         self._problem, self._by_sweeps = problem, solver is LocalSolver.SWEEPS
         self._has_substitute = condition.ghosts > 0
+        self._states: list[Mesh] = []
         self._read: tuple[list[Mesh], Mesh] = [], Mesh.uniform(problem.grid)
 
-    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
-        """Read these states in the solves to come; ``mesh`` is what they merge to."""
-        self._read = list(states), mesh
+    def restart(self, mesh: Mesh) -> None:
+        """Take the parts of ``mesh`` for the solutions of the subdomains."""
+        self._states = [window.restrict(mesh) for window in self.windows]
+
+    def begin(self, mesh: Mesh) -> None:
+        """Read the last solutions in the solves to come; ``mesh`` is what they merge to."""
+        self._read = list(self._states), mesh
 
     def solve(self, k: int) -> Outcome:
         """The solution of a subdomain.
@@ -107,10 +112,19 @@ class FunctionalSubdomains:
                     return Outcome(swept, rescue)
             equations = part.equations(exchange, classical=rescue)
             for start in starts:
-                *_, solution = newton_steps(equations, start, most_steps=MOST_LOCAL_STEPS, fast=True)
+                *_, solution = newton_steps(equations, start, most_steps=MAX_LOCAL_STEPS, fast=True)
                 if solution.converged:
                     return Outcome(solution, rescue)
         return Outcome(NewtonSolution(states[k], 0, math.inf, converged=False))
+
+    def merge(self, k: int, state: Mesh, mesh: Mesh) -> None:
+        """Keep the solution of a subdomain for its neighbours; write the nodes that it owns into ``mesh``."""
+        self._states[k] = state
+        self.windows[k].write(state, mesh, self.windows[k].part.owned)
+
+    def state(self, k: int, mesh: Mesh) -> Mesh:  # noqa: ARG002
+        """The last solution of a subdomain."""
+        return self._states[k]
 
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with the data that it has from its neighbours."""

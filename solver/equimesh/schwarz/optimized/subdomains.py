@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from equimesh.equations.mesh_equations import MeshEquations
-from equimesh.equations.newton_solve import NewtonSolution, newton_steps
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, NewtonSolution, newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.conditions import LineData, Optimized
@@ -16,21 +16,21 @@ from equimesh.schwarz.optimized import equations as yielding_equations
 from equimesh.schwarz.optimized import sides as yielding
 from equimesh.schwarz.optimized.line_sums import LineSums
 from equimesh.schwarz.optimized.slopes import YieldingSlopes
-from equimesh.schwarz.port import MOST_LOCAL_STEPS, Outcome
+from equimesh.schwarz.port import MAX_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import AXES, SubdomainWindow
 
 # A local solve ends when its moves are this share of the first, or after so many sweeps: the interface data is no
 # better. With ten times the accuracy the numbers of iterations are the same.
 ACCURACY, MOST_SWEEPS = 0.1, 4
-# Where sweeps fail, Newton's method is tried on windows or grids of up to so many points.
-MOST_FACTORISED = 257 * 257
 
 
-class YieldingSubdomains:
+class OptimizedSubdomains:
     """All subdomains of a decomposition, with the optimized condition.
 
-    Sweeps of a subdomain end where they move its nodes by no more than ``enough``.
+    Sweeps of a subdomain end where they move its nodes by no more than ``enough``. ``in_turns`` says that subdomains
+    are solved one turn after the other: then each writes its overlap into the merged mesh, too, for those of later
+    turns.
     """
 
     def __init__(
@@ -40,6 +40,7 @@ class YieldingSubdomains:
         condition: Optimized,
         solver: LocalSolver,
         *,
+        in_turns: bool,
         enough: float,
         threads: int,
     ) -> None:
@@ -52,11 +53,13 @@ class YieldingSubdomains:
         self._sums = LineSums(problem, (interfaces[0], interfaces[1]), threads)
         shape = problem.grid.shape
         self._sweeps = [SubdomainSweeps(problem, w.shape, yielding.frame(w, shape)) for w in self.windows]
-        self._mesh = Mesh.uniform(problem.grid)
+        self._mesh, self._in_turns = Mesh.uniform(problem.grid), in_turns
 
-    def begin(self, states: Sequence[Mesh], mesh: Mesh) -> None:
+    def restart(self, mesh: Mesh) -> None:
+        """Nothing is kept: every solve reads the merged mesh."""
+
+    def begin(self, mesh: Mesh) -> None:
         """Read the merged mesh ``mesh`` in the solves to come."""
-        del states  # what they merge to is all that is read
         self._mesh = mesh
         self._sums.read(mesh)
 
@@ -72,12 +75,21 @@ class YieldingSubdomains:
             )
             if solution.converged:
                 return Outcome(solution)
-            start, sides = self.received(k)  # the sweeps have used it up
-        if not start.is_folded and (start.x.size <= MOST_FACTORISED or not self._by_sweeps):
-            *_, solution = newton_steps(self.equations(k), start, most_steps=MOST_LOCAL_STEPS, fast=True)
+            start, sides = self.received(k)  # the sweeps have overwritten it
+        if not start.is_folded and (start.x.size <= MAX_FACTORISED_POINTS or not self._by_sweeps):
+            *_, solution = newton_steps(self.equations(k), start, most_steps=MAX_LOCAL_STEPS, fast=True)
             if solution.converged:
                 return Outcome(solution)
         return Outcome(NewtonSolution(start, 0, math.inf, converged=False))
+
+    def merge(self, k: int, state: Mesh, mesh: Mesh) -> None:
+        """Write the nodes of a subdomain into ``mesh``."""
+        window = self.windows[k]
+        window.write(state, mesh, window.covered if self._in_turns else window.part.owned)
+
+    def state(self, k: int, mesh: Mesh) -> Mesh:
+        """The part of the merged mesh."""
+        return self.windows[k].restrict(mesh)
 
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with the data that it has from the merged mesh."""

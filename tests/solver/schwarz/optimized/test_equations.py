@@ -18,7 +18,7 @@ def check_against_sweeps(case: em.Problem, parts: tuple[int, int], data: em.Line
     decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=3)
     mesh = bent(case, 0.01)
     found = yielding_subdomains(case, decomposition, em.Optimized(data=data))
-    found.begin([], mesh)
+    found.begin(mesh)
     for k, window in enumerate(found.windows):
         start, sides = found.received(k)
         sweeps = SubdomainSweeps(case, window.shape, yielding.frame(window, case.grid.shape))

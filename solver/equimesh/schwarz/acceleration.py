@@ -1,0 +1,108 @@
+"""What is made of several iterations: nothing, Anderson's combination, or a Newton step for their fixed point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.anderson import Anderson
+from equimesh.schwarz.line_corrections import Corrected
+from equimesh.schwarz.port import Solved, Subdomains
+from equimesh.schwarz.raspen import Raspen
+from equimesh.schwarz.settings import Acceleration, Schwarz
+
+# Largest deviation of a squared metric length from the mean of its line, as a share of the mean, near the solution.
+# Farther away, earlier changes say nothing of later ones.
+MAX_LINEAR_DEVIATION = 0.1
+
+
+@dataclass(frozen=True)
+class Accelerated:
+    """A mesh, and whether it is a combination. ``products`` counts those with the derivative of the iteration."""
+
+    mesh: Mesh
+    is_combined: bool = False
+    products: int = 0
+
+
+class Accelerator(Protocol):
+    """Makes a mesh of the results of several iterations.
+
+    ``maps_merged_meshes`` says that it knows the iteration as a map of merged meshes: all data is to come from one.
+    """
+
+    maps_merged_meshes: bool
+
+    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:
+        """The mesh to continue from, after an iteration that led from ``before`` to the ``corrected`` mesh.
+
+        ``solved`` are its subdomains; errors of at most ``enough`` need no acceleration.
+        """
+        ...
+
+    def forget(self) -> None:
+        """Forget the iterations so far: what follows does not continue them."""
+        ...
+
+
+def accelerator(settings: Schwarz, subdomains: Subdomains, rounding: float, threads: int) -> Accelerator:
+    """The accelerator that the settings ask for."""
+    if settings.accelerated_by is Acceleration.NEWTON:
+        return ByNewton(Raspen(subdomains, rounding, threads))
+    return ByAnderson() if settings.accelerated_by is Acceleration.ANDERSON else Unaccelerated()
+
+
+class Unaccelerated:
+    """Every iteration as it is."""
+
+    maps_merged_meshes = False
+
+    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:  # noqa: ARG002
+        """The corrected mesh."""
+        return Accelerated(corrected.mesh)
+
+    def forget(self) -> None:
+        """Nothing is remembered."""
+
+
+class ByAnderson:
+    """Anderson's combination, near the solution and as long as it is needed."""
+
+    maps_merged_meshes = False
+
+    def __init__(self) -> None:
+        self._anderson = Anderson()
+
+    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:  # noqa: ARG002
+        """The combination, or the corrected mesh where there is none."""
+        if corrected.estimate <= enough or corrected.deviation > MAX_LINEAR_DEVIATION:
+            return Accelerated(corrected.mesh)
+        combined = self._anderson.combined(before, corrected.mesh)
+        return Accelerated(corrected.mesh) if combined is None else Accelerated(combined, is_combined=True)
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._anderson = Anderson()
+
+
+class ByNewton:
+    """Newton steps for the fixed point, where all subdomains have solved what was requested."""
+
+    maps_merged_meshes = True
+
+    def __init__(self, raspen: Raspen) -> None:
+        self._raspen = raspen
+
+    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:  # noqa: ARG002
+        """The mesh after a Newton step, or the corrected mesh where there is none."""
+        if solved.has_stalled or solved.is_rescued:
+            return Accelerated(corrected.mesh)
+        combined = self._raspen.combined(before, corrected.mesh, solved.states)
+        products = self._raspen.products
+        if combined is None:
+            return Accelerated(corrected.mesh, products=products)
+        return Accelerated(combined, is_combined=True, products=products)
+
+    def forget(self) -> None:
+        """Nothing is remembered."""

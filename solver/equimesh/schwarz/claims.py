@@ -1,0 +1,37 @@
+"""The test of slow claims: an iteration that took long is not believed before a Newton step agrees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.rescue import newton_step
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The mesh of an iteration, and the error that is estimated to be left in it.
+
+    ``change`` is how far the iteration moved the nodes of the mesh ``before`` it. ``is_refuted`` says that the test
+    moved the mesh by more than the tolerance. All lengths are in units of the reference square.
+    """
+
+    mesh: Mesh
+    estimate: float
+    change: float
+    before: Mesh
+    is_refuted: bool = False
+
+
+def tested(problem: Problem, claim: Claim, enough: float) -> Claim:
+    """The claim after a Newton step on the whole grid.
+
+    Where the step moves the mesh by more than ``enough``, the iteration continues from the mesh of the step.
+    """
+    stepped, _ = newton_step(problem, claim.mesh)
+    moved = stepped.distance(claim.mesh)
+    estimate = max(claim.estimate, moved)
+    if not moved > enough:
+        return Claim(claim.mesh, estimate, claim.change, claim.before)
+    return Claim(stepped, estimate, stepped.distance(claim.before), claim.before, is_refuted=True)

@@ -1,0 +1,33 @@
+"""The family of subdomains that a transmission condition asks for."""
+
+from __future__ import annotations
+
+from equimesh.equations.problem import Problem
+from equimesh.schwarz.conditions import Optimized
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
+from equimesh.schwarz.ordering import Ordering
+from equimesh.schwarz.port import Subdomains
+from equimesh.schwarz.settings import Schwarz
+
+
+def subdomains_of(
+    problem: Problem, decomposition: Decomposition, settings: Schwarz, *, enough: float, threads: int
+) -> Subdomains:
+    """The subdomains of a decomposition, closed by the transmission condition of the settings.
+
+    Local solves may end where they move their nodes by no more than ``enough``.
+    """
+    condition = settings.transmission
+    if not isinstance(condition, Optimized):
+        return FunctionalSubdomains(problem, decomposition, condition, settings.solved_by)
+    return OptimizedSubdomains(
+        problem,
+        decomposition,
+        condition,
+        settings.solved_by,
+        in_turns=settings.ordering is not Ordering.PARALLEL,
+        enough=enough,
+        threads=threads,
+    )

@@ -1,0 +1,72 @@
+"""Newton steps on the whole grid, where a subdomain has stalled or the merged mesh is folded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps
+from equimesh.equations.problem import Problem
+from equimesh.meshes.folding import smallest_jacobian
+from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.port import Solved
+
+# Steps in a row after which another condition takes over, or the iteration ends.
+MAX_STEPS_IN_A_ROW = 3
+# The residual after that many steps over the one after the first. Above this factor they lead nowhere.
+MIN_PROGRESS = 0.9
+
+
+@dataclass(frozen=True)
+class Rescued:
+    """A mesh, and whether it is the result of a step on the whole grid."""
+
+    mesh: Mesh
+    is_stepped: bool
+
+
+class Rescue:
+    """Takes steps where they are needed, and remembers how far the last ones in a row led.
+
+    ``residuals`` are those after the last steps in a row, infinite where the grid is too large for a factorisation.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self.residuals: list[float] = []
+        self.has_stepped = False
+
+    def applied(self, solved: Solved, before: Mesh) -> Rescued:
+        """The merged mesh, or the one after a guarded Newton step on the whole grid.
+
+        A step starts from the merged mesh, or from the one ``before`` the iteration where the merged mesh is folded.
+        """
+        is_folded = not smallest_jacobian(solved.mesh.x, solved.mesh.y) > 0.0
+        if not (is_folded or solved.has_stalled):
+            self.residuals = []
+            return Rescued(solved.mesh, is_stepped=False)
+        self.has_stepped = True
+        mesh = before if is_folded else solved.mesh
+        if self._problem.grid.points > MAX_FACTORISED_POINTS:
+            self.residuals.append(math.inf)
+            return Rescued(Mesh(mesh.x.copy(), mesh.y.copy()), is_stepped=True)
+        stepped, residual = newton_step(self._problem, mesh)
+        self.residuals.append(residual)
+        return Rescued(stepped, is_stepped=True)
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether so many steps in a row were needed that the condition leads nowhere."""
+        return len(self.residuals) >= MAX_STEPS_IN_A_ROW
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether the last steps in a row did not lower the residual, either."""
+        recent = self.residuals[-MAX_STEPS_IN_A_ROW:]
+        return len(recent) == MAX_STEPS_IN_A_ROW and not recent[-1] < MIN_PROGRESS * recent[0]
+
+
+def newton_step(problem: Problem, mesh: Mesh) -> tuple[Mesh, float]:
+    """The mesh after one guarded Newton step on the whole grid, and its residual relative to the mean flux."""
+    *_, last = newton_steps(problem.equations(), mesh, most_steps=1, fast=True)
+    return Mesh.of_unit_square(last.mesh.x, last.mesh.y), last.residual

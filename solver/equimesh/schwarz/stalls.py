@@ -1,0 +1,73 @@
+"""What says that an iteration leads nowhere, and that another transmission condition is to take over."""
+
+from __future__ import annotations
+
+import math
+
+from equimesh.schwarz.conditions import Classical
+from equimesh.schwarz.port import Solved
+from equimesh.schwarz.records import estimated
+from equimesh.schwarz.rescue import Rescue
+from equimesh.schwarz.settings import Schwarz
+
+# Iterations in which some subdomain had to take classical data. After this many another condition takes over.
+MAX_CLASSICAL_ITERATIONS = 3
+# The change of the mesh over the mismatch of the subdomains, at a fixed point that is not the solution.
+MAX_FALSE_CHANGE = 1e-3
+# The mismatch over what rounding leaves, from which on it is one.
+MIN_MISMATCH = 100.0
+# Iterations over which changes have to fall.
+STALL_WINDOW = 8
+# The mean factor by which changes have to fall in one iteration. Above it, the iteration has stalled.
+MAX_RATE = 0.75
+# The same with classical data, slow by nature.
+MAX_CLASSICAL_RATE = 1.0
+# An iteration that took more than this many is slow.
+MAX_TRUSTED_ITERATIONS = 8
+
+
+class Stalls:
+    """The changes of an iteration with one transmission condition, and what they say.
+
+    ``changes`` are the largest moves of a coordinate, iteration by iteration, in units of the reference square.
+    """
+
+    def __init__(self, settings: Schwarz, rounding: float) -> None:
+        self._settings, self._rounding = settings, rounding
+        self.changes: list[float] = []
+        self._classical_iterations, self._mismatch = 0, 0.0
+
+    def note(self, solved: Solved, change: float) -> None:
+        """Note an iteration."""
+        self.changes.append(change)
+        self._classical_iterations += solved.is_rescued
+        self._mismatch = solved.mismatch
+
+    def estimate(self, change: float) -> float:
+        """The error left after an iteration that moved the mesh by ``change``; NaN where it is not known."""
+        return estimated([math.nan, *self.changes, change], self._rounding)
+
+    @property
+    def was_slow(self) -> bool:
+        """Whether the iteration that follows the noted ones is one of a slow iteration."""
+        return len(self.changes) + 1 > MAX_TRUSTED_ITERATIONS
+
+    def call_for_another_condition(self, rescue: Rescue) -> bool:
+        """Whether the optimized condition is to take over, where the settings allow it."""
+        if not self._settings.may_fall_back:
+            return False
+        if rescue.has_failed or self._classical_iterations >= MAX_CLASSICAL_ITERATIONS:
+            return True
+        return bool(self.changes) and (self._is_at_false_fixed_point() or self._is_slowing_down())
+
+    def _is_at_false_fixed_point(self) -> bool:
+        """Whether the mesh hardly moves although the subdomains do not agree."""
+        has_mismatch = self._mismatch > MIN_MISMATCH * self._rounding
+        return has_mismatch and self.changes[-1] < MAX_FALSE_CHANGE * self._mismatch
+
+    def _is_slowing_down(self) -> bool:
+        """Whether the changes fall too slowly, or not at all."""
+        if len(self.changes) <= STALL_WINDOW or self.changes[-1] <= self._rounding:
+            return False
+        rate = MAX_CLASSICAL_RATE if isinstance(self._settings.transmission, Classical) else MAX_RATE
+        return self.changes[-1] >= rate**STALL_WINDOW * self.changes[-1 - STALL_WINDOW]
