@@ -1,6 +1,25 @@
 """The equimesh REST service: :func:`run` serves, :func:`running` serves for the length of a ``with``."""
 
-from equimesh_service.server import run, running
+from contextlib import AbstractContextManager
+
 from equimesh_service.settings import Settings
 
 __all__ = ["Settings", "run", "running"]
+
+
+# Not imported from the server here: whoever needs the settings alone does not load FastAPI, SQLAlchemy and the solver.
+def run(settings: Settings) -> None:
+    """Serve until the process is told to stop; see :func:`equimesh_service.server.run`."""
+    from equimesh_service import server
+
+    server.run(settings)
+
+
+def running(settings: Settings) -> AbstractContextManager[str]:
+    """A service in a thread of this process, for the length of a ``with``; see :func:`equimesh_service.server.running`.
+
+    Gives the URL of the service.
+    """
+    from equimesh_service import server
+
+    return server.running(settings)

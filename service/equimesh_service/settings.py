@@ -12,8 +12,6 @@ from typing import Literal
 from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from equimesh.numerics.threads import available_cores
-
 MIB = 1024 * 1024
 
 
@@ -105,7 +103,7 @@ class Settings(BaseSettings):
     @property
     def worker_threads(self) -> int:
         """Threads of one worker, at least 1."""
-        return self.threads or min(64, max(1, available_cores() // self.workers))
+        return self.threads or min(64, max(1, _processors() // self.workers))
 
     @property
     def root(self) -> str:
@@ -119,10 +117,13 @@ class Settings(BaseSettings):
 
 
 PREFIX = "EQUIMESH_"
-
-
 # What clients read: an address and an API key.
 _CLIENT_VARIABLES = ("URL", "KEY")
+
+
+def _processors() -> int:
+    """Processors that this process may use. The solver has the same function, but importing it loads the solver."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def variable(name: str) -> str:
