@@ -14,7 +14,7 @@
     │   ├── SamplesGoneError        ... its samples are not there
     │   ├── KeyReusedError          ... its idempotency key belongs to another request
     │   ├── StepTakenError          ... the sequence has taken another step, or the start of the step is gone
-    │   └── QuotaError              ... the API key has reached a limit
+    │   └── QuotaError              ... its API key has reached a limit
     ├── EngineError                 a task did not end by itself
     │   ├── TimeLimitError          ... it ran longer than its time limit
     │   ├── MemoryLimitError        ... it needed more memory than its worker may have
