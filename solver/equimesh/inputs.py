@@ -52,12 +52,12 @@ def _check_nested(value: object, path: str, ndim: int, *, field_name: str) -> No
     if isinstance(value, np.ndarray):
         return  # numpy judges its shape and type
     if not isinstance(value, (list, tuple)):
-        raise SamplesError(f"{path} is {_describe(value)}: it must be a list of numbers", field=field_name)
+        raise SamplesError(f"{path} is {described(value)}: it must be a list of numbers", field=field_name)
     if ndim == 1:
         if not set(map(type, value)) <= {int, float}:
             for i, entry in enumerate(value):
                 if isinstance(entry, bool) or not isinstance(entry, (int, float, np.integer, np.floating)):
-                    raise SamplesError(f"{path}[{i}] is {_describe(entry)}: it must be a real number", field=field_name)
+                    raise SamplesError(f"{path}[{i}] is {described(entry)}: it must be a real number", field=field_name)
         return
     for i, row in enumerate(value):
         _check_nested(row, f"{path}[{i}]", ndim - 1, field_name=field_name)
@@ -78,7 +78,8 @@ def _brackets(index: Sequence[Any]) -> str:
     return "".join(f"[{int(i)}]" for i in index)
 
 
-def _describe(value: object) -> str:
+def described(value: object) -> str:
+    """What a value is, for a message that refuses it."""
     if value is None:
         return "null"
     if isinstance(value, (bool, np.bool_)):

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
-from equimesh_service.assembly.problem import build_grid, build_schwarz, check_problem, pointing
+from equimesh_service.assembly.problem import check, check_schwarz, pointing
 from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
@@ -26,9 +26,8 @@ from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, invalid
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse
-from equimesh_service.spec.mesh import MeshSpec, read_spec
-from equimesh_service.spec.monitors import AnyMonitor, ArcLengthSpec, sources_of, with_samples
-from equimesh_service.spec.sources import UPLOAD, ExpressionSource, GridSource, ScatteredSource, StoredSource
+from equimesh_service.spec.mesh import CheckedSpec, read_spec
+from equimesh_service.spec.sources import UPLOAD, GridSource, ScatteredSource
 from equimesh_service.store.rows import SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
@@ -79,31 +78,17 @@ class Admission:
         """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
         spec = read_spec(document)
         self._check_limits(spec)
-        sources = dict(sources_of(spec.monitor))
-        stored = {pointer: source.samples for pointer, source in sources.items() if isinstance(source, StoredSource)}
-        wanting = [f"{pointer}/samples" for pointer, name in stored.items() if name == UPLOAD]
-        if wanting and upload is None:
-            message = 'send the request as multipart, with parts "spec" and "samples", or give the id of stored samples'
-            raise invalid(wanting[0], message)
-        if upload is not None and not wanting:
-            raise invalid(next(iter(sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
-        build_schwarz(spec)
-        rows = {name: self.stored(name, f"{at}/samples", caller) for at, name in stored.items() if name != UPLOAD}
-        canonical = spec.canonical()
+        wanting = _wanting(spec, upload)
+        check_schwarz(spec.canonical)
+        rows = {name: self.stored(name, at, caller) for at, name in spec.stored.items() if name != UPLOAD}
         if upload is None:
-            self._check(spec, canonical, rows, {})
+            self._check(spec, rows)
         else:
-            # The numbers first: an upload is not kept for a spec that is refused.
-            with self._converted(upload, wanting[0], alone=False) as (path, summary, arrays):
-                if arrays is not None and summary["kind"] == "grid" and _is_plain(spec.monitor):
-                    check_problem(spec, {UPLOAD: arrays})
-                else:
-                    self._check(spec, None, rows, {UPLOAD: path})
-                row, _ = self._keep(path, summary, caller, durable=False)
+            row = self._keep_checked(spec, rows, upload, wanting, caller)
             rows[row.id] = row
-            with_samples(canonical["monitor"], UPLOAD, row.id)
-            self._remember(_mark(canonical))
-        return Admitted(canonical, {row.id: row.sha256 for row in rows.values()}, _digest(canonical))
+            spec = spec.with_upload(row.id)
+            self._remember(spec.monitor_digest)
+        return Admitted(spec.canonical, {row.id: row.sha256 for row in rows.values()}, spec.points_digest)
 
     def stored(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
         """Samples that the caller has uploaded before; raises a 422 problem."""
@@ -116,6 +101,17 @@ class Admission:
         """Read uploaded samples and keep them; the second value tells whether they are new."""
         with self._converted(upload, "", alone=True) as (path, summary, _):
             return self._keep(path, summary, caller, durable=True)
+
+    def _keep_checked(
+        self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
+    ) -> SamplesRow:
+        """Keep the upload of a spec, which is checked first: nothing is kept for a spec that is refused."""
+        with self._converted(upload, pointer, alone=False) as (path, summary, arrays):
+            if arrays is not None and summary["kind"] == "grid" and spec.is_plain:
+                check(spec.canonical, {UPLOAD: arrays})
+            else:
+                self._check(spec, rows, path)
+            return self._keep(path, summary, caller, durable=False)[0]
 
     @contextmanager
     def _converted(
@@ -144,32 +140,26 @@ class Admission:
         )
         return (row, True) if new else (self.stored(row.id, "", caller), False)
 
-    def _check(
-        self,
-        spec: MeshSpec,
-        canonical: Mapping[str, Any] | None,
-        rows: Mapping[str, SamplesRow],
-        paths: Mapping[str, Path],
-    ) -> None:
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], upload: Path | None = None) -> None:
         """See that the monitor can be used on the domain; what takes long is a worker's work, and is done once."""
-        if _is_quick(spec.monitor):
-            check_problem(spec, paths)
+        if spec.is_quick:
+            check(spec.canonical, {})
             return
-        mark = None if canonical is None else _mark(canonical)
-        if mark in self.known:
-            build_grid(spec)
+        if upload is None and spec.monitor_digest in self.known:
             return
         with ExitStack() as stack:
             try:
-                stored = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
+                paths = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
             except FileNotFoundError:
                 raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
-            self._work("", check_problem, spec, {**stored, **paths})
-        if mark is not None:
-            self._remember(mark)
+            if upload is not None:
+                paths[UPLOAD] = upload
+            self._work("", check, spec.canonical, paths)
+        if upload is None:
+            self._remember(spec.monitor_digest)
 
-    def _remember(self, mark: str) -> None:
-        self.known[mark] = None
+    def _remember(self, monitor_digest: str) -> None:
+        self.known[monitor_digest] = None
         while len(self.known) > _MAX_REMEMBERED:
             self.known.popitem(last=False)
 
@@ -185,8 +175,8 @@ class Admission:
         except (EngineError, CancelledError) as error:
             raise Problem("unavailable", f"The request was not checked: {error}.") from None
 
-    def _check_limits(self, spec: MeshSpec) -> None:
-        most = self.settings
+    def _check_limits(self, checked: CheckedSpec) -> None:
+        most, spec = self.settings, checked.spec
         # One direction at a time as well: an absurd number is told as such, whatever the other one is.
         for name, points in (("n_xi", spec.grid.n_xi), ("n_eta", spec.grid.n_eta)):
             if points > most.max_points // 4:
@@ -196,7 +186,7 @@ class Admission:
         if spec.grid.n_xi > 0 and points > most.max_points:
             message = f"{points} points; a mesh of this service has at most {most.max_points}: lower n_xi or n_eta"
             raise invalid("/grid", message)
-        for pointer, source in sources_of(spec.monitor):
+        for pointer, source in checked.sources.items():
             if isinstance(source, GridSource):
                 self._check_samples(sum(map(len, source.grid.values)), f"{pointer}/grid/values")
             elif isinstance(source, ScatteredSource):
@@ -219,24 +209,14 @@ class Admission:
             raise invalid(pointer, message)
 
 
-def _digest(canonical: Mapping[str, Any]) -> str:
-    """The ids of samples in the spec come from their content; label and cells change nothing."""
-    spec = {key: value for key, value in canonical.items() if key not in ("label", "cells")}
-    text = json.dumps(spec, sort_keys=True, allow_nan=False)
-    return sha256(text.encode()).hexdigest()
-
-
-def _is_quick(monitor: AnyMonitor) -> bool:
-    """Whether a check takes no longer than looking at a formula in many points."""
-    quick = (ExpressionSource, GridSource)
-    return _is_plain(monitor) and all(isinstance(source, quick) for _, source in sources_of(monitor))
-
-
-def _is_plain(monitor: AnyMonitor) -> bool:
-    return isinstance(monitor, ArcLengthSpec) and monitor.smoothing == 0.0
-
-
-def _mark(canonical: Mapping[str, Any]) -> str:
-    """The same for specs of the same monitor on the same domain: the id of samples tells their content."""
-    text = json.dumps([canonical["monitor"], canonical["domain"]], sort_keys=True, allow_nan=False)
-    return sha256(text.encode()).hexdigest()
+def _wanting(spec: CheckedSpec, upload: Upload | None) -> str:
+    """The pointer of the first place that names the upload, "" for none; raises a 422 problem for one without the
+    other.
+    """
+    wanting = next((pointer for pointer, name in spec.stored.items() if name == UPLOAD), "")
+    if wanting and upload is None:
+        message = 'send the request as multipart, with parts "spec" and "samples", or give the id of stored samples'
+        raise invalid(wanting, message)
+    if upload is not None and not wanting:
+        raise invalid(next(iter(spec.sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
+    return wanting

@@ -143,8 +143,7 @@ class Stepping:
         else:
             row = self._keep(mesh, u, caller)
             monitor = {**spec["monitor"], "u": {"samples": row.id}}
-            canonical = read_spec({**spec, "monitor": monitor}).canonical()
-            admitted = Admitted(canonical, {row.id: row.sha256}, "")
+            admitted = Admitted(read_spec({**spec, "monitor": monitor}).canonical, {row.id: row.sha256}, "")
         if not fields:
             return Prepared(admitted=admitted, fields=None, path=None)
         path = stack.enter_context(self.files.unfinished(".npz"))

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from fastapi import APIRouter, Request
 
-from equimesh import Boundary, Initial
+from equimesh import Boundary, Initial, specs
 from equimesh.fields.expression import FUNCTIONS, LIMITS
 from equimesh.io.write import CELLS, FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.api.resources import DomainReport, ExpressionReport, Range
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
-from equimesh_service.assembly.problem import build_domain, build_expression, pointing
+from equimesh_service.assembly.problem import pointing
 from equimesh_service.problems.problem import Problem
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
@@ -106,10 +106,10 @@ def _named(uses: Mapping[str, str]) -> list[dict[str, str]]:
 
 
 def _report(data: bytes) -> ExpressionReport:
-    asked = read_expression_check(parse(data))
-    domain = build_domain(asked.domain)
-    with pointing("", default="expression"):
-        expression = build_expression(asked, domain)
+    asked = read_expression_check(parse(data)).model_dump(mode="json")
+    with pointing():
+        domain = specs.build_domain(asked.pop("domain"))
+        expression = specs.build_expression(asked, domain)
     line = np.linspace(0.0, 1.0, _CHECKED_POINTS)
     u, u_x, u_y = expression.evaluate(*domain.map(*np.meshgrid(line, line, indexing="ij")), order=1)
     gradient = np.hypot(u_x, u_y)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from hashlib import sha256
 from typing import Any, Literal
 
 from pydantic import Field, FiniteFloat
 
 from equimesh_service.spec.domains import Domain, RectangleSpec
-from equimesh_service.spec.monitors import Monitor
+from equimesh_service.spec.monitors import ArcLengthSpec, Monitor, sources_of, with_samples
 from equimesh_service.spec.schwarz import SchwarzSpec
+from equimesh_service.spec.sources import UPLOAD, AnySource, ExpressionSource, GridSource, StoredSource
 from equimesh_service.spec.strict import WITHOUT_NUL, Parameters, Strict, validated
 
 MODE_USES = {
@@ -51,9 +57,50 @@ class MeshSpec(Strict):
         None, max_length=200, pattern=WITHOUT_NUL, description="Free text, for the list of meshes."
     )
 
-    def canonical(self) -> dict[str, Any]:
-        """The same spec as plain JSON with every default filled in; posting it gives the same mesh."""
-        return self.model_dump(mode="json")
+
+@dataclass(frozen=True)
+class CheckedSpec:
+    """A spec that fits the models, and what is read off it on its way to the store.
+
+    ``sources`` are the functions of its monitor, by the JSON pointers of their places. ``canonical`` is the same spec
+    as plain JSON with every default filled in; posting it gives the same mesh.
+    """
+
+    spec: MeshSpec
+    sources: Mapping[str, AnySource]
+    canonical: Mapping[str, Any]
+
+    @property
+    def stored(self) -> dict[str, str]:
+        """The ids of stored samples, or "upload", by the JSON pointers of their places."""
+        sources = self.sources.items()
+        return {f"{at}/samples": source.samples for at, source in sources if isinstance(source, StoredSource)}
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its monitor is an arc length without smoothing, which is bound to any domain at once."""
+        return isinstance(self.spec.monitor, ArcLengthSpec) and self.spec.monitor.smoothing == 0.0
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether the solver checks it within milliseconds: it evaluates a formula at many points."""
+        quick = (ExpressionSource, GridSource)
+        return self.is_plain and all(isinstance(source, quick) for source in self.sources.values())
+
+    @cached_property
+    def monitor_digest(self) -> str:
+        """The same for specs of the same monitor on the same domain: ids of samples are made of their content."""
+        return _digest([self.canonical["monitor"], self.canonical["domain"]])
+
+    @cached_property
+    def points_digest(self) -> str:
+        """The same for specs of the same points: label and cells do not change them."""
+        return _digest({key: value for key, value in self.canonical.items() if key not in ("label", "cells")})
+
+    def with_upload(self, samples_id: str) -> CheckedSpec:
+        """The spec that names stored samples in place of the uploaded ones."""
+        monitor = with_samples(self.canonical["monitor"], UPLOAD, samples_id)
+        return replace(self, canonical={**self.canonical, "monitor": monitor})
 
 
 class ExpressionCheck(Strict):
@@ -65,11 +112,16 @@ class ExpressionCheck(Strict):
     domain: Domain = Field(default_factory=RectangleSpec, description="Where it is evaluated.")
 
 
-def read_spec(document: Any) -> MeshSpec:
+def read_spec(document: Any) -> CheckedSpec:
     """The spec in a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
-    return validated(MeshSpec, document)
+    spec = validated(MeshSpec, document)
+    return CheckedSpec(spec, dict(sources_of(spec.monitor)), spec.model_dump(mode="json"))
 
 
 def read_expression_check(document: Any) -> ExpressionCheck:
     """The body of an expression check; raises as :func:`read_spec`."""
     return validated(ExpressionCheck, document)
+
+
+def _digest(document: Any) -> str:
+    return sha256(json.dumps(document, sort_keys=True, allow_nan=False).encode()).hexdigest()

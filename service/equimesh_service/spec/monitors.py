@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, FiniteFloat, Tag
@@ -112,11 +112,9 @@ def sources_of(monitor: AnyMonitor, pointer: str = "/monitor") -> Iterator[tuple
             yield f"{pointer}/{name}", source
 
 
-def with_samples(monitor: dict[str, Any], old: str, new: str) -> None:
-    """Have the JSON of a monitor speak of the samples ``new`` wherever it speaks of ``old``."""
-    for member in monitor.get("monitors", ()):
-        with_samples(member, old, new)
-    for name in _FUNCTIONS:
-        source = monitor.get(name)
-        if source is not None and source.get("samples") == old:
-            source["samples"] = new
+def with_samples(monitor: Mapping[str, Any], old: str, new: str) -> dict[str, Any]:
+    """The JSON of a monitor that names the samples ``new`` wherever ``monitor`` names ``old``."""
+    changed: dict[str, Any] = {name: {"samples": new} for name in _FUNCTIONS if monitor.get(name) == {"samples": old}}
+    if "monitors" in monitor:
+        changed["monitors"] = [with_samples(member, old, new) for member in monitor["monitors"]]
+    return {**monitor, **changed}

@@ -11,11 +11,11 @@ import equimesh
 from equimesh.domains.domain import map_mesh
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
-from equimesh_service.assembly.problem import build_problem, build_schwarz
+from equimesh.specs import build_schwarz
+from equimesh_service.assembly.problem import build
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.spec.mesh import read_spec
 from equimesh_service.store.rows import Artifact
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
@@ -79,14 +79,14 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             if mesh_input is None:
                 raise Problem("not-found", "The mesh is gone.")
             mesh = load_npz(source(MESH)).mesh
-            problem = build_problem(read_spec(mesh_input.spec), samples_of(mesh_input, files, sources))
+            problem = build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
             uniform = map_mesh(equimesh.Mesh.uniform(problem.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
 
 
 def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:
-    schwarz = build_schwarz(read_spec(store.meshes.spec(task.mesh_id)))
+    schwarz = build_schwarz(store.meshes.spec(task.mesh_id))
     return None if schwarz is None else schwarz.decompose(grid)
 
 

@@ -17,12 +17,11 @@ import equimesh
 from equimesh.fields.mesh_map import reference_of
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
-from equimesh_service.assembly.problem import SamplesOf, build_problem, build_schwarz
+from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.errors import AttemptLostError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.spec.mesh import read_spec
 from equimesh_service.store.rows import FAILED, SUCCEEDED, Ending, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
@@ -109,18 +108,17 @@ def _solve(job: Job) -> Ending | None:
     mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
     if mesh_input is None:
         raise AttemptLostError
-    spec = read_spec(mesh_input.spec)
     with ExitStack() as samples:
-        problem = build_problem(spec, samples_of(mesh_input, files, samples))
+        spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
+    problem, schwarz = spec.problem, spec.schwarz
     start = _start(mesh_input, files)
-    schwarz = build_schwarz(spec)
     reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
     with tracing.span("solve"):
         solution = equimesh.solve(
             problem,
             schwarz,
-            initial=equimesh.Initial(spec.initial) if start is None else reference_of(start, problem.domain),
-            mode=equimesh.Mode(spec.mode),
+            initial=spec.initial if start is None else reference_of(start, problem.domain),
+            mode=spec.mode,
             allow_relaxed=spec.allow_relaxed,
             threads=job.threads,
             observe=reporter,

@@ -1,0 +1,65 @@
+"""Settings of the Schwarz iteration in a document."""
+
+from __future__ import annotations
+
+from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized, TransmissionCondition
+from equimesh.schwarz.settings import Schwarz
+from equimesh.specs.document import (
+    ByKind,
+    Record,
+    as_given,
+    either,
+    flag,
+    mapping,
+    number,
+    optional,
+    within,
+)
+from equimesh.specs.domains import GRID
+
+
+def _pair(value: object, path: str) -> object:  # noqa: ARG001 - a reader
+    """A list of JSON as a tuple; the settings check the rest."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+TRANSMISSION: ByKind[TransmissionCondition] = ByKind(
+    {
+        "optimized": Record(Optimized, {"data": as_given}),
+        "classical": Record(Classical, {}),
+        "linear_robin": Record(LinearRobin, {"p": either("auto", number)}),
+        "nonlinear_robin": Record(NonlinearRobin, {"p": either("auto", number)}),
+    }
+)
+_SETTINGS = Record(
+    Schwarz,
+    {
+        "subdomains": _pair,
+        "overlap": as_given,
+        "transmission": TRANSMISSION,
+        "ordering": as_given,
+        "line_correction": as_given,
+        "acceleration": as_given,
+        "local_solver": as_given,
+        "fallback": flag,
+        "tolerance": either("discretization", optional(number)),
+        "max_iterations": as_given,
+        "compare_single_domain": flag,
+    },
+)
+SCHWARZ = optional(_SETTINGS)
+
+
+def build_schwarz(document: object) -> Schwarz | None:
+    """The Schwarz settings of a whole ``document``, which fit its grid; None for a single domain.
+
+    Reads neither the monitor nor the domain. Raises :class:`~equimesh.errors.InputError`, whose field begins with
+    ``grid`` or ``schwarz``.
+    """
+    given = mapping(document, "")
+    grid = GRID(given.get("grid", {}), "grid")
+    schwarz: Schwarz | None = SCHWARZ(given.get("schwarz"), "schwarz")
+    if schwarz is not None:
+        with within("schwarz"):
+            schwarz.decompose(grid)
+    return schwarz

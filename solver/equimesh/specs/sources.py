@@ -1,0 +1,83 @@
+"""Functions of x and y in a document: expressions, samples, and names of samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import TypeAlias
+
+from equimesh.domains.domain import Box, Domain
+from equimesh.errors import SamplesError
+from equimesh.fields.expression import Expression
+from equimesh.fields.field import Field
+from equimesh.fields.samples import GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.specs.document import ByKey, Record, as_given, mapping, text, within
+from equimesh.upload.samples import read_samples
+
+FindSamples: TypeAlias = Callable[[str, Box], Field]
+"""The function whose samples have a name, on a box that they must cover."""
+
+
+def build_expression(document: object, domain: Domain, path: str = "") -> Expression:
+    """The expression of an object with the keys ``expression``, ``parameters`` and ``t``, finite on ``domain``.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
+    """
+    return _expression(domain)(document, path)
+
+
+def build_field(document: object, domain: Domain, find_samples: FindSamples, path: str = "") -> Field:
+    """The function that ``document`` describes, which can be used on the whole of ``domain``.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
+    """
+
+    def samples(given: object, at: str) -> Field:
+        with within(at):
+            return find_samples(text(given, at), domain.box)
+
+    on_grid = Record(partial(GridSamples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
+    scattered = Record(partial(ScatteredSamples, box=domain.box), dict.fromkeys(("points", "values"), as_given))
+    source: ByKey[Field] = ByKey(
+        {
+            "expression": _expression(domain),
+            "grid": Record(lambda grid: grid, {"grid": on_grid}),
+            "scattered": Record(lambda scattered: scattered, {"scattered": scattered}),
+            "samples": Record(lambda samples: samples, {"samples": samples}),
+        }
+    )
+    return source(document, path)
+
+
+def no_samples(name: str, box: Box) -> Field:  # noqa: ARG001 - a FindSamples
+    """Raises :class:`~equimesh.errors.SamplesError`: there are no samples with names."""
+    raise SamplesError(f"there are no samples named {name[:40]!r} here: give find_samples, or the samples themselves")
+
+
+def samples_in(folder: Path) -> FindSamples:
+    """Samples whose names are those of files, as :func:`~equimesh.upload.samples.read_samples` reads them.
+
+    What it returns raises :class:`~equimesh.errors.SamplesError` for a file that cannot be read.
+    """
+
+    def find(name: str, box: Box) -> Field:
+        file = folder / name
+        try:
+            data = file.read_bytes()
+        except (OSError, ValueError) as error:
+            raise SamplesError(f"{file}: {getattr(error, 'strerror', None) or error}") from error
+        return read_samples(data, file.name, box=box)
+
+    return find
+
+
+def _expression(domain: Domain) -> Record[Expression]:
+    def make(expression: str, parameters: Mapping[str, float] = MappingProxyType({}), t: float = 0.0) -> Expression:
+        made = Expression(expression, parameters=parameters, t=t)
+        made.check_finite(domain=domain)
+        return made
+
+    return Record(make, {"expression": as_given, "parameters": mapping, "t": as_given})

@@ -1,0 +1,124 @@
+"""A whole document: the JSON form of a problem, which the service, the command line and problem files share."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.equations.boundary import Boundary
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.inputs import choice
+from equimesh.io.write import CELLS, Cells
+from equimesh.meshes.grid import Grid
+from equimesh.schwarz.settings import Schwarz
+from equimesh.single_domain.steps import Mode
+from equimesh.solving.options import Initial
+from equimesh.specs.document import Reader, Record, as_given, flag, optional, text
+from equimesh.specs.domains import DOMAIN, GRID
+from equimesh.specs.monitors import build_monitor
+from equimesh.specs.schwarz import SCHWARZ, build_schwarz
+from equimesh.specs.sources import FindSamples, no_samples, samples_in
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuiltSpec:
+    """What a document describes: the arguments of :func:`equimesh.solve`, and the ``cells`` of the file.
+
+    ``schwarz`` is None for a single domain. ``label`` is free text for whoever sends the document.
+    """
+
+    problem: Problem
+    schwarz: Schwarz | None
+    initial: Initial
+    mode: Mode
+    allow_relaxed: bool
+    cells: Cells
+    label: str | None
+
+
+def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -> BuiltSpec:
+    """The problem that ``document`` describes, a mapping in the JSON form of the HTTP interface.
+
+    Only ``monitor`` is required; every default is the solver's. ``find_samples(name, box)`` returns the field of a
+    source ``{"samples": name}``; its samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain.
+
+    Raises :class:`~equimesh.errors.InputError` for values that cannot be used, wrong types and unknown keys; ``field``
+    is the path of the fault in the document, e.g. ``"monitor.u.expression"`` or ``"schwarz.overlap"``.
+    """
+    parts = _PARTS(document)
+    schwarz = build_schwarz(document)
+    monitor = build_monitor(parts.monitor, parts.domain, find_samples)
+    return BuiltSpec(
+        problem=Problem(monitor=monitor, grid=parts.grid, boundary=parts.boundary, domain=parts.domain),
+        schwarz=schwarz,
+        initial=parts.initial,
+        mode=parts.mode,
+        allow_relaxed=parts.allow_relaxed,
+        cells=parts.cells,
+        label=parts.label,
+    )
+
+
+def load(path: str | os.PathLike[str]) -> BuiltSpec:
+    """The problem in a JSON file, as :func:`build`; names of samples are those of files in the same folder.
+
+    Raises :class:`~equimesh.errors.InputError`, also for a file that is not JSON, and :class:`OSError` for one that
+    cannot be read.
+    """
+    file = Path(path)
+    try:
+        document = json.loads(file.read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file.name} is not JSON: {error}") from error
+    return build(document, samples_in(file.parent))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Parts:
+    """The parts of a document, with the monitor as it was given: it is built on the domain."""
+
+    monitor: object
+    domain: Domain = UNIT_SQUARE
+    grid: Grid = field(default_factory=GRID.make)
+    boundary: Boundary = Boundary.TRACE
+    initial: Initial = Initial.NESTED
+    schwarz: Schwarz | None = None
+    mode: Mode = Mode.DISCRETIZATION
+    allow_relaxed: bool = True
+    cells: Cells = "quad"
+    label: str | None = None
+
+
+def _word_of(kind: type[StrEnum]) -> Reader:
+    return lambda value, path: choice(kind, value, path)  # type: ignore[arg-type]
+
+
+def _cells(value: object, path: str) -> Cells:
+    for known in CELLS:
+        if value == known:
+            return known
+    raise InputError(f"{path} = {value!r}: choose one of {', '.join(CELLS)}", field=path)
+
+
+_PARTS = Record(
+    _Parts,
+    {
+        "monitor": as_given,
+        "domain": DOMAIN,
+        "grid": GRID,
+        "boundary": _word_of(Boundary),
+        "initial": _word_of(Initial),
+        "schwarz": SCHWARZ,
+        "mode": _word_of(Mode),
+        "allow_relaxed": flag,
+        "cells": _cells,
+        "label": optional(text),
+    },
+)
