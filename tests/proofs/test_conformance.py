@@ -92,17 +92,17 @@ def heavy(**more: Any) -> dict[str, Any]:
 
 def test_client_service_and_solver_have_the_same_defaults() -> None:
     import equimesh as em
-    from equimesh_cli.options.problem import build_schwarz
+    from equimesh_cli.options.problem import build
     from equimesh_service.spec import schwarz as spec
 
     assert spec.SchwarzSpec.model_validate(Schwarz().json()) == spec.SchwarzSpec()
     assert set(Schwarz().json()) == set(spec.SchwarzSpec.model_fields)
     options = build_parser("solve").parse_args(["solve", "x", "--subdomains", "2x1"])
     assert schwarz_of(options) == Schwarz()
-    assert build_schwarz(options) == em.Schwarz()
+    assert build(options).schwarz == em.Schwarz()
     words = "--transmission optimized --interface-data local --ordering symmetric --line-correction 0 --tolerance none"
-    asked = build_schwarz(build_parser("solve").parse_args(["solve", "x", "--subdomains", "4x2", *words.split()]))
-    assert asked == em.Schwarz(
+    asked = build(build_parser("solve").parse_args(["solve", "x", "--subdomains", "4x2", *words.split()]))
+    assert asked.schwarz == em.Schwarz(
         subdomains=(4, 2),
         transmission=em.Optimized(data="local"),
         ordering="symmetric",

@@ -7,7 +7,7 @@ import importlib.util
 import json
 from typing import Any
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import EPILOG, Exit
 from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import parameter
 from equimesh_cli.options.monitors import domain
@@ -56,15 +56,9 @@ def run(options: argparse.Namespace) -> int:
 def _here(options: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
-    import equimesh as em
-    from equimesh_cli.options.problem import build_domain, pointed
+    from equimesh_cli.options.problem import build_expression
 
-    where = build_domain(options.domain)
-    try:
-        expression = em.Expression(options.u, parameters=dict(options.parameter), t=options.t or 0.0)
-        expression.check_finite(domain=where)
-    except em.ExpressionError as error:
-        raise Refused(pointed(error, options.u)) from error
+    expression, where = build_expression(options)
     s, t = np.meshgrid(np.linspace(0, 1, 33), np.linspace(0, 1, 33), indexing="ij")
     u, u_x, u_y = expression.evaluate(*where.map(s, t), order=1)
     slope = np.hypot(u_x, u_y)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import EPILOG, Exit, Refused
 from equimesh_cli.options.address import DEFAULT_URL, add_url
-from equimesh_cli.options.mesh import add_mesh_options, check_options, schwarz_of
+from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of, schwarz_of
 from equimesh_cli.options.monitors import monitor_of
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ def run(options: argparse.Namespace) -> int:
             print(f"mesh {mesh.id} of {client.url}")
             if mesh.reused_from is not None:
                 print(f"made before, as mesh {mesh.reused_from}; --no-reuse computes it anew")
-            print(f"{options.n_xi} x {_n_eta(options)} points: {mesh.record['convergence']['message']}")
+            n_xi, n_eta = points_of(options)
+            print(f"{n_xi} x {n_eta} points: {mesh.record['convergence']['message']}")
             if mesh.certificate is not None:
                 print(mesh.certificate)
             print(mesh.quality)
@@ -79,10 +80,6 @@ def run(options: argparse.Namespace) -> int:
             for file in files:
                 print(f"wrote {file}")
     return Exit.DONE
-
-
-def _n_eta(options: argparse.Namespace) -> int:
-    return int(options.n_xi if options.n_eta is None else options.n_eta)
 
 
 def _failed(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
@@ -111,7 +108,7 @@ def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) ->
 def _generated(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
     return client.generate(
         options.u if options.samples is None else options.samples,
-        (options.n_xi, _n_eta(options)),
+        points_of(options),
         monitor=monitor_of(options),
         domain=options.domain,
         schwarz=schwarz_of(options),

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
-from equimesh_cli.options.mesh import add_mesh_options, check_options
+from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of
 
 if TYPE_CHECKING:
     import equimesh
@@ -64,19 +64,21 @@ def run(options: argparse.Namespace) -> int:
     except ImportError as error:
         raise NotInstalled("solver", error) from error
     from equimesh_cli.compiling import compiling_told
-    from equimesh_cli.options.problem import build_problem, build_schwarz
+    from equimesh_cli.options.problem import build
     from equimesh_client import Certificate, Convergence, Quality
 
-    grid = em.Grid(n_xi=options.n_xi, n_eta=options.n_xi if options.n_eta is None else options.n_eta)
+    n_xi, n_eta = points_of(options)
+    grid = em.Grid(n_xi=n_xi, n_eta=n_eta)
     _check_memory(grid)
     try:
         with compiling_told(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
+            spec = build(options)
             solution = em.solve(
-                build_problem(options, grid),
-                build_schwarz(options),
-                initial=em.Initial(options.initial),
-                mode=em.Mode(options.mode),
-                allow_relaxed=not options.no_relax,
+                spec.problem,
+                spec.schwarz,
+                initial=spec.initial,
+                mode=spec.mode,
+                allow_relaxed=spec.allow_relaxed,
                 threads=options.threads,
                 observe=observer,
             )

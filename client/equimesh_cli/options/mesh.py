@@ -156,6 +156,11 @@ def check_options(options: argparse.Namespace, suffixes: tuple[str, ...]) -> Non
             raise Refused(f"{path.parent}: there is no such folder")
 
 
+def points_of(options: argparse.Namespace) -> tuple[int, int]:
+    """Points along xi and eta."""
+    return options.n_xi, options.n_xi if options.n_eta is None else options.n_eta
+
+
 def schwarz_of(options: argparse.Namespace) -> Schwarz | None:
     """The Schwarz settings of the client, None for a single domain."""
     from equimesh_client.spec.schwarz import Schwarz, transmission

@@ -1,102 +1,78 @@
-"""The solver's problem that options describe: what the client would send, as the solver's own objects."""
+"""The document that options describe: what the client would send to a service, built by the solver in this process."""
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, fields
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-import equimesh as em
-from equimesh.upload.samples import read_samples
+from equimesh import Domain, Expression, ExpressionError, specs
 from equimesh_cli.exits import Refused
-from equimesh_cli.options.mesh import schwarz_of
+from equimesh_cli.options.mesh import points_of, schwarz_of
 from equimesh_cli.options.monitors import monitor_of
-from equimesh_client import AnnulusSector, ArcLength, Curvature, Quadrilateral, Tensor, Weight
+from equimesh_client.errors import caret
+from equimesh_client.spec.domains import Rectangle, domain_json
+from equimesh_client.spec.mesh import mesh_spec
+from equimesh_client.spec.monitors import monitor_json
 
-if TYPE_CHECKING:
-    from equimesh_client.spec.domains import Domain
+
+def document_of(options: argparse.Namespace) -> dict[str, Any]:
+    """The JSON of the mesh; samples are named by their files."""
+
+    def read(given: object) -> dict[str, Any]:
+        return {"samples": str(given)} if isinstance(given, Path) else _expression(str(given), options)
+
+    u = options.u if options.samples is None else options.samples
+    return mesh_spec(
+        monitor_json(monitor_of(options), read, u),
+        points_of(options),
+        domain=_domain(options),
+        schwarz=schwarz_of(options),
+        boundary=options.boundary,
+        initial=options.initial,
+        mode=options.mode,
+        allow_relaxed=not options.no_relax,
+        cells=options.cells,
+    )
 
 
-def build_problem(options: argparse.Namespace, grid: em.Grid) -> em.Problem:
+def build(options: argparse.Namespace) -> specs.BuiltSpec:
     """The problem; raises :class:`Refused` for an expression, with a caret under the fault, and what the solver
     raises.
     """
-    domain = build_domain(options.domain)
-    monitor = _monitor(options, domain)
-    return em.Problem(monitor=monitor, grid=grid, boundary=em.Boundary(options.boundary), domain=domain)
+    document = document_of(options)
+    with _carets(document):
+        return specs.build(document, specs.samples_in(Path()))
 
 
-def build_schwarz(options: argparse.Namespace) -> em.Schwarz | None:
-    """The solver's own settings: the client's, object for object."""
-    asked = schwarz_of(options)
-    if asked is None:
-        return None
-    condition = getattr(em, type(asked.transmission).__name__)
-    settings = {field.name: getattr(asked, field.name) for field in fields(asked)}
-    return em.Schwarz(**{**settings, "transmission": condition(**asdict(asked.transmission))})
+def build_expression(options: argparse.Namespace) -> tuple[Expression, Domain]:
+    """The expression U, finite on the domain, and the domain; raises as :func:`build`."""
+    source, domain = _expression(options.u, options), _domain(options)
+    with _carets({**source, "domain": domain}):
+        where = specs.build_domain(domain)
+        return specs.build_expression(source, where), where
 
 
-def pointed(error: em.ExpressionError, text: str) -> str:
-    """What is wrong with an expression, with a caret under the place."""
-    from equimesh_client.errors import caret
-
-    place = error.position
-    shown = caret(text, line=place.line, column=place.column) if place is not None else ""
-    return f"{error}\n{shown}" if shown else str(error)
+def _expression(text: str, options: argparse.Namespace) -> dict[str, Any]:
+    return {"expression": text, "parameters": dict(options.parameter), "t": options.t or 0.0}
 
 
-def _monitor(options: argparse.Namespace, domain: em.Domain) -> em.Monitor:
-    def read(given: object) -> em.Field:
-        return _field(given, options, domain)
-
-    u = options.u if options.samples is None else options.samples
-    monitor: em.Monitor
-    match monitor_of(options):
-        case Curvature() as asked:
-            monitor = em.Curvature(u=read(u), norm=asked.norm, isotropic=asked.isotropic)
-        case Weight() as asked:
-            monitor = em.Weight(rho=read(asked.rho), u=None if u is None else read(u))
-        case Tensor() as asked:
-            entries = {name: read(getattr(asked, name)) for name in ("m11", "m12", "m22")}
-            monitor = em.Tensor(**entries, u=None if u is None else read(u))
-        case ArcLength() as asked:
-            monitor = em.ArcLength(u=read(u), a=asked.a, b=asked.b)
-        case asked:
-            raise AssertionError(f"no option makes {asked}")
-    return em.Smoothed(monitor=monitor, radius=asked.smoothing) if asked.smoothing else monitor
+def _domain(options: argparse.Namespace) -> dict[str, Any]:
+    return domain_json(Rectangle() if options.domain is None else options.domain)
 
 
-def _field(given: object, options: argparse.Namespace, domain: em.Domain) -> em.Field:
-    if isinstance(given, Path):
-        return read_samples(given.read_bytes(), given.name, box=domain.box)
-    text = str(given)
+@contextmanager
+def _carets(document: Mapping[str, Any]) -> Iterator[None]:
+    """Errors in an expression of ``document`` are raised as :class:`Refused`, with a caret under the place."""
     try:
-        expression = em.Expression(text, parameters=dict(options.parameter), t=options.t or 0.0)
-        expression.check_finite(domain=domain)
-    except em.ExpressionError as error:
-        raise Refused(pointed(error, text)) from error
-    return expression
-
-
-def build_domain(asked: Domain | None) -> em.Domain:
-    """The domain as the solver has it, the unit square for None; raises what the solver raises."""
-    if asked is None:
-        return em.Rectangle()
-    if isinstance(asked, Quadrilateral):
-        sides = {name: _curve(getattr(asked, name), name) for name in ("bottom", "right", "top", "left")}
-        return em.Quadrilateral(**sides)
-    if isinstance(asked, AnnulusSector):
-        return em.AnnulusSector(center=asked.center, radii=asked.radii, angles=asked.angles)
-    return em.Rectangle(x=asked.x, y=asked.y)
-
-
-def _curve(given: object, side: str) -> em.Curve:
-    if not isinstance(given, tuple):
-        return em.Curve.through(given, side=side)  # type: ignore[arg-type]
-    x, y, parameters = given
-    try:
-        return em.Curve.of_expressions(x, y, parameters, side=side)
-    except em.ExpressionError as error:
-        text = y if error.field.endswith(".y") else x
-        raise Refused(f"{error.field}: {pointed(error, text)}") from error
+        yield
+    except ExpressionError as error:
+        text: Any = document
+        for part in error.field.split("."):
+            text = text.get(part) if isinstance(text, Mapping) else None
+        place = error.position
+        shown = "" if place is None else caret(text, line=place.line, column=place.column)
+        which = f"{error.field}: " if error.field.startswith("domain.") else ""
+        raise Refused(f"{which}{error}\n{shown}".rstrip("\n")) from error

@@ -77,9 +77,9 @@ def test_a_spec_of_the_first_release_is_read(store: Store) -> None:
         "label": None,
     }
     store.meshes.add(NewMesh(id="a", spec=old))
-    spec = read_spec(store.meshes.spec("a"))
+    checked = read_spec(store.meshes.spec("a"))
+    spec, canonical = checked.spec, checked.canonical
     assert (spec.mode, spec.allow_relaxed, spec.monitor.smoothing) == ("discretization", True, 0.0)
-    canonical = spec.canonical()
     assert {key: canonical[key] for key in old if key != "monitor"} == {k: v for k, v in old.items() if k != "monitor"}
 
 
