@@ -14,7 +14,7 @@ from equimesh_cli.options.mesh import points_of, schwarz_of
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_client.errors import caret
 from equimesh_client.spec.domains import Rectangle, domain_json
-from equimesh_client.spec.mesh import mesh_spec
+from equimesh_client.spec.mesh import MeshOptions, mesh_spec
 from equimesh_client.spec.monitors import monitor_json
 
 
@@ -25,17 +25,15 @@ def document_of(options: argparse.Namespace) -> dict[str, Any]:
         return {"samples": str(given)} if isinstance(given, Path) else _expression(str(given), options)
 
     u = options.u if options.samples is None else options.samples
-    return mesh_spec(
-        monitor_json(monitor_of(options), read, u),
-        points_of(options),
-        domain=_domain(options),
-        schwarz=schwarz_of(options),
-        boundary=options.boundary,
-        initial=options.initial,
-        mode=options.mode,
-        allow_relaxed=not options.no_relax,
-        cells=options.cells,
-    )
+    given: MeshOptions = {
+        "domain": options.domain,
+        "schwarz": schwarz_of(options),
+        "boundary": options.boundary,
+        "mode": options.mode,
+        "allow_relaxed": not options.no_relax,
+    }
+    monitor = monitor_json(monitor_of(options), read, u)
+    return mesh_spec(monitor, points_of(options), given, initial=options.initial, cells=options.cells)
 
 
 def build(options: argparse.Namespace) -> specs.BuiltSpec:
@@ -49,7 +47,7 @@ def build(options: argparse.Namespace) -> specs.BuiltSpec:
 
 def build_expression(options: argparse.Namespace) -> tuple[Expression, Domain]:
     """The expression U, finite on the domain, and the domain; raises as :func:`build`."""
-    source, domain = _expression(options.u, options), _domain(options)
+    source, domain = _expression(options.u, options), domain_json(options.domain or Rectangle())
     with _carets({**source, "domain": domain}):
         where = specs.build_domain(domain)
         return specs.build_expression(source, where), where
@@ -57,10 +55,6 @@ def build_expression(options: argparse.Namespace) -> tuple[Expression, Domain]:
 
 def _expression(text: str, options: argparse.Namespace) -> dict[str, Any]:
     return {"expression": text, "parameters": dict(options.parameter), "t": options.t or 0.0}
-
-
-def _domain(options: argparse.Namespace) -> dict[str, Any]:
-    return domain_json(Rectangle() if options.domain is None else options.domain)
 
 
 @contextmanager
