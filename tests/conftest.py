@@ -1,11 +1,17 @@
-"""The order of the tests, and the option that runs whole products of cases, of which else a covering part is run."""
+"""The order of the tests, whole products of cases, and what is left out where a program is missing."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from collections import Counter
+from typing import Any
 
 import pytest
+
+from programs import PROGRAMS, missing_program, must_be_here
+
+LEFT_OUT = pytest.StashKey[Counter[str]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -26,12 +32,46 @@ LONG = ("test_durability", "test_replicas", "test_deployment", "test_faults", "t
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: not item.path.stem.startswith(LONG))
-    if config.getoption("--everything"):
-        return
-    left_out = [item for item in items if item.get_closest_marker("everything")]
+    if not config.getoption("--everything"):
+        _leave_out(config, items, [item for item in items if item.get_closest_marker("everything")])
+    missing = {item: name for item in items if (name := missing_program(item)) and not must_be_here(name)}
+    config.stash[LEFT_OUT] = Counter(missing.values())
+    _leave_out(config, items, [*missing])
+
+
+def _leave_out(config: pytest.Config, items: list[pytest.Item], left_out: list[pytest.Item]) -> None:
     if left_out:
         config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if not item.get_closest_marker("everything")]
+        gone = {*left_out}
+        items[:] = [item for item in items if item not in gone]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Fail where a program is missing that must be here."""
+    name = missing_program(item)
+    if name is not None:
+        pytest.fail(f"{PROGRAMS[name].name} is not installed: {PROGRAMS[name].remedy}", pytrace=False)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Report to the process that started this one how many tests were left out: with `-n`, every process reports."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["left_out"] = dict(session.config.stash.get(LEFT_OUT, Counter()))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take over what a process of tests left out."""
+    if left_out := getattr(node, "workeroutput", {}).get("left_out"):
+        node.config.stash[LEFT_OUT] = Counter(left_out)
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """One line for each missing program."""
+    for name, number in sorted(config.stash.get(LEFT_OUT, Counter()).items()):
+        program = PROGRAMS[name]
+        tests = "1 test was" if number == 1 else f"{number} tests were"
+        terminalreporter.write_line(f"{program.name} is not installed: {tests} left out; {program.remedy}")
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,9 +10,10 @@ import httpx
 import pytest
 
 from equimesh_service import Settings, running
+from programs import browser
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no browser; on Debian: apt-get install chromium")
+BROWSER = browser()
+pytestmark = pytest.mark.needs("chromium")
 # No sandbox, as tests may run as root in a container; no name resolves, so that only the loopback address answers.
 FLAGS = [
     "--headless",

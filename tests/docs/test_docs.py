@@ -10,7 +10,6 @@ import argparse
 import inspect
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -66,7 +65,16 @@ def blocks(text: str) -> list[tuple[str, str]]:
     return FENCE.findall(text)
 
 
-RUN = [name for name, path in PAGES.items() if any(kind in ("python", "sh") for kind, _ in blocks(path.read_text()))]
+def _needs(text: str) -> list[pytest.MarkDecorator]:
+    """What a page needs to be run: curl, where a command of it calls that."""
+    return [pytest.mark.needs("curl")] if any(kind == "sh" and "curl" in code for kind, code in blocks(text)) else []
+
+
+RUN = [
+    pytest.param(name, marks=_needs(text))
+    for name, text in ((name, path.read_text()) for name, path in PAGES.items())
+    if any(kind in ("python", "sh") for kind, _ in blocks(text))
+]
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +97,6 @@ def test_the_code_of_a_page_runs(name: str, url: str, tmp_path: Path) -> None:
 
     for kind, code in blocks(text):
         if kind == "sh" and "pip install" not in code:
-            if "curl" in code and shutil.which("curl") is None:
-                pytest.skip("curl is not installed")
             # a block may use the files that the Python before it wrote
             if python:
                 run(sys.executable, "-W", "error", "-c", "\n".join(python))

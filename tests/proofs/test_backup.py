@@ -22,8 +22,9 @@ from equimesh_cli import main
 from equimesh_service import Settings, running
 from equimesh_service.store.migration import LATEST, current, upgrade
 from equimesh_service.store.schema import samples
+from programs import postgresql_program
 from service.conftest import small
-from service.databases import Postgres, installed
+from service.databases import Postgres
 from service.store.first_release import FIRST
 
 PAGE = (Path(__file__).parents[2] / "docs" / "back-up.md").read_text()
@@ -106,7 +107,7 @@ def test_a_database_of_postgresql_is_backed_up_and_restored(tmp_path: Path, post
     address = make_url(postgres.url).set(database=name)
     variables = {
         "PATH": os.pathsep.join(
-            [str(Path(installed("pg_dump") or "").parent), str(Path(sys.executable).parent), "/bin"]
+            [str(Path(postgresql_program("pg_dump") or "").parent), str(Path(sys.executable).parent), "/bin"]
         ),
         "PGHOST": str(postgres.folder),
         "PGUSER": "postgres",

@@ -31,7 +31,8 @@ from sqlalchemy import make_url
 from equimesh_cli.checks import machine
 from equimesh_cli.checks.findings import Level
 from equimesh_service.settings import Settings
-from service.databases import Postgres, installed
+from programs import postgresql_program
+from service.databases import Postgres
 
 ROOT = Path(__file__).parents[2]
 PASSWORD = "a password: @/?#"
@@ -187,12 +188,11 @@ def unit() -> str:
     return (ROOT / "deploy/equimesh.service").read_text()
 
 
+@pytest.mark.needs("systemd-analyze")
 def test_the_unit_of_systemd_is_valid_and_confined(tmp_path: Path) -> None:
     for name in re.findall(r"EQUIMESH_([A-Z_]+)=", unit()):
         assert name.lower() in Settings.model_fields
     assert "MemoryDenyWriteExecute=" not in unit()  # the compiler of the loops could not work
-    if shutil.which("systemd-analyze") is None:
-        pytest.skip("systemd-analyze is not installed")
     copy = tmp_path / "equimesh.service"
     copy.write_text(unit().replace("/opt/equimesh/bin/", f"{Path(sys.executable).parent}/"))
 
@@ -324,7 +324,7 @@ def test_the_database_s_health_check_tells_whether_it_answers(postgres: Postgres
     host = make_url(postgres.url).query.get("host") or make_url(postgres.url).host
 
     def answers(place: str) -> bool:
-        command = [installed(program) or "", *(place if word == "127.0.0.1" else word for word in words)]
+        command = [postgresql_program(program) or "", *(place if word == "127.0.0.1" else word for word in words)]
         return subprocess.run(command, timeout=20).returncode == 0
 
     assert answers(str(host))

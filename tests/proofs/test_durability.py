@@ -184,7 +184,7 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
             _check_files(database_url, service.folder / "data" / "files")
             _check_downloads(service, store)
             assert service.stop() == 0
-            until(lambda: not service.left(), 5.0)
+            until(lambda: not service.left())
         finally:
             store.close()
     file = sqlite_file(database_url)
@@ -247,7 +247,7 @@ def _check_files(url: str, folder: Path) -> None:
             named.update(connection.execute(select(column)).scalars())
         assert connection.execute(select(meshes.c.id).where(meshes.c.owner.is_not(None))).first() is None
     database.close()
-    until(lambda: {path.name for path in folder.glob("??/*")} == named, 10.0)
+    until(lambda: {path.name for path in folder.glob("??/*")} == named)
     # What was there before the start is gone, folders of writers included; what is new may be on its way.
     left = [path for path in (folder / "unfinished").iterdir() if time.time() - path.stat().st_mtime > _HOURS / 2]
     assert left == []

@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-
 import httpx
 import load
 import pytest
 
-NEEDED = "EQUIMESH_TEST_WRK_NEEDED"
+pytestmark = pytest.mark.needs("wrk")
 SMALL = load.Load(name="two callers", points=9, format="npz", connections=2)
-
-
-@pytest.fixture(autouse=True)
-def wrk() -> None:
-    if shutil.which("wrk") is None:
-        assert not os.environ.get(NEEDED), "wrk is not installed"
-        pytest.skip("wrk is not installed; on Debian: apt-get install wrk")
 
 
 def test_every_request_is_a_mesh_of_its_own(http: httpx.Client, url: str) -> None:

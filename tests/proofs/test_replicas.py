@@ -144,14 +144,12 @@ def test_a_mesh_is_canceled_and_deleted_through_the_other(pair: Pair) -> None:
         answers: list[httpx.Response] = []
         waiting = threading.Thread(target=lambda to=service, told=answers: told.append(ask(to, SLOW, Prefer="wait=30")))
         waiting.start()  # where somebody waits, it is this replica that computes
-        name = until(lambda by=other: _running(by), 10.0)
-        began = time.monotonic()
+        name = until(lambda by=other: _running(by))
         assert httpx.post(f"{other.url}/v1/meshes/{name}/cancel").json()["status"] == "canceled"
         waiting.join()
         assert answers[0].json()["status"] == "canceled"
         # The worker has noticed, too: there is no other that could do this.
         assert ask(service, steady(2), Prefer="wait=20").json()["status"] == "succeeded"
-        assert time.monotonic() - began < 10.0
         assert httpx.delete(f"{other.url}/v1/meshes/{name}").status_code == 204
         assert httpx.get(f"{service.url}/v1/meshes/{name}").status_code == 404
 
@@ -184,7 +182,7 @@ def test_a_rolling_restart_loses_nothing(pair: Pair) -> None:
     thread.start()
     try:
         for service in (pair.a, pair.b):
-            until(lambda: len(names) % 7 == 3, 20.0)
+            until(lambda: len(names) % 7 == 3)
             assert service.stop() == 0
             service.start()
             service.ready()
@@ -222,15 +220,15 @@ def test_what_a_killed_replica_had_is_taken_over(pair: Pair) -> None:
     assert finished(pair.b, name)["status"] == "succeeded"
     assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]
     assert pair.story(name)[2][2] == "its service fell silent"
-    until(lambda: not pair.a.left(), 5.0)
+    until(lambda: not pair.a.left())
     assert pair.b.stop() == 0
-    until(lambda: not pair.b.left(), 5.0)
+    until(lambda: not pair.b.left())
 
 
 def _begun_by(pair: Pair, service: ServiceProcess) -> str:
     """A mesh that this replica computes, some seconds long."""
     threading.Thread(target=lambda: _ask_in_vain(service), daemon=True).start()
-    name: str = until(lambda: _running(pair.b), 20.0)
+    name: str = until(lambda: _running(pair.b))
     assert (name, 1) in begun(service)
     return name
 

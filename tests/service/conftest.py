@@ -35,8 +35,8 @@ def small(**more: Any) -> dict[str, Any]:
     return {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 8, "n_eta": 9}, **more}
 
 
-def until(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
-    """The first true value of ``condition``; fails after so many seconds."""
+def until(condition: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """The first true value of ``condition``; fails after this many seconds, far more than a busy machine takes."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         value = condition()

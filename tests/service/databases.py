@@ -19,11 +19,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import create_engine, make_url, text
 
+from programs import postgresql_program
+
 ADDRESS, NEEDED = "EQUIMESH_TEST_POSTGRES", "EQUIMESH_TEST_POSTGRES_NEEDED"
-LACKING = (
-    "PostgreSQL is not installed: install it (Debian: apt-get install postgresql), or give the address of a server "
-    f"whose user may create schemas, {ADDRESS}=postgresql+psycopg://user:password@host/postgres"
-)
 
 
 @dataclass(frozen=True)
@@ -65,18 +63,13 @@ class Postgres:
 
 @contextmanager
 def postgres_server(*, own: bool = False) -> Iterator[Postgres]:
-    """A server for the length of a ``with``, which may be stopped if it is ``own``.
-
-    Skips the test where there is none, or fails it if ``NEEDED`` is set.
-    """
+    """A server for the length of a ``with``, which may be stopped if it is ``own``."""
     given = os.environ.get(ADDRESS)
     if given and not own:
         yield Postgres(given)
         return
-    if installed("initdb") is None:
-        if os.environ.get(NEEDED):
-            pytest.fail(LACKING)
-        pytest.skip(LACKING)
+    if postgresql_program("initdb") is None:
+        pytest.skip("the given server must not be stopped, and there are no programs to start another one")
     folder = Path(tempfile.mkdtemp(prefix="equimesh-pg-"))
     try:
         if os.getuid() == 0:  # the programs refuse root
@@ -104,7 +97,7 @@ def database(kind: str, folder: Path, request: pytest.FixtureRequest) -> Iterato
 
 
 def _program(folder: Path, name: str, *arguments: str) -> None:
-    found = installed(name)
+    found = postgresql_program(name)
     assert found is not None
     user = "postgres" if os.getuid() == 0 else None
     groups: list[str] | None = [] if user else None
@@ -114,9 +107,3 @@ def _program(folder: Path, name: str, *arguments: str) -> None:
             command, cwd=folder, stdout=out, stderr=subprocess.STDOUT, user=user, group=user, extra_groups=groups
         )
     assert done.returncode == 0, (folder / "out").read_text()
-
-
-def installed(name: str) -> str | None:
-    """Where a program of PostgreSQL is, if it is there."""
-    debian = sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
-    return shutil.which(name, path=os.pathsep.join([os.environ["PATH"], *map(str, debian)]))

@@ -13,12 +13,12 @@ from service.requests import WAIT
 
 
 def test_small_answers_are_sent_at_once(http: httpx.Client, finished: dict[str, Any]) -> None:
-    times = []
-    for _ in range(20):
+    def seconds() -> float:
         began = time.perf_counter()
         http.get(finished["links"]["self"])
-        times.append(time.perf_counter() - began)
-    assert min(times) < 0.03, "Nagle's algorithm holds answers back for 40 ms"
+        return time.perf_counter() - began
+
+    assert any(seconds() < 0.03 for _ in range(300)), "Nagle's algorithm holds every answer back for 40 ms"
 
 
 def test_the_same_expression_under_load(url: str) -> None:

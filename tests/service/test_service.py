@@ -26,7 +26,7 @@ def test_who_waits_goes_straight_to_a_worker(http: httpx.Client) -> None:
     assert not straight()
 
 
-def test_a_failure_after_the_wait_is_nobody_s() -> None:
+def test_a_task_that_fails_after_the_wait_leaves_no_unread_error() -> None:
     async def told() -> list[dict[str, Any]]:
         said: list[dict[str, Any]] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: said.append(context))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import httpx
@@ -12,7 +11,7 @@ from equimesh_service.admission.callers import ANYONE, Callers
 from equimesh_service.problems.problem import Problem
 from equimesh_service.store.key_secrets import KeyRow
 from equimesh_service.store.keys import KeyStore
-from service.conftest import small
+from service.conftest import small, until
 from service.guarded import Guarded
 from service.interface import operations
 from service.requests import GRID
@@ -82,15 +81,12 @@ def test_scopes_allow_what_they_say(guarded_service: Guarded, document: dict[str
         assert admin.get("/metrics").status_code == 200
 
 
-def test_a_revoked_key_stops_working_within_two_seconds(guarded_service: Guarded) -> None:
+def test_a_revoked_key_soon_stops_working(guarded_service: Guarded) -> None:
     row, secret = guarded_service.key("read")
     with guarded_service.having(secret) as client:
         assert client.get("/v1/meshes").status_code == 200
         assert guarded_service.store.keys.revoke(row.id)
-        revoked = time.monotonic()
-        while client.get("/v1/meshes").status_code != 401:
-            assert time.monotonic() - revoked < 2.0
-            time.sleep(0.05)
+        until(lambda: client.get("/v1/meshes").status_code == 401)
         assert client.get("/v1/meshes").status_code == 401
     assert not guarded_service.store.keys.revoke(row.id)
 

@@ -65,12 +65,8 @@ def test_expression_check_tells_the_column(http: httpx.Client) -> None:
     assert report["gradient"]["max"] == pytest.approx(15.0, abs=0.01)
     bad = http.post("/v1/expressions/check", json={"expression": "x + foo"})
     assert bad.status_code == 422
-    assert bad.json()["errors"] == [
-        {
-            "pointer": "/expression",
-            "message": bad.json()["errors"][0]["message"],
-            "position": {"offset": 4, "line": 1, "column": 5},
-        }
-    ]
+    (error,) = bad.json()["errors"]
+    assert "foo" in error.pop("message")
+    assert error == {"pointer": "/expression", "position": {"offset": 4, "line": 1, "column": 5}}
     assert http.post("/v1/expressions/check", content=b"x").status_code == 415
     assert http.post("/v1/expressions/check", json={"expression": 1}).status_code == 422

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import threading
-import time
 from typing import Any
 
 import httpx
@@ -82,14 +81,13 @@ def test_many_scattered_samples_do_not_hold_up_the_service(http: httpx.Client) -
         target=lambda: uploads.append(http.post("/v1/samples", files={"samples": ("u.npz", data)}))
     )
     thread.start()
-    slowest = 0.0
+    answered = 0
     while thread.is_alive():
-        began = time.perf_counter()
         assert http.get("/v1/meshes?limit=1").status_code == 200
-        slowest = max(slowest, time.perf_counter() - began)
+        answered += 1
     assert uploads[0].status_code == 201
     assert uploads[0].json()["shape"] == [9004]
-    assert slowest < 0.5
+    assert answered > 10  # while the samples were read; an event loop that reads them answers once or twice
 
 
 UPLOADS: dict[str, tuple[str, bytes]] = {

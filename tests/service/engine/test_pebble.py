@@ -54,7 +54,7 @@ time.sleep(0.2)
 os.kill(server, signal.SIGKILL)
 began = time.monotonic()
 while engine.health().ready:
-    assert time.monotonic() - began < 5.0, "says that it is ready"
+    assert time.monotonic() - began < 30.0, "says that it is ready"
     time.sleep(0.01)
 assert isinstance(running.exception(30.0), WorkerLostError)
 assert again.pop().result(30.0) != worker  # not lost again, with the pool that is about to be replaced

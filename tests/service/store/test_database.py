@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from sqlalchemy import text
 
+from equimesh_service import Settings, running
+from equimesh_service.store.database import UnusableDatabaseError
 from equimesh_service.store.store import Store
 
 
@@ -28,3 +31,11 @@ def test_only_what_is_promised_waits_for_the_disk(store: Store, address: str) ->
     with hasty.database.write() as connection:
         assert connection.execute(text(query)).scalar() == goes_on
     hasty.close()
+
+
+def test_a_service_does_not_start_without_its_database(tmp_path: Path) -> None:
+    url = f"postgresql+psycopg://user:hunter2@/nothing?host={tmp_path}"
+    settings = Settings(data_dir=tmp_path, database_url=url, port=0)  # type: ignore[arg-type]
+    with pytest.raises(UnusableDatabaseError, match="the database does not answer") as caught, running(settings):
+        raise AssertionError
+    assert "hunter2" not in str(caught.value)

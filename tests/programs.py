@@ -1,0 +1,78 @@
+"""Programs that tests need and a machine may lack: how each is found, and how to have it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Program:
+    """A program: how it is called, whether it is here, how to have it, and the variable that says it must be here."""
+
+    name: str
+    here: Callable[[], bool]
+    remedy: str
+    needed: str | None = None
+
+
+def postgresql_program(name: str) -> str | None:
+    """Where a program of PostgreSQL is, if it is here; Debian keeps them out of the path."""
+    debian = sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
+    return shutil.which(name, path=os.pathsep.join([os.environ["PATH"], *map(str, debian)]))
+
+
+def browser() -> str | None:
+    """Where a browser is, if one is here."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+def _one(name: str, needed: str | None = None, package: str | None = None) -> Program:
+    return Program(
+        name=name,
+        here=lambda: shutil.which(name) is not None,
+        remedy=f"apt-get install {package or name}",
+        needed=needed,
+    )
+
+
+PROGRAMS = {
+    "postgresql": Program(
+        name="PostgreSQL",
+        here=lambda: bool(os.environ.get("EQUIMESH_TEST_POSTGRES")) or postgresql_program("initdb") is not None,
+        remedy="apt-get install postgresql, or set EQUIMESH_TEST_POSTGRES to the address of a server",
+        needed="EQUIMESH_TEST_POSTGRES_NEEDED",
+    ),
+    "wrk": _one("wrk", "EQUIMESH_TEST_WRK_NEEDED"),
+    "chromium": Program(name="Chromium", here=lambda: browser() is not None, remedy="apt-get install chromium"),
+    "curl": _one("curl"),
+    "systemd-analyze": _one("systemd-analyze", package="systemd"),
+}
+
+
+def programs_of(item: pytest.Item) -> set[str]:
+    """The programs that a test needs: those of its marks, and PostgreSQL where a fixture gives a database on it."""
+    names = {name for mark in item.iter_markers("needs") for name in mark.args}
+    values = getattr(item, "callspec").params.values() if hasattr(item, "callspec") else ()  # noqa: B009
+    on_postgresql = any(isinstance(value, str) and value == "postgresql" for value in values)
+    if on_postgresql or "postgres" in getattr(item, "fixturenames", ()):
+        names.add("postgresql")
+    return names
+
+
+def missing_program(item: pytest.Item) -> str | None:
+    """The first program that a test needs and this machine lacks, if there is one."""
+    return next((name for name in sorted(programs_of(item)) if not PROGRAMS[name].here()), None)
+
+
+def must_be_here(name: str) -> bool:
+    """Whether tests that need this program fail without it."""
+    needed = PROGRAMS[name].needed
+    return needed is not None and bool(os.environ.get(needed))
