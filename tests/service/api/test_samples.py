@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import json
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
 
+from equimesh_service.admission.admit import Admission
 from service.conftest import SLOW, small
 from service.requests import WAIT, npz, post
 
@@ -72,22 +74,22 @@ def test_samples_are_deleted_when_nobody_needs_them(http: httpx.Client) -> None:
     assert http.delete(url).status_code == 404
 
 
-def test_many_scattered_samples_do_not_hold_up_the_service(http: httpx.Client) -> None:
+def test_samples_that_are_read_do_not_hold_up_the_service(http: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    answered, keep = threading.Event(), Admission.keep
+
+    def late(admission: Admission, *arguments: Any) -> Any:
+        assert answered.wait(60.0), "no other request was answered while samples were read"
+        return keep(admission, *arguments)
+
+    monkeypatch.setattr(Admission, "keep", late)
     rng = np.random.default_rng(2)
     points = np.vstack([rng.random((9000, 2)), [[0, 0], [1, 0], [0, 1], [1, 1]]])
     data = npz(points=points, values=np.tanh(5 * (points[:, 0] - 0.5)))
-    uploads: list[httpx.Response] = []
-    thread = threading.Thread(
-        target=lambda: uploads.append(http.post("/v1/samples", files={"samples": ("u.npz", data)}))
-    )
-    thread.start()
-    answered = 0
-    while thread.is_alive():
+    with ThreadPoolExecutor(1) as pool:
+        upload = pool.submit(http.post, "/v1/samples", files={"samples": ("u.npz", data)})
         assert http.get("/v1/meshes?limit=1").status_code == 200
-        answered += 1
-    assert uploads[0].status_code == 201
-    assert uploads[0].json()["shape"] == [9004]
-    assert answered > 10  # while the samples were read; an event loop that reads them answers once or twice
+        answered.set()
+        assert (upload.result().status_code, upload.result().json()["shape"]) == (201, [9004])
 
 
 UPLOADS: dict[str, tuple[str, bytes]] = {
