@@ -13,7 +13,6 @@ import pytest
 from sqlalchemy import create_engine
 
 from equimesh_service import Settings, running
-from equimesh_service.errors import UnusableDatabaseError
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.store.store import Store
 from service.conftest import SLOW, small, until

@@ -78,7 +78,7 @@ async def test_one_key_does_not_take_all_the_room() -> None:
         done.set()
     assert {problem.name for problem in refused} == {"quota-exceeded"}
     assert refused[0].headers["Retry-After"] == "5"
-    assert "This key has 32 requests whose samples wait to be read" in refused[0].detail
+    assert "This key has 32 uploads waiting to be read, the limit" in refused[0].detail
     await check_threads.run(wait, "k")  # done is set: there is room again
     assert len(refused) == 8
 

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import text
 
 from equimesh_service import Settings, running
-from equimesh_service.store.database import UnusableDatabaseError
+from equimesh_service.errors import UnusableDatabaseError
 from equimesh_service.store.store import Store
 
 
