@@ -27,7 +27,9 @@ class Domain(Protocol):
     """A physical domain: the image of the points ``(s, t)`` of the unit square under a map with positive Jacobian.
 
     Both functions take points of any shape, broadcast against each other, and hold a little (1e-5) beyond [0, 1], too.
+    Each point gets its value whatever the others are, and ``s`` and ``t`` are not written into.
     The side ``left`` is the image of s = 0, ``right`` of s = 1, ``bottom`` of t = 0 and ``top`` of t = 1.
+    :func:`equimesh.testing.check_domain` checks what is promised here.
     """
 
     def map(self, s: Array, t: Array) -> tuple[Array, Array]:

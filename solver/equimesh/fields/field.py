@@ -9,13 +9,17 @@ from equimesh.numerics.types import Array
 
 
 class Field(Protocol):
-    """A scalar function u(x, y) with derivatives: an expression, or a spline of samples."""
+    """A scalar function u(x, y) with derivatives: an expression, or a spline of samples.
+
+    :func:`equimesh.testing.check_field` checks what is promised here.
+    """
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """The value and all partial derivatives up to ``order`` (0, 1 or 2) at points of any shape.
 
         Returns ``(u,)``, ``(u, u_x, u_y)`` or ``(u, u_x, u_y, u_xx, u_xy, u_yy)``, each of the points' shape.
-        Never raises for points inside the closed domain; values may be non-finite, the caller decides.
+        The derivatives are exact, and each point gets its value whatever the others are. Does not write into ``x`` and
+        ``y``. Never raises for points inside the closed domain; values may be non-finite, the caller decides.
         """
         ...
 

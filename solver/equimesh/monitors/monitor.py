@@ -11,7 +11,11 @@ from equimesh.numerics.types import Array
 
 
 class Monitor(Protocol):
-    """A symmetric positive definite tensor M(x, y) of the physical plane; a mesh equidistributes lengths in M."""
+    """A symmetric positive definite tensor M(x, y) of the physical plane; a mesh equidistributes lengths in M.
+
+    Monitors can be pickled: a bound one gives the same metric in another process.
+    :func:`equimesh.testing.check_monitor` checks what is promised here.
+    """
 
     @property
     def u(self) -> Field | None:
@@ -21,21 +25,23 @@ class Monitor(Protocol):
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points of any shape; dimensionless, exact.
 
-        May be asked a little (1e-5 of its size) outside the domain. Values may be non-finite where the data are.
+        Each point gets its value whatever the others are, and ``x`` and ``y`` are not written into. May be requested a
+        little (1e-5 of its size) outside the domain. Values may be non-finite where the data are.
         """
         ...
 
     def on(self, domain: Domain) -> Monitor:
         """The monitor bound to ``domain``: checked there, with what depends on the whole domain computed.
 
-        Raises :class:`~equimesh.errors.InputError` where it cannot be used on it.
+        Binding a bound monitor again changes nothing. Raises :class:`~equimesh.errors.InputError` where it cannot be
+        used on it.
         """
         ...
 
     def weakened(self, strength: float) -> Monitor:
         """A monitor that adapts less, for ``strength`` in [0, 1]: 0 adapts to nothing, 1 is the monitor itself.
 
-        Depends continuously on ``strength``. A bound monitor gives a bound one.
+        The metric for 0 is constant. It depends continuously on ``strength``. A bound monitor gives a bound one.
         """
         ...
 

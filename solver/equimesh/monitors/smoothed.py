@@ -41,7 +41,7 @@ class Table:
 
     def at(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """The metrics at points of any shape; outside the table those of its rim."""
-        x, y = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
+        x, y = (np.asarray(q, dtype=np.float64, order="C") for q in (x, y))
         out = np.empty((3, x.size))
         _look_up(self.entries, *self.origin, 1.0 / self.spacing, x.reshape(-1), y.reshape(-1), out)
         return out[0].reshape(x.shape), out[1].reshape(x.shape), out[2].reshape(x.shape)

@@ -56,7 +56,7 @@ def intersection(first: Matrices, second: Matrices) -> Matrices:
 
 
 def _each(kernel: Callable[..., None], matrices: Matrices, number: float) -> Matrices:
-    m11, m12, m22 = (np.ascontiguousarray(entry, dtype=np.float64) for entry in matrices)
+    m11, m12, m22 = (np.asarray(entry, dtype=np.float64, order="C") for entry in matrices)
     out = np.empty((3, m11.size))
     kernel(m11.reshape(-1), m12.reshape(-1), m22.reshape(-1), number, out)
     return _split(out, m11.shape)

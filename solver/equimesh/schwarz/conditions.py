@@ -38,7 +38,8 @@ class PairOfFunctionals(Protocol):
 
     ``ghosts`` is the number of grid lines that a window needs beyond its interface to evaluate them. ``p`` comes
     with the sign of the interface: positive on the upper side of a subdomain (B1, B3 of the paper), negative on the
-    lower one (B2, B4).
+    lower one (B2, B4). Derivatives are exact, and the limit of the iteration is the single-domain mesh:
+    :func:`equimesh.testing.check_transmission` checks both.
     """
 
     name: ClassVar[str]
