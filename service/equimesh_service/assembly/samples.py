@@ -23,7 +23,6 @@ from equimesh.errors import SamplesError
 from equimesh.fields.samples import MIN_CUBIC
 from equimesh.inputs import count_noun, real_array
 from equimesh.upload.samples import read_arrays, samples_of
-from equimesh_service.assembly import samples as intake
 
 Arrays: TypeAlias = Mapping[str, Any]
 MAX_LIGHT_BYTES = 256 * 1024  # bytes
@@ -122,4 +121,4 @@ class Upload:
     @cached_property
     def is_light(self) -> bool:
         """Whether reading it takes no longer than asking a worker to."""
-        return intake.is_light(self.data, self.filename)
+        return is_light(self.data, self.filename)

@@ -38,7 +38,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Export:
-    """A file to be made of a mesh that is done: ``name`` as in :mod:`equimesh_service.names`."""
+    """A file to be made of a mesh that is done: ``name`` as in :mod:`equimesh_service.worker.names`."""
 
     storage: Storage
     mesh_id: str

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.equations.mesh_equations import Window
+from equimesh.equations.mesh_equations import NodalState
 from equimesh.schwarz.conditions import Functional
 from equimesh.testing import check_transmission, transmission
 
@@ -34,7 +34,7 @@ def test_own_conditions_pass(condition: em.TransmissionCondition) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class WrongDerivative(em.LinearRobin):
-    def normal(self, window: Window, i: int, p: float) -> Functional:
+    def normal(self, window: NodalState, i: int, p: float) -> Functional:
         right = super().normal(window, i, p)
         return Functional(right.values, tuple((unknown, 1.001 * by) for unknown, by in right.derivatives))
 
@@ -43,17 +43,17 @@ class WrongDerivative(em.LinearRobin):
 class Partial(em.LinearRobin):
     """Compares what is not comparable: its value depends on the window that it is read in."""
 
-    def tangential(self, window: Window, i: int, p: float) -> Functional:
+    def tangential(self, window: NodalState, i: int, p: float) -> Functional:
         right = super().tangential(window, i, p)
         return Functional(right.values + 1e-3 * i, right.derivatives)
 
 
 @dataclass(frozen=True, kw_only=True)
 class WrongSign(em.LinearRobin):
-    def normal(self, window: Window, i: int, p: float) -> Functional:
+    def normal(self, window: NodalState, i: int, p: float) -> Functional:
         return super().normal(window, i, -p)
 
-    def tangential(self, window: Window, i: int, p: float) -> Functional:
+    def tangential(self, window: NodalState, i: int, p: float) -> Functional:
         return super().tangential(window, i, -p)
 
 
