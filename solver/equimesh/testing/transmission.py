@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,11 +16,9 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
-from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
-from equimesh.schwarz.iteration import iterate
-from equimesh.schwarz.optimized.subdomains import YieldingSubdomains
+from equimesh.schwarz.families import subdomains_of
+from equimesh.schwarz.iteration import schwarz_iterations
 from equimesh.schwarz.ordering import Ordering
-from equimesh.schwarz.port import Subdomains
 from equimesh.schwarz.settings import LocalSolver, Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.solve import solve
@@ -80,17 +79,13 @@ def _check_strength(condition: TransmissionCondition) -> None:
         require(math.isfinite(p) and p >= 0.0, f"strength({distance}) = {p}: it must be finite and not negative")
 
 
-def _subdomains(settings: Schwarz) -> Subdomains:
-    decomposition, condition = settings.decompose(PROBLEM.grid), settings.transmission
-    if isinstance(condition, Optimized):
-        return YieldingSubdomains(PROBLEM, decomposition, condition, LocalSolver.NEWTON, enough=0.0, threads=1)
-    return FunctionalSubdomains(PROBLEM, decomposition, condition, LocalSolver.NEWTON)
-
-
 def _check_equations(settings: Schwarz, exact: Mesh) -> None:
     """The single-domain mesh solves the equations of every subdomain, and their Jacobian is right nearby."""
-    subdomains, case = _subdomains(settings), _described(settings)
-    subdomains.begin([window.restrict(exact) for window in subdomains.windows], exact)
+    case = _described(settings)
+    decomposition, exactly = settings.decompose(PROBLEM.grid), replace(settings, local_solver=LocalSolver.NEWTON)
+    subdomains = subdomains_of(PROBLEM, decomposition, exactly, enough=0.0, threads=1)
+    subdomains.restart(exact)
+    subdomains.begin(exact)
     random = np.random.default_rng(11)
     for k, window in enumerate(subdomains.windows):
         equations = subdomains.equations(k)
@@ -118,7 +113,7 @@ def _check_equations(settings: Schwarz, exact: Mesh) -> None:
 
 def _check_limit(settings: Schwarz, exact: Mesh) -> None:
     case, bump = _described(settings), AWAY * np.sin(np.pi * exact.x) * np.sin(np.pi * exact.y)
-    for record in iterate(PROBLEM, settings, Mesh(exact.x + bump, exact.y - bump)):
+    for record in schwarz_iterations(PROBLEM, settings, Mesh(exact.x + bump, exact.y - bump)):
         helped = [subdomain.subdomain for subdomain in record.subdomains if subdomain.classical]
         require(not helped, f"{case}, classical data took the place of the condition in subdomain {helped[:1]}")
         require(
