@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,33 +25,31 @@ COUNT = (1, 3, 6)
 """How many values there are up to each order: u; u_x, u_y; u_xx, u_xy, u_yy."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pieces:
+class Axis(NamedTuple):
     """The pieces of one axis, between ``breaks`` of shape ``(n + 1,)``, and the cubic B-splines on them.
 
     ``cubics[i, j, k]``, of shape ``(n, 4, 4)``, is the coefficient of ``(t - breaks[i])**k`` of the j-th B-spline that
     is not zero on piece i. ``first[b]`` is the piece where the b-th of equally wide buckets begins.
     """
 
-    knots: Array
     breaks: Array
     cubics: Array
     first: IntArray
 
     @classmethod
-    def between(cls, knots: Array) -> Pieces:
+    def between(cls, knots: Array) -> Axis:
         """The pieces between the ``knots`` of cubic B-splines, of which the first and the last come four times."""
         if len(knots) > MAX_CACHED_KNOTS:
             return cls.of(knots)
         return _between(np.ascontiguousarray(knots, dtype=float).tobytes())
 
     @classmethod
-    def of(cls, knots: Array) -> Pieces:
+    def of(cls, knots: Array) -> Axis:
         """The same, worked out anew."""
         breaks = np.ascontiguousarray(knots[ORDER - 1 : len(knots) - ORDER + 1])
         starts = np.linspace(breaks[0], breaks[-1], BUCKETS_PER_PIECE * (len(breaks) - 1) + 1)
         first = np.clip(np.searchsorted(breaks, starts, side="right") - 1, 0, len(breaks) - 2)
-        return cls(knots=knots, breaks=breaks, cubics=_cubics(knots), first=first.astype(np.int64))
+        return cls(breaks, _cubics(knots), first.astype(np.int64))
 
     def inside(self, t: Array, nowhere: npt.NDArray[np.bool_]) -> Array:
         """The points of the axis nearest to ``t``, in one row; any where ``t`` is ``nowhere``."""
@@ -60,10 +59,14 @@ class Pieces:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bicubic:
-    """A bicubic spline: ``coefficients[i, j]`` of the product of the i-th B-spline in x and the j-th in y."""
+    """A bicubic spline: ``coefficients[i, j]`` of the product of the i-th B-spline in x and the j-th in y.
 
-    along_x: Pieces
-    along_y: Pieces
+    ``knots`` are those in x and in y.
+    """
+
+    knots: tuple[Array, Array]
+    along_x: Axis
+    along_y: Axis
     coefficients: Array
 
     @classmethod
@@ -71,8 +74,9 @@ class Bicubic:
         """The same spline, which must be cubic in both directions."""
         knots_x, knots_y, coefficients = (np.ascontiguousarray(part, dtype=float) for part in spline.tck)
         return cls(
-            along_x=Pieces.between(knots_x),
-            along_y=Pieces.between(knots_y),
+            knots=(knots_x, knots_y),
+            along_x=Axis.between(knots_x),
+            along_y=Axis.between(knots_y),
             coefficients=coefficients.reshape(len(knots_x) - ORDER, len(knots_y) - ORDER),
         )
 
@@ -80,7 +84,7 @@ class Bicubic:
     def steepest(self) -> tuple[float, float]:
         """Bounds of the derivatives by x and by y: the largest of their coefficients. NaN or infinite if those are."""
         c = self.coefficients
-        return _steepest(c, self.along_x.knots), _steepest(c.T, self.along_y.knots)
+        return _steepest(c, self.knots[0]), _steepest(c.T, self.knots[1])
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
         """The spline and its partial derivatives up to ``order``, each of the points' shape; see :data:`COUNT`.
@@ -91,12 +95,7 @@ class Bicubic:
         first, second = self.along_x, self.along_y
         nowhere = np.isnan(x) | np.isnan(y)
         values = np.empty((COUNT[order], *x.shape))
-        at = (
-            *(first.inside(x, nowhere), second.inside(y, nowhere)),
-            *(first.breaks, first.cubics, first.first),
-            *(second.breaks, second.cubics, second.first),
-            self.coefficients,
-        )
+        at = first.inside(x, nowhere), second.inside(y, nowhere), first, second, self.coefficients
         rows = values.reshape(len(values), -1)
         if order == 0:
             fill_values(*at, rows)
@@ -109,9 +108,9 @@ class Bicubic:
 
 
 @lru_cache(maxsize=64)
-def _between(knots: bytes) -> Pieces:
+def _between(knots: bytes) -> Axis:
     """The pieces of an axis; who sends samples of every time step sends the same axes."""
-    return Pieces.of(np.frombuffer(knots))
+    return Axis.of(np.frombuffer(knots))
 
 
 def _steepest(coefficients: Array, knots: Array) -> float:
@@ -149,16 +148,12 @@ def _times_line(cubics: Array, constant: Array, slope: Array) -> Array:
 
 
 @vectorised
-def fill_values(
-    x: Array, y: Array,
-    breaks_x: Array, cubics_x: Array, first_x: IntArray, breaks_y: Array, cubics_y: Array, first_y: IntArray,
-    coefficients: Array, rows: Array,
-) -> None:  # fmt: skip
+def fill_values(x: Array, y: Array, along_x: Axis, along_y: Axis, coefficients: Array, rows: Array) -> None:
     """Fill the first of ``rows`` with the spline at points ``x``, ``y`` within the breaks."""
-    scale_x = (first_x.size - 1) / (breaks_x[-1] - breaks_x[0])
-    scale_y = (first_y.size - 1) / (breaks_y[-1] - breaks_y[0])
+    (breaks_x, cubics_x, _), (breaks_y, cubics_y, _) = along_x, along_y
+    scale_x, scale_y = buckets_per_length(along_x), buckets_per_length(along_y)
     for p in range(x.size):
-        i, j = piece(x[p], breaks_x, first_x, scale_x), piece(y[p], breaks_y, first_y, scale_y)
+        i, j = piece(x[p], along_x, scale_x), piece(y[p], along_y, scale_y)
         s, t = x[p] - breaks_x[i], y[p] - breaks_y[j]
         f0, f1, f2, f3 = at_piece(cubics_y, j, t)
         u = 0.0
@@ -171,16 +166,12 @@ def fill_values(
 
 
 @vectorised
-def fill_slopes(
-    x: Array, y: Array,
-    breaks_x: Array, cubics_x: Array, first_x: IntArray, breaks_y: Array, cubics_y: Array, first_y: IntArray,
-    coefficients: Array, rows: Array,
-) -> None:  # fmt: skip
+def fill_slopes(x: Array, y: Array, along_x: Axis, along_y: Axis, coefficients: Array, rows: Array) -> None:
     """Fill the first three of ``rows`` with the spline and its first derivatives."""
-    scale_x = (first_x.size - 1) / (breaks_x[-1] - breaks_x[0])
-    scale_y = (first_y.size - 1) / (breaks_y[-1] - breaks_y[0])
+    (breaks_x, cubics_x, _), (breaks_y, cubics_y, _) = along_x, along_y
+    scale_x, scale_y = buckets_per_length(along_x), buckets_per_length(along_y)
     for p in range(x.size):
-        i, j = piece(x[p], breaks_x, first_x, scale_x), piece(y[p], breaks_y, first_y, scale_y)
+        i, j = piece(x[p], along_x, scale_x), piece(y[p], along_y, scale_y)
         s, t = x[p] - breaks_x[i], y[p] - breaks_y[j]
         f0, f1, f2, f3 = at_piece(cubics_y, j, t)
         g0, g1, g2, g3 = slopes_at_piece(cubics_y, j, t)
@@ -200,16 +191,12 @@ def fill_slopes(
 
 
 @vectorised
-def fill_curvatures(
-    x: Array, y: Array,
-    breaks_x: Array, cubics_x: Array, first_x: IntArray, breaks_y: Array, cubics_y: Array, first_y: IntArray,
-    coefficients: Array, rows: Array,
-) -> None:  # fmt: skip
+def fill_curvatures(x: Array, y: Array, along_x: Axis, along_y: Axis, coefficients: Array, rows: Array) -> None:
     """Fill the last three of six ``rows`` with the second derivatives."""
-    scale_x = (first_x.size - 1) / (breaks_x[-1] - breaks_x[0])
-    scale_y = (first_y.size - 1) / (breaks_y[-1] - breaks_y[0])
+    (breaks_x, cubics_x, _), (breaks_y, cubics_y, _) = along_x, along_y
+    scale_x, scale_y = buckets_per_length(along_x), buckets_per_length(along_y)
     for p in range(x.size):
-        i, j = piece(x[p], breaks_x, first_x, scale_x), piece(y[p], breaks_y, first_y, scale_y)
+        i, j = piece(x[p], along_x, scale_x), piece(y[p], along_y, scale_y)
         s, t = x[p] - breaks_x[i], y[p] - breaks_y[j]
         f, g = at_piece(cubics_y, j, t), slopes_at_piece(cubics_y, j, t)
         u_xx = u_xy = u_yy = 0.0
@@ -231,8 +218,15 @@ def fill_curvatures(
 
 
 @vectorised
-def piece(t: float, breaks: Array, first: IntArray, scale: float) -> int:
+def buckets_per_length(axis: Axis) -> float:
+    """The ``scale`` of :func:`piece`."""
+    return float((axis.first.size - 1) / (axis.breaks[-1] - axis.breaks[0]))
+
+
+@vectorised
+def piece(t: float, axis: Axis, scale: float) -> int:
     """The number of the piece that the point ``t`` lies on: the last one that begins at or before it."""
+    breaks, first = axis.breaks, axis.first
     bucket = min(int((t - breaks[0]) * scale), first.size - 2)
     low, high = first[bucket], min(first[bucket + 1] + 1, breaks.size - 2)
     while low > 0 and t < breaks[low]:  # at the edge of a bucket rounding may miss the piece

@@ -6,16 +6,17 @@ Grid coordinates ``(s, t)`` count cells: node ``(i, j)`` is at ``s = i, t = j``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
-from equimesh.fields.bicubic import ORDER, Bicubic, at_piece, piece, slopes_at_piece
+from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, BoolArray, IntArray
+from equimesh.numerics.types import Array, BoolArray, Pair
 
 MAX_STEPS = 20  # of Newton's method
 POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from where its spline leads
@@ -23,13 +24,21 @@ MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in roun
 MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Places:
+class Places(NamedTuple):
     """Grid coordinates of points, flat arrays; where not ``smooth`` they are those of the bilinear cells."""
 
     s: Array
     t: Array
     smooth: BoolArray
+
+
+class MapSplines(NamedTuple):
+    """The splines of x and y over the grid coordinates: their axes, and their coefficients."""
+
+    along_s: Axis
+    along_t: Axis
+    of_x: Array
+    of_y: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,14 +74,11 @@ class MeshMap:
         lost = ~(np.isfinite(x) & np.isfinite(y))
         if lost.any():
             x, y = np.where(lost, self.mesh.x[0, 0], x), np.where(lost, self.mesh.y[0, 0], y)
-        s, t, smooth = np.empty(x.size), np.empty(x.size), np.empty(x.size, dtype=np.bool_)
-        along_s, along_t = self.x.along_x, self.x.along_y
-        locate_points(
-            np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(y, dtype=float), self.mesh.x, self.mesh.y,
-            along_s.breaks, along_s.cubics, along_s.first, along_t.breaks, along_t.cubics, along_t.first,
-            self.x.coefficients, self.y.coefficients, s, t, smooth,
-        )  # fmt: skip
-        return Places(s=s, t=t, smooth=smooth)
+        places = Places(np.empty(x.size), np.empty(x.size), np.empty(x.size, dtype=np.bool_))
+        points = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(y, dtype=float)
+        splines = MapSplines(self.x.along_x, self.x.along_y, self.x.coefficients, self.y.coefficients)
+        locate_points(points, (self.mesh.x, self.mesh.y), splines, places)
+        return places
 
 
 def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
@@ -97,14 +103,12 @@ def through(values: Array) -> Bicubic:
 
 
 @compiled
-def locate_points(
-    px: Array, py: Array, x: Array, y: Array,
-    breaks_s: Array, cubics_s: Array, first_s: IntArray, breaks_t: Array, cubics_t: Array, first_t: IntArray,
-    of_x: Array, of_y: Array, s: Array, t: Array, smooth: BoolArray,
-) -> None:  # fmt: skip
-    """Fill in the grid coordinates of points ``px``, ``py``, of which most lie near the one before them."""
-    scale_s = (first_s.size - 1) / (breaks_s[-1] - breaks_s[0])
-    scale_t = (first_t.size - 1) / (breaks_t[-1] - breaks_t[0])
+def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places) -> None:
+    """Fill in the grid coordinates of points, of which most lie near the one before them."""
+    (px, py), (x, y), (s, t, smooth) = points, nodes, places
+    along_s, along_t, of_x, of_y = splines
+    (breaks_s, cubics_s, _), (breaks_t, cubics_t, _) = along_s, along_t
+    scale_s, scale_t = buckets_per_length(along_s), buckets_per_length(along_t)
     last_s, last_t = float(x.shape[0] - 1), float(x.shape[1] - 1)
     i = j = 0
     for p in range(px.size):
@@ -113,7 +117,7 @@ def locate_points(
         s[p], t[p], smooth[p] = s0, t0, False
         a, b = s0, t0
         for _ in range(MAX_STEPS):
-            k, m = piece(a, breaks_s, first_s, scale_s), piece(b, breaks_t, first_t, scale_t)
+            k, m = piece(a, along_s, scale_s), piece(b, along_t, scale_t)
             da, db = a - breaks_s[k], b - breaks_t[m]
             f_s, g_s = at_piece(cubics_s, k, da), slopes_at_piece(cubics_s, k, da)
             f_t, g_t = at_piece(cubics_t, m, db), slopes_at_piece(cubics_t, m, db)

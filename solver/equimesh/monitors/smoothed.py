@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
@@ -15,9 +16,10 @@ from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array
+from equimesh.numerics.spd import Matrices
+from equimesh.numerics.types import Array, Pair
 
-MAX_RADIUS = 0.25  # of the diameter of the domain
+MAX_RADIUS = 0.25  # in units of the shorter extent of the box
 SAMPLES = 512  # of the monitor, in a direction of the reference square
 POINTS_PER_RADIUS = 8  # of the table, as far as the numbers below allow
 MIN_TABLE_POINTS = 64  # along the shorter extent of the box
@@ -25,6 +27,14 @@ MAX_TABLE_POINTS = 512  # along the shorter extent of the box
 MAX_LONG_TABLE_POINTS = 2048  # along the longer extent of the box
 MARGIN_POINTS = 3  # table points beyond the box: the spline reaches two of them
 OWN_VARIANCE = 1 / 6 + 1 / 3  # of the table's hat functions and of the cubic B-spline, in squared spacings
+
+
+class Lattice(NamedTuple):
+    """Where the points of a table lie: the first of them, and how many there are per unit of length."""
+
+    x0: float
+    y0: float
+    per_length: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,7 +53,7 @@ class Table:
         """The metrics at points of any shape; outside the table those of its rim."""
         x, y = (np.asarray(q, dtype=np.float64, order="C") for q in (x, y))
         out = np.empty((3, x.size))
-        _look_up(self.entries, *self.origin, 1.0 / self.spacing, x.reshape(-1), y.reshape(-1), out)
+        _look_up(self.entries, Lattice(*self.origin, 1.0 / self.spacing), x.reshape(-1), y.reshape(-1), out)
         return out[0].reshape(x.shape), out[1].reshape(x.shape), out[2].reshape(x.shape)
 
 
@@ -118,10 +128,10 @@ def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
     origin = (x0 - MARGIN_POINTS * spacing, y0 - MARGIN_POINTS * spacing)
     shape = tuple(math.ceil(extent / spacing) + 2 * MARGIN_POINTS + 1 for extent in (x1 - x0, y1 - y0))
     probe = Probe.of(domain, SAMPLES)
-    metric = monitor.metric(probe.x, probe.y)
-    probe.require_finite(metric, "the metric is", field="smoothing")
+    m11, m12, m22 = monitor.metric(probe.x, probe.y)
+    probe.require_finite((m11, m12, m22), "the metric is", field="smoothing")
     sums = np.zeros((4, *shape))
-    _spread(probe.x, probe.y, probe.shares, *metric, *origin, 1.0 / spacing, sums)
+    _spread((probe.x, probe.y), probe.shares, (m11, m12, m22), Lattice(*origin, 1.0 / spacing), sums)
     deviation = math.sqrt(max((radius * short / spacing) ** 2 - OWN_VARIANCE, 0.0))
     if deviation > 0.0:
         for layer in sums:
@@ -136,11 +146,10 @@ def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
 
 
 @compiled
-def _spread(
-    x: Array, y: Array, weights: Array, m11: Array, m12: Array, m22: Array,
-    x0: float, y0: float, per_length: float, sums: Array,
-) -> None:  # fmt: skip
-    """Weighted metrics, and the weights, shared out among the four grid points around each sample."""
+def _spread(points: Pair, weights: Array, metric: Matrices, lattice: Lattice, sums: Array) -> None:
+    """Weighted metrics, and the weights, shared out among the four table points around each sample."""
+    (x, y), (m11, m12, m22) = points, metric
+    x0, y0, per_length = lattice
     for k in range(x.size):
         p, q = (x[k] - x0) * per_length, (y[k] - y0) * per_length
         i, j = min(max(int(p), 0), sums.shape[1] - 2), min(max(int(q), 0), sums.shape[2] - 2)
@@ -155,8 +164,9 @@ def _spread(
 
 
 @compiled
-def _look_up(entries: Array, x0: float, y0: float, per_length: float, x: Array, y: Array, out: Array) -> None:
+def _look_up(entries: Array, lattice: Lattice, x: Array, y: Array, out: Array) -> None:
     """Uniform cubic B-splines: the weights of the four nearest table points in each direction."""
+    x0, y0, per_length = lattice
     n, m = entries.shape[0], entries.shape[1]
     for k in range(x.size):
         if x[k] - x[k] != 0.0 or y[k] - y[k] != 0.0:  # not a number: it has no place in the table

@@ -48,11 +48,14 @@ def intersection(first: Matrices, second: Matrices) -> Matrices:
     ``max(1, mu)``, rounded upwards where mu is about 1 (by half a percent at 1) so that it depends smoothly on both.
     Neither more nor less than ``c1 first + c2 second``: no eigenvectors are computed. The order does not matter.
     """
-    m11, m12, m22 = (np.ascontiguousarray(entry, dtype=np.float64).reshape(-1) for entry in first)
-    n11, n12, n22 = (np.ascontiguousarray(entry, dtype=np.float64).reshape(-1) for entry in second)
-    out = np.empty((3, m11.size))
-    _intersection(m11, m12, m22, n11, n12, n22, CORNER_WIDTH, out)
+    out = np.empty((3, np.size(first[0])))
+    _intersection(_flat(first), _flat(second), CORNER_WIDTH, out)
     return _split(out, np.shape(first[0]))
+
+
+def _flat(matrices: Matrices) -> Matrices:
+    m11, m12, m22 = (np.ascontiguousarray(entry, dtype=np.float64).reshape(-1) for entry in matrices)
+    return m11, m12, m22
 
 
 def _each(kernel: Callable[..., None], matrices: Matrices, number: float) -> Matrices:
@@ -107,14 +110,13 @@ def _absolute(h11: Array, h12: Array, h22: Array, rounding: float, out: Array) -
 
 
 @compiled
-def _intersection(
-    m11: Array, m12: Array, m22: Array, n11: Array, n12: Array, n22: Array, rounding: float, out: Array
-) -> None:
+def _intersection(first: Matrices, second: Matrices, rounding: float, out: Array) -> None:
     """``c1 M + c2 N`` with ``c1 + c2 mu = (1 + mu + s(mu)) / 2``, ``s = sqrt((mu - 1)^2 + rounding mu)``.
 
     mu are the eigenvalues of ``M^-1 N``; only their sum t and product d are needed, and the two s come in as their
     product and their sum.
     """
+    (m11, m12, m22), (n11, n12, n22) = first, second
     for i in range(m11.size):
         det = m11[i] * m22[i] - m12[i] * m12[i]
         t = (m22[i] * n11[i] - 2.0 * m12[i] * n12[i] + m11[i] * n22[i]) / det
@@ -123,8 +125,8 @@ def _intersection(
         mixed = max((d + 1.0) * t - 4.0 * d, 0.0)
         product = np.sqrt(gap * gap + rounding * (mixed + rounding * d))
         total = np.sqrt(max((t - 1.0) ** 2 + 1.0 - 2.0 * d, 0.0) + rounding * t + 2.0 * product)
-        first = 0.5 * (1.0 + (1.0 - d + product) / total)
-        second = 0.5 * (1.0 + (t - 2.0 + rounding) / total)
-        out[0, i] = first * m11[i] + second * n11[i]
-        out[1, i] = first * m12[i] + second * n12[i]
-        out[2, i] = first * m22[i] + second * n22[i]
+        c1 = 0.5 * (1.0 + (1.0 - d + product) / total)
+        c2 = 0.5 * (1.0 + (t - 2.0 + rounding) / total)
+        out[0, i] = c1 * m11[i] + c2 * n11[i]
+        out[1, i] = c1 * m12[i] + c2 * n12[i]
+        out[2, i] = c1 * m22[i] + c2 * n22[i]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,7 @@ BLOCK_POINTS = 1 << 14
 """Points of a block of cells: this bounds the memory, and a block stays in the cache."""
 
 
-@dataclass(frozen=True, eq=False)
-class CellPoints:
+class CellPoints(NamedTuple):
     """Points (s, t) of the unit square with weights, flat arrays: s runs with xi, t with eta."""
 
     s: Array
@@ -33,8 +33,7 @@ class CellPoints:
         return cls(s.ravel(), t.ravel(), np.outer(weights, weights).ravel() / 4.0)
 
 
-@dataclass(frozen=True, eq=False)
-class CellMap:
+class CellMap(NamedTuple):
     """The bilinear map at points of some cells: position, Jacobian matrix and its determinant.
 
     All of shape ``(points, cells)``.

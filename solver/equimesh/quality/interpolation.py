@@ -10,7 +10,7 @@ import numpy as np
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, IntArray
+from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cells import BilinearCells, CellMap, CellPoints
 
 MIN_SAMPLED_CELLS = 30_000
@@ -119,18 +119,14 @@ def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | 
         size = max(size, float(np.abs(values).max()))
         at = cells.at(rule.inner, block)
         there, u_x, u_y = u.evaluate(at.x, at.y, order=1)
-        _add_errors(values, there, u_x, u_y, rule.inner, at, sums)
+        add_values(values, there, rule.inner, at.det, sums)
+        add_gradients(values, (u_x, u_y), rule.inner, at, sums)
         if rule.edge.s.size:
             at = cells.at(rule.edge, block)
             (there,) = u.evaluate(at.x, at.y)
-            add_values(values, there, rule.edge.s, rule.edge.t, rule.edge.weights, at.det, sums)
+            add_values(values, there, rule.edge, at.det, sums)
     share = 1.0 if numbers is None else numbers.size / cells.count
     return math.sqrt(sums[0] / share), math.sqrt(sums[1] / share), size
-
-
-def _add_errors(values: Array, u: Array, u_x: Array, u_y: Array, points: CellPoints, at: CellMap, sums: Array) -> None:
-    add_values(values, u, points.s, points.t, points.weights, at.det, sums)
-    add_gradients(values, u_x, u_y, points.s, points.t, points.weights, at.x_s, at.y_s, at.x_t, at.y_t, at.det, sums)
 
 
 def sample(shape: tuple[int, int]) -> IntArray | None:
@@ -151,8 +147,9 @@ def _gain(uniform: float, adapted: float, rounding: float) -> float:
 
 
 @compiled
-def add_values(corner: Array, u: Array, s: Array, t: Array, weights: Array, det: Array, sums: Array) -> None:
+def add_values(corner: Array, u: Array, points: CellPoints, det: Array, sums: Array) -> None:
     """To ``sums[0]`` the weighted squares of the bilinear interpolant of ``corner`` values minus ``u``."""
+    s, t, weights = points
     total = 0.0
     for p in range(u.shape[0]):
         a, b, c, d = (1.0 - s[p]) * (1.0 - t[p]), s[p] * (1.0 - t[p]), s[p] * t[p], (1.0 - s[p]) * t[p]
@@ -163,11 +160,10 @@ def add_values(corner: Array, u: Array, s: Array, t: Array, weights: Array, det:
 
 
 @compiled
-def add_gradients(
-    corner: Array, u_x: Array, u_y: Array, s: Array, t: Array, weights: Array,
-    x_s: Array, y_s: Array, x_t: Array, y_t: Array, det: Array, sums: Array,
-) -> None:  # fmt: skip
+def add_gradients(corner: Array, gradient: Pair, points: CellPoints, at: CellMap, sums: Array) -> None:
     """To ``sums[1]`` the weighted squares of the gradient of the interpolant minus that of u."""
+    (u_x, u_y), (s, t, weights) = gradient, points
+    _, _, x_s, y_s, x_t, y_t, det = at
     total = 0.0
     for p in range(u_x.shape[0]):
         for k in range(u_x.shape[1]):

@@ -1,17 +1,83 @@
-"""Compiled loops over a mesh: cell metrics, one sweep of line corrections, the fold check, and interpolation.
+"""Compiled loops over a mesh: cell metrics, one sweep of line corrections, and sums of squared metric lengths.
 
-All arrays are C-contiguous, of shape ``(n_xi, n_eta)`` unless said otherwise. Coordinate differences are not divided
-by the spacing: a flux here is the squared metric length of an edge. The kernels hold no interpreter lock, are compiled
-once per machine, and call no user code. Those that work on some rows of a mesh only touch no others, so that rows can
-be shared out among threads.
+All arrays are C-contiguous, of shape ``(n_xi, n_eta)`` unless another one is given. Coordinate differences are not
+divided by the spacing: a flux here is the squared metric length of an edge. The kernels hold no interpreter lock, are
+compiled once per machine, and call no user code. A kernel that works on some rows of a mesh touches no others, so that
+threads can share the rows.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from equimesh.numerics.compiled import compiled, vectorised
+from equimesh.numerics.compiled import compiled, inlined, vectorised
 from equimesh.numerics.types import Array, IntArray
+
+
+class Nodes(NamedTuple):
+    """The positions of all nodes of a mesh."""
+
+    x: Array
+    y: Array
+
+
+class Strip(NamedTuple):
+    """The node rows ``first`` to ``last - 1``; the xi-edges from rows below ``summed`` belong to the xi-lines."""
+
+    first: int
+    last: int
+    summed: int
+
+
+class Lines(NamedTuple):
+    """Grid lines of one direction, from node ``first`` to ``last``, and what lies beyond them outside the window.
+
+    There, ``beyond`` edges follow at the lower and the upper end. Their squared metric lengths sum to ``rest``, of
+    shape ``(2, lines)``.
+    """
+
+    first: int
+    last: int
+    rest: Array
+    beyond: tuple[float, float]
+
+
+class Levels(NamedTuple):
+    """For each xi-line, ``(n_eta,)``: the ``mean`` squared metric length of its edges, and the ``shift``.
+
+    By the shift ``-2 P`` grows from row to row, because the sides move.
+    """
+
+    mean: Array
+    shift: Array
+
+
+class SidePair(NamedTuple):
+    """Nodes along two opposite sides: their positions ``t``, u and the normal derivative ``u_n``, of shape ``(2, n)``.
+
+    ``base`` of shape ``(3, 2, n - 1)`` is the pointwise part of the metric at the middles of the edges, its tangential
+    entry first.
+    """
+
+    t: Array
+    u: Array
+    u_n: Array
+    base: Array
+
+
+class Moved(NamedTuple):
+    """What a sweep makes of the nodes: their new positions ``x`` and ``y``, and what the xi-lines need.
+
+    ``along_p`` of shape ``(2, n_xi, n_eta)`` is the move per ``-2 P``, ``squares[i]`` the squared metric lengths of the
+    xi-edges from row i.
+    """
+
+    x: Array
+    y: Array
+    along_p: Array
+    squares: Array
 
 
 @vectorised
@@ -55,34 +121,22 @@ def arc_length_cells_on(x: Array, y: Array, u: Array, a2: float, b: float, m: Ar
 
 @compiled
 def side_moves(
-    t: Array,
-    u: Array,
-    u_n: Array,
-    base: Array,
-    a2: float,
-    b: float,
-    physical: tuple[bool, bool],
-    span: tuple[int, int],
-    rest: Array,
-    beyond: tuple[float, float],
-    flux: Array,
-    moves: Array,
+    sides: SidePair, strength: tuple[float, float], physical: tuple[bool, bool], lines: Lines, flux: Array, moves: Array
 ) -> tuple[float, float]:
-    """Corrections ``moves`` of the nodes at ``t`` along two opposite sides; all of shape ``(2, n)``.
+    """Corrections ``moves`` of the nodes along two opposite sides, of shape ``(2, n)``, and the ``flux`` of edges.
 
-    ``base`` of shape ``(3, 2, n - 1)`` is the pointwise part of the metric at the middles of the edges, its tangential
-    entry first. Sides that are not ``physical`` are left alone. The lines run from node ``span[0]`` to ``span[1]``, and
-    on over ``beyond`` edges outside the window, whose squared metric lengths sum to ``rest[side]``. ``flux`` receives
-    the squared metric lengths of the edges. Returns the largest relative deviation of one from the mean of its line,
-    and the largest move.
+    ``strength`` is ``a^2`` and ``b`` of the arc length. Sides that are not ``physical`` are left alone. Returns the
+    largest relative deviation of a flux from the mean of its line, and the largest move.
     """
+    t, u, u_n, base = sides
+    a2, b = strength
+    first, last, rest, beyond = lines
     n = t.shape[1]
-    first, last = span
     deviation, largest = 0.0, 0.0
     for side in range(2):
         if not physical[side]:
             continue
-        total = rest[side, 0] + rest[side, 1]
+        total = rest[0, side] + rest[1, side]
         for e in range(n - 1):
             d, du, normal = t[side, e + 1] - t[side, e], u[side, e + 1] - u[side, e], u_n[side, e + 1] + u_n[side, e]
             b11, b12, b22 = base[0, side, e], base[1, side, e], base[2, side, e]
@@ -92,7 +146,7 @@ def side_moves(
             if first <= e < last:
                 total += flux[side, e]
         mean = total / (last - first + beyond[0] + beyond[1])
-        running = rest[side, 0] - beyond[0] * mean
+        running = rest[0, side] - beyond[0] * mean
         moves[side, :] = 0.0
         for e in range(first, n - 1):
             if e > 0:
@@ -129,34 +183,17 @@ def end_edges(x: Array, y: Array, m: Array, row: int, moved: Array, push: Array,
 
 
 @vectorised
-def eta_corrections(
-    x: Array,
-    y: Array,
-    m: Array,
-    first: int,
-    last: int,
-    moved: Array,
-    span: tuple[int, int],
-    rest: Array,
-    beyond: tuple[float, float],
-    summed: int,
-    new_x: Array,
-    new_y: Array,
-    along_p: Array,
-    squares: Array,
-    sums: Array,
-) -> float:
-    """Node rows ``first`` to ``last - 1`` with the corrections of their eta-lines, and what the xi-lines need of them.
+def eta_corrections(nodes: Nodes, m: Array, strip: Strip, moved: Array, lines: Lines, out: Moved, sums: Array) -> float:
+    """The node rows of a strip with the corrections of their eta-lines, and what the xi-lines need of them.
 
-    ``m`` holds the cell rows from ``first - 1`` on, ``moved`` of shape ``(2, n_xi)`` the moves of the bottom and top
-    nodes along xi. The eta-lines run from node ``span[0]`` to ``span[1]``, and on over ``beyond`` edges outside the
-    window, whose squared metric lengths sum to ``rest``, of shape ``(2, n_xi)``. ``new_x`` and ``new_y`` receive the
-    nodes moved by the part of the correction that Q makes, ``along_p`` of shape ``(2, n_xi, n_eta)`` what they move by
-    per ``-2 P``, ``squares[i]`` the squared metric lengths of the xi-edges from row i, ``sums`` their sum over the rows
-    below ``summed``. Returns the largest relative deviation along the eta-lines.
+    ``m`` holds the cell rows from ``strip.first - 1`` on, ``moved`` of shape ``(2, n_xi)`` the moves of the bottom and
+    top nodes along xi. ``out`` receives the nodes moved by the part of the correction that Q makes, ``sums`` the sums
+    of ``out.squares`` over the rows below ``strip.summed``. Returns the largest relative deviation along the lines.
     """
+    x, y = nodes
+    first, last, summed = strip
+    bottom, top, rest, beyond = lines
     n_eta = x.shape[1]
-    bottom, top = span
     edges = top - bottom + beyond[0] + beyond[1]
     flux, running = np.empty(n_eta), np.empty(n_eta)
     deviation = 0.0
@@ -164,7 +201,7 @@ def eta_corrections(
         sums[j] = 0.0
     for i in range(first, last):
         c = i - first
-        x0, x1, x2, y0, y1, y2 = x[i - 1], x[i], x[i + 1], y[i - 1], y[i], y[i + 1]
+        x1, y1 = x[i], y[i]
         a11, a12, a22, b11, b12, b22 = m[0, c], m[1, c], m[2, c], m[0, c + 1], m[1, c + 1], m[2, c + 1]
         total = rest[0, i] + rest[1, i]
         for j in range(bottom, top):
@@ -187,53 +224,53 @@ def eta_corrections(
         for j in range(bottom + 1, n_eta - 1):
             sum_so_far += flux[j - 1] - level
             running[j] = sum_so_far
-        row_x, row_y, p_x, p_y, square = new_x[i], new_y[i], along_p[0, i], along_p[1, i], squares[i]
-        for j in range(1, n_eta - 1):
-            p11 = 0.25 * (a11[j - 1] + a11[j] + b11[j - 1] + b11[j])
-            p12 = 0.25 * (a12[j - 1] + a12[j] + b12[j - 1] + b12[j])
-            p22 = 0.25 * (a22[j - 1] + a22[j] + b22[j - 1] + b22[j])
-            ex, ey = 0.5 * (x2[j] - x0[j]), 0.5 * (y2[j] - y0[j])
-            fx, fy = 0.5 * (x1[j + 1] - x1[j - 1]), 0.5 * (y1[j + 1] - y1[j - 1])
-            a, b, c_, d = p11 * ex + p12 * ey, p12 * ex + p22 * ey, p11 * fx + p12 * fy, p12 * fx + p22 * fy
-            inverse = -0.5 / (a * d - b * c_)
-            row_x[j] = x1[j] - b * inverse * running[j]
-            row_y[j] = y1[j] + a * inverse * running[j]
-            p_x[j] = d * inverse
-            p_y[j] = -c_ * inverse
-            gx, gy = x2[j] - x1[j], y2[j] - y1[j]
-            square[j] = 0.5 * (
-                (b11[j - 1] + b11[j]) * gx * gx
-                + 2.0 * (b12[j - 1] + b12[j]) * gx * gy
-                + (b22[j - 1] + b22[j]) * gy * gy
-            )
+        move_row(nodes, m, i, c, running, out)
         if i < summed:
+            square = out.squares[i]
             for j in range(1, n_eta - 1):
                 sums[j] += square[j]
     return deviation
 
 
+@inlined
+def move_row(nodes: Nodes, m: Array, i: int, c: int, running: Array, out: Moved) -> None:
+    """Node row ``i`` of :func:`eta_corrections`, between cell rows ``c`` and ``c + 1``; ``running`` is its ``-2 Q``."""
+    x, y = nodes
+    n_eta = x.shape[1]
+    x0, x1, x2, y0, y1, y2 = x[i - 1], x[i], x[i + 1], y[i - 1], y[i], y[i + 1]
+    a11, a12, a22, b11, b12, b22 = m[0, c], m[1, c], m[2, c], m[0, c + 1], m[1, c + 1], m[2, c + 1]
+    row_x, row_y, p_x, p_y, square = out.x[i], out.y[i], out.along_p[0, i], out.along_p[1, i], out.squares[i]
+    for j in range(1, n_eta - 1):
+        p11 = 0.25 * (a11[j - 1] + a11[j] + b11[j - 1] + b11[j])
+        p12 = 0.25 * (a12[j - 1] + a12[j] + b12[j - 1] + b12[j])
+        p22 = 0.25 * (a22[j - 1] + a22[j] + b22[j - 1] + b22[j])
+        ex, ey = 0.5 * (x2[j] - x0[j]), 0.5 * (y2[j] - y0[j])
+        fx, fy = 0.5 * (x1[j + 1] - x1[j - 1]), 0.5 * (y1[j + 1] - y1[j - 1])
+        a, b, c_, d = p11 * ex + p12 * ey, p12 * ex + p22 * ey, p11 * fx + p12 * fy, p12 * fx + p22 * fy
+        inverse = -0.5 / (a * d - b * c_)
+        row_x[j] = x1[j] - b * inverse * running[j]
+        row_y[j] = y1[j] + a * inverse * running[j]
+        p_x[j] = d * inverse
+        p_y[j] = -c_ * inverse
+        gx, gy = x2[j] - x1[j], y2[j] - y1[j]
+        square[j] = 0.5 * (
+            (b11[j - 1] + b11[j]) * gx * gx + 2.0 * (b12[j - 1] + b12[j]) * gx * gy + (b22[j - 1] + b22[j]) * gy * gy
+        )
+
+
 @compiled
 def line_sums(
-    first: Array,
-    sums: Array,
-    rows: IntArray,
-    pushes: Array,
-    has_first: bool,
-    rest: Array,
-    beyond: tuple[float, float],
-    mean: Array,
-    shift: Array,
-    starts: Array,
+    first: Array, sums: Array, rows: IntArray, pushes: Array, lines: Lines, levels: Levels, starts: Array
 ) -> float:
     """What the xi-lines need to be corrected strip by strip, from the sums of each strip of rows.
 
-    ``first`` holds the squared metric lengths of the first edges, which belong to the lines where ``has_first``,
-    ``sums`` of shape ``(strips, n_eta)`` those summed over the ``rows`` edges of each strip, ``pushes`` of shape
-    ``(2, n_eta)`` ``-2 P`` on the left and right side. The lines run on over ``beyond`` edges outside the window, whose
-    squared metric lengths sum to ``rest`` of shape ``(2, n_eta)``. ``mean`` and ``shift`` are as
-    :func:`xi_corrections` takes them, ``starts`` its ``running`` for every strip. Returns the largest relative
-    deviation of a first edge.
+    ``first`` holds the squared metric lengths of the first edges, which belong to lines from node 0, ``sums`` of shape
+    ``(strips, n_eta)`` those summed over the ``rows`` edges of each strip, ``pushes`` of shape ``(2, n_eta)`` ``-2 P``
+    on the left and right side. Fills in ``levels`` and, in ``starts``, the ``running`` of :func:`xi_corrections` for
+    every strip. Returns the largest relative deviation of a first edge.
     """
+    has_first, rest, beyond = lines.first == 0, lines.rest, lines.beyond
+    mean, shift = levels
     strips, n_eta = sums.shape
     edges = beyond[0] + beyond[1]
     if has_first:
@@ -261,27 +298,16 @@ def line_sums(
 
 
 @vectorised
-def xi_corrections(
-    x: Array,
-    y: Array,
-    first: int,
-    last: int,
-    summed: int,
-    mean: Array,
-    shift: Array,
-    running: Array,
-    squares: Array,
-    along_p: Array,
-    new_x: Array,
-    new_y: Array,
-    largest: Array,
-) -> None:
-    """Add the corrections of the xi-lines to node rows ``first`` to ``last - 1`` of ``new_x`` and ``new_y``.
+def xi_corrections(nodes: Nodes, strip: Strip, levels: Levels, running: Array, out: Moved, largest: Array) -> None:
+    """Add the corrections of the xi-lines to the node rows of a strip in ``out``.
 
-    ``running`` is ``-2 P`` at row ``first``, and is carried on; ``mean`` that of the squared metric lengths of each
-    line, ``shift`` what ``-2 P`` grows by from row to row for the moves of the sides. ``largest`` receives the largest
-    relative deviation from the mean in the rows below ``summed``, and the largest move of a coordinate.
+    ``running`` is ``-2 P`` at the first row, and is carried on. ``largest`` receives the largest relative deviation
+    from the mean in the rows below ``strip.summed``, and the largest move of a coordinate.
     """
+    x, y = nodes
+    first, last, summed = strip
+    mean, shift = levels
+    new_x, new_y, along_p, squares = out
     n_eta = x.shape[1]
     deviation, move = 0.0, 0.0
     for i in range(first, last):
@@ -300,13 +326,15 @@ def xi_corrections(
 
 @vectorised
 def segment_sums(
-    x: Array, y: Array, m: Array, begin: int, last: int, cuts: IntArray, along_xi: Array, along_eta: Array
+    nodes: Nodes, m: Array, rows: tuple[int, int], cuts: IntArray, along_xi: Array, along_eta: Array
 ) -> None:
-    """Sums of the squared metric lengths of edges, those from node rows ``begin`` to ``last - 1``.
+    """Sums of the squared metric lengths of edges, those from node rows ``rows[0]`` to ``rows[1] - 1``.
 
     ``m`` holds the cell rows that meet in these node rows. ``along_xi[j]`` receives the sum of the xi-edges that begin
     in the rows, ``along_eta[s, i]`` that of the eta-edges of row i between the nodes ``cuts[s]`` and ``cuts[s + 1]``.
     """
+    x, y = nodes
+    begin, last = rows
     n_eta = x.shape[1]
     first = max(begin, 1)
     for j in range(n_eta):

@@ -10,8 +10,8 @@ import numpy as np
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric, Tensor
 from equimesh.numerics.types import Array
-from equimesh.sweeps import kernels
 from equimesh.sweeps.frame import WHOLE, Frame
+from equimesh.sweeps.kernels import Lines, SidePair, side_moves
 
 
 def finite_or_infinite(number: float) -> float:
@@ -27,12 +27,12 @@ class Sides:
     ) -> None:
         self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
         arc_length = metric.arc_length
-        self._a2, self._b = (arc_length.a**2, arc_length.b) if arc_length is not None else (0.0, 0.0)
+        self._strength = (arc_length.a**2, arc_length.b) if arc_length is not None else (0.0, 0.0)
+        self._lines = [Lines(*frame.span(k, shape[k]), np.zeros((2, 2)), frame.beyond[k]) for k in (1, 0)]
         n_xi, n_eta = shape
         self._ends_xi, self._ends_eta = np.repeat([0.0, 1.0], n_eta), np.repeat([0.0, 1.0], n_xi)
         self._base = self._unit_base() if metric.on_unit_square and arc_length is not None else None
         self.fluxes = np.zeros((2, n_eta - 1)), np.zeros((2, n_xi - 1))
-        self._nothing = np.zeros((2, n_eta)), np.zeros((2, n_xi))
 
     def moves(
         self, x: Array, y: Array, nodal: Tensor | None = None, rest: tuple[Array, Array] | None = None
@@ -44,33 +44,28 @@ class Sides:
         :attr:`fluxes` are then the squared metric lengths of the edges, of shape ``(2, n_eta - 1)`` on the left and
         right side and ``(2, n_xi - 1)`` on the others.
         """
-        rest = self._nothing if rest is None else rest
         n_xi, n_eta = self.shape
         moves = np.zeros((2, n_eta)), np.zeros((2, n_xi))
         if self.boundary is Boundary.ORTHOGONAL or not any(map(any, self.frame.physical)):
             return 0.0, 0.0, *moves
         deviation = largest = 0.0
-        for axis, (t, u, u_n, base) in enumerate(self._lines(x, y, nodal)):
-            found, move = kernels.side_moves(
-                t,
-                u,
-                u_n,
-                base,
-                self._a2,
-                self._b,
+        for axis, pair in enumerate(self._pairs(x, y, nodal)):
+            lines = self._lines[axis]
+            if rest is not None:
+                lines = lines._replace(rest=rest[1 - axis][:, [0, -1]].copy())
+            found, move = side_moves(
+                pair,
+                self._strength,
                 self.frame.physical[axis],
-                self.frame.span(1 - axis, t.shape[1]),
-                np.ascontiguousarray(rest[1 - axis][:, [0, -1]].T),
-                self.frame.beyond[1 - axis],
+                lines,
                 self.fluxes[axis],
                 moves[axis],
             )
             deviation, largest = max(deviation, finite_or_infinite(found)), max(largest, move)
         return deviation, largest, *moves
 
-    def _lines(self, x: Array, y: Array, nodal: Tensor | None) -> Iterator[tuple[Array, Array, Array, Array]]:
-        """Positions along the sides, u and the normal derivative of it that the boundary condition sees, and the metric
-        at the middles of the edges: of the left and right side, then of the bottom and top one."""
+    def _pairs(self, x: Array, y: Array, nodal: Tensor | None) -> Iterator[SidePair]:
+        """The left and right side, then the bottom and top one; ``u_n`` is what the boundary condition sees of it."""
         n_xi, n_eta = self.shape
         t_eta, t_xi = y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy()
         if nodal is None:
@@ -79,7 +74,7 @@ class Sides:
             u_eta = nodal[0][:: n_xi - 1].copy(), nodal[1][:: n_xi - 1].copy()
             u_xi = nodal[0].T[:: n_eta - 1].copy(), nodal[2].T[:: n_eta - 1].copy()
         for t, (u, u_n), base in zip((t_eta, t_xi), (u_eta, u_xi), self._base or self._bases(t_eta, t_xi), strict=True):
-            yield t, u, np.zeros_like(u_n) if self.boundary is Boundary.EQUIDISTRIBUTED_1D else u_n, base
+            yield SidePair(t, u, np.zeros_like(u_n) if self.boundary is Boundary.EQUIDISTRIBUTED_1D else u_n, base)
 
     def _evaluated(self, t_eta: Array, t_xi: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """u and its normal derivative on the left and right sides, and on the bottom and top."""

@@ -23,6 +23,7 @@ from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels
 from equimesh.sweeps.frame import WHOLE, Frame
+from equimesh.sweeps.kernels import Levels, Lines, Moved, Nodes, Strip
 from equimesh.sweeps.sides import Sides, finite_or_infinite
 
 # Nodes of a strip of rows: its intermediate arrays stay in the cache.
@@ -67,15 +68,14 @@ class Sweep:
         self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # it only has to point the way
         n_xi, n_eta = shape
         rows = max(MIN_STRIP_ROWS, -(-STRIP_NODES // n_eta))
-        self._strips = [(first, min(first + rows, n_xi - 1)) for first in range(1, n_xi - 1, rows)]
+        summed = frame.span(0, n_xi)[1]
+        self._strips = [Strip(first, min(first + rows, n_xi - 1), summed) for first in range(1, n_xi - 1, rows)]
+        self._rows = np.array([min(strip.last, summed) - strip.first for strip in self._strips])
         self._threads = min(threads, len(self._strips)) if n_xi * n_eta >= MIN_THREADED_NODES else 1
         self._cells = np.empty((self._threads, 3, min(rows, n_xi - 2) + 1, n_eta - 1))
-        self._spans = frame.span(0, n_xi), frame.span(1, n_eta)
-        self._summed = self._spans[0][1]  # xi-edges count from rows below this one
-        self._rows = np.array([min(last, self._summed) - first for first, last in self._strips])
-        self._nothing = np.zeros((2, n_eta)), np.zeros((2, n_xi))
+        self._lines = [Lines(*frame.span(k, shape[k]), np.zeros((2, shape[1 - k])), frame.beyond[k]) for k in (0, 1)]
         self._sums, self._starts = np.empty((len(self._strips), n_eta)), np.empty((len(self._strips), n_eta))
-        self._pushes, self._mean, self._shift = np.zeros((2, n_eta)), np.ones(n_eta), np.zeros(n_eta)
+        self._pushes, self._levels = np.zeros((2, n_eta)), Levels(np.ones(n_eta), np.zeros(n_eta))
         self._found = np.zeros((len(self._strips), 3))
         self._sides = Sides(metric, boundary, shape, frame)
 
@@ -85,27 +85,25 @@ class Sweep:
         ``rest`` is what lies beyond the yielding sides: the sums of the squared metric lengths of the edges there, of
         shape ``(2, n_eta)`` at the two ends of the xi-lines, ``(2, n_xi)`` at those of the eta-lines.
         """
-        across_xi, across_eta = self._nothing if rest is None else rest
+        lines = (
+            self._lines if rest is None else [k._replace(rest=sums) for k, sums in zip(self._lines, rest, strict=True)]
+        )
         with np.errstate(all="ignore"):
             nodal = self.metric.u_with_gradient(x, y) if x.size <= MAX_NODES_AT_ONCE else None
-            sides, side_move, along_eta, along_xi = self._sides.moves(x, y, nodal, (across_xi, across_eta))
-            u = None if nodal is None else nodal[0]
-            run_on_threads(
-                self._threads, lambda k: self._correct_along_eta(k, x, y, u, along_eta, along_xi, across_eta)
-            )
+            sides, side_move, along_eta, along_xi = self._sides.moves(x, y, nodal, rest)
+            u, along = None if nodal is None else nodal[0], (along_eta, along_xi)
+            nodes, out = Nodes(x, y), Moved(self.new_x, self.new_y, self._along_p, self._squares)
+            run_on_threads(self._threads, lambda k: self._correct_along_eta(k, nodes, u, along, lines[1], out))
             ends = kernels.line_sums(
                 self._squares[0],
                 self._sums,
                 self._rows,
                 self._pushes,
-                self._spans[0][0] == 0,
-                across_xi,
-                self.frame.beyond[0],
-                self._mean,
-                self._shift,
+                lines[0],
+                self._levels,
                 self._starts,
             )
-            run_on_threads(self._threads, lambda k: self._correct_along_xi(k, x, y))
+            run_on_threads(self._threads, lambda k: self._correct_along_xi(k, nodes, out))
             along_sides, lag = self._sides.place(x, y, along_eta, along_xi, self.new_x, self.new_y)
         eta, xi, move = self._found.max(axis=0).tolist()
         return Correction(
@@ -119,55 +117,25 @@ class Sweep:
         return moved
 
     def _correct_along_eta(
-        self, worker: int, x: Array, y: Array, u: Array | None, along_eta: Array, along_xi: Array, rest: Array
+        self, worker: int, nodes: Nodes, u: Array | None, along: tuple[Array, Array], lines: Lines, out: Moved
     ) -> None:
+        (x, y), (along_eta, along_xi) = nodes, along
         for k in range(worker, len(self._strips), self._threads):
-            first, last = self._strips[k]
-            cells = self._cells[worker, :, : last - first + 1]
-            rows = slice(first - 1, last + 1)
+            strip = self._strips[k]
+            cells = self._cells[worker, :, : strip.last - strip.first + 1]
+            rows = slice(strip.first - 1, strip.last + 1)
             cell_metrics(self.metric, x[rows], y[rows], cells, None if u is None else u[rows])
-            if first == 1:
+            if strip.first == 1:
                 kernels.end_edges(x, y, cells, 0, along_eta[0], self._pushes[0], self._squares[0])
-            if last == self.shape[0] - 1:
+            if strip.last == self.shape[0] - 1:
                 kernels.end_edges(x, y, cells, -1, along_eta[1], self._pushes[1], self._squares[0])
             self._found[k, 0] = finite_or_infinite(
-                kernels.eta_corrections(
-                    x,
-                    y,
-                    cells,
-                    first,
-                    last,
-                    along_xi,
-                    self._spans[1],
-                    rest,
-                    self.frame.beyond[1],
-                    self._summed,
-                    self.new_x,
-                    self.new_y,
-                    self._along_p,
-                    self._squares,
-                    self._sums[k],
-                )
+                kernels.eta_corrections(nodes, cells, strip, along_xi, lines, out, self._sums[k])
             )
 
-    def _correct_along_xi(self, worker: int, x: Array, y: Array) -> None:
+    def _correct_along_xi(self, worker: int, nodes: Nodes, out: Moved) -> None:
         for k in range(worker, len(self._strips), self._threads):
-            first, last = self._strips[k]
-            kernels.xi_corrections(
-                x,
-                y,
-                first,
-                last,
-                self._summed,
-                self._mean,
-                self._shift,
-                self._starts[k],
-                self._squares,
-                self._along_p,
-                self.new_x,
-                self.new_y,
-                self._found[k, 1:],
-            )
+            kernels.xi_corrections(nodes, self._strips[k], self._levels, self._starts[k], out, self._found[k, 1:])
 
 
 def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:

@@ -1,4 +1,4 @@
-"""Points and point data out of XDMF that somebody sends: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone.
+"""Points and point data of an XDMF file that a caller sends: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone.
 
 Alone it holds its numbers as text. The XML names its arrays as ``mesh.h5:/data0``: the file must be a member of the
 zip, and the array a plain one inside it. Nothing outside is ever opened.
@@ -28,6 +28,7 @@ FILTERS: Final = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FIL
 # MemoryError: the library believes sizes that a broken header gives.
 _BROKEN = (OSError, RuntimeError, LookupError, ValueError, TypeError, OverflowError, MemoryError, zlib.error)
 REMEDY = "send the zip of an .xdmf and its .h5 file, as GET /v1/meshes/{id}/file?format=xdmf gives it"
+AS_ARRAYS = "dolfinx writes such files; send the points and values of the function in an .npz file instead"
 
 
 def read_xdmf(data: bytes, *, max_bytes: int) -> Cloud:
@@ -65,7 +66,7 @@ class _XdmfReader:
     """One XDMF description, and how the arrays are found that it names."""
 
     def __init__(self, description: bytes, member: ReadMember, max_bytes: int) -> None:
-        self.root = parse_xml(description, "xdmf")
+        self.root = parse_xml(description, "xdmf", AS_ARRAYS)
         self.member, self.budget = member, max_bytes
         if self.root.tag != "Xdmf":
             raise SamplesError(f"the xdmf file starts with <{self.root.tag[:40]}>, not with <Xdmf>")

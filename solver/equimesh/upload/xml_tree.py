@@ -1,4 +1,4 @@
-"""The tree of an XML file that somebody sends: no document type, no entities, nothing from elsewhere."""
+"""The tree of an XML file that a caller sends: no document type, no entities, nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ MAX_LEVELS: Final = 50
 MAX_PARTS: Final = 100_000
 
 
-def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
-    """The root of the tree of ``data``; ``kind`` is what to call the file in messages.
+def parse_xml(data: bytes, kind: str, remedy: str = "save it again without them") -> ElementTree.Element:
+    """The root of the tree of ``data``; messages call it a ``kind`` file, and offer a ``remedy`` for a document type.
 
     The parser itself is told to stop at a document type, so that none gets past in another encoding.
     Raises :class:`~equimesh.errors.SamplesError`.
@@ -36,7 +36,7 @@ def parse_xml(data: bytes, kind: str) -> ElementTree.Element:
         builder.end(tag)
 
     def refuse(*_: object) -> NoReturn:
-        raise SamplesError(f"the {kind} file declares entities: save it again without a document type")
+        raise SamplesError(f"the {kind} file declares a document type or entities: {remedy}")
 
     parser = expat.ParserCreate()
     parser.buffer_text = True

@@ -64,6 +64,12 @@ class TestXdmf:
         check_grid(read_samples(path.read_bytes(), path.name))
         check_grid(read_samples(path.read_bytes(), "u.xdmf"))
 
+    def test_what_dolfinx_writes_is_refused_with_a_way_out(self) -> None:
+        """``XDMFFile.write_mesh`` and ``write_function``: the function lies in a series whose mesh is a reference."""
+        head = b'<?xml version="1.0"?><!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>'
+        refused(zipped(a_xdmf=head + IN_H5, a_h5=h5(with_cloud)), "u.zip", "document type", "dolfinx", ".npz")
+        refused(head + IN_H5, "u.xdmf", "document type", "dolfinx", ".npz")
+
     def test_numbers_as_text(self) -> None:
         texts = [" ".join(map(repr, a.ravel().tolist())) for a in (CLOUD, CLOUD_U)]
         points, u = item(texts[0], "44 2", "XML"), item(texts[1], "44", "XML")

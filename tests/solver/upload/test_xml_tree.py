@@ -26,7 +26,7 @@ BOMBS = {
     "not quite as deep": (b"<VTKFile>" + b"<a>" * 40_000 + b"</a>" * 40_000 + b"</VTKFile>", "levels deep"),
     "wide": (b"<VTKFile>" + b"<a/>" * 1_000_000 + b"</VTKFile>", "more than 100000 elements"),
     "many attributes": (b"<VTKFile " + b"".join(b"a%d='' " % k for k in range(500_000)) + b"/>", "attributes"),
-    "entities": (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile>&b;</VTKFile>', "declares entities"),
+    "entities": (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile>&b;</VTKFile>', "or entities: save it again"),
 }
 
 

@@ -57,4 +57,4 @@ class LineSums:
             cells = self._cells[worker, :, : last - first + 1]
             rows = slice(first - 1, last + 1)
             sweep.cell_metrics(self._problem.metric, x[rows], y[rows], cells)
-            kernels.segment_sums(x, y, cells, begin, last, self._cuts[1], along_xi[k], along_eta)
+            kernels.segment_sums(kernels.Nodes(x, y), cells, (begin, last), self._cuts[1], along_xi[k], along_eta)
