@@ -5,10 +5,10 @@
     >>> problem = em.Problem(monitor=em.ArcLength(u=u), grid=em.Grid(n_xi=33, n_eta=33))
     >>> solution = em.solve(problem, em.Schwarz(subdomains=(2, 1)))
     >>> solution.status.sentence
-    'The mesh satisfies the equidistribution equations to the asked tolerance.'
+    'The mesh satisfies the equidistribution equations to the requested tolerance.'
 
 The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistributed Meshes in 2D via Domain
-Decomposition*. Begin reading in ``schwarz_iteration.py``.
+Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the table of contents.
 """
 
 from equimesh.domains.curve import Curve
@@ -52,60 +52,71 @@ from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status
 
-__all__ = [
-    "Acceleration",
-    "AnnulusSector",
-    "ArcLength",
-    "Boundary",
-    "Certificate",
-    "Classical",
-    "Curvature",
-    "Curve",
-    "Decomposition",
-    "DecompositionError",
-    "Domain",
-    "EquimeshError",
-    "Event",
-    "Expression",
-    "ExpressionError",
-    "Field",
+__all__ = [  # noqa: RUF022 - grouped by noun
+    # The problem: a monitor on a grid of a domain
+    "Problem",
     "Grid",
+    "Boundary",
+    # Domains: images of the unit square
+    "Domain",
+    "Rectangle",
+    "AnnulusSector",
+    "Quadrilateral",
+    "Curve",
+    # Fields: functions of x and y with derivatives
+    "Field",
+    "Expression",
     "GridSamples",
-    "Initial",
-    "InputError",
-    "Intersection",
-    "Iteration",
-    "LineData",
-    "LinearRobin",
-    "LocalSolver",
-    "Mesh",
-    "MeshData",
-    "Mode",
-    "Monitor",
+    "ScatteredSamples",
     "NodalField",
+    "transfer",
+    # Monitors: metrics that a mesh equidistributes
+    "Monitor",
+    "ArcLength",
+    "Curvature",
+    "Weight",
+    "Tensor",
+    "Intersection",
+    "Smoothed",
+    # Settings of the Schwarz iteration
+    "Schwarz",
+    "Ordering",
+    "LocalSolver",
+    "Acceleration",
+    "Decomposition",
+    # Transmission conditions between subdomains
+    "TransmissionCondition",
+    "Classical",
+    "LinearRobin",
     "NonlinearRobin",
     "Optimized",
-    "Ordering",
-    "Position",
-    "Problem",
-    "Quadrilateral",
-    "Quality",
-    "Rectangle",
-    "Relaxed",
-    "SamplesError",
-    "ScatteredSamples",
-    "Schwarz",
-    "Smoothed",
-    "Solution",
-    "SolveError",
-    "Status",
-    "Step",
-    "SubdomainRecord",
-    "Tensor",
-    "TransmissionCondition",
-    "Weight",
-    "iterate",
-    "measure",
+    "LineData",
+    # Solving: one call, or a generator of Schwarz iterations
     "solve",
-    "transfer",
+    "iterate",
+    "Initial",
+    "Mode",
+    # Records of a running solve
+    "Event",
+    "Step",
+    "Iteration",
+    "SubdomainRecord",
+    # Results
+    "Solution",
+    "Status",
+    "Certificate",
+    "Relaxed",
+    # Meshes and their quality
+    "Mesh",
+    "MeshData",
+    "Quality",
+    "measure",
+    # Errors, drawn as a tree in ``equimesh/errors.py``
+    "EquimeshError",
+    "InputError",
+    "ExpressionError",
+    "Position",
+    "SamplesError",
+    "DecompositionError",
+    "SolveError",
 ]

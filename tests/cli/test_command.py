@@ -145,7 +145,7 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
 def test_generate_prints_the_certificate(generate: Any) -> None:
     code, out, _ = generate("x", "-n", "5", "--label", "relaxed")
     assert code == 0
-    for words in ("certificate: relaxed", "0.7 asked, 0.35 reached", "warning: The mesh adapts less than asked."):
+    for words in ("certificate: relaxed", "0.7 requested, 0.35 reached", "warning: The mesh adapts less than asked."):
         assert words in out
 
 
@@ -377,7 +377,11 @@ def test_solver_and_client_print_a_certificate_alike() -> None:
     assert "warning: Beware." in str(certificate)
     assert "equation residual     not known" in str(certificate)
     assert "estimated error       not known\n" in str(certificate)
-    for words in ("129 asked, 33 reached", "cross-line term of weight 0.03 added\n", "monitor: 1 asked, 0.12 reached"):
+    for words in (
+        "129 requested, 33 reached",
+        "cross-line term of weight 0.03 added\n",
+        "monitor: 1 requested, 0.12 reached",
+    ):
         assert words in str(certificate)
     known = str(em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain))
     assert "0.00012 of the grid, exact of the solution on it" in known

@@ -1,4 +1,4 @@
-"""What is known of how well a mesh solves what was asked."""
+"""The certificate of a mesh: how well it solves the requested equations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNKNOWN = "not known"
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxed:
-    """One thing that was asked and not reached: ``what`` it is, ``"a"``, ``"strength"``, ``"cross_line"`` or
+    """One thing that was requested and not reached: ``what`` it is, ``"a"``, ``"strength"``, ``"cross_line"`` or
     ``"points"``, the value ``asked`` for and the value ``reached``.
     """
 
@@ -29,13 +29,13 @@ class Relaxed:
 
     def __str__(self) -> str:
         if self.what == "cross_line":
-            return f"cross-line term of weight {_said(self.reached)} added"
-        return f"{NAMES.get(self.what, self.what)}: {_said(self.asked)} asked, {_said(self.reached)} reached"
+            return f"cross-line term of weight {_short(self.reached)} added"
+        return f"{NAMES.get(self.what, self.what)}: {_short(self.asked)} requested, {_short(self.reached)} reached"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """How well a mesh solves what was asked; nan for what is not known.
+    """How well a mesh solves the requested equations; nan for what is not known.
 
     ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is the largest
     relative difference of a squared metric length from the mean of its grid line; ``discretization_error`` and
@@ -84,15 +84,15 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        lines.append(f"  equation residual     {_said(self.equation_residual)}  (of squared metric lengths, relative)")
+        lines.append(f"  equation residual     {_short(self.equation_residual)}  (of squared metric lengths, relative)")
         grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
         lines.append(
             f"  estimated error       {grid}"
             + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
         )
-        lines.append(f"  smallest Jacobian     {_said(self.min_jacobian)}  (1 for the uniform mesh)")
+        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
         if self.interpolation_gain is not None:
-            gains = ", ".join(f"{_said(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
+            gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
@@ -100,7 +100,7 @@ class Certificate:
         return self.table()
 
 
-def _said(value: float) -> str:
+def _short(value: float) -> str:
     """A number in two digits."""
     if not math.isfinite(value):
         return UNKNOWN
@@ -108,4 +108,4 @@ def _said(value: float) -> str:
 
 
 def _error(value: float) -> str:
-    return "exact" if value == 0.0 else _said(value)
+    return "exact" if value == 0.0 else _short(value)

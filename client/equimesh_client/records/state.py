@@ -80,7 +80,7 @@ class MeshState:
 
     @property
     def certificate(self) -> Certificate | None:
-        """How well it solves what was asked, once it is finished: ``print(mesh.certificate)``."""
+        """How well it solves the requested equations, once it is finished: ``print(mesh.certificate)``."""
         found = self.record.get("certificate")
         return Certificate.from_json(found) if isinstance(found, dict) else None
 

@@ -63,7 +63,7 @@ class NodalState:
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows of the system: their numbers, values, and, if asked for, derivatives as triplets.
+    """Some rows of the system: their numbers, values, and, on request, derivatives as triplets.
 
     Row ``r`` is the equation attached to unknown ``r``. ``triplets`` gives (row, column, value) arrays of equal
     length; equal pairs add up.

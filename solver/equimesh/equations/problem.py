@@ -1,4 +1,4 @@
-"""What is asked for: a monitor, a grid, and what places the nodes on the boundary."""
+"""The problem to solve: a monitor, a grid, a domain, and what places the nodes on the boundary."""
 
 from __future__ import annotations
 

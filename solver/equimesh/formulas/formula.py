@@ -1,4 +1,4 @@
-"""Formulas as text made into programs: their parameters checked, and what to say where they are not finite."""
+"""Programs made of formulas as text: their parameters checked, and errors where they are not finite."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def compile_formula(text: object, parameters: Mapping[str, float], language: Lan
 
 
 def raise_culprit(program: Program, at: tuple[float, float], wrong: str, limit: float, *, where: str) -> NoReturn:
-    """Say what is ``wrong``, and name the innermost part whose value or gradient at a point exceeds ``limit``.
+    """Raise an error that names the innermost part whose value or gradient at a point exceeds ``limit``.
 
-    ``where`` is what the formula must be finite on, without an article.
+    ``wrong`` says what is wrong, ``where`` what the formula must be finite on, without an article.
     """
     operation = program.culprit(*at, min(limit, LIMITS.magnitude))
     part = shorten(program.text[operation.start : operation.end])

@@ -85,7 +85,7 @@ def _pole(map: Map, s: Array, t: Array, slope: float) -> Pole:
 
 
 def _levels(box: Box, size: float) -> int:
-    """The halvings after which neighbours in the pattern are still told apart in coordinates of this ``size``."""
+    """The halvings after which neighbours in the pattern still differ in coordinates of this ``size``."""
     extent = min(high - low for low, high in box)
     return max(TRIAL_HALVINGS, MAX_HALVINGS - max(0, math.ceil(math.log2(size / extent)) - SPARE_HALVINGS))
 

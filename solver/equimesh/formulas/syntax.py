@@ -51,7 +51,7 @@ class Operation:
 def parse(text: str, names: Collection[str], language: Language = PLANE) -> list[Operation]:
     """The operations of ``text`` in the order of evaluation, the result last.
 
-    ``names`` are those that may occur, beside the functions of :data:`~equimesh.formulas.vocabulary.FUNCTIONS`.
+    ``names`` are those that may occur, in addition to the functions of :data:`~equimesh.formulas.vocabulary.FUNCTIONS`.
     Raises :class:`~equimesh.errors.ExpressionError`, which carries the position, for everything else.
     """
     tokens = tokenize(text, names, language)

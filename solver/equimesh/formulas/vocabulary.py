@@ -58,7 +58,7 @@ LIMITS = Limits()
 
 @dataclass(frozen=True, kw_only=True)
 class Language:
-    """What the names of a formula mean: its ``variables``, and all ``names`` that it has beside its parameters.
+    """What the names of a formula mean: its ``variables``, and all ``names`` that it has in addition to its parameters.
 
     ``example`` and ``comparison`` show beginners a formula and a comparison; ``foreign`` says of names that belong to
     another kind of formula what to write here.

@@ -31,7 +31,7 @@ def gmsh_text(
     dimension 2 with the next number; a cell's elementary entity is the number of its ``subdomain``, from 1.
 
     Cell data go into ``$ElementNodeData``, the same value at all corners: Gmsh shows them, and readers that know no
-    such section skip it. (meshio refuses a file with ``$ElementData`` as soon as there are edges beside the cells.)
+    such section skip it. (meshio refuses a file with ``$ElementData`` as soon as there are edges next to the cells.)
     """
     edges = np.concatenate(list(sides.values()))
     groups = np.repeat(np.arange(1, len(sides) + 1), [len(side) for side in sides.values()])

@@ -99,7 +99,7 @@ def write_mesh(
     """Write ``data`` to ``path`` and return the files written, the named one first.
 
     ``format`` is a name in :data:`FORMATS`; without it the suffix of ``path`` decides, and a plain ``.xdmf``
-    is then written unpacked, with its three companions ``.h5``, ``_facets.xdmf`` and ``_facets.h5`` beside
+    is then written unpacked, with its three companions ``.h5``, ``_facets.xdmf`` and ``_facets.h5`` next to
     it. ``cells="triangle"`` cuts each quadrilateral on its better diagonal; triangles inherit its cell data.
 
     Point data: ``u``, the ``fields``, and ``xi``, ``eta``, from which a reader without side tags finds the

@@ -17,15 +17,16 @@ MAX_MONITORS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Intersection:
-    """The metric in which no length is less than in any of ``monitors``: cells are as small as each of them asks.
+    """The metric in which no length is less than in any of ``monitors``: cells are as small as each of them requests.
 
-    By simultaneous reduction of two metrics at a time (:func:`equimesh.numerics.spd.intersection`); of more than two
-    the result depends a little on their order. The sizes of the metrics matter: a
+    By simultaneous reduction of two metrics at a time (:func:`equimesh.numerics.spd.intersection`), as in P. J. Frey
+    and F. Alauzet, *Anisotropic mesh adaptation for CFD computations*, Comput. Methods Appl. Mech. Engrg. 194 (2005).
+    Of more than two metrics the result depends slightly on their order. The sizes of the metrics matter: a
     :class:`~equimesh.monitors.tensor.Weight` of 100 outdoes an arc length of u. :attr:`u` is that of the first monitor
     that has one.
 
-    A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for less than 2 or more
-    than 8.
+    A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for fewer than 2 or more
+    than 8 monitors.
     """
 
     monitors: tuple[Monitor, ...]

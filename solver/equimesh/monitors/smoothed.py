@@ -1,4 +1,4 @@
-"""A monitor made smoother: its metric averaged over the neighbourhood of every point."""
+"""A smoothed monitor: its metric averaged over the neighbourhood of every point."""
 
 from __future__ import annotations
 
@@ -64,7 +64,8 @@ class Smoothed:
     ``radius`` is the standard deviation of the Gaussian in units of the shorter extent of the domain's box, in
     (0, 0.25]; below about 1/700 it acts as that. Steep fronts of the metric become at least as wide as the
     radius: raise it when a solve fails. A mean of positive definite matrices is positive definite, and a constant
-    metric stays what it is.
+    metric does not change. Smoothing the monitor is standard practice: W. Huang and R. D. Russell, *Adaptive Moving
+    Mesh Methods*, Springer (2011).
 
     The mean is over the points of the domain only, with the weights of the part of the Gaussian that lies inside:
     nothing is taken from beyond the sides. The monitor is sampled at 512 x 512 points, in :meth:`on`; from then on
@@ -147,7 +148,7 @@ def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
 
 @compiled
 def _spread(points: Pair, weights: Array, metric: Matrices, lattice: Lattice, sums: Array) -> None:
-    """Weighted metrics, and the weights, shared out among the four table points around each sample."""
+    """The weighted metrics, and the weights, distributed over the four table points around each sample."""
     (x, y), (m11, m12, m22) = points, metric
     x0, y0, per_length = lattice
     for k in range(x.size):

@@ -25,7 +25,8 @@ class Weight:
 
     Metric lengths are lengths times ``sqrt(rho)``. ``rho`` must be positive on the domain; only its proportions
     matter. ``u``, if given, is the function whose interpolation is measured. A
-    :class:`~equimesh.monitors.monitor.Monitor`.
+    :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` when ``rho`` is no field,
+    and in :meth:`on` where it is not finite and positive.
     """
 
     rho: Field
@@ -69,7 +70,9 @@ class Tensor:
     """The metric with the entries ``m11``, ``m12`` and ``m22``: ``m11 dx^2 + 2 m12 dx dy + m22 dy^2``.
 
     It must be positive definite on the domain; only its proportions matter. ``u``, if given, is the function
-    whose interpolation is measured. A :class:`~equimesh.monitors.monitor.Monitor`.
+    whose interpolation is measured. A :class:`~equimesh.monitors.monitor.Monitor`. Raises
+    :class:`~equimesh.errors.InputError` when an entry is no field, and in :meth:`on` where the metric is not finite
+    and positive definite.
     """
 
     m11: Field

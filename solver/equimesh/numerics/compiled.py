@@ -21,7 +21,7 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def vectorised(function: Callable[P, R]) -> Callable[P, R]:
-    """As :func:`compiled`, for loops whose sums may be reordered, and whose results nobody asks for NaN."""
+    """As :func:`compiled`, for loops whose sums may be reordered, and whose results are never tested for NaN."""
     return _compile(function, fastmath=FAST_MATH)
 
 

@@ -44,9 +44,10 @@ def absolute(matrices: Matrices, rounding: float = 0.0) -> Matrices:
 def intersection(first: Matrices, second: Matrices) -> Matrices:
     """The metric of two by simultaneous reduction: ``v^T M v`` is at least that of either for every v.
 
-    In the basis in which both are diagonal, with the first the identity and the second mu, it is
+    The intersection of metrics of P. J. Frey and F. Alauzet (Comput. Methods Appl. Mech. Engrg. 194, 2005). In the
+    basis in which both are diagonal, with the first the identity and the second mu, it is
     ``max(1, mu)``, rounded upwards where mu is about 1 (by half a percent at 1) so that it depends smoothly on both.
-    Neither more nor less than ``c1 first + c2 second``: no eigenvectors are computed. The order does not matter.
+    It has the form ``c1 first + c2 second``: no eigenvectors are computed. The order does not matter.
     """
     out = np.empty((3, np.size(first[0])))
     _intersection(_flat(first), _flat(second), CORNER_WIDTH, out)

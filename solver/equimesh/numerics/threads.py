@@ -1,4 +1,4 @@
-"""Threads that share out the rows of a mesh."""
+"""Threads that share the rows of a mesh."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def available_cores() -> int:
 
 
 def thread_count(threads: int | None) -> int:
-    """The number of threads asked for, all cores for ``None``; raises :class:`~equimesh.errors.InputError`."""
+    """The requested number of threads, all cores for ``None``; raises :class:`~equimesh.errors.InputError`."""
     if threads is None:
         return min(available_cores(), MAX_THREADS)
     if not isinstance(threads, int) or isinstance(threads, bool) or not 1 <= threads <= MAX_THREADS:

@@ -32,7 +32,7 @@ WORDS = {
 
 def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
     """Draw a Schwarz iteration: its error, or its change where no error is known, with what else ``WORDS`` names, and
-    max ``Q_eq``; marked are the iterations in which something else was done than asked.
+    max ``Q_eq``; iterations that did something else than requested are marked.
 
     ``convergence`` is the JSON object of ``GET /v1/meshes/{id}/convergence``. Where there are at most
     ``MAX_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse.

@@ -88,7 +88,7 @@ def angles_and_edges(x: Array, y: Array, valid: BoolArray, sine: Array, skewness
 
 @compiled
 def size_ratios(rows: int, columns: int, valid: BoolArray, area: Array, out: Array) -> None:
-    """Larger area over smaller, the largest over the edge neighbours; infinite on folded cells and beside them."""
+    """Larger area over smaller, the largest over the edge neighbours; infinite on folded cells and next to them."""
     for k in range(valid.size):
         i, j = k // columns, k % columns
         largest = 1.0 if valid[k] else np.inf

@@ -1,4 +1,4 @@
-"""How well a mesh interpolates u, beside the uniform mesh of its size."""
+"""How well a mesh interpolates u, compared with the uniform mesh of its size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from equimesh.quality.cells import BilinearCells, CellMap, CellPoints
 
 MIN_SAMPLED_CELLS = 30_000
 """Cells that :func:`interpolation_errors` looks at, or up to three times as many; on smaller meshes all of them."""
-SAMPLING = ((34, 13), (13, 5), (5, 2))  # one cell of so many, and the shift of the sample from row to row
+SAMPLING = ((34, 13), (13, 5), (5, 2))  # one cell of this many; the shift from row to row
 ROUNDING_SHARE = 1e-13
 """Share of u that counts as rounding in its values."""
 

@@ -27,7 +27,7 @@ from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import ErrorRule, InterpolationErrors, errors_of, sample
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
-"""Gauss points per direction and cell, on meshes of at most so many cells."""
+"""Gauss points per direction and cell, on meshes of at most this many cells: ``(cells, points)``."""
 GAUSS_POINTS_BEYOND = 2
 """On larger meshes, whose cells see hardly any of the monitor's variation."""
 

@@ -1,4 +1,4 @@
-"""The certificate of a mesh: what it was asked to be, what it is, and what to know before using it."""
+"""The certificate of a mesh: the requested equations, the solved ones, and what to know before using it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Relaxed:
 
     ``"a"``, or ``"strength"`` for other monitors than arc length, is the strength of the adaptation; ``"cross_line"``
     the weight of the cross-line term that was added to the equations; ``"points"`` the points a side of the grid that
-    the equations were solved on, before the mesh was interpolated to the asked one.
+    the equations were solved on, before the mesh was interpolated to the requested one.
     """
 
     what: str
@@ -34,31 +34,38 @@ class Relaxed:
 
     def __str__(self) -> str:
         if self.what == "cross_line":
-            return f"cross-line term of weight {_said(self.reached)} added"
-        return f"{NAMES.get(self.what, self.what)}: {_said(self.asked)} asked, {_said(self.reached)} reached"
+            return f"cross-line term of weight {_short(self.reached)} added"
+        return f"{NAMES.get(self.what, self.what)}: {_short(self.asked)} requested, {_short(self.reached)} reached"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """What is known of a mesh, measured on the mesh itself wherever it can be.
-
-    ``equation_residual`` is the largest relative difference of a squared metric length from the mean of its grid line,
-    in the equations that were asked for: 0 on an exact solution, also where ``relaxed`` ones were solved.
-    ``discretization_error`` and ``algebraic_error`` are estimates of the largest error of a node's coordinate, in units
-    of the reference square, that come of the grid and of stopping the iteration; ``None`` where not known.
-    ``min_jacobian`` is the smallest corner Jacobian, positive on every valid mesh and 1 on the uniform one of a
-    rectangle. ``interpolation`` compares the mesh with the uniform one, ``None`` where there is no u.
-    """
+    """How well a mesh solves the requested equations, measured on the mesh itself wherever possible."""
 
     status: Status
+    """How the solve ended."""
     mode: Mode | None
+    """When a single-domain solve was done; ``None`` for a Schwarz iteration."""
     equation_residual: float
+    """The largest relative difference of a squared metric length from the mean of its grid line.
+
+    It is that of the requested equations, also where ``relaxed`` ones were solved: 0 on their exact solution.
+    """
     min_jacobian: float
+    """The smallest corner Jacobian: positive on every valid mesh, 1 on the uniform mesh of a rectangle."""
     discretization_error: float | None = None
+    """Estimate of the largest error of a node's coordinate that the grid causes, in units of the reference square.
+
+    ``None`` where it is not known.
+    """
     algebraic_error: float | None = None
+    """The same for stopping the iteration."""
     relaxed: tuple[Relaxed, ...] = ()
+    """What differs between the requested and the solved equations; empty where nothing does."""
     warnings: tuple[str, ...] = ()
+    """Sentences to read before using the mesh."""
     interpolation: InterpolationErrors | None = None
+    """The errors of interpolating u on the mesh and on the uniform one; ``None`` where there is no u."""
 
     def summary(self) -> dict[str, Any]:
         """The certificate as plain Python data, ready for JSON; a number that is not known or finite is ``None``."""
@@ -79,20 +86,20 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.value.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        lines.append(f"  equation residual     {_said(self.equation_residual)}  (of squared metric lengths, relative)")
+        lines.append(f"  equation residual     {_short(self.equation_residual)}  (of squared metric lengths, relative)")
         grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
         lines.append(
             f"  estimated error       {grid}"
             + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
         )
-        lines.append(f"  smallest Jacobian     {_said(self.min_jacobian)}  (1 for the uniform mesh)")
+        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
         if self.interpolation is not None:
-            gains = f"{_said(self.interpolation.gain_l2)} in L2, {_said(self.interpolation.gain_h1)} in H1"
+            gains = f"{_short(self.interpolation.gain_l2)} in L2, {_short(self.interpolation.gain_h1)} in H1"
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
 
-def _said(value: float | None) -> str:
+def _short(value: float | None) -> str:
     """A number in two digits."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
@@ -100,4 +107,4 @@ def _said(value: float | None) -> str:
 
 
 def _error(value: float | None) -> str:
-    return "exact" if value == 0.0 else _said(value)
+    return "exact" if value == 0.0 else _short(value)

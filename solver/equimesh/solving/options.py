@@ -1,4 +1,4 @@
-"""How a solve goes about it, whatever the problem."""
+"""Options of one solve that do not belong to its problem."""
 
 from __future__ import annotations
 
@@ -23,9 +23,13 @@ class Initial(StrEnum):
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """How a solve goes about it, whatever the problem."""
+    """The options of a call of :func:`~equimesh.solving.solve.solve`, checked."""
 
     mode: Mode
+    """When a single-domain solve is done."""
     allow_relaxed: bool
+    """Whether a mesh of relaxed equations is a success."""
     threads: int
+    """How many share the work."""
     observe: Observer
+    """Is called with every step and iteration."""

@@ -1,4 +1,4 @@
-"""What to know of a mesh before using it, and what to try after a solve that did not reach what was asked."""
+"""Warnings about a mesh, and what to try after a solve that did not reach the requested mesh."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationEr
     """What to know of a mesh before using it."""
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
-        yield f"The mesh does not satisfy the asked equations: {what}."
+        yield f"The mesh solves relaxed equations, not the requested ones: {what}."
     if errors is None or status is Status.FOLDED or errors.gain_l2 >= MIN_GAIN:
         return
     if errors.l2_uniform <= errors.rounding[0]:
@@ -54,7 +54,7 @@ def after_newton(problem: Problem, *, nested: bool, reached: float = 1.0) -> str
 
 
 def _weaker(problem: Problem, reached: float) -> list[str]:
-    """How to ask for less adaptation."""
+    """How to request less adaptation."""
     monitor = problem.monitor
     if isinstance(monitor, ArcLength):
         lower = f"lower a to {reached * monitor.a:.2g} or less" if 0.0 < reached < 1.0 else "lower a"

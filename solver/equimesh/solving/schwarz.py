@@ -167,7 +167,7 @@ def _finished(
 
 
 def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
-    """What was done in place of what was asked for."""
+    """Sentences about what the iteration did instead of what was requested."""
     asked, found = label(schwarz.transmission), []
     rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
     if rescued:

@@ -22,7 +22,7 @@ from equimesh.solving.status import Status
 
 
 def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Solution:
-    """The mesh of a single-domain solve, of the asked equations or of relaxed ones."""
+    """The mesh of a single-domain solve, of the requested equations or of relaxed ones."""
     step, nested = last_step(problem, initial, options), initial is not Initial.UNIFORM
     reference = _on_grid(step.mesh, problem)
     mesh, status = map_mesh(reference, problem.domain), _status(step, options)
@@ -45,7 +45,7 @@ def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: Solv
 
 
 def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Step:
-    """The end of a single-domain solve from where it is asked to start."""
+    """The last step of a single-domain solve from its ``initial`` mesh."""
     if isinstance(initial, Mesh):
         return last_of(iteration.steps_from(problem, initial, threads=options.threads), options.observe)
     start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
@@ -55,7 +55,7 @@ def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) 
 
 
 def last_of(steps: Iterable[Step], observe: Observer) -> Step:
-    """The last of some steps, all of them told to the observer."""
+    """The last of some steps, all of which are reported to the observer."""
     step = None
     for step in steps:
         observe(step)
@@ -79,7 +79,7 @@ def _status(step: Step, options: SolveOptions) -> Status:
 
 
 def _relaxed(step: Step, problem: Problem) -> tuple[Relaxed, ...]:
-    """What the equations that the mesh satisfies differ by from the asked ones."""
+    """What the equations that the mesh satisfies differ by from the requested ones."""
     found, monitor = [], problem.monitor
     if step.strength < 1.0:
         what, asked = ("a", monitor.a) if isinstance(monitor, ArcLength) else ("strength", 1.0)
@@ -97,7 +97,7 @@ def _on_grid(mesh: Mesh, problem: Problem) -> Mesh:
 
 
 def what_was_found(step: Step, problem: Problem) -> str:
-    """What the mesh of a solve that did not reach the asked equations satisfies."""
+    """The equations that the mesh satisfies, of a solve that did not reach the requested ones."""
     asked, name = (problem.monitor.a, "a") if isinstance(problem.monitor, ArcLength) else (1.0, "strength")
     where = "" if step.grid == problem.grid else f" on the {step.grid} grid"
     if step.failed or step.strength == 0.0:

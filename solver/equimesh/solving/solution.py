@@ -1,4 +1,4 @@
-"""A mesh with everything that is known of how it came about, and whether it is what was asked for."""
+"""The result of a solve: a mesh, how it came about, and whether it is the requested one."""
 
 from __future__ import annotations
 
@@ -29,30 +29,42 @@ from equimesh.sweeps import sweep
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Solution:
-    """A mesh of the physical domain, how it came about, and whether it is what was asked for.
-
-    ``reference`` is the same mesh on the reference square. ``newton_steps`` (or chord sweeps) and ``residual`` (of a
-    sweep, the largest relative deviation of a squared metric length from the mean of its line; of Newton's method,
-    relative to the mean flux) are those of the finest grid of a single-domain solve, or summed and largest over the
-    subdomains. ``iterations`` is empty for a single-domain solve; ``detours`` say what they did in place of what was
-    asked. ``note`` says more of what happened, ``remedy`` what to try; it is empty when there is nothing to mend.
-    """
+    """A mesh of the physical domain, how it came about, and whether it is the requested one."""
 
     problem: Problem
+    """The problem that was solved."""
     schwarz: Schwarz | None
+    """The settings of the Schwarz iteration; ``None`` for a single-domain solve."""
     mesh: Mesh
+    """The mesh of the domain."""
     reference: Mesh
+    """The same mesh on the reference square."""
     status: Status
+    """How the solve ended."""
     newton_steps: int
+    """Newton steps or sweeps on the finest grid; of a Schwarz iteration, summed over iterations and subdomains."""
     residual: float
+    """The largest residual left, of a Schwarz iteration over all subdomains; dimensionless.
+
+    Of a sweep it is the largest relative deviation of a squared metric length from the mean of its line, of Newton's
+    method the residual relative to the mean flux.
+    """
     mode: Mode | None = None
+    """When a single-domain solve was done."""
     iterations: tuple[Iteration, ...] = ()
+    """One record for each Schwarz iteration; empty for a single-domain solve."""
     detours: tuple[str, ...] = ()
+    """Sentences about what the solve did instead of what was requested."""
     note: str = ""
+    """More about what happened."""
     remedy: str = ""
+    """What to try; empty when nothing is wrong."""
     relaxed: tuple[Relaxed, ...] = ()
+    """What differs between the requested and the solved equations."""
     algebraic_error: float | None = None
+    """Estimate of the largest error of a node's coordinate from stopping the iteration, in units of the square."""
     discretization_error: float | None = None
+    """The same for the error of the grid."""
 
     def __repr__(self) -> str:
         return f"<Solution: {self.problem.grid} points, {self.status}, {len(self.iterations)} iterations>"
@@ -71,7 +83,7 @@ class Solution:
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
-        """How well the mesh interpolates u, beside the uniform mesh; ``None`` where there is no u."""
+        """How well the mesh interpolates u, compared with the uniform mesh; ``None`` where there is no u."""
         u = self.problem.monitor.u
         # Few cells need a rule that sees what is in each.
         if u is None or "quality" in vars(self) or self.problem.grid.cells <= GAUSS_POINTS[-1][0]:
@@ -80,7 +92,7 @@ class Solution:
 
     @cached_property
     def certificate(self) -> Certificate:
-        """What is known of the mesh, measured on itself; see :class:`~equimesh.solving.certificate.Certificate`."""
+        """How well the mesh solves the requested equations; see :class:`~equimesh.solving.certificate.Certificate`."""
         return Certificate(
             status=self.status,
             mode=self.mode,
@@ -140,7 +152,7 @@ def status_unless_folded(status: Status, mesh: Mesh) -> Status:
 
 
 class SolveError(EquimeshError):
-    """A solve that ended without the asked mesh. ``solution`` holds the partial result."""
+    """A solve that ended without the requested mesh. ``solution`` holds the partial result."""
 
     def __init__(self, message: str, solution: Solution) -> None:
         super().__init__(message)

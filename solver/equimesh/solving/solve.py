@@ -48,8 +48,8 @@ def solve(
     on their number. ``observe`` is called with every step of a single-domain solve (also that of a nested start) and
     with every Schwarz iteration.
 
-    Raises :class:`~equimesh.solving.solution.SolveError`, which carries the partial solution, when the mesh is not what
-    was asked for; with ``check=False`` the status says so instead. A folded mesh is never a success.
+    Raises :class:`~equimesh.solving.solution.SolveError`, which carries the partial solution, when the mesh is not the
+    requested one; with ``check=False`` the status says so instead. A folded mesh is never a success.
     """
     initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
     mode = choice(Mode, mode, "mode")

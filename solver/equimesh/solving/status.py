@@ -6,18 +6,27 @@ from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How a solve ended. ``sentence`` says what happened."""
+    """How a solve ended. :attr:`sentence` says what happened.
+
+    A folded mesh never counts as one of the first three.
+    """
 
     CONVERGED = "converged"
+    """The mesh satisfies the equations to the tolerance: success."""
     RELAXED = "relaxed"
+    """The mesh is valid and satisfies weaker equations, which the certificate lists: success, if it was allowed."""
     COMPLETED = "completed"
+    """A Schwarz iteration without a tolerance has run its number of iterations: success."""
     NOT_CONVERGED = "not_converged"
+    """A Schwarz iteration has used up its iterations before it met the tolerance."""
     NEWTON_FAILED = "newton_failed"
+    """The solve stalled, also with relaxed equations, or these were not allowed."""
     FOLDED = "folded"
+    """The solve ended, but its mesh has an inverted cell on the domain."""
 
     @property
     def succeeded(self) -> bool:
-        """Whether the mesh is what was asked for, or as near to it as was allowed."""
+        """Whether the mesh is the requested one, or as near to it as was allowed."""
         return self in (Status.CONVERGED, Status.RELAXED, Status.COMPLETED)
 
     @property
@@ -27,10 +36,10 @@ class Status(StrEnum):
 
 
 _SENTENCES = {
-    Status.CONVERGED: "The mesh satisfies the equidistribution equations to the asked tolerance.",
-    Status.RELAXED: "The mesh is valid, but satisfies weaker equations than the asked ones, for which none was found.",
-    Status.COMPLETED: "The asked number of Schwarz iterations was run, without a tolerance to meet.",
+    Status.CONVERGED: "The mesh satisfies the equidistribution equations to the requested tolerance.",
+    Status.RELAXED: "The mesh is valid, but solves weaker equations: no valid mesh was found for the requested ones.",
+    Status.COMPLETED: "The requested number of Schwarz iterations was run, without a tolerance to meet.",
     Status.NOT_CONVERGED: "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
-    Status.NEWTON_FAILED: "No valid mesh was found that satisfies the equations.",
+    Status.NEWTON_FAILED: "No valid mesh was found that satisfies the requested equations.",
     Status.FOLDED: "The mesh has an inverted cell.",
 }

@@ -18,7 +18,7 @@ class Frame:
     beyond: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
 
     def span(self, axis: int, points: int) -> tuple[int, int]:
-        """First and last node of the lines along a direction, in a window of so many points."""
+        """First and last node of the lines along a direction, in a window of ``points`` points."""
         lower, upper = self.beyond[axis]
         return int(lower > 0), points - 1 - int(upper > 0)
 

@@ -1,4 +1,4 @@
-"""Samples out of files that somebody sends."""
+"""Samples read from files that callers send."""
 
 from equimesh.upload.samples import read_arrays, read_npz, read_samples, samples_of
 

@@ -60,7 +60,7 @@ def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box:
 
 
 def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
-    """The arrays of a file, for :func:`samples_of`, as far as they can be told without knowing the domain.
+    """The arrays of a file, for :func:`samples_of`, as far as they are determined without the domain.
 
     Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), or ``values`` (2-D) alone. Raises what
     :func:`read_samples` raises where the file cannot be read; the arrays themselves are not checked.

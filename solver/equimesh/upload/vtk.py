@@ -1,4 +1,4 @@
-"""Points and point data out of VTK files that somebody sends: ``.vtu`` (XML) and legacy ``.vtk``.
+"""Points and point data of VTK files that a caller sends: ``.vtu`` (XML) and legacy ``.vtk``.
 
 Only what samples need is decoded, and never more of it than ``max_bytes``: what a compressed block may expand
 to is known from the number of points before it is expanded. Cells are skipped.

@@ -15,7 +15,7 @@ MAX_PARTS: Final = 100_000
 def parse_xml(data: bytes, kind: str, remedy: str = "save it again without them") -> ElementTree.Element:
     """The root of the tree of ``data``; messages call it a ``kind`` file, and offer a ``remedy`` for a document type.
 
-    The parser itself is told to stop at a document type, so that none gets past in another encoding.
+    The parser itself stops at a document type, so that no encoding can hide one.
     Raises :class:`~equimesh.errors.SamplesError`.
     """
     if max(data.count(b"<"), data.count(b"=")) > MAX_PARTS:  # numbers, and what is packed, have next to none

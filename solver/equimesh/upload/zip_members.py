@@ -1,4 +1,4 @@
-"""The members of a zip file that somebody sends, never more of them than asked for and allowed."""
+"""The members of a zip file that a caller sends: only those that are requested, and no more than is allowed."""
 
 from __future__ import annotations
 

@@ -183,5 +183,5 @@ def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
     assert mesh.certificate.interpolation_gain == {"l2": 5.4, "h1": 2.4}
     assert (mesh.certificate.relaxed[0].what, mesh.certificate.relaxed[0].reached) == ("a", 0.35)
     said = str(mesh.certificate)
-    for words in ("relaxed", "a of the arc length: 0.7 asked, 0.35 reached", "5.4 in L2", "warning: The mesh"):
+    for words in ("relaxed", "a of the arc length: 0.7 requested, 0.35 reached", "5.4 in L2", "warning: The mesh"):
         assert words in said
