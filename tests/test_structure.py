@@ -1,0 +1,174 @@
+"""The house itself: import circles, sizes of folders, faces, and names in docs that lead somewhere."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import re
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import grimp
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {"equimesh": "solver", "equimesh_client": "client", "equimesh_cli": "client", "equimesh_service": "service"}
+FACES = {
+    *("equimesh", "equimesh_client", "equimesh_service"),
+    *(f"equimesh.{name}" for name in ("io", "plot", "upload", "quality", "schwarz", "meshes", "specs", "testing")),
+}
+MAX_MODULES = 24  # in a folder
+CODE = re.compile(r"^```(?:python|py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+DOTTED = re.compile(
+    r"(?<![\w./:-])(?:equimesh|equimesh_client|equimesh_cli|equimesh_service)(?:\.[A-Za-z_]\w*)+(?![\w/:])"
+)
+FILE = re.compile(r"(?<![\w/])(?:tests|service|solver|client|examples|benchmarks|docs)/[\w./-]+\.\w+")
+NOT_NAMES = {"equimesh.env", "equimesh.sqlite3", "equimesh_service.access"}  # files, and a logger
+
+
+def pages() -> dict[str, str]:
+    """The text of every page, of the changelog its first section."""
+    paths = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text() for path in paths}
+    return texts | {"CHANGELOG.md": "".join(re.split(r"^(?=## )", (ROOT / "CHANGELOG.md").read_text(), flags=re.M)[:2])}
+
+
+def sources() -> list[Path]:
+    return [path for name, root in PACKAGES.items() for path in sorted((ROOT / root / name).rglob("*.py"))]
+
+
+def circles(imports: dict[str, set[str]]) -> list[set[str]]:
+    """The sets of modules that import each other, directly or through others."""
+
+    @cache
+    def reached(module: str) -> frozenset[str]:
+        seen, todo = set[str](), list(imports[module])
+        while todo:
+            if (found := todo.pop()) not in seen:
+                seen.add(found)
+                todo.extend(imports[found])
+        return frozenset(seen)
+
+    found = {frozenset(other for other in reached(m) if m in reached(other)) for m in imports if m in reached(m)}
+    return [set(circle) for circle in found]
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = grimp.build_graph(*PACKAGES, exclude_type_checking_imports=False)
+    imports = {module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
+    assert len(imports) > 200
+    assert circles(imports) == []
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == [{"b", "c"}]
+
+
+def test_no_folder_has_too_many_modules() -> None:
+    folders = [
+        path for name, root in PACKAGES.items() for path in [ROOT / root / name, *(ROOT / root / name).rglob("*/")]
+    ]
+    for folder in [*folders, ROOT / "tests", *(ROOT / "tests").rglob("*/")]:
+        assert len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= MAX_MODULES, folder
+
+
+def imported(code: str) -> Iterator[str]:
+    """The modules of the project that code imports."""
+    for node in ast.walk(ast.parse(code)):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+        yield from (name for name in names if name.split(".")[0] in PACKAGES)
+
+
+def test_examples_and_docs_import_faces_only() -> None:
+    codes = {path.name: path.read_text() for path in (ROOT / "examples").glob("*.py")}
+    codes |= {f"{name}, block {k}": code for name, text in pages().items() for k, code in enumerate(CODE.findall(text))}
+    assert len(codes) > 40
+    assert {name: set(imported(code)) - FACES for name, code in codes.items() if set(imported(code)) - FACES} == {}
+
+
+def modules_without_face() -> list[Path]:
+    names = {
+        path: ".".join(path.parent.relative_to(ROOT).parts[1:]) for path in sources() if path.name == "__init__.py"
+    }
+    return [path for path, name in names.items() if name not in FACES | {"equimesh_cli"}]
+
+
+@pytest.mark.parametrize("path", modules_without_face(), ids=lambda path: path.parent.relative_to(ROOT).as_posix())
+def test_a_package_that_is_no_face_says_one_sentence_and_imports_nothing(path: Path) -> None:
+    (statement,) = ast.parse(path.read_text()).body
+    assert isinstance(statement, ast.Expr)
+    assert isinstance(statement.value, ast.Constant)
+    assert re.fullmatch(r"[^\n]+\.", str(statement.value.value))
+
+
+def test_layers_of_all_packages_are_exhaustive() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layered = [contract for contract in contracts if contract["type"] == "layers"]
+    assert all(contract.get("exhaustive") for contract in layered)
+    assert {name for contract in layered for name in contract["containers"]} >= set(PACKAGES)
+
+
+def resolves(name: str) -> bool:
+    """Whether a dotted name is a module, or a member of one; fields and attributes of instances count."""
+    parts = name.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        return _has(found, parts[length:])
+    return False
+
+
+def _has(found: object, parts: list[str]) -> bool:
+    for k, part in enumerate(parts):
+        if not hasattr(found, part):
+            return k == len(parts) - 1 and inspect.isclass(found) and _is_attribute(found, part)
+        found = getattr(found, part)
+    return True
+
+
+def _is_attribute(owner: type, name: str) -> bool:
+    return any(
+        name in vars(base).get("__annotations__", {}) or re.search(rf"self\.{name}\b.*=", inspect.getsource(base))
+        for base in owner.__mro__
+        if base.__module__.split(".")[0] in PACKAGES
+    )
+
+
+def names_in(text: str) -> set[str]:
+    return set(DOTTED.findall(text)) - NOT_NAMES
+
+
+@pytest.mark.parametrize("name", pages())
+def test_names_and_files_in_a_page_exist(name: str) -> None:
+    text = pages()[name]
+    moved = re.sub(r"^\| `[^`]*` \|", "|", text, flags=re.MULTILINE) if name == "docs/upgrade.md" else text
+    assert {dotted for dotted in names_in(moved) if not resolves(dotted)} == set()
+    assert {file for file in FILE.findall(text) if not (ROOT / file).exists() and "*" not in file} == set()
+
+
+def docstrings(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield ast.get_docstring(node) or ""
+
+
+def test_names_in_docstrings_exist() -> None:
+    missing = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sources()
+        for text in docstrings(path)
+        for name in names_in(re.sub(r"\s*\n\s*", " ", text))
+        if not resolves(name)
+    }
+    assert missing == set()
+
+
+def test_a_name_that_is_gone_is_seen() -> None:
+    assert resolves("equimesh.Solution.status")
+    assert resolves("equimesh.quality.measures.Quality.q_eq")
+    assert not resolves("equimesh.solutions")
+    assert not resolves("equimesh.Solution.colour")
+    assert names_in("``equimesh.chord``, equimesh.env") == {"equimesh.chord"}
