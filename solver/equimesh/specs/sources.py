@@ -36,8 +36,9 @@ def build_field(document: object, domain: Domain, find_samples: FindSamples, pat
     """
 
     def samples(given: object, at: str) -> Field:
+        name = text(given, at)
         with within(at):
-            return find_samples(text(given, at), domain.box)
+            return find_samples(name, domain.box)
 
     on_grid = Record(partial(GridSamples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
     scattered = Record(partial(ScatteredSamples, box=domain.box), dict.fromkeys(("points", "values"), as_given))
