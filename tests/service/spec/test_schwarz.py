@@ -2,24 +2,10 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import httpx
 import pytest
 
-from equimesh import Acceleration, LineData, LocalSolver, Ordering, TransmissionCondition
-from equimesh_service.spec.schwarz import TRANSMISSION_USES, AnyTransmission, OptimizedSpec, SchwarzSpec
 from service.spec.bad_specs import Refusal, expect_refusal, schwarz
-
-
-def test_the_choices_are_the_solvers() -> None:
-    for name, kind in (("ordering", Ordering), ("acceleration", Acceleration), ("local_solver", LocalSolver)):
-        asked = get_args(SchwarzSpec.model_fields[name].annotation)
-        assert [word for word in asked if word != "auto"] == list(kind), name
-    assert list(get_args(OptimizedSpec.model_fields["data"].annotation)) == list(LineData)
-    kinds = {get_args(spec.model_fields["kind"].annotation)[0] for spec in get_args(AnyTransmission)}
-    assert kinds == {*TRANSMISSION_USES} == {kind.name for kind in get_args(TransmissionCondition)}
-
 
 SETTINGS: dict[str, Refusal] = {
     "large overlap": (schwarz(overlap=8), "/schwarz/overlap", "wider than the overlap", None),

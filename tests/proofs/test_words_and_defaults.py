@@ -1,0 +1,301 @@
+"""The words and defaults of a spec: equal in solver, service, client, command line and documentation.
+
+The solver's are the measure. Defaults are compared through what is built: a short document, and the same document as
+another side completes it, must become equal problems.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from ast import literal_eval
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+import equimesh as em
+from equimesh.io.write import CELLS
+from equimesh.monitors.curvature import NORMS
+from equimesh.specs import BuiltSpec, build
+from equimesh_cli.command import build_parser
+from equimesh_cli.options import problem
+from equimesh_client import Client
+from equimesh_client.spec import domains as client_domains
+from equimesh_client.spec import mesh as client_mesh
+from equimesh_client.spec import monitors as client_monitors
+from equimesh_client.spec import schwarz as client_schwarz
+from equimesh_service.api.checks import MODE_USES
+from equimesh_service.spec import domains, monitors, schwarz
+from equimesh_service.spec.mesh import GridSpec, MeshSpec, read_spec
+from equimesh_service.spec.sources import ExpressionSource
+
+DOCS = Path(__file__).parents[2] / "docs"
+U, ONE, NOTHING = {"expression": "x*y"}, {"expression": "1"}, {"expression": "0"}
+SIDES: dict[str, Any] = {
+    "bottom": {"x": "t", "y": "0"},
+    "right": {"points": [[1, 0], [1, 1]]},
+    "top": {"x": "t", "y": "1"},
+    "left": {"points": [[0, 0], [0, 1]]},
+}
+ARC: dict[str, Any] = {"kind": "arc_length", "u": U}
+WEIGHT: dict[str, Any] = {"kind": "weight", "rho": ONE}
+MONITORS: dict[str, dict[str, Any]] = {
+    "arc_length": ARC,
+    "curvature": {"kind": "curvature", "u": U},
+    "weight": WEIGHT,
+    "tensor": {"kind": "tensor", "m11": ONE, "m12": NOTHING, "m22": ONE},
+    "intersection": {"kind": "intersection", "monitors": [ARC, WEIGHT]},
+}
+DOMAINS: dict[str, dict[str, Any]] = {
+    "rectangle": {"kind": "rectangle"},
+    "annulus_sector": {"kind": "annulus_sector"},
+    "quadrilateral": {"kind": "quadrilateral", **SIDES},
+}
+CONDITIONS = {kind.name: {"kind": kind.name} for kind in get_args(em.TransmissionCondition)}
+DOCUMENTS: dict[str, dict[str, Any]] = {
+    "least": {"monitor": {"u": U}},
+    **{name: {"monitor": monitor} for name, monitor in MONITORS.items()},
+    **{name: {"monitor": ARC, "domain": domain} for name, domain in DOMAINS.items()},
+    "schwarz": {"monitor": ARC, "schwarz": {}},
+    **{name: {"monitor": ARC, "schwarz": {"transmission": condition}} for name, condition in CONDITIONS.items()},
+}
+WORDS: dict[str, list[str]] = {
+    "monitor": list(MONITORS),
+    "domain": list(DOMAINS),
+    "transmission": list(CONDITIONS),
+    "norm": list(NORMS),
+    "boundary": list(em.Boundary),
+    "initial": list(em.Initial),
+    "mode": list(em.Mode),
+    "cells": list(CELLS),
+    "interface_data": list(em.LineData),
+    "ordering": list(em.Ordering),
+    "acceleration": ["auto", *em.Acceleration],
+    "local_solver": list(em.LocalSolver),
+}
+
+
+def known(document: dict[str, Any], *path: str, key: str = "?") -> set[str]:
+    """What the solver knows in the place of ``key`` of an object of the document: it lists that when it refuses it."""
+    changed = json.loads(json.dumps(document))
+    place = changed
+    for name in path:
+        place = place[name]
+    place[key] = "?"
+    with pytest.raises(em.InputError) as caught:
+        build(changed)
+    names = re.split("known are |choose one of ", caught.value.message)[1:]
+    return set(re.findall(r"'(\w+)'", names[0].partition("; did you mean")[0])) if names else set()
+
+
+def words_of(model: Any, name: str) -> list[str]:
+    return list(get_args(model.model_fields[name].annotation))
+
+
+def kinds_of(union: Any) -> list[str]:
+    return [words_of(model, "kind")[0] for model in get_args(union)]
+
+
+def test_the_table_of_words_is_that_of_the_solver() -> None:
+    assert known(DOCUMENTS["least"], "monitor", key="kind") == {*WORDS["monitor"]}
+    assert known(DOCUMENTS["rectangle"], "domain", key="kind") == {*WORDS["domain"]}
+    assert known(DOCUMENTS["classical"], "schwarz", "transmission", key="kind") == {*WORDS["transmission"]}
+
+
+def test_words_of_the_service() -> None:
+    settings = schwarz.SchwarzSpec
+    assert {
+        "monitor": kinds_of(monitors.AnyMonitor),
+        "domain": kinds_of(domains.AnyDomain),
+        "transmission": sorted(kinds_of(schwarz.AnyTransmission), key=WORDS["transmission"].index),
+        "norm": words_of(monitors.CurvatureSpec, "norm"),
+        **{name: words_of(MeshSpec, name) for name in ("boundary", "initial", "mode", "cells")},
+        "interface_data": words_of(schwarz.OptimizedSpec, "data"),
+        **{name: words_of(settings, name) for name in ("ordering", "acceleration", "local_solver")},
+    } == WORDS
+    assert {**monitors.USES}.keys() == {*WORDS["monitor"]}
+    assert {**domains.USES}.keys() == {*WORDS["domain"]}
+    for name, uses in (
+        ("mode", MODE_USES),
+        ("transmission", schwarz.TRANSMISSION_USES),
+        ("interface_data", schwarz.INTERFACE_DATA_USES),
+        ("ordering", schwarz.ORDERING_USES),
+        ("acceleration", {"auto": "", **schwarz.ACCELERATION_USES}),
+        ("local_solver", schwarz.LOCAL_SOLVER_USES),
+    ):
+        assert {*uses} == {*WORDS[name]}, name
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_defaults_and_keys_of_the_service(name: str) -> None:
+    document = DOCUMENTS[name]
+    canonical = read_spec(document).canonical
+    assert build(canonical) == build(document)
+    assert canonical.keys() == MeshSpec.model_fields.keys() == known(document)
+    assert canonical["grid"].keys() == GridSpec.model_fields.keys() == known({**document, "grid": {}}, "grid")
+    assert canonical["monitor"].keys() - {"kind"} == known(document, "monitor")
+    assert canonical["domain"].keys() - {"kind"} == known({"domain": {}, **document}, "domain")
+    if "u" in document["monitor"]:
+        assert ExpressionSource.model_fields.keys() == known(document, "monitor", "u")
+    if "schwarz" in document:
+        assert canonical["schwarz"].keys() == known(document, "schwarz")
+    if document.get("schwarz"):
+        assert canonical["schwarz"]["transmission"].keys() - {"kind"} == known(document, "schwarz", "transmission")
+
+
+def read(function: object) -> dict[str, Any]:
+    return {"expression": function}
+
+
+CLIENT_MONITORS: dict[str, tuple[client_monitors.Monitor, str | None]] = {
+    "arc_length": (client_monitors.ArcLength(), "x*y"),
+    "curvature": (client_monitors.Curvature(), "x*y"),
+    "weight": (client_monitors.Weight("1"), None),
+    "tensor": (client_monitors.Tensor("1", "0", "1"), None),
+    "intersection": (
+        client_monitors.Intersection([client_monitors.ArcLength(), client_monitors.Weight("1")]),
+        "x*y",
+    ),
+}
+CLIENT_DOMAINS: dict[str, client_domains.Domain] = {
+    "rectangle": client_domains.Rectangle(),
+    "annulus_sector": client_domains.AnnulusSector(),
+    "quadrilateral": client_domains.Quadrilateral(
+        bottom=("t", "0"), right=[[1, 0], [1, 1]], top=("t", "1"), left=[[0, 0], [0, 1]]
+    ),
+}
+CLIENT_CONDITIONS = {name: client_schwarz.transmission(name) for name in CONDITIONS}
+
+
+def test_words_of_the_client() -> None:
+    assert {
+        "monitor": [monitor.json(read, u)["kind"] for monitor, u in CLIENT_MONITORS.values()],
+        "domain": list(client_domains.KINDS),
+        "transmission": sorted(client_schwarz.TRANSMISSIONS, key=WORDS["transmission"].index),
+        "norm": list(get_args(inspect.get_annotations(client_monitors.Curvature, eval_str=True)["norm"])),
+        "boundary": [*client_mesh.BOUNDARIES],
+        "initial": [*client_mesh.INITIALS],
+        "mode": [*client_mesh.MODES],
+        "cells": [*client_mesh.CELLS],
+        "interface_data": [*client_schwarz.INTERFACE_DATA],
+        "ordering": [*client_schwarz.ORDERINGS],
+        "acceleration": [*client_schwarz.ACCELERATIONS],
+        "local_solver": [*client_schwarz.LOCAL_SOLVERS],
+    } == WORDS
+
+
+def test_defaults_and_keys_of_the_client() -> None:
+    points = inspect.signature(Client.generate).parameters["n"].default
+    for name, (monitor, u) in CLIENT_MONITORS.items():
+        sent = client_mesh.mesh_spec(client_monitors.monitor_json(monitor, read, u), points)
+        assert build(sent) == build(DOCUMENTS[name]), name
+        assert {field.name for field in fields(monitor)} == known(DOCUMENTS[name], "monitor"), name
+    for name, domain in CLIENT_DOMAINS.items():
+        assert build({"monitor": ARC, "domain": domain.json()}) == build(DOCUMENTS[name]), name
+        assert domain.json().keys() - {"kind"} == known(DOCUMENTS[name], "domain"), name
+    for name, condition in CLIENT_CONDITIONS.items():
+        sent = client_schwarz.Schwarz(transmission=condition).json()
+        assert build({"monitor": ARC, "schwarz": sent}) == build(DOCUMENTS[name]), name
+        assert sent.keys() == known(DOCUMENTS[name], "schwarz"), name
+        assert sent["transmission"].keys() - {"kind"} == known(DOCUMENTS[name], "schwarz", "transmission"), name
+    assert build({"monitor": ARC, "schwarz": client_schwarz.Schwarz().json()}) == build(DOCUMENTS["schwarz"])
+
+
+COMMANDS = {
+    "least": "x*y",
+    "arc_length": "x*y --monitor arc-length",
+    "curvature": "x*y --monitor curvature",
+    "weight": "--monitor weight --rho 1",
+    "tensor": "--monitor tensor --m11 1 --m12 0 --m22 1",
+    "rectangle": "x*y --domain rectangle:0,1,0,1",
+    "annulus_sector": "x*y --domain annulus:1,2,0,90",
+    "schwarz": "x*y --subdomains 2x1",
+    **{name: f"x*y --subdomains 2x1 --transmission {name}" for name in CONDITIONS},
+}
+DEFAULTS = {
+    "-a": em.ArcLength.a,
+    "-b": em.ArcLength.b,
+    "--norm": em.Curvature.norm,
+    "--smoothing": 0,
+    "--n-xi": build(DOCUMENTS["least"]).problem.grid.n_xi,
+    "--boundary": em.Problem.boundary,
+    "--initial": build(DOCUMENTS["least"]).initial,
+    "--mode": build(DOCUMENTS["least"]).mode,
+    "--cells": build(DOCUMENTS["least"]).cells,
+    "--overlap": em.Schwarz.overlap,
+    "--transmission": em.Schwarz().transmission.name,
+    "--interface-data": em.Optimized.data,
+    "--p": em.LinearRobin.p,
+    "--ordering": em.Schwarz.ordering,
+    "--line-correction": em.Schwarz.line_correction,
+    "--acceleration": em.Schwarz.acceleration,
+    "--local-solver": em.Schwarz.local_solver,
+    "--tolerance": em.Schwarz.tolerance,
+    "--max-iterations": em.Schwarz.max_iterations,
+}
+
+
+def test_defaults_of_the_command_line() -> None:
+    def built(words: str) -> BuiltSpec:
+        return problem.build(build_parser("solve").parse_args(["solve", *words.split()]))
+
+    for name, words in COMMANDS.items():
+        assert built(words) == build(DOCUMENTS[name]), name
+
+
+@pytest.mark.parametrize("command", ["solve", "generate"])
+def test_words_of_the_command_line_and_defaults_that_its_help_names(command: str) -> None:
+    subparsers = next(action for action in build_parser(command)._actions if hasattr(action, "add_parser"))
+    actions = {flag: action for action in subparsers.choices[command]._actions for flag in action.option_strings}  # type: ignore[union-attr, call-overload, index]
+    for name, words in WORDS.items():
+        if name == "monitor":
+            assert list(actions["--monitor"].choices) == [w.replace("_", "-") for w in words if w != "intersection"]  # type: ignore[arg-type]
+        elif name != "domain":
+            assert sorted(actions[f"--{name.replace('_', '-')}"].choices) == sorted(words), name  # type: ignore[arg-type]
+    for flag, default in DEFAULTS.items():
+        assert re.search(rf"\({re.escape(str(default))}[:)]", actions[flag].help or ""), flag
+
+
+def test_defaults_that_the_page_of_the_command_line_names() -> None:
+    rows = re.findall(r"^\| (`[^|]+`) \| ([^|]*) \|", (DOCS / "cli.md").read_text(), re.MULTILINE)
+    named = {flag: default.strip("`") for flags, default in rows for flag in re.findall(r"`(-[\w-]+)", flags)}
+    assert {flag: named[flag] for flag in DEFAULTS} == {flag: str(default) for flag, default in DEFAULTS.items()}
+
+
+def test_words_and_defaults_of_the_page_on_the_interface() -> None:
+    page = (DOCS / "http.md").read_text()
+    spec = page.split("## The spec")[1].split("## POST")[0]
+    shown = json.loads(re.findall(r"```json\n(.*?)```", spec, re.DOTALL)[0])
+    assert shown.keys() == MeshSpec.model_fields.keys()
+    assert build(shown) == build({"monitor": {"u": shown["monitor"]["u"]}})
+    settings = read_spec(DOCUMENTS["schwarz"]).canonical["schwarz"]
+    rows = re.findall(r"^\| `schwarz\.(\w+)` \| `([^`]+)`", spec, re.MULTILINE)
+    assert {name: json.loads(default) for name, default in rows} == settings
+    rows = re.findall(r"^\| (`.+?`)[^|]* \| (.+) \|$", spec, re.MULTILINE)
+    cells = {name: row for names, row in rows for name in re.findall(r"`([\w.]+)`", names)}
+    for name in ("boundary", "initial", "mode", "cells"):
+        assert re.findall(r"`(\w+)`", cells[name])[: len(WORDS[name])] == [*WORDS[name]], name
+    for name in ("ordering", "acceleration", "local_solver"):
+        assert {*re.findall(r'`"(\w+)"`', cells[f"schwarz.{name}"])} >= {*WORDS[name]}, name
+    for name, completed in {**MONITORS, **DOMAINS}.items():
+        part = "monitor" if name in MONITORS else "domain"
+        keys = read_spec({"monitor": ARC, part: completed}).canonical[part]
+        told = re.findall(r"`(\w+)` \(`?(\[.*?\]|\"?[\w.]+\"?)", cells[name].split(" | ")[0])
+        assert {key: keys[key] for key, _ in told} == {key: json.loads(default) for key, default in told}, name
+        plain = {key for key, value in keys.items() if isinstance(value, float | bool | str | list)}
+        assert {key for key, _ in told} == plain - {"kind", "smoothing", "monitors"}, name
+
+
+def test_defaults_that_the_page_on_python_names() -> None:
+    page = (DOCS / "python.md").read_text()
+    found = 0
+    for name, arguments in re.findall(r"`(ArcLength|Curvature|Rectangle|AnnulusSector)\(([^`]*)\)`", page):
+        for key, value in re.findall(r"(\w+)=(\([^)]*\)|[^,()]+)", arguments):
+            parameter = inspect.signature(getattr(em, name)).parameters.get(key)
+            if parameter is not None and parameter.default is not parameter.empty:
+                assert literal_eval(value) == parameter.default, (name, key)
+                found += 1
+    assert found >= 9
