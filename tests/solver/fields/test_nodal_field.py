@@ -1,31 +1,16 @@
-"""Functions given at the nodes of a mesh: the inverse of its map, derivatives, and the way to the next mesh."""
+"""Functions given at the nodes of a mesh: values, derivatives, and the way to the next mesh."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.domains.domain import map_mesh
 from equimesh.errors import InputError, SamplesError
-from equimesh.fields.mesh_map import MeshMap, reference_of
+from equimesh.fields.mesh_map import MeshMap
+from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh
 
 WAVY = em.Expression("sin(3*x + y)*exp(y/2)")
-ANYWHERE = np.random.default_rng(7).uniform(0.0, 1.0, (2, 500))
-
-
-def smooth_mesh(n: int, depth: float = 0.08) -> em.Mesh:
-    s, t = np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n + 3), indexing="ij")
-    bend_x, bend_y = np.sin(2 * np.pi * s) * np.sin(np.pi * t), np.sin(np.pi * s) * np.sin(2 * np.pi * t)
-    return em.Mesh(s + depth * bend_x, t + depth * bend_y)
-
-
-@pytest.fixture(scope="module")
-def front() -> em.Mesh:
-    u = em.Expression("tanh(40*(x + y/2 - 0.75))")
-    return em.solve(em.Problem(monitor=em.ArcLength(u=u), grid=em.Grid(n_xi=33, n_eta=33))).mesh
-
-
-def largest(one: tuple[np.ndarray, ...], other: tuple[np.ndarray, ...]) -> np.ndarray:
-    return np.array([np.abs(a - b).max() for a, b in zip(one, other, strict=True)])
 
 
 def test_values_are_of_order_4_gradients_of_3_and_second_derivatives_of_2() -> None:
@@ -37,18 +22,6 @@ def test_values_are_of_order_4_gradients_of_3_and_second_derivatives_of_2() -> N
     orders = np.log2(errors[1] / errors[2])
     assert np.all(orders > np.array([3.7, 2.7, 2.7, 1.7, 1.7, 1.7])), orders
     assert np.all(errors[-1] < np.array([1e-5, 2e-3, 2e-3, 0.3, 0.3, 0.3])), errors[-1]
-
-
-def test_the_inverse_of_the_map_leads_back(front: em.Mesh) -> None:
-    of = MeshMap.of(front)
-    places = of.locate(*ANYWHERE)
-    assert places.smooth.all()
-    back = [part.evaluate(places.s, places.t)[0] for part in (of.x, of.y)]
-    assert largest(tuple(back), tuple(ANYWHERE)).max() < 1e-12
-    nodes = of.locate(front.x, front.y)
-    i, j = np.indices(front.x.shape)
-    assert np.abs(nodes.s - i.ravel()).max() < 1e-9
-    assert np.abs(nodes.t - j.ravel()).max() < 1e-9
 
 
 def test_linear_functions_are_exact_on_every_mesh(front: em.Mesh) -> None:
@@ -97,13 +70,6 @@ def test_a_mesh_follows_values_at_its_own_nodes(front: em.Mesh) -> None:
     by_formula = em.solve(em.Problem(monitor=em.ArcLength(u=moved), grid=grid))
     assert np.abs(by_nodes.mesh.x - by_formula.mesh.x).max() < 2e-3
     assert np.abs(by_nodes.mesh.x - front.x).max() > 5e-3
-
-
-def test_the_way_back_from_a_domain(front: em.Mesh) -> None:
-    ring = em.AnnulusSector(center=(0.3, 0.0), radii=(0.5, 2.0), angles=(10, 130))
-    for domain in (em.Rectangle(x=(-1.0, 3.0), y=(0.0, 0.5)), ring):
-        back = reference_of(map_mesh(front, domain), domain)
-        assert max(np.abs(back.x - front.x).max(), np.abs(back.y - front.y).max()) < 1e-13
 
 
 def test_what_cannot_be_a_function_is_refused() -> None:
