@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 
-from equimesh.fields.expression import FUNCTIONS, Expression
+from equimesh.fields.expression import FUNCTIONS, LIMITS, Expression
 from solver.formulas.random_formulas import (
     LARGE,
     SMOOTH,
@@ -124,10 +123,9 @@ LARGEST = [
 
 
 @pytest.mark.parametrize("text", LARGEST, ids=[text[:8] for text in LARGEST])
-def test_the_largest_expressions_are_evaluated_in_seconds(text: str) -> None:
-    """At most 1000 operations for each point: 1e4 of them here, with all derivatives."""
+def test_the_largest_expressions_are_programs_of_few_steps(text: str) -> None:
+    """At most 1000 operations for each point, with all derivatives."""
     u = Expression(text)
-    x, y = np.random.default_rng(1).random((2, 10_000))
-    started = time.process_time()
-    u.evaluate(x, y, order=2)
-    assert time.process_time() - started < 2
+    assert 100 <= len(u._program.steps) <= LIMITS.nodes == 1000
+    x, y = np.random.default_rng(1).random((2, 1000))
+    assert all(part.shape == x.shape for part in u.evaluate(x, y, order=2))

@@ -21,7 +21,33 @@ from equimesh.errors import ExpressionError
 from equimesh.fields.expression import LIMITS, Expression
 from equimesh.formulas import vocabulary
 from solver.formulas.random_formulas import Tree, refusal, seeded, sparse_text, text_of, trees, write
-from solver.formulas.texts import refused, values
+from solver.formulas.texts import check_refused_at, refused, values
+
+# Of processor time for one refusal: a hundred times what it takes on an idle machine.
+MAX_SECONDS = 20.0
+
+
+POSITIONS = [
+    ("9**9**9**9", 6, "exponent"),
+    ("x**1001", 3, "exponent"),
+    ("x**" * 150 + "x", 300, "nested more than 100"),
+    ("x+" * 1000 + "x", 0, "more than 1000 operations"),
+    ("x**-1001", 3, "exponent"),
+    ("x**(500 + 501)", 4, "exponent"),
+    ("x < 1", 0, "where(condition, a, b)"),
+    ("1 + (x and y)", 5, "where(condition, a, b)"),
+    ("where(x, 1, 2)", 6, "a comparison such as x < 0.5"),
+    ("where(x < 1, y < 1, 2)", 13, "where(condition, a, b)"),
+    ("where(x < 1, 2)", 0, "3 arguments, not 2"),
+    ("sin()", 0, "1 argument, not 0"),
+    ("sin(x, y)", 0, "1 argument, not 2"),
+    ("1 + min(x)", 4, "2 or more arguments"),
+]
+
+
+@pytest.mark.parametrize(("text", "offset", "words"), POSITIONS)
+def test_refused_at_its_position(text: str, offset: int, words: str) -> None:
+    check_refused_at(text, offset, words)
 
 
 def test_positions_of_parsed_parts_count_characters() -> None:
@@ -55,7 +81,7 @@ def test_positions_of_parsed_parts_count_characters() -> None:
 def test_monsters_are_refused_quickly(text: str) -> None:
     start = time.process_time()
     assert refused(text).position is not None
-    assert time.process_time() - start < 1.0
+    assert time.process_time() - start < MAX_SECONDS
 
 
 def test_what_is_long_but_harmless_is_accepted() -> None:
@@ -216,7 +242,7 @@ def test_a_bomb_is_stopped_by_a_bound(text: str, bound: str) -> None:
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
-    assert time.process_time() - started < 2
+    assert time.process_time() - started < MAX_SECONDS
     assert caught.value.position is not None
     assert 0 <= caught.value.position.offset <= len(text)
 

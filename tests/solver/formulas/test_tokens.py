@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from equimesh.fields.expression import FUNCTIONS
 from solver.formulas.random_formulas import Tree, refusal, seeded, trees, write
-from solver.formulas.texts import refused
+from solver.formulas.texts import check_refused_at, refused
 
 POSITIONS = [
     ("", 0, "empty"),
@@ -65,25 +65,11 @@ POSITIONS = [
     ("1e400", 0, "too large"),
     ("1" * 41, 0, "40 characters"),
     ("1" * 4000, 0, "40 characters"),
-    ("9**9**9**9", 6, "exponent"),
-    ("x**1001", 3, "exponent"),
     ("x" + " " * 4096, 4096, "longer than 4096"),
-    ("x**" * 150 + "x", 300, "nested more than 100"),
     ("-" * 101 + "x", 100, "nested more than 100"),
-    ("x+" * 1000 + "x", 0, "more than 1000 operations"),
-    ("x**-1001", 3, "exponent"),
-    ("x**(500 + 501)", 4, "exponent"),
-    ("x < 1", 0, "where(condition, a, b)"),
-    ("1 + (x and y)", 5, "where(condition, a, b)"),
-    ("where(x, 1, 2)", 6, "a comparison such as x < 0.5"),
-    ("where(x < 1, y < 1, 2)", 13, "where(condition, a, b)"),
-    ("where(x < 1, 2)", 0, "3 arguments, not 2"),
     ("where(x is y, 1, 2)", 8, "Python"),
     ("where(x < not y, 1, 2)", 10, "'not'"),
     ("where(x not y, 1, 2)", 8, "'not'"),
-    ("sin()", 0, "1 argument, not 0"),
-    ("sin(x, y)", 0, "1 argument, not 2"),
-    ("1 + min(x)", 4, "2 or more arguments"),
     ("x\x00", 1, "U+0000"),
     ("x\ud800", 1, "U+D800"),
     ("x + ｙ", 4, "write y"),
@@ -98,12 +84,7 @@ POSITIONS = [
 
 @pytest.mark.parametrize(("text", "offset", "words"), POSITIONS)
 def test_refused_at_its_position(text: str, offset: int, words: str) -> None:
-    error = refused(text, alpha=1.0)
-    assert words in error.message
-    assert error.position is not None
-    assert error.position.offset == offset
-    assert error.field == "expression"
-    error.message.encode()  # so that it can be sent
+    check_refused_at(text, offset, words)
 
 
 @pytest.mark.parametrize(

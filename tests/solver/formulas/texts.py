@@ -1,4 +1,4 @@
-"""The values of a formula at a point, and the error that refuses one."""
+"""The values of a formula at a point, and the error that refuses one at its place."""
 
 from __future__ import annotations
 
@@ -16,3 +16,13 @@ def refused(text: str, **parameters: float) -> ExpressionError:
     with pytest.raises(ExpressionError) as caught:
         Expression(text, parameters=parameters)
     return caught.value
+
+
+def check_refused_at(text: str, offset: int, words: str) -> None:
+    """The text is refused at this place, with a message that says ``words`` and can be sent."""
+    error = refused(text, alpha=1.0)
+    assert words in error.message
+    assert error.position is not None
+    assert error.position.offset == offset
+    assert error.field == "expression"
+    error.message.encode()

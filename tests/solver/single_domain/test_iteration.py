@@ -10,11 +10,16 @@ from equimesh.single_domain import iteration
 from equimesh.single_domain.iteration import single_domain_steps
 from solver.sweeps.windows import distance
 
+# Newton steps for tanh20 on 17, 33 and 65 points a side. Blessed numbers: those of today's solver, not of theory.
+# Where a change moves them, check that the meshes stay the same, and write the new ones here in the same commit, with
+# the reason in its message. Each level but the coarsest must go on needing fewer steps than that.
+BLESSED_NEWTON_STEPS = [8, 4, 4]
+
 
 def test_newton_steps_of_the_nested_iteration() -> None:
     """Counts for tanh20: each level starts from the coarser mesh and needs fewer steps."""
     last = {record.grid.n_xi: record for record in single_domain_steps(problem("tanh20", 65), sweeps=False)}
-    assert [last[n].step for n in (17, 33, 65)] == [8, 4, 4]
+    assert [last[n].step for n in (17, 33, 65)] == BLESSED_NEWTON_STEPS
     assert all(record.converged for record in last.values())
     assert all(0.40 < record.mesh.min_jacobian < 0.42 for record in last.values())
 

@@ -19,12 +19,17 @@ def test_it_converges_on_all_functions_with_the_trace_condition() -> None:
         assert last.algebraic_error > 0.0, "sweeps, not Newton steps"
 
 
+# Sweeps for tanh20 by points a side. Blessed numbers: those of today's solver, not of theory. Where a change moves
+# them, check that meshes are as accurate as before, and write the new ones here in the commit that explains the change.
+BLESSED_SWEEPS = {17: 9, 33: 2, 65: 2, 129: 2, 257: 1}
+
+
 def test_sweeps_do_not_grow_with_the_number_of_points() -> None:
     case = problem("tanh20", 257)
     tight = {step.grid.n_xi: step.step for step in iteration.single_domain_steps(case)}
     assert tight[257] <= 11
     usual = {step.grid.n_xi: step.step for step in iteration.single_domain_steps(case, mode=em.Mode.DISCRETIZATION)}
-    assert usual == {17: 9, 33: 2, 65: 2, 129: 2, 257: 1}
+    assert usual == BLESSED_SWEEPS
 
 
 @pytest.mark.parametrize("name", ["tanh20", "paper", "ring", "wave"])

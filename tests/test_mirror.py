@@ -1,0 +1,51 @@
+"""Where the test of a module is: ``tests/<part>/<package>/test_<noun>.py`` for ``<package>/<noun>.py`` of that part."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+ROOT = TESTS.parent
+PARTS = {
+    "solver": ROOT / "solver" / "equimesh",
+    "service": ROOT / "service" / "equimesh_service",
+    "client": ROOT / "client" / "equimesh_client",
+    "cli": ROOT / "client" / "equimesh_cli",
+}
+# Tests of no single module, by part, with the reason.
+OF_NO_MODULE: dict[str, dict[str, str]] = {
+    "solver": {},
+    "service": {},
+    "client": {"test_imports.py": "what the whole package imports"},
+    "cli": {},
+}
+# Modules of the solver without a file of tests, with the reason.
+WITHOUT_TESTS = {
+    "numerics/types.py": "names of types",
+    "schwarz/port.py": "protocols and a record; the proofs and test_raspen.py hold both families to them",
+    "single_domain/steps.py": "records; test_level.py and test_iteration.py look at what they hold",
+    "solving/options.py": "a record; test_inputs.py looks at the words",
+}
+
+
+def modules(part: str) -> set[str]:
+    """The modules of a part, as paths below its package."""
+    found = (path.relative_to(PARTS[part]).as_posix() for path in PARTS[part].rglob("*.py"))
+    return {name for name in found if not name.endswith("__init__.py")}
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_file_of_tests_stands_where_its_module_stands(part: str) -> None:
+    files = {path.relative_to(TESTS / part).as_posix() for path in (TESTS / part).rglob("test_*.py")}
+    tested = {name for name in files if name.replace("test_", "", 1) in modules(part)}
+    assert files - tested == {*OF_NO_MODULE[part]}
+
+
+def test_every_module_of_the_solver_has_its_tests() -> None:
+    files = {path.relative_to(TESTS / "solver").as_posix() for path in (TESTS / "solver").rglob("test_*.py")}
+    untested = {
+        name for name in modules("solver") if Path(name).with_name(f"test_{Path(name).name}").as_posix() not in files
+    }
+    assert untested == {*WITHOUT_TESTS}
