@@ -17,14 +17,13 @@ PARTS = {
 # Tests of no single module, by part, with the reason.
 OF_NO_MODULE: dict[str, dict[str, str]] = {
     "solver": {},
-    "service": {},
+    "service": {"assembly/test_schwarz.py": "the half of problem.py that builds the settings of the Schwarz iteration"},
     "client": {"test_imports.py": "what the whole package imports"},
     "cli": {},
 }
 # Modules of the solver without a file of tests, with the reason.
 WITHOUT_TESTS = {
     "numerics/types.py": "names of types",
-    "schwarz/port.py": "protocols and a record; the proofs and test_raspen.py hold both families to them",
     "single_domain/steps.py": "records; test_level.py and test_iteration.py look at what they hold",
     "solving/options.py": "a record; test_inputs.py looks at the words",
 }
