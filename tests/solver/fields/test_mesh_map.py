@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.fields.mesh_map import MeshMap, reference_of
-from solver.fields.bent_meshes import ANYWHERE, largest
+from solver.fields.bent_meshes import ANYWHERE, largest, smooth_mesh
 
 
 def test_the_inverse_of_the_map_leads_back(front: em.Mesh) -> None:
@@ -27,3 +28,23 @@ def test_the_way_back_from_a_domain(front: em.Mesh) -> None:
     for domain in (em.Rectangle(x=(-1.0, 3.0), y=(0.0, 0.5)), ring):
         back = reference_of(map_mesh(front, domain), domain)
         assert max(np.abs(back.x - front.x).max(), np.abs(back.y - front.y).max()) < 1e-13
+
+
+def test_the_map_of_a_sheared_grid_is_exact() -> None:
+    start = em.Mesh.uniform(em.Grid(n_xi=6, n_eta=9))
+    places = MeshMap.of(em.Mesh(2 * start.x + start.y, start.y - 0.5 * start.x)).locate(
+        2 * ANYWHERE[0] + ANYWHERE[1], ANYWHERE[1] - 0.5 * ANYWHERE[0]
+    )
+    assert largest((places.s, places.t), (5 * ANYWHERE[0], 8 * ANYWHERE[1])).max() < 1e-12
+
+
+def test_a_folded_mesh_has_no_inverse() -> None:
+    mesh = smooth_mesh(9)
+    with pytest.raises(em.InputError, match="the mesh is folded") as caught:
+        MeshMap.of(em.Mesh(mesh.x[::-1].copy(), mesh.y))
+    assert caught.value.field == "mesh"
+
+
+def test_points_that_are_not_finite_have_a_place_all_the_same() -> None:
+    places = MeshMap.of(smooth_mesh(9)).locate(np.array([np.nan, 0.0]), np.array([0.5, np.inf]))
+    assert (places.s.tolist(), places.t.tolist()) == ([0, 0], [0, 0])
