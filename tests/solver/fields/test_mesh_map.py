@@ -47,4 +47,4 @@ def test_a_folded_mesh_has_no_inverse() -> None:
 
 def test_points_that_are_not_finite_have_a_place_all_the_same() -> None:
     places = MeshMap.of(smooth_mesh(9)).locate(np.array([np.nan, 0.0]), np.array([0.5, np.inf]))
-    assert (places.s.tolist(), places.t.tolist()) == ([0, 0], [0, 0])
+    assert largest((places.s, places.t), (np.zeros(2), np.zeros(2))).max() < 1e-15
