@@ -29,10 +29,7 @@ WITHOUT_TESTS = {
         [f"specs/{noun}.py" for noun in ("document", "domains", "monitors", "schwarz", "sources", "spec")],
         "tested through the service's tests of specs until each has a file here",
     ),
-    **dict.fromkeys(
-        [f"testing/{noun}.py" for noun in ("domains", "fields", "functions", "monitors", "taylor", "transmission")],
-        "kits: the tests of fields, monitors, domains and conditions run them, and show that they can fail",
-    ),
+    "testing/functions.py": "what the kits are run on",
     "solving/options.py": "a record; test_inputs.py looks at the words",
 }
 
