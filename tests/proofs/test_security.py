@@ -23,7 +23,7 @@ from equimesh_service.store.keys import KeyStore
 from equimesh_service.store.meshes import MeshesStore
 from equimesh_service.telemetry import logs
 from equimesh_service.wire import body
-from service.conftest import small
+from service.conftest import small, until
 from service.guarded import Guarded
 
 HEADERS = {
@@ -93,6 +93,31 @@ def test_a_failure_has_the_headers_too(client: httpx.Client, monkeypatch: pytest
 # Secrets -----------------------------------------------------------------------------------------------------
 
 
+def _raising(error: Exception) -> Any:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+def _failed(client: httpx.Client, *, slowly: bool) -> str:
+    """The answer to a request that fails, once what is known of the key is forgotten if it is asked ``slowly``."""
+    if slowly:
+        until(lambda: client.get("/v1/meshes").status_code != 200)
+    answer = client.get("/v1/meshes")
+    assert answer.status_code in (500, 503), answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    return answer.text
+
+
+def _lines(caplog: pytest.LogCaptureFixture, style: str) -> list[str]:
+    """The lines of the service's log in this style."""
+    records = [record for record in caplog.records if not record.name.startswith(("httpx", "httpcore"))]
+    for record in records:
+        record.exc_text = None  # what pytest made of it
+    return [*map(logs.formatter(style).format, records)]
+
+
 @pytest.mark.parametrize("style", ["text", "json"])
 def test_no_secret_and_no_stack_is_told(
     guarded_service: Guarded, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, style: str
@@ -102,12 +127,6 @@ def test_no_secret_and_no_stack_is_told(
     down = OperationalError(
         f"SELECT '{secret}'", {"key": secret}, Exception(f"connection to {address.partition('@')[2]}")
     )
-
-    def raising(error: Exception) -> Any:
-        def fail(*_: object, **__: object) -> None:
-            raise error
-
-        return fail
 
     told: list[str] = []
     with guarded_service.having(secret) as client, caplog.at_level(logging.DEBUG):
@@ -121,20 +140,10 @@ def test_no_secret_and_no_stack_is_told(
             (KeyStore, "get", down),
         ):
             with monkeypatch.context() as patch:
-                patch.setattr(owner, name, raising(error))
-                if owner is KeyStore:
-                    time.sleep(1.1)  # what is known of the key is forgotten
-                answer = client.get("/v1/meshes")
-                assert answer.status_code in (500, 503), answer.text
-                assert answer.headers["content-type"] == "application/problem+json"
-                told.append(answer.text)
+                patch.setattr(owner, name, _raising(error))
+                told.append(_failed(client, slowly=owner is KeyStore))
         told += [httpx.get(f"{guarded_service.url}/readyz").text]
-    shown = logs.formatter(style)
-    client_side = ("httpx", "httpcore")
-    records = [record for record in caplog.records if not record.name.startswith(client_side)]
-    for record in records:
-        record.exc_text = None  # what pytest made of it
-    lines = [shown.format(record) for record in records]
+    lines = _lines(caplog, style)
     assert sum("RuntimeError" in line for line in lines) >= 1  # the log does say what happened, and where
     assert sum("OperationalError" in line for line in lines) >= 1
     for text in (*told, *lines):

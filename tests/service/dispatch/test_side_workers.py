@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import nullcontext
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from equimesh_service import Settings
-from equimesh_service.admission.admit import Admission
-from equimesh_service.admission.callers import ANYONE
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError, WorkerLostError
-from equimesh_service.service import Service
-from equimesh_service.telemetry import log_context
 from service.conftest import small
+from service.guarded import Guarded
+from service.requests import solved
 
 
 class ByHand:
@@ -89,42 +82,22 @@ def test_no_task_is_forgotten_when_the_workers_are() -> None:
     assert all(task.exception(0) is not None for task in (tasks[1], *waiting))
 
 
-class Asked(Exception):
-    """The side workers were asked."""
+def test_samples_and_files_take_the_turns_of_their_key(
+    guarded_service: Guarded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row, secret = guarded_service.key("write")
+    keys, submit = list[str](), SideWorkers.submit
 
-
-def asked_by() -> tuple[list[str], Any]:
-    """The keys that tasks are submitted for, and the side workers."""
-    keys: list[str] = []
-
-    def submit(key_id: str, *_: Any, time_limit: float) -> Future[Any]:  # noqa: ARG001
+    def note(side_workers: SideWorkers, key_id: str, *task: Any, **limits: Any) -> Future[Any]:
         keys.append(key_id)
-        raise Asked
+        return submit(side_workers, key_id, *task, **limits)
 
-    return keys, SimpleNamespace(submit=submit)
-
-
-@pytest.mark.anyio
-async def test_samples_and_files_take_the_turns_of_who_asks() -> None:
-    keys, side_workers = asked_by()
+    monkeypatch.setattr(SideWorkers, "submit", note)
     scattered = {"points": [[i / 4, j / 4] for i in range(5) for j in range(5)], "values": [0.1 * k for k in range(25)]}
-    spec = json.dumps(small(monitor={"u": {"scattered": scattered}})).encode()
-    nowhere: Any = None
-    admission = Admission(
-        Settings(),
-        nowhere,
-        nowhere,
-        side_workers,
-        lambda key_id: nullcontext(keys.append(f"waiting {key_id}")),
-        OrderedDict(),
-    )
-    store = SimpleNamespace(meshes=SimpleNamespace(artifact=lambda *_: None))
-    service: Any = SimpleNamespace(
-        store=store, storage=None, exporting={}, side_workers=side_workers, settings=Settings()
-    )
-    with log_context.enter(log_context.LogContext(key_id="k")):
-        with pytest.raises(Asked):
-            admission.receive(spec, None, ANYONE)
-        with pytest.raises(Asked):
-            await Service.artifact(service, "m-1", "plot:mesh:svg")
-    assert keys == ["waiting k", "k", "k"]
+    with guarded_service.having(secret) as client:
+        mesh = solved(client, small(monitor={"u": {"scattered": scattered}}))
+        samples = len(keys)
+        assert samples >= 1
+        assert client.get(mesh["links"]["plot"]).status_code == 200
+        assert len(keys) == samples + 1
+    assert {*keys} == {row.id}
