@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import struct
+from types import SimpleNamespace
+from typing import Any
 
+import pytest
+
+from equimesh_service.api.cursors import cursor_of, position_of
+from equimesh_service.problems.problem import Problem
 from service.conftest import small
 from service.guarded import Guarded
 
@@ -30,3 +36,26 @@ def test_the_list_does_not_tell_how_many_meshes_others_make(guarded_service: Gua
         ):
             refused = client.get("/v1/meshes", params={"cursor": cursor})
             assert (refused.status_code, refused.json()["errors"][0]["parameter"]) == (422, "cursor")
+
+
+def test_a_cursor_leads_back_to_its_row() -> None:
+    row: Any = SimpleNamespace(id="m-1", number=258, created_at=1234.5)
+    assert position_of(cursor_of(row, None), None) == (258,)
+    assert position_of(cursor_of(row, "k"), "k") == (1234.5, "m-1")
+
+
+@pytest.mark.parametrize(
+    ("cursor", "key_id"),
+    [
+        *((cursor, None) for cursor in ("", "0", "g", "F", "-1", "f" * 16, "1" * 17, "1 ")),
+        *(
+            (cursor, "k")
+            for cursor in ("", "102", "0" * 16, "0" * 15 + "gm-1", "0" * 16 + "m 1", "7ff0" + "0" * 12 + "m-1")
+        ),
+    ],
+)
+def test_what_is_no_cursor_is_refused(cursor: str, key_id: str | None) -> None:
+    with pytest.raises(Problem) as caught:
+        position_of(cursor, key_id)
+    (complaint,) = caught.value.errors
+    assert (complaint.parameter, complaint.message) == ("cursor", "not a cursor of this list")

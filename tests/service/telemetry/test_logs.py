@@ -10,12 +10,9 @@ from datetime import datetime
 import httpx
 import pytest
 from sqlalchemy.exc import OperationalError
-from starlette.types import Receive, Scope, Send
 
-from equimesh_service.api.middleware import Observation
 from equimesh_service.telemetry import logs
-from equimesh_service.telemetry.log_context import LogContext, choose_request_id, enter
-from equimesh_service.upkeep.metrics import Metrics
+from equimesh_service.telemetry.log_context import LogContext, enter
 from service.conftest import small, until
 from service.observed import Observed
 
@@ -52,14 +49,6 @@ def test_probes_and_what_clients_make_up_are_not_in_the_log(observed: Observed) 
     for hidden in ("livez", "readyz", "path?", "word", "un sane", SECRET):
         assert hidden not in text
     assert observed.lines(route="unmatched", status=404)
-
-
-def test_ids_of_clients_are_taken_when_they_are_sane() -> None:
-    for good in ("a", "Run_7.b:c-d", "x" * 64):
-        assert choose_request_id(good) == good
-    for bad in (None, "", "x" * 65, "a b", "a\n", "ä", 'a"b'):
-        assert re.fullmatch("[0-9a-f]{24}", choose_request_id(bad))
-    assert choose_request_id(None) != choose_request_id(None)
 
 
 def line_of(format: str, error: BaseException | None = None) -> str:
@@ -113,44 +102,3 @@ def test_a_program_keeps_its_own_log() -> None:
     assert before[0], "pytest has handlers of its own"
     logs.configure("debug", "json")
     assert (root.handlers, root.level, numba.level) == before
-
-
-class Broken:
-    """An application that fails before its answer, or within it."""
-
-    def __init__(self, *, late: bool) -> None:
-        self._late = late
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        assert (scope["type"], receive) != ("websocket", None)
-        if self._late:
-            await send({"type": "http.response.start", "status": 200, "headers": []})
-        raise RuntimeError("a private label")
-
-
-@pytest.mark.anyio
-async def test_what_nobody_expected_is_a_problem_with_the_id_that_the_log_has(caplog: pytest.LogCaptureFixture) -> None:
-    metrics = Metrics()
-    app = Observation(Broken(late=False), metrics=metrics, tracer=None)
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://here") as http:
-        answer = await http.get("/v1/meshes", headers={"X-Request-Id": "r-500"})
-    assert (answer.status_code, answer.headers["x-request-id"], answer.json()["request_id"]) == (500, "r-500", "r-500")
-    assert answer.json()["type"] == "/problems/internal-error"
-    assert "private" not in answer.text
-    (record,) = (record for record in caplog.records if record.levelno == logging.ERROR)
-    assert "RuntimeError at telemetry/test_logs.py" in logs.formatter("text").format(record)
-    assert "private" not in logs.formatter("json").format(record)
-    assert b'requests_total{method="GET",route="unmatched",status="500"} 1.0' in metrics.scrape("")[0]
-
-
-@pytest.mark.anyio
-async def test_a_failure_within_an_answer_cuts_the_connection() -> None:
-    app = Observation(Broken(late=True), metrics=Metrics(), tracer=None)
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://here") as http:
-        with pytest.raises(RuntimeError):
-            await http.get("/")
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
