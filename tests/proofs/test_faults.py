@@ -253,7 +253,7 @@ def test_a_stop_answers_everybody_and_hands_back_what_was_computed(tmp_path: Pat
             spec = {**small(), "grid": {"n_xi": 300, "n_eta": 300}}
             made = http.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}).json()["links"]["file"]
             big = f"{made}?format=su2"
-            assert len(http.get(big).content) > 8_000_000  # more than the buffers of a connection take
+            assert len(http.get(big).content) > 6_000_000  # more than the 4 MB that a connection buffers
             mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
             until(lambda: http.get(mesh).json()["progress"]["fraction"] > 0)
         answers: dict[str, tuple[int, float]] = {}
