@@ -2,6 +2,11 @@
 
 Interpolation of scattered samples takes seconds where there are many. A worker can be stopped, and its linear
 algebra runs on one thread, which is tens of times faster for the many small systems here.
+
+The same samples are interpolated up to three times. An upload without a spec is interpolated on its own extent, since
+faults are to be reported to the sender at once (``alone``). A request for a mesh interpolates them on the domain, which
+is known only then; a small grid in the process of the service, all else in a side worker. The solve does so again: it
+runs in another process, at another time, and a file is all that outlives both.
 """
 
 from __future__ import annotations
