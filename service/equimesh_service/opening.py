@@ -1,4 +1,4 @@
-"""The opening of a service: its rooms, and what has to be there before them."""
+"""The opening of a service: its parts in order, and the checks before them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ PRELOAD = (
 
 
 def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
-    """Open all rooms, in a running event loop. Raises :class:`FolderInUseError`."""
+    """Open all parts of a service, in a running event loop. Raises :class:`FolderInUseError`."""
     metrics = metrics or Metrics()
     folder = settings.data_dir.resolve()
     folder.mkdir(parents=True, exist_ok=True)
@@ -54,24 +54,14 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     store, files = Store(storage.database_url), storage.files()
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
-    limit, prepare = settings.memory_limit, Preparation.of(settings)
-    engine = PebbleEngine(settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up)
-    side_workers = SideWorkers(PebbleEngine(_SIDE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
+    engine, side_workers = _open_workers(settings)
     wakeups, check_threads = Wakeups(store.meshes.unfinished, settings.poll), CheckThreads()
-    rules = Rules(
-        time_limit=settings.time_limit,
-        memory_limit=settings.memory_limit,
-        max_attempts=settings.max_attempts,
-        lease=settings.lease,
-        poll=settings.poll,
-    )
-    owner = secrets.token_hex(8)
     dispatcher = Dispatcher(
-        owner,
+        secrets.token_hex(8),
         store,
         engine,
         lambda claim, mesh_input: (solve.solve_mesh, (Job(storage, claim, settings.worker_threads, mesh_input),)),
-        rules,
+        _rules(settings),
         wakeups.announce,
         metrics,
     )
@@ -105,6 +95,22 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                 "dispatcher": lambda: OK if dispatcher.alive() else "stopped",
             }
         ),
+    )
+
+
+def _open_workers(settings: Settings) -> tuple[Engine, SideWorkers]:
+    limit, prepare = settings.memory_limit, Preparation.of(settings)
+    engine = PebbleEngine(settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up)
+    return engine, SideWorkers(PebbleEngine(_SIDE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
+
+
+def _rules(settings: Settings) -> Rules:
+    return Rules(
+        time_limit=settings.time_limit,
+        memory_limit=settings.memory_limit,
+        max_attempts=settings.max_attempts,
+        lease=settings.lease,
+        poll=settings.poll,
     )
 
 

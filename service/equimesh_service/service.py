@@ -1,4 +1,4 @@
-"""One running service: its rooms, and the waits that cross them. :mod:`equimesh_service.opening` opens it."""
+"""One running service: its parts, and the waits that cross them. :mod:`equimesh_service.opening` opens it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ from equimesh_service.worker import export
 from equimesh_service.worker.job import Export, Storage
 
 _log = logging.getLogger(__name__)
-# Seconds that a request stands in line for a worker; then its mesh waits in the store, where nothing is lost.
+# Longest wait of a request in the line for a worker. After it the mesh waits in the store, where nothing is lost.
 _MAX_LINE_SECONDS = 1.0
 
 
@@ -69,7 +69,7 @@ class Asked:
 
 @dataclass(kw_only=True)
 class Service:
-    """The four rooms, opened. ``engine`` solves, ``side_workers`` makes files and pictures, and reads samples."""
+    """The parts of a service. ``engine`` solves; ``side_workers`` make files and pictures, and read samples."""
 
     settings: Settings
     storage: Storage
@@ -103,20 +103,20 @@ class Service:
         return await self.check_threads.run(function, *arguments)
 
     async def mesh(self, mesh_id: str, caller: Caller) -> MeshRow:
-        """The mesh with this id; raises a 404 problem, also when it is not the caller's to see."""
+        """The mesh with this id; raises a 404 problem, also when the caller may not see it."""
         row = await run_in_threadpool(self.store.meshes.get, mesh_id)
         if row is None or not caller.sees(row.key_id):
             raise await self.missing(mesh_id, caller, "There is no mesh with this id.")
         return row
 
     async def missing(self, name: str, caller: Caller, detail: str) -> Problem:
-        """The problem for an id that is not there: 410 where the caller's mesh or samples have had their time."""
+        """The problem for an unknown id: 410 where the caller's mesh or samples have expired."""
         if await run_in_threadpool(self.store.retention.was_there, name, caller.only):
             return Problem("gone", f"It was removed {self.settings.retention_days:g} days after its last use.")
         return Problem("not-found", detail)
 
     async def finished(self, mesh_id: str, seconds: float, caller: Caller) -> MeshRow:
-        """The mesh, once it is finished or after so many seconds; raises a 404 problem."""
+        """The mesh, once it is finished or after ``seconds``; raises a 404 problem."""
         deadline = time.monotonic() + min(seconds, self.settings.max_wait)
         while True:
             row = await self.mesh(mesh_id, caller)
@@ -126,7 +126,7 @@ class Service:
             await self.wakeups.wait(mesh_id, left, seen=END)
 
     async def sequence(self, sequence_id: str, caller: Caller) -> SequenceRow:
-        """The sequence with this id; raises a 404 problem, also when it is not the caller's to see."""
+        """The sequence with this id; raises a 404 problem, also when the caller may not see it."""
         row = await run_in_threadpool(self.store.sequences.get, sequence_id)
         if row is None or not caller.sees(row.key_id):
             raise await self.missing(sequence_id, caller, "There is no sequence with this id.")
@@ -143,14 +143,14 @@ class Service:
         reuse: bool,
         step: NewStep | None = None,
     ) -> Asked:
-        """Put an admitted spec into the queue or, where somebody waits ``seconds`` for it, straight to a worker.
+        """Put an admitted spec into the queue or, when the request waits ``seconds``, give it to a worker at once.
 
-        With ``reuse`` a finished mesh of the same spec is taken instead, where there is one. It may be the ``step`` of
-        a sequence. Raises 409, 422 and 429 problems.
+        With ``reuse`` a finished mesh of the same spec answers the request, if there is one. The mesh may be the
+        ``step`` of a sequence. Raises 409, 422 and 429 problems.
         """
         new = _new_mesh(admitted, caller, format)
         if step is not None:
-            new = replace(new, fingerprint=None)  # it has its own way to its points, and fields of its own
+            new = replace(new, fingerprint=None)  # its points depend on the steps before, and it has its own fields
         if reuse and self.settings.reuse:
             with refusals():
                 again = await run_in_threadpool(
@@ -163,7 +163,7 @@ class Service:
         reserved = seconds > 0 and self.dispatcher.reserve()
         if not reserved:
             known = await self._find_repeated(new, key, fingerprint)
-            if known is not None:  # a repeated request asks for no more than is there
+            if known is not None:  # a repeated request adds no work
                 log_context.current().mesh_id = known
                 return Asked(known)
             reserved = seconds > 0 and await self._stand_in_line(min(seconds, _MAX_LINE_SECONDS))
@@ -237,7 +237,7 @@ class Service:
             return Asked(mesh_id)
 
     async def ending(self, asked: Asked, seconds: float) -> Ending | None:
-        """How a mesh ended that went straight to a worker; None where it did not, or has not after so many seconds."""
+        """How a mesh ended that a worker got at once; None for others, and for one that runs after ``seconds``."""
         if asked.task is None:
             return None
         # Not by `asyncio.wrap_future`, which logs an exception that comes when nobody waits any more.
@@ -245,7 +245,7 @@ class Service:
         while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
             await self.wakeups.wait(asked.mesh_id, min(left, self.settings.poll))
         if not task.done() or task.cancelled() or task.exception() is not None:
-            return None  # the store tells, or will
+            return None  # the store has the answer, now or soon
         return task.result() if isinstance(task.result(), Ending) else None
 
     async def artifact(self, mesh_id: str, name: str) -> Artifact:
@@ -280,7 +280,7 @@ class Service:
             _log.warning("file %s is left for the sweep: %s", sha256, type(error).__name__)
 
     def close(self) -> None:
-        """Stop the work and close the rooms; what was running goes back into the queue."""
+        """Stop the work and close all parts; running meshes go back into the queue."""
         self.retention.stop()
         self.dispatcher.stop()
         self.engine.close()

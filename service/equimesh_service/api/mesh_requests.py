@@ -7,6 +7,8 @@ from typing import Any
 from fastapi import Request
 
 from equimesh.io.write import FORMATS
+from equimesh_service.admission.admit import Admitted
+from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly.samples import Upload
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
@@ -111,6 +113,17 @@ async def read_request(request: Request, service: Service) -> tuple[bytes, Uploa
         if "samples" in parts:
             upload = bodies.upload_of(parts["samples"])
     return data, upload
+
+
+async def receive_mesh(request: Request, service: Service, caller: Caller) -> Admitted:
+    """Read and admit a request for a mesh, with the samples that came with it."""
+    document, upload = await read_request(request, service)
+    # Before the samples are kept.
+    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
+    admitted = await service.check(service.admission.receive, document, upload, caller)
+    if upload is not None:
+        service.metrics.uploaded()
+    return admitted
 
 
 def media_types() -> dict[str, str]:

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import time
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh.io.write import FORMATS
 from equimesh_service.api.cursors import cursor_of, position_of
-from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
-from equimesh_service.api.mesh_requests import MESH_BODY, check_key, media_types, read_request
+from equimesh_service.api.mesh_requests import MESH_BODY, check_key, receive_mesh
 from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
+from equimesh_service.api.waiting import Waiting
 from equimesh_service.problems.problem import Problem
-from equimesh_service.service import Service
 from equimesh_service.spec.mesh import MeshSpec
 from equimesh_service.spec.strict import WITHOUT_NUL
 from equimesh_service.store.rows import CANCELED, Ending, MeshRow
-from equimesh_service.wire.negotiation import choose_explicit_offer, parse_wait
-from equimesh_service.worker.names import file_name
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
 
@@ -88,38 +86,30 @@ async def create(
     Where the same mesh has been computed before, the answer is at once a mesh of its own with the same points and
     files; `reused_from` and the header `Equimesh-Reused` name the earlier one, and `reuse=false` declines.
     """
-    name = (
-        mesh_format(format)
-        if format is not None
-        else choose_explicit_offer(request.headers.get("accept"), media_types())
-    )
+    waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
-    document, upload = await read_request(request, service)
-    # Before the samples that come along are kept.
-    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
-    admitted = await service.check(service.admission.receive, document, upload, caller)
-    if upload is not None:
-        service.metrics.uploaded()
-    wanted = parse_wait(prefer)
-    seconds = min(wanted or 0, int(service.settings.max_wait))
-    with service.quotas.waiting(caller, seconds):
-        asked = await service.ask(admitted, caller, key=key, format=name, seconds=seconds, reuse=reuse)
+    admitted = await receive_mesh(request, service, caller)
+
+    async def describe(row: MeshRow) -> MeshResource:
+        return mesh_resource(row, service.settings.root)
+
+    with service.quotas.waiting(caller, waiting.seconds):
+        asked = await service.ask(
+            admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=reuse
+        )
         headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
-        if wanted is not None:
-            headers["Preference-Applied"] = f"wait={seconds}"
-        began = time.monotonic()
-        ending = await service.ending(asked, seconds)
-        if ending is not None and name is not None and (file := ending.file(file_name(name, admitted.spec["cells"]))):
-            return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
-        row = await service.finished(asked.mesh_id, seconds - (time.monotonic() - began), caller)
-    if row.reused_from is not None:
-        headers["Equimesh-Reused"] = row.reused_from
-    if row.finished and name is not None:
-        check_done(row, partial=False, headers=headers)
-        return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)
-    if not row.finished:
-        headers["Retry-After"] = "1"
-    return _answer(service, row, 201 if row.finished else 202, headers)
+        return await waiting.answer(request, service, caller, asked, admitted.spec["cells"], headers, describe)
+
+
+class _Page(BaseModel):
+    """Which meshes a page lists."""
+
+    status: Literal["queued", "running", "succeeded", "failed", "canceled"] | None = Field(
+        None, description="Only these."
+    )
+    label: str | None = Field(None, pattern=WITHOUT_NUL, description="Only those with exactly this label.")
+    limit: int = Field(50, ge=1, le=200, description="Most meshes on a page.")
+    cursor: str | None = Field(None, description="`next_cursor` of the page before.")
 
 
 @router.get("", summary="List meshes, newest first", operation_id="listMeshes", responses=problems(422))
@@ -128,21 +118,14 @@ async def list_meshes(
     response: Response,
     service: ServiceDependency,
     caller: Reader,
-    status: Annotated[
-        Literal["queued", "running", "succeeded", "failed", "canceled"] | None, Query(description="Only these.")
-    ] = None,
-    label: Annotated[str | None, Query(pattern=WITHOUT_NUL, description="Only those with exactly this label.")] = None,
-    limit: Annotated[int, Query(ge=1, le=200, description="Most meshes on a page.")] = 50,
-    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.")] = None,
+    page: Annotated[_Page, Query()],
 ) -> MeshList:
     """A page of meshes; the header `Link` with rel="next" leads to the next one."""
-    before = None if cursor is None else position_of(cursor, caller.only)
-    rows = await run_in_threadpool(
-        lambda: service.store.meshes.page(
-            key_id=caller.only, status=status, label=label, before=before, limit=limit + 1
-        )
-    )
-    following = cursor_of(rows[limit - 1], caller.only) if len(rows) > limit else None
+    only, limit = caller.only, page.limit
+    before = None if page.cursor is None else position_of(page.cursor, only)
+    find = partial(service.store.meshes.page, key_id=only, status=page.status, label=page.label, before=before)
+    rows = await run_in_threadpool(find, limit=limit + 1)
+    following = cursor_of(rows[limit - 1], only) if len(rows) > limit else None
     if following is not None:
         url = request.url.include_query_params(cursor=following)
         response.headers["Link"] = f'<{url.path}?{url.query}>; rel="next"'
@@ -203,7 +186,3 @@ async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Respo
     if spec is None:
         raise Problem("not-found", "There is no mesh with this id.")
     return JSONResponse(spec)
-
-
-def _answer(service: Service, row: MeshRow, status: int, headers: dict[str, str]) -> Response:
-    return JSONResponse(mesh_resource(row, service.settings.root).model_dump(mode="json"), status, headers)

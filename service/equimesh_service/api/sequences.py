@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import secrets
-import time
 from contextlib import ExitStack
 from functools import partial
 from hashlib import sha256
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request
-from fastapi.responses import JSONResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh.io.write import FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
-from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
-from equimesh_service.api.mesh_requests import MESH_BODY, check_key, media_types, read_request
+from equimesh_service.api.mesh_files import check_done
+from equimesh_service.api.mesh_requests import MESH_BODY, check_key, receive_mesh
 from equimesh_service.api.resources import SequenceResource, sequence_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, Writer, problems
+from equimesh_service.api.waiting import Waiting
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Asked, Service, refusals
-from equimesh_service.store.rows import CANCELED, FAILED, Ending, NewStep
+from equimesh_service.store.rows import CANCELED, FAILED, Ending, MeshRow, NewStep
 from equimesh_service.wire import body as bodies
-from equimesh_service.wire.negotiation import choose_explicit_offer, parse_wait
-from equimesh_service.worker.names import file_name
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
 
@@ -112,13 +109,9 @@ async def create(
 
     The answer names the sequence, and waits for the first mesh as a request for a mesh does.
     """
-    waiting = _Waiting.of(request, service, format, prefer)
+    waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
-    document, upload = await read_request(request, service)
-    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
-    admitted = steps.check_first_spec(await service.check(service.admission.receive, document, upload, caller))
-    if upload is not None:
-        service.metrics.uploaded()
+    admitted = steps.check_first_spec(await receive_mesh(request, service, caller))
     step = NewStep(
         sequence_id=f"q-{secrets.token_hex(10)}",
         number=0,
@@ -130,7 +123,7 @@ async def create(
         asked = await service.ask(
             admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=step
         )
-        return await waiting.answer(request, service, caller, asked, admitted.spec["cells"])
+        return await _answer(waiting, request, service, caller, asked, admitted.spec["cells"])
 
 
 @router.get("/{id}", summary="Look at a sequence", operation_id="getSequence", responses=problems(404, 410))
@@ -168,25 +161,16 @@ async def step(
     sequence = await service.sequence(id, caller)
     if sequence.key_id not in ("", caller.key_id):  # the step's mesh would not be there for the sequence's own key
         raise Problem("forbidden", "Only the key that began a sequence takes its steps.")
-    waiting = _Waiting.of(request, service, format, prefer)
+    waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
-    kind = bodies.media_type(request)
-    if kind not in (bodies.JSON, NPZ):
-        shown = repr(kind[:80]) if kind else "no Content-Type"
-        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {NPZ}, not {shown}.")
-    data = await bodies.read_body(request, service.settings.max_body)
-
-    def repeated() -> tuple[str, str | None]:
-        digest = sha256(f"{id} {waiting.format} {kind} ".encode())
-        digest.update(data)
-        return digest.hexdigest(), service.store.meshes.find_repeated(caller.key_id, key, digest.hexdigest())
-
+    kind, data = await _read_body(request, service)
+    fingerprint = await run_in_threadpool(_fingerprint, f"{id} {waiting.format} {kind} ", data)
     with refusals():
-        fingerprint, again = await run_in_threadpool(repeated)
+        again = await run_in_threadpool(service.store.meshes.find_repeated, caller.key_id, key, fingerprint)
     if again is not None:
         mesh = await service.mesh(again, caller)
         with service.quotas.waiting(caller, waiting.seconds):
-            return await waiting.answer(request, service, caller, Asked(again), mesh.cells)
+            return await _answer(waiting, request, service, caller, Asked(again), mesh.cells)
     await service.quotas.check_bytes(caller, len(data))
     if kind == NPZ:
         move = await service.check(steps.read_arrays, data, 4 * service.settings.max_body)
@@ -211,7 +195,7 @@ async def step(
         asked = await service.ask(
             made.admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=new
         )
-        return await waiting.answer(request, service, caller, asked, made.admitted.spec["cells"])
+        return await _answer(waiting, request, service, caller, asked, made.admitted.spec["cells"])
 
 
 @router.delete(
@@ -230,6 +214,22 @@ async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
         service.dispatcher.cancel(mesh_id)
 
 
+async def _read_body(request: Request, service: Service) -> tuple[str, bytes]:
+    """The media type and the bytes of a step."""
+    kind = bodies.media_type(request)
+    if kind not in (bodies.JSON, NPZ):
+        shown = repr(kind[:80]) if kind else "no Content-Type"
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {NPZ}, not {shown}.")
+    return kind, await bodies.read_body(request, service.settings.max_body)
+
+
+def _fingerprint(head: str, data: bytes) -> str:
+    """The same for requests of the same step."""
+    digest = sha256(head.encode())
+    digest.update(data)
+    return digest.hexdigest()
+
+
 async def _start(service: Service, caller: Caller, sequence_id: str, step: int) -> str:
     """The finished mesh of the step that another one is to follow; raises the problem why there is none."""
     sequence = await service.sequence(sequence_id, caller)
@@ -244,43 +244,18 @@ async def _start(service: Service, caller: Caller, sequence_id: str, step: int) 
     return mesh_id
 
 
-class _Waiting:
-    """How a request wants to be answered: with the file in a format, after so many seconds at most."""
+async def _answer(
+    waiting: Waiting, request: Request, service: Service, caller: Caller, asked: Asked, cells: str
+) -> Response:
+    """The answer with the mesh, its file or its state, and the sequence that it belongs to."""
+    found = await run_in_threadpool(service.store.sequences.step_of, asked.mesh_id)
+    if found is None:
+        raise Problem("conflict", "The sequence was deleted at this moment.")
+    (sequence_id, number), root = found, service.settings.root
+    location = f"{root}/v1/meshes/{asked.mesh_id}" if number else f"{root}/v1/sequences/{sequence_id}"
 
-    def __init__(self, format: str | None, seconds: int, wanted: int | None) -> None:
-        self.format, self.seconds, self._wanted = format, seconds, wanted
+    async def describe(row: MeshRow) -> SequenceResource:
+        return sequence_resource(await service.sequence(sequence_id, caller), number, row, root)
 
-    @classmethod
-    def of(cls, request: Request, service: Service, format: str | None, prefer: str | None) -> _Waiting:
-        name = (
-            mesh_format(format)
-            if format is not None
-            else choose_explicit_offer(request.headers.get("accept"), media_types())
-        )
-        wanted = parse_wait(prefer)
-        return cls(name, min(wanted or 0, int(service.settings.max_wait)), wanted)
-
-    async def answer(self, request: Request, service: Service, caller: Caller, asked: Asked, cells: str) -> Response:
-        """The answer with the mesh, its file or its state, and the sequence that it belongs to."""
-        began, root = time.monotonic(), service.settings.root
-        found = await run_in_threadpool(service.store.sequences.step_of, asked.mesh_id)
-        if found is None:
-            raise Problem("conflict", "The sequence was deleted at this moment.")
-        sequence_id, number = found
-        place = f"{root}/v1/meshes/{asked.mesh_id}" if number else f"{root}/v1/sequences/{sequence_id}"
-        headers = {"Location": place, "Equimesh-Step": str(number)}
-        if self._wanted is not None:
-            headers["Preference-Applied"] = f"wait={self.seconds}"
-        name = self.format
-        ending = await service.ending(asked, self.seconds)
-        if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
-            return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
-        row = await service.finished(asked.mesh_id, self.seconds - (time.monotonic() - began), caller)
-        if row.finished and name is not None:
-            check_done(row, partial=False, headers=headers)
-            return await mesh_file(request, service, row, name, row.cells, headers=headers, status=201)
-        if not row.finished:
-            headers["Retry-After"] = "1"
-        sequence = await service.sequence(sequence_id, caller)
-        resource = sequence_resource(sequence, number, row, root)
-        return JSONResponse(resource.model_dump(mode="json"), 201 if row.finished else 202, headers)
+    headers = {"Location": location, "Equimesh-Step": str(number)}
+    return await waiting.answer(request, service, caller, asked, cells, headers, describe)

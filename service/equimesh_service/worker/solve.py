@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import time
 from contextlib import ExitStack
-from dataclasses import replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,6 +17,7 @@ import equimesh
 from equimesh.fields.mesh_map import reference_of
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
+from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.problem import SamplesOf, build
 from equimesh_service.errors import AttemptLostError
 from equimesh_service.files.port import Files
@@ -102,75 +103,91 @@ def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> Samples
     return path
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Work:
+    """What an attempt computes: the problem of a spec and how to solve it, and the mesh that a step starts from."""
+
+    mesh_input: MeshInput
+    spec: BuiltSpec
+    start: equimesh.Mesh | None
+
+
 def _solve(job: Job) -> Ending | None:
-    started = time.perf_counter()
+    began = time.perf_counter()
     store, files = open_store(job.storage), job.storage.files()
-    mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
-    if mesh_input is None:
-        raise AttemptLostError
-    with ExitStack() as samples:
-        spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
-    problem, schwarz = spec.problem, spec.schwarz
-    start = _start(mesh_input, files)
-    reporter = Reporter(schwarz, lambda told: store.queue.progress(job.claim, told))
+    work = _build(job, store, files)
+    reporter = Reporter(work.spec.schwarz, partial(store.queue.progress, job.claim))
     with tracing.span("solve"):
-        solution = equimesh.solve(
-            problem,
-            schwarz,
-            initial=spec.initial if start is None else reference_of(start, problem.domain),
-            mode=spec.mode,
-            allow_relaxed=spec.allow_relaxed,
-            threads=job.threads,
-            observe=reporter,
-            check=False,
-        )
+        solution = _compute(work, job.threads, reporter)
     solved = time.perf_counter()
     reporter.writing()
-    usable = not solution.mesh.is_folded
     with tracing.span("write"), ExitStack() as stack:
-        output = Output(files, stack, in_threads=problem.grid.points >= MIN_POINTS_FOR_THREADS)
-        if schwarz is not None:
-            output.json(CONVERGENCE, solution.convergence())
-        quality = None
-        if usable:
-            data = solution.data()
-            if start is not None and mesh_input.fields is not None:
-                data = replace(data, fields=_carried(start, mesh_input.fields, solution.mesh, files))
-            output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
-            if mesh_input.format is not None and (mesh_input.format, spec.cells) != ("npz", "quad"):
-                name, cells = mesh_input.format, spec.cells
-                output.write(
-                    file_name(name, cells), f".{name}", lambda path: write_mesh(path, data, format=name, cells=cells)
-                )
-            quality = solution.quality.summary()  # while files are written, as the certificate
-        certificate = solution.certificate.summary()
+        output = Output(files, stack, in_threads=work.spec.problem.grid.points >= MIN_POINTS_FOR_THREADS)
+        result = _write(work, solution, files, output)
         artifacts = output.artifacts()
-        timings = {"solve": solved - started, "write": time.perf_counter() - solved}
+        result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else _problem(solution)
         kept = store.queue.finish(
             job.claim,
             error=None if failure is None else failure.body(),
-            result={
-                "solution": _summary(solution),
-                "quality": quality,
-                "certificate": certificate,
-                "timings": timings,
-            },
+            result=result,
             files=artifacts,
-            partial=usable and not solution.status.succeeded,
+            partial=failure is not None and not solution.mesh.is_folded,
             publish=output.publish,
         )
     if not kept:
         return None
     status = SUCCEEDED if failure is None else FAILED
-    _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, status, timings["solve"])
+    _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, status, solved - began)
     return Ending(
         status=status,
         reason="" if failure is None else failure.name,
-        points=problem.grid.points,
-        solve_seconds=timings["solve"],
+        points=work.spec.problem.grid.points,
+        solve_seconds=solved - began,
         files=tuple(artifacts),
     )
+
+
+def _build(job: Job, store: Store, files: Files) -> _Work:
+    """Read the input of a mesh and build its problem; raises :class:`AttemptLostError` for a mesh that is gone."""
+    mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
+    if mesh_input is None:
+        raise AttemptLostError
+    with ExitStack() as samples:
+        spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
+    return _Work(mesh_input=mesh_input, spec=spec, start=_start(mesh_input, files))
+
+
+def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution:
+    spec, start = work.spec, work.start
+    return equimesh.solve(
+        spec.problem,
+        spec.schwarz,
+        initial=spec.initial if start is None else reference_of(start, spec.problem.domain),
+        mode=spec.mode,
+        allow_relaxed=spec.allow_relaxed,
+        threads=threads,
+        observe=reporter,
+        check=False,
+    )
+
+
+def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Output) -> dict[str, Any]:
+    """Begin to write all files; returns what the mesh says of its solution, measured meanwhile."""
+    if work.spec.schwarz is not None:
+        output.json(CONVERGENCE, solution.convergence())
+    quality = None
+    if not solution.mesh.is_folded:
+        data, requested = solution.data(), work.mesh_input.format
+        if work.start is not None and work.mesh_input.fields is not None:
+            data = replace(data, fields=_carry(work.start, work.mesh_input.fields, solution.mesh, files))
+        output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
+        cells = work.spec.cells
+        if requested is not None and (requested, cells) != ("npz", "quad"):
+            write = partial(write_mesh, data=data, format=requested, cells=cells)
+            output.write(file_name(requested, cells), f".{requested}", write)
+        quality = solution.quality.summary()
+    return {"solution": _summary(solution), "quality": quality, "certificate": solution.certificate.summary()}
 
 
 def _start(mesh_input: MeshInput, files: Files) -> equimesh.Mesh | None:
@@ -184,18 +201,18 @@ def _start(mesh_input: MeshInput, files: Files) -> equimesh.Mesh | None:
         raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
 
 
-def _carried(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: Files) -> dict[str, Any]:
+def _carry(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: Files) -> dict[str, Any]:
     """The fields of a step at the nodes of its mesh."""
     with files.local(sha256) as path, np.load(path, allow_pickle=False) as fields:
         return equimesh.transfer(start, dict(fields), mesh)
 
 
 def _problem(solution: equimesh.Solution) -> Problem:
-    partial = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
-    said = solution.note or solution.status.sentence  # the problem's title says what the status does
+    download = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
+    detail = solution.note or solution.status.sentence  # the title of the problem says what the status does
     if _is_refused(solution):
-        said = f"A relaxed mesh was found, and refused because allow_relaxed is false. {said}"
-    return Problem(str(solution.status).replace("_", "-"), said, remedy=solution.remedy + partial)
+        detail = f"A relaxed mesh was found, and refused because allow_relaxed is false. {detail}"
+    return Problem(str(solution.status).replace("_", "-"), detail, remedy=solution.remedy + download)
 
 
 def _is_refused(solution: equimesh.Solution) -> bool:
