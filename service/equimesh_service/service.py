@@ -160,7 +160,7 @@ class Service:
                 log_context.current().mesh_id = again
                 return Asked(again)
         fingerprint = admitted.fingerprint(format) if step is None else step.fingerprint
-        reserved = seconds > 0 and self.dispatcher.reserve()
+        reserved = seconds > 0 and self.dispatcher.line.reserve()
         if not reserved:
             known = await self._find_repeated(new, key, fingerprint)
             if known is not None:  # a repeated request adds no work
@@ -172,7 +172,7 @@ class Service:
             asked = await self._add(admitted, caller, new, key, fingerprint, lease, step)
         except BaseException:
             if lease is not None:
-                self.dispatcher.release()
+                self.dispatcher.line.release()
             raise
         log_context.current().mesh_id = asked.mesh_id
         return asked
@@ -186,7 +186,7 @@ class Service:
 
     async def _stand_in_line(self, seconds: float) -> bool:
         """Wait for a worker to be reserved; False where none came free in time."""
-        turn, reserved = self.dispatcher.line_up(), False
+        turn, reserved = self.dispatcher.line.join(), False
         try:
             async with asyncio.timeout(seconds):
                 reserved = await asyncio.shield(asyncio.wrap_future(turn))
@@ -194,7 +194,7 @@ class Service:
             pass
         finally:
             if not reserved:
-                self.dispatcher.step_out(turn)
+                self.dispatcher.line.leave(turn)
         return reserved
 
     async def _add(
@@ -223,7 +223,7 @@ class Service:
             self.dispatcher.wake()
             return Asked(mesh_id)
         if mesh_id != new.id:  # an older one of the same key
-            self.dispatcher.release()
+            self.dispatcher.line.release()
             return Asked(mesh_id)
         mesh_input = MeshInput(spec=admitted.spec, samples=admitted.samples, format=new.format)
         if step is not None:
@@ -233,7 +233,7 @@ class Service:
         try:
             return Asked(mesh_id, self.dispatcher.begin(claim, mesh_input))
         except EngineError:
-            self.dispatcher.release()  # the mesh is there, and the dispatcher sees that no worker has it
+            self.dispatcher.line.release()  # the mesh is there, and the dispatcher sees that no worker has it
             return Asked(mesh_id)
 
     async def ending(self, asked: Asked, seconds: float) -> Ending | None:

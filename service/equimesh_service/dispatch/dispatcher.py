@@ -1,4 +1,4 @@
-"""The dispatcher: takes waiting meshes to the engine, and looks after those that lost their worker."""
+"""The dispatcher: gives waiting meshes to the engine, and requeues those that lost their worker."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import logging
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from equimesh_service.dispatch.worker_line import WorkerLine
 from equimesh_service.engine.port import Engine
 from equimesh_service.errors import MemoryLimitError, TimeLimitError, WorkerLostError
 from equimesh_service.problems.problem import Problem
@@ -24,11 +24,10 @@ from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.worker.attempt import log_context_of
 
 _log = logging.getLogger(__name__)
-# Seconds; a database that is locked is waited for half as long.
+# Longest time between two rounds of a thread that works; the wait for a locked database is half as long.
 _MAX_ROUND_SECONDS = 60.0
-# How often a dispatcher looks whether its claims still stand; work that is for nobody ends after two looks.
+# How often the dispatcher checks its claims; a task whose claim is gone is cancelled at the second check.
 _CHECK_SECONDS = 0.4
-_MAX_LINE_LENGTH = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,15 +42,22 @@ class Rules:
 
 
 class Dispatcher:
-    """A thread between a store and an engine.
+    """A thread that takes meshes from the queue of a store to the workers of an engine.
 
-    It holds as many claims as the engine has workers, renews their leases while they run, and takes back the
-    claims of owners that went silent. ``run`` is what a worker does with a claim: it writes its results into
-    the store itself. ``notify`` hears the id of every mesh whose status may have changed.
+    It claims as many meshes as the engine has workers, renews the leases of its claims while they run, and takes back
+    the claims of owners that went silent. The states of a claim::
 
-    A mesh for which somebody waits need not go through the queue: :meth:`reserve` a worker, put the mesh into the
-    store as claimed by :attr:`lease`, and :meth:`begin` it, or :meth:`release` the worker. Where no worker is free,
-    :meth:`line_up` for one: this line and the queue take turns.
+        queued ── claim ──> running ── the worker writes its result ──> succeeded or failed
+           ^                   ├── a limit is reached, or the worker raises ──> failed
+           │                   ├── canceled, deleted or taken over ──> its task is cancelled
+           ├───────────────────┤ its worker died or its owner is silent (failed after ``max_attempts``)
+           └───────────────────┘ no worker has it, or the service stops
+
+    ``run`` is what a worker does with a claim: it writes its results into the store itself. ``notify`` is called with
+    the id of every mesh whose status may have changed.
+
+    A mesh for which a request waits need not go through the queue: reserve a worker in the :attr:`line`, put the mesh
+    into the store as claimed by :attr:`lease`, and :meth:`begin` it, or release the worker.
     """
 
     def __init__(
@@ -72,23 +78,20 @@ class Dispatcher:
         self._notify = notify
         self._metrics = metrics or Metrics()
         self.lease = Lease(owner=owner, seconds=rules.lease)
-        self._lock = threading.RLock()  # of the six that follow; a task may end while it is submitted
-        self._running: dict[Claim, Future[Any]] = {}
-        self._reserved = 0
-        self._line: deque[Future[bool]] = deque()  # who waits for a worker to be reserved
-        self._is_turn_of_line = False  # where somebody waits in the queue, too
-        self._queue_is_empty = False  # as far as this service knows
-        self._woken = False  # since the look at the queue that goes on
-        self._strays: set[Claim] = set()  # claims of this service that no worker has
-        self._gone: set[Claim] = set()  # what workers have that this service has no claim to
-        self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
-        self._came_round = time.monotonic()
         self._wake = threading.Event()
+        self.line = WorkerLine(engine, lambda: len(self._running), self._wake.set)
+        self._lock = self.line.lock  # of the two that follow
+        self._running: dict[Claim, Future[Any]] = {}
+        self._woken = False  # since the current look at the queue began
+        self._strays: set[Claim] = set()  # claims of this service that no worker has
+        self._gone: set[Claim] = set()  # claims that workers have and this service has lost
+        self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
+        self._last_round = time.monotonic()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._loop, name="equimesh-dispatcher", daemon=True)
 
     def start(self, *, alone: bool) -> None:
-        """Begin. ``alone`` says that no other service uses this store: what is running there is left over."""
+        """Start the thread. ``alone``: no other service uses this store, so all meshes that run there are lost."""
         for claim in self._store.queue.abandoned(owner_gone=self._owner if alone else None):
             self._lost(claim, "the service stopped while a worker had this mesh")
         self._thread.start()
@@ -96,118 +99,81 @@ class Dispatcher:
     def wake(self) -> None:
         """Look at the queue now."""
         with self._lock:
-            self._queue_is_empty, self._woken = False, True
-        self._wake.set()
-
-    def reserve(self) -> bool:
-        """Keep a worker free for a mesh that is not in the store yet; False when none is, or others have waited."""
-        with self._lock:
-            free = self._queue_is_empty and not self._line and not self._stopping.is_set() and self._has_room()
-            self._reserved += free
-        return free
-
-    def line_up(self) -> Future[bool]:
-        """Wait for a worker: True when one is reserved, False when the line is too long, or the service ends."""
-        turn: Future[bool] = Future()
-        with self._lock:
-            if len(self._line) < _MAX_LINE_LENGTH and not self._stopping.is_set():
-                self._line.append(turn)
-                self._call_up()
-                return turn
-        turn.set_result(False)
-        return turn
-
-    def step_out(self, turn: Future[bool]) -> None:
-        """Leave the line; a worker that was reserved meanwhile is given up."""
-        with self._lock:
-            if turn in self._line:
-                self._line.remove(turn)
-                return
-        if turn.result():
-            self.release()
-
-    def release(self) -> None:
-        """Give up a reserved worker."""
-        with self._lock:
-            self._reserved -= 1
-            self._call_up()
+            self.line.queue_is_empty, self._woken = False, True
         self._wake.set()
 
     def begin(self, claim: Claim, mesh_input: MeshInput) -> Future[Any]:
         """Give a claimed mesh to the reserved worker; the future ends when the worker does."""
         with self._lock:
             task = self._submit(claim, mesh_input)
-            self._reserved -= 1
+            self.line.use()
             return task
 
     def cancel(self, mesh_id: str) -> None:
         """Stop the work on a mesh that was canceled or deleted in the store."""
-        for claim, task in self._held():
+        for claim, task in self._tasks():
             if claim.mesh_id == mesh_id:
                 self._engine.cancel(task)
         self._notify(mesh_id)
         self._wake.set()
 
     def alive(self) -> bool:
-        """Whether the thread does its work: it is there, and has come round within a minute."""
-        return self._thread.is_alive() and time.monotonic() - self._came_round < _MAX_ROUND_SECONDS
+        """Whether the thread works: it runs, and its last round began less than a minute ago."""
+        return self._thread.is_alive() and time.monotonic() - self._last_round < _MAX_ROUND_SECONDS
 
     def stop(self) -> None:
-        """End; meshes that are being computed go back into the queue."""
+        """Stop the thread; running meshes go back into the queue."""
         self._stopping.set()
+        self.line.close()
         self._wake.set()
         self._thread.join()
-        with self._lock:
-            while self._line:
-                self._line.popleft().set_result(False)
-        running = self._held()
+        running = self._tasks()
         try:
-            # Those, too, that had not come to a worker yet.
+            # Also the claims that have no worker yet.
             for claim in self._store.queue.renew(self._owner, self._rules.lease):
                 if self._store.queue.requeue(claim, "the service was stopped"):
                     _log.info("mesh %s goes back into the queue", claim.mesh_id)
-        except Exception as error:  # the leases run out, and the meshes are lost then
+        except Exception as error:  # their leases expire, and other services take the meshes
             if storage_problem(error) is None:
                 _log.exception("meshes could not be put back into the queue")
         for _, task in running:
             self._engine.cancel(task)
 
     def _loop(self) -> None:
-        next_care = next_look = next_check = time.monotonic()
+        next_renewal = next_look = next_check = time.monotonic()
         while not self._stopping.is_set():
             self._wake.clear()
-            self._came_round = time.monotonic()
+            self._last_round = time.monotonic()
             try:
                 self._settle()
-                if time.monotonic() >= next_care:
-                    self._care()
-                    next_care = time.monotonic() + self._rules.lease / 3
+                if time.monotonic() >= next_renewal:
+                    self._renew_leases()
+                    next_renewal = time.monotonic() + self._rules.lease / 3
                 if self._running and time.monotonic() >= next_check:
-                    self._drop_gone()
+                    self._cancel_gone()
                     next_check = time.monotonic() + _CHECK_SECONDS
-                if not self._queue_is_empty or time.monotonic() >= next_look:
+                if not self.line.queue_is_empty or time.monotonic() >= next_look:
                     self._fill()
                     next_look = time.monotonic() + self._rules.poll  # others may have put something in
             except Exception as error:
-                if storage_problem(error) is None:  # which says itself what it is
-                    _log.exception("the dispatcher failed; it goes on")
+                if storage_problem(error) is None:  # otherwise it is logged there
+                    _log.exception("the dispatcher failed; it continues")
                 self._stopping.wait(1.0)
             self._wake.wait(self._rules.poll)
 
     def _fill(self) -> None:
-        while self._take_room():
+        while self.line.reserve_for_queue():
             self._woken = False
             try:
                 claim = self._store.queue.claim(self._owner, self._rules.lease)
             except BaseException:
-                self.release()
+                self.line.release()
                 raise
-            with self._lock:  # until here it counts as what it was, so that nobody overtakes during the look
-                self._reserved -= 1
-                self._queue_is_empty = claim is None and not self._woken
-                self._is_turn_of_line = True
+            # The flag changes only under the lock, so that no request overtakes the queue in between.
+            with self._lock:
+                self.line.end_turn_of_queue(is_empty=claim is None and not self._woken)
                 task = None if claim is None else self._submit(claim, None)
-                self._call_up()  # now that the worker of the claim is not free any more
+                self.line.call_next()  # now that the worker of the claim is not free any more
             if claim is None or task is None:
                 return
             row = self._store.meshes.get(claim.mesh_id)
@@ -215,26 +181,7 @@ class Dispatcher:
                 self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task
             self._notify(claim.mesh_id)
 
-    def _take_room(self) -> bool:
-        """Reserve a worker for what may be in the queue."""
-        with self._lock:
-            self._call_up()
-            free = self._has_room()
-            self._reserved += free
-        return free
-
-    def _call_up(self) -> None:
-        """Reserve workers that are free for those in the line, under the lock; in turns where others are queued."""
-        while self._line and (self._queue_is_empty or self._is_turn_of_line) and self._has_room():
-            self._reserved += 1
-            self._is_turn_of_line = False
-            self._line.popleft().set_result(True)
-
-    def _has_room(self) -> bool:
-        health = self._engine.health()
-        return health.ready and len(self._running) + self._reserved < health.workers
-
-    def _held(self) -> list[tuple[Claim, Future[Any]]]:
+    def _tasks(self) -> list[tuple[Claim, Future[Any]]]:
         with self._lock:
             return list(self._running.items())
 
@@ -250,20 +197,20 @@ class Dispatcher:
 
     def _end(self, claim: Claim, task: Future[Any]) -> None:
         if _is_over(task):
-            self._leave(claim)  # at once, in whatever thread this is: the worker has written its result already
+            self._free_worker(claim)  # at once, in this thread: the worker has already written its result
             self._metrics.ended(task.result())
-            if not self._queue_is_empty:
+            if not self.line.queue_is_empty:
                 self._wake.set()
         else:
             self._ended.put((claim, task))
             self._wake.set()
         self._notify(claim.mesh_id)
 
-    def _leave(self, claim: Claim) -> None:
-        """The worker that had a mesh has done with it."""
+    def _free_worker(self, claim: Claim) -> None:
+        """The worker of a claim is free again."""
         with self._lock:
             self._running.pop(claim, None)
-            self._call_up()
+            self.line.call_next()
 
     def _settle(self) -> None:
         while not self._ended.empty():
@@ -272,9 +219,9 @@ class Dispatcher:
                 with log_context.enter(log_context_of(claim)):
                     self._conclude(claim, task.exception())
             except Exception:
-                self._ended.put((claim, task))  # the store did not take it: once more, later
+                self._ended.put((claim, task))  # the store did not take it: try again later
                 raise
-            self._leave(claim)
+            self._free_worker(claim)
             self._notify(claim.mesh_id)
 
     def _conclude(self, claim: Claim, error: BaseException | None) -> None:
@@ -310,27 +257,27 @@ class Dispatcher:
         problem = Problem("worker-lost", f"Given up after {most} attempts; at the last one {reason}.")
         status = self._store.queue.lose(claim, reason, most=most, error=problem.body())
         if status is not None:
-            self._queue_is_empty = False
+            self.line.queue_is_empty = False
             self._metrics.lost(status)
             with log_context.enter(log_context_of(claim)):
                 _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
             self._notify(claim.mesh_id)
 
-    def _care(self) -> None:
-        running = {claim for claim, _ in self._held()}
+    def _renew_leases(self) -> None:
+        running = {claim for claim, _ in self._tasks()}
         strays = self._store.queue.renew(self._owner, self._rules.lease) - running
-        for claim in strays & self._strays:  # twice in a row: not just on its way to a worker
+        for claim in strays & self._strays:  # twice in a row, so it is not just on its way to a worker
             if self._store.queue.requeue(claim, "it had not reached a worker"):
-                self._queue_is_empty = False
+                self.line.queue_is_empty = False
         self._strays = strays
         for claim in self._store.queue.abandoned():
             self._lost(claim, "its service fell silent")
 
-    def _drop_gone(self) -> None:
-        """Stop the work on what was canceled through another service, or taken over after a long silence."""
-        running = dict(self._held())  # before the look: the store knows all of these
+    def _cancel_gone(self) -> None:
+        """Cancel the tasks of meshes that were canceled through another service, or taken over by it."""
+        running = dict(self._tasks())  # before the store is read: it knows all of these
         gone = running.keys() - self._store.queue.held(self._owner)
-        for claim in gone & self._gone:  # twice in a row: its worker has not just finished it
+        for claim in gone & self._gone:  # twice in a row, so its worker has not just finished it
             self._engine.cancel(running[claim])
         self._gone = gone
 

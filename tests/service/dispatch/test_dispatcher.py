@@ -74,40 +74,40 @@ def dispatcher(store: Store, engine: Patient) -> Iterator[Dispatcher]:
 
 
 def test_as_many_are_taken_as_there_are_workers(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
-    until(dispatcher.reserve)
-    until(dispatcher.reserve)  # not at once where the queue is looked at in this moment
-    assert not dispatcher.reserve()
-    dispatcher.release()
-    until(dispatcher.reserve)
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)  # not at once where the queue is looked at in this moment
+    assert not dispatcher.line.reserve()
+    dispatcher.line.release()
+    until(dispatcher.line.reserve)
     for name in ("a", "b"):
         store.meshes.add(NewMesh(id=name, spec=SPEC), lease=dispatcher.lease)
         dispatcher.begin(Claim(name, 1), MESH_INPUT)
-    assert not dispatcher.reserve()
+    assert not dispatcher.line.reserve()
     store.queue.finish(Claim("a", 1))
     engine.tasks[0].set_result(None)
-    until(dispatcher.reserve)
-    assert not dispatcher.reserve()
+    until(dispatcher.line.reserve)
+    assert not dispatcher.line.reserve()
 
 
 def test_who_waits_in_the_queue_is_not_overtaken(store: Store, engine: Patient) -> None:
     store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
-    assert not dispatcher.reserve()  # it has not looked at the queue yet
+    assert not dispatcher.line.reserve()  # it has not looked at the queue yet
     dispatcher.start(alone=True)
     until(lambda: len(engine.tasks) == 1)
-    until(dispatcher.reserve)  # the second worker, now that nobody waits
+    until(dispatcher.line.reserve)  # the second worker, now that nobody waits
     dispatcher.stop()
 
 
 def test_a_worker_that_takes_nothing_stays_reserved(dispatcher: Dispatcher, engine: Patient) -> None:
-    until(dispatcher.reserve)
+    until(dispatcher.line.reserve)
     engine.closed = True
     with pytest.raises(EngineError):
         dispatcher.begin(Claim("a", 1), MESH_INPUT)
-    dispatcher.release()
-    until(dispatcher.reserve)
-    until(dispatcher.reserve)
-    assert not dispatcher.reserve()
+    dispatcher.line.release()
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)
+    assert not dispatcher.line.reserve()
 
 
 def test_nobody_overtakes_while_the_queue_is_looked_at(
@@ -118,7 +118,7 @@ def test_nobody_overtakes_while_the_queue_is_looked_at(
     claim, overtook = store.queue.claim, []
 
     def look(owner: str, lease: float) -> Claim | None:
-        overtook.append(dispatcher.reserve())
+        overtook.append(dispatcher.line.reserve())
         return claim(owner, lease)
 
     monkeypatch.setattr(store.queue, "claim", look)
@@ -135,10 +135,10 @@ def test_a_worker_that_a_claimed_mesh_needs_is_given_to_nobody_else(
     claim, overtook, turns = store.queue.claim, list[bool](), list[Future[bool]]()
 
     def look(owner: str, lease: float) -> Claim | None:
-        overtook.append(dispatcher.reserve())
+        overtook.append(dispatcher.line.reserve())
         found = claim(owner, lease)
         if found is not None:
-            turns.append(dispatcher.line_up())
+            turns.append(dispatcher.line.join())
         return found
 
     monkeypatch.setattr(engine, "health", lambda: Health(ready=True, workers=1))
@@ -157,9 +157,9 @@ def test_a_worker_that_a_claimed_mesh_needs_is_given_to_nobody_else(
 
 
 def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
-    until(dispatcher.reserve)
+    until(dispatcher.line.reserve)
     store.meshes.add(NewMesh(id="a", spec=SPEC), lease=dispatcher.lease)
-    dispatcher.release()  # whoever asked for it is gone
+    dispatcher.line.release()  # whoever asked for it is gone
     until(lambda: len(engine.tasks) == 1)
     story = [event.data for event in store.meshes.events("a")]
     assert [told["status"] for told in story] == ["queued", "running", "queued", "running"]
@@ -194,40 +194,40 @@ def _hold(dispatcher: Dispatcher, store: Store, name: str) -> None:
 
 
 def test_a_line_forms_where_no_worker_is_free(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
-    until(dispatcher.reserve)
+    until(dispatcher.line.reserve)
     _hold(dispatcher, store, "a")
-    assert dispatcher.line_up().result(60.0) is True
-    first, second, third = (dispatcher.line_up() for _ in range(3))
+    assert dispatcher.line.join().result(60.0) is True
+    first, second, third = (dispatcher.line.join() for _ in range(3))
     assert not any(turn.done() for turn in (first, second, third))
     _finish(store, engine, 0, "a")
     assert first.result(0) is True  # at once: no thread has to come round
     assert not second.done()
-    dispatcher.step_out(second)
-    dispatcher.release()
+    dispatcher.line.leave(second)
+    dispatcher.line.release()
     assert third.result(0) is True
     assert not second.done()
 
 
 def test_a_worker_that_came_too_late_is_given_to_the_next(dispatcher: Dispatcher) -> None:
-    until(dispatcher.reserve)
-    late = dispatcher.line_up()
+    until(dispatcher.line.reserve)
+    late = dispatcher.line.join()
     assert late.result(60.0) is True
-    turn = dispatcher.line_up()
+    turn = dispatcher.line.join()
     assert not turn.done()
-    dispatcher.step_out(late)  # it has a worker, and nobody waits for it any more
+    dispatcher.line.leave(late)  # it has a worker, and nobody waits for it any more
     assert turn.result(0) is True
-    assert not dispatcher.reserve()
+    assert not dispatcher.line.reserve()
 
 
 def test_the_line_and_the_queue_take_turns(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
-    until(dispatcher.reserve)
-    until(dispatcher.reserve)  # a look at the queue may have the worker for a moment
-    turns = [dispatcher.line_up() for _ in range(2)]
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)  # a look at the queue may have the worker for a moment
+    turns = [dispatcher.line.join() for _ in range(2)]
     for name in ("queued 1", "queued 2"):
         store.meshes.add(NewMesh(id=name, spec=SPEC))
     dispatcher.wake()
     for taken in ((1, 0), (1, 1), (2, 1), (2, 2)):
-        dispatcher.release()  # one worker is free
+        dispatcher.line.release()  # one worker is free
         until(lambda now=taken: (sum(turn.done() for turn in turns), len(engine.tasks)) == now)
         time.sleep(0.05)
         assert (sum(turn.done() for turn in turns), len(engine.tasks)) == taken
@@ -236,22 +236,22 @@ def test_the_line_and_the_queue_take_turns(dispatcher: Dispatcher, store: Store,
 def test_a_line_has_an_end_and_ends_with_the_service(store: Store, engine: Patient) -> None:
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
     dispatcher.start(alone=True)
-    until(dispatcher.reserve)
-    until(dispatcher.reserve)
-    turns = [dispatcher.line_up() for _ in range(64)]
-    assert dispatcher.line_up().result(0) is False
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)
+    turns = [dispatcher.line.join() for _ in range(64)]
+    assert dispatcher.line.join().result(0) is False
     dispatcher.stop()
     assert {turn.result(0) for turn in turns} == {False}
-    assert dispatcher.line_up().result(0) is False
+    assert dispatcher.line.join().result(0) is False
 
 
 def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher) -> None:
-    until(dispatcher.reserve)
-    until(dispatcher.reserve)
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)
     service: Any = SimpleNamespace(dispatcher=dispatcher)
     assert asyncio.run(Service._stand_in_line(service, 0.05)) is False
-    threading.Timer(0.05, dispatcher.release).start()
+    threading.Timer(0.05, dispatcher.line.release).start()
     assert asyncio.run(Service._stand_in_line(service, 60.0)) is True
-    assert not dispatcher.reserve()  # nobody is left in the line, and no worker was lost
-    dispatcher.release()
-    until(dispatcher.reserve)
+    assert not dispatcher.line.reserve()  # nobody is left in the line, and no worker was lost
+    dispatcher.line.release()
+    until(dispatcher.line.reserve)
