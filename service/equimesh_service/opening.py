@@ -10,6 +10,7 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Callers
+from equimesh_service.admission.intake import Intake
 from equimesh_service.admission.quotas import Quotas
 from equimesh_service.dispatch.check_threads import CheckThreads
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
@@ -70,6 +71,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     retention = Retention(store, files, settings.retention_days)
     retention.start()
     _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
+    quotas = Quotas(settings, store.quotas)
     return Service(
         settings=settings,
         storage=storage,
@@ -82,7 +84,8 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         wakeups=wakeups,
         admission=Admission(settings, store, files, side_workers, check_threads.while_waiting),
         callers=Callers(store.keys),
-        quotas=Quotas(settings, store.quotas),
+        quotas=quotas,
+        intake=Intake(settings, store, dispatcher, wakeups, quotas),
         lock=lock,
         check_threads=check_threads,
         metrics=metrics,

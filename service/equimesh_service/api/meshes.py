@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from equimesh.io.write import FORMATS
+from equimesh_service.admission.intake import MeshRequest
 from equimesh_service.api.cursors import cursor_of, position_of
 from equimesh_service.api.mesh_requests import MESH_BODY, check_key, receive_mesh
 from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
@@ -94,9 +95,8 @@ async def create(
         return mesh_resource(row, service.settings.root)
 
     with service.quotas.waiting(caller, waiting.seconds):
-        asked = await service.ask(
-            admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=reuse
-        )
+        mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, reuse=reuse)
+        asked = await service.intake.ask(admitted, caller, mesh_request)
         headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
         return await waiting.answer(request, service, caller, asked, admitted.spec["cells"], headers, describe)
 

@@ -15,13 +15,14 @@ from starlette.responses import Response
 from equimesh.io.write import FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.intake import Asked, MeshRequest, refusals
 from equimesh_service.api.mesh_files import check_done
 from equimesh_service.api.mesh_requests import MESH_BODY, check_key, receive_mesh
 from equimesh_service.api.resources import SequenceResource, sequence_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, Writer, problems
 from equimesh_service.api.waiting import Waiting
 from equimesh_service.problems.problem import Problem
-from equimesh_service.service import Asked, Service, refusals
+from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, Ending, MeshRow, NewStep
 from equimesh_service.wire import body as bodies
 
@@ -120,9 +121,8 @@ async def create(
         key_id=caller.key_id,
     )
     with service.quotas.waiting(caller, waiting.seconds):
-        asked = await service.ask(
-            admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=step
-        )
+        mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=step)
+        asked = await service.intake.ask(admitted, caller, mesh_request)
         return await _answer(waiting, request, service, caller, asked, admitted.spec["cells"])
 
 
@@ -192,9 +192,8 @@ async def step(
             publish=partial(made.publish, service.files),
             discard=service.discard,
         )
-        asked = await service.ask(
-            made.admitted, caller, key=key, format=waiting.format, seconds=waiting.seconds, reuse=False, step=new
-        )
+        mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=new)
+        asked = await service.intake.ask(made.admitted, caller, mesh_request)
         return await _answer(waiting, request, service, caller, asked, made.admitted.spec["cells"])
 
 

@@ -12,9 +12,10 @@ from pydantic import BaseModel
 from starlette.responses import Response
 
 from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.intake import Asked
 from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
 from equimesh_service.api.mesh_requests import media_types
-from equimesh_service.service import Asked, Service
+from equimesh_service.service import Service
 from equimesh_service.store.rows import MeshRow
 from equimesh_service.wire.negotiation import choose_explicit_offer, parse_wait
 from equimesh_service.worker.names import file_name
@@ -56,7 +57,7 @@ class Waiting:
         if self.wanted is not None:
             headers["Preference-Applied"] = f"wait={self.seconds}"
         began, name = time.monotonic(), self.format
-        ending = await service.ending(asked, self.seconds)
+        ending = await service.intake.ending(asked, self.seconds)
         if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
             return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
         row = await service.finished(asked.mesh_id, self.seconds - (time.monotonic() - began), caller)

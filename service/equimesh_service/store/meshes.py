@@ -1,24 +1,23 @@
-"""SQL of meshes: what was asked for, what came of it, and what happened on the way."""
+"""SQL of meshes: their specs, states, results and events."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from sqlalchemy import Connection, Row, bindparam, insert, select, tuple_, update
+from sqlalchemy import Connection, Row, bindparam, insert, select, tuple_
 from sqlalchemy.exc import IntegrityError
 
-from equimesh_service.errors import KeyReusedError, SamplesGoneError, StepTakenError
+from equimesh_service.errors import KeyReusedError, StepTakenError
 from equimesh_service.files.port import Publish, publish_nothing
 from equimesh_service.store.artifacts import insert_artifacts, removal_lookup, remove_unused
-from equimesh_service.store.database import Database, to_json
+from equimesh_service.store.database import Database
 from equimesh_service.store.deletion import delete_ended, delete_meshes
+from equimesh_service.store.insertion import insert_reused, insert_waiting
 from equimesh_service.store.quotas import Quota, take
 from equimesh_service.store.rows import (
     FINISHED,
-    QUEUED,
-    RUNNING,
     SUCCEEDED,
     Artifact,
     EventRow,
@@ -32,15 +31,11 @@ from equimesh_service.store.rows import (
 from equimesh_service.store.schema import artifacts, events, idempotency, mesh_samples, meshes, samples, steps
 from equimesh_service.store.sequences import insert_step, take_turn
 
-# How exactly it is noted when samples were last used.
-_USED_AT_PRECISION_SECONDS = 3600.0
 # How many meshes one query asks for by their ids.
 _MAX_IDS_PER_QUERY = 500
 _SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
 # Built once, since building them takes longer than executing them.
 _SHOW = select(*_SHOWN).where(meshes.c.id == bindparam("mesh"))
-_INSERT_MESH, _INSERT_USES, _INSERT_EVENTS = insert(meshes), insert(mesh_samples), insert(events)
-_USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
 
 
 class MeshesStore:
@@ -76,7 +71,7 @@ class MeshesStore:
             if quota is not None:
                 take(connection, new.key_id, new.points, quota)
             leaving = [] if step is None else take_turn(connection, step, self._clock())
-            self._insert_waiting(connection, new, lease)
+            insert_waiting(connection, new, lease, self._clock())
             if step is not None:
                 # After the mesh is there, whose samples may be those of a failed step that makes way.
                 held.update(delete_meshes(connection, leaving, self._clock()).files)
@@ -111,7 +106,7 @@ class MeshesStore:
             # Locked, so that its files are not removed before they have a second owner.
             source = connection.execute(query.with_for_update(read=True, key_share=True)).first()
             if source is not None:
-                self._insert_reused(connection, new, source.id, source.result)
+                insert_reused(connection, new, source.id, source.result, self._clock())
             return source is not None
 
         with self._read() as connection:
@@ -248,73 +243,6 @@ class MeshesStore:
         if row.fingerprint != fingerprint:
             raise KeyReusedError(key)
         return str(row.mesh_id)
-
-    def _insert_waiting(self, connection: Connection, new: NewMesh, lease: Lease | None) -> None:
-        now = self._clock()
-        if lease is None:
-            self._insert(connection, new, now, {"status": QUEUED}, [("status", {"status": QUEUED})])
-            return
-        state = {"attempt": 1, "owner": lease.owner, "lease_until": now + lease.seconds, "started_at": now}
-        began: dict[str, Any] = {"status": RUNNING, "attempt": 1}
-        story = [("status", {"status": QUEUED}), ("status", began)]
-        self._insert(connection, new, now, {"status": RUNNING, **state}, story)
-
-    def _insert_reused(self, connection: Connection, new: NewMesh, source: str, result: Mapping[str, Any]) -> None:
-        now = self._clock()
-        told = {key: value for key, value in (result or {}).items() if key != "timings"}  # which were another's
-        state = {"status": SUCCEEDED, "finished_at": now, "result": told, "reused_from": source}
-        done = {"status": SUCCEEDED, "reused_from": source}
-        self._insert(connection, new, now, state, [("done", done)])
-        columns = (artifacts.c.name, artifacts.c.sha256, artifacts.c.size)
-        files = connection.execute(select(*columns).where(artifacts.c.mesh_id == source)).all()
-        insert_artifacts(connection, new.id, [Artifact(*file) for file in files])
-
-    def _insert(
-        self,
-        connection: Connection,
-        new: NewMesh,
-        now: float,
-        state: Mapping[str, Any],
-        story: Sequence[tuple[str, Mapping[str, Any]]],
-    ) -> None:
-        """Insert a mesh in a state, and the events that tell how it came there."""
-        _use_samples(connection, new.samples, now)
-        spec = to_json(new.spec)
-        row = {
-            "id": new.id,
-            "label": new.spec["label"],
-            "spec": spec,
-            "spec_size": len(spec.encode()),
-            "n_xi": new.spec["grid"]["n_xi"],
-            "n_eta": new.spec["grid"]["n_eta"],
-            "cells": new.spec["cells"],
-            "format": new.format,
-            "key_id": new.key_id,
-            "fingerprint": new.fingerprint,
-            "created_at": now,
-            "request_id": new.request_id,
-            "trace": new.trace,
-            "last_event": len(story),
-            **state,
-        }
-        connection.execute(_INSERT_MESH, row)
-        if new.samples:
-            connection.execute(_INSERT_USES, [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
-        told = [
-            {"mesh_id": new.id, "number": number, "time": now, "kind": kind, "data": dict(data)}
-            for number, (kind, data) in enumerate(story, start=1)
-        ]
-        connection.execute(_INSERT_EVENTS, told)
-
-
-def _use_samples(connection: Connection, names: Sequence[str], now: float) -> None:
-    """Keep samples from being deleted before the mesh is there that needs them, and note that they are in use."""
-    for name in sorted(names):
-        used_at = connection.execute(_USED_AT, {"name": name}).scalar()
-        if used_at is None:
-            raise SamplesGoneError(name)
-        if used_at < now - _USED_AT_PRECISION_SECONDS:
-            connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
 
 
 def _mesh(row: Row[Any]) -> MeshRow:

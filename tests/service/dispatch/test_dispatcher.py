@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
+from equimesh_service.admission.intake import Intake
 from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError
-from equimesh_service.service import Service
 from equimesh_service.store.rows import Claim, Ending, MeshInput, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import until
@@ -248,10 +248,10 @@ def test_a_line_has_an_end_and_ends_with_the_service(store: Store, engine: Patie
 def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher) -> None:
     until(dispatcher.line.reserve)
     until(dispatcher.line.reserve)
-    service: Any = SimpleNamespace(dispatcher=dispatcher)
-    assert asyncio.run(Service._stand_in_line(service, 0.05)) is False
+    intake: Any = SimpleNamespace(dispatcher=dispatcher)
+    assert asyncio.run(Intake._stand_in_line(intake, 0.05)) is False
     threading.Timer(0.05, dispatcher.line.release).start()
-    assert asyncio.run(Service._stand_in_line(service, 60.0)) is True
+    assert asyncio.run(Intake._stand_in_line(intake, 60.0)) is True
     assert not dispatcher.line.reserve()  # nobody is left in the line, and no worker was lost
     dispatcher.line.release()
     until(dispatcher.line.reserve)

@@ -1,0 +1,203 @@
+"""The way of an admitted mesh: into the queue, straight to a worker, or to an earlier mesh of the same spec."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+
+from equimesh_service.admission.admit import Admitted
+from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.quotas import Quotas, quota_problem
+from equimesh_service.dispatch.dispatcher import Dispatcher
+from equimesh_service.dispatch.wakeups import Wakeups
+from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, SamplesGoneError, StepTakenError
+from equimesh_service.problems.problem import Problem
+from equimesh_service.settings import Settings
+from equimesh_service.store.rows import Claim, Ending, Lease, MeshInput, NewMesh, NewStep
+from equimesh_service.store.store import Store
+from equimesh_service.telemetry import log_context, tracing
+
+# Longest wait of a request in the line for a worker. After it the mesh waits in the store, where nothing is lost.
+_MAX_LINE_SECONDS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshRequest:
+    """What a request for a mesh says besides its spec.
+
+    ``format`` is that of the requested file, ``seconds`` how long the request waits, ``key`` its idempotency key. With
+    ``reuse`` a finished mesh of the same spec answers it. The mesh may be the ``step`` of a sequence.
+    """
+
+    format: str | None
+    seconds: float
+    key: str | None = None
+    reuse: bool = False
+    step: NewStep | None = None
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A mesh that is in the store, and the work on it where that has begun already."""
+
+    mesh_id: str
+    task: Future[Any] | None = None
+
+
+@dataclass(frozen=True)
+class Intake:
+    """Puts admitted meshes into the store, and on their way."""
+
+    settings: Settings
+    store: Store
+    dispatcher: Dispatcher
+    wakeups: Wakeups
+    quotas: Quotas
+
+    async def ask(
+        self,
+        admitted: Admitted,
+        caller: Caller,
+        request: MeshRequest,
+    ) -> Asked:
+        """Put an admitted spec into the queue or, when the request waits for it, give it to a worker at once.
+
+        Raises 409, 422 and 429 problems.
+        """
+        key, step, seconds = request.key, request.step, request.seconds
+        new = _new_mesh(admitted, caller, request.format)
+        if step is not None:
+            new = replace(new, fingerprint=None)  # its points depend on the steps before, and it has its own fields
+        if request.reuse and self.settings.reuse:
+            with refusals():
+                again = await run_in_threadpool(
+                    self.store.meshes.reuse, new, key=key, fingerprint=admitted.fingerprint(request.format)
+                )
+            if again is not None:
+                log_context.current().mesh_id = again
+                return Asked(again)
+        fingerprint = admitted.fingerprint(request.format) if step is None else step.fingerprint
+        reserved = seconds > 0 and self.dispatcher.line.reserve()
+        if not reserved:
+            known = await self._find_repeated(new, key, fingerprint)
+            if known is not None:  # a repeated request adds no work
+                log_context.current().mesh_id = known
+                return Asked(known)
+            reserved = seconds > 0 and await self._stand_in_line(min(seconds, _MAX_LINE_SECONDS))
+        lease = self.dispatcher.lease if reserved else None
+        try:
+            asked = await self._add(admitted, caller, request, new, fingerprint, lease)
+        except BaseException:
+            if lease is not None:
+                self.dispatcher.line.release()
+            raise
+        log_context.current().mesh_id = asked.mesh_id
+        return asked
+
+    async def _find_repeated(self, new: NewMesh, key: str | None, fingerprint: str) -> str | None:
+        """The mesh of an earlier request with this idempotency key."""
+        if key is None:
+            return None
+        with refusals():
+            return await run_in_threadpool(self.store.meshes.find_repeated, new.key_id, key, fingerprint)
+
+    async def _stand_in_line(self, seconds: float) -> bool:
+        """Wait for a worker to be reserved; False where none came free in time."""
+        turn, reserved = self.dispatcher.line.join(), False
+        try:
+            async with asyncio.timeout(seconds):
+                reserved = await asyncio.shield(asyncio.wrap_future(turn))
+        except TimeoutError:
+            pass
+        finally:
+            if not reserved:
+                self.dispatcher.line.leave(turn)
+        return reserved
+
+    async def _add(
+        self,
+        admitted: Admitted,
+        caller: Caller,
+        request: MeshRequest,
+        new: NewMesh,
+        fingerprint: str,
+        lease: Lease | None,
+    ) -> Asked:
+        step = request.step
+        if lease is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
+            raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
+        with tracing.span("enqueue"), refusals():
+            mesh_id = await run_in_threadpool(
+                self.store.meshes.add,
+                new,
+                key=request.key,
+                fingerprint=fingerprint,
+                quota=self.quotas.for_mesh(caller),
+                lease=lease,
+                step=step,
+            )
+        if lease is None:
+            self.dispatcher.wake()
+            return Asked(mesh_id)
+        if mesh_id != new.id:  # an older one of the same key
+            self.dispatcher.line.release()
+            return Asked(mesh_id)
+        mesh_input = MeshInput(spec=admitted.spec, samples=admitted.samples, format=new.format)
+        if step is not None:
+            fields = None if step.fields is None else step.fields.sha256
+            mesh_input = replace(mesh_input, start=step.start, fields=fields)
+        claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
+        try:
+            return Asked(mesh_id, self.dispatcher.begin(claim, mesh_input))
+        except EngineError:
+            self.dispatcher.line.release()  # the mesh is there, and the dispatcher sees that no worker has it
+            return Asked(mesh_id)
+
+    async def ending(self, asked: Asked, seconds: float) -> Ending | None:
+        """How a mesh ended that a worker got at once; None for others, and for one that runs after ``seconds``."""
+        if asked.task is None:
+            return None
+        # Not by `asyncio.wrap_future`, which logs an exception that comes when nobody waits any more.
+        task, deadline = asked.task, time.monotonic() + min(seconds, self.settings.max_wait)
+        while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
+            await self.wakeups.wait(asked.mesh_id, min(left, self.settings.poll))
+        if not task.done() or task.cancelled() or task.exception() is not None:
+            return None  # the store has the answer, now or soon
+        return task.result() if isinstance(task.result(), Ending) else None
+
+
+def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh:
+    return NewMesh(
+        id=f"m-{secrets.token_hex(10)}",
+        spec=admitted.spec,
+        samples=tuple(admitted.samples),
+        format=format,
+        key_id=caller.key_id,
+        request_id=log_context.current().request_id or None,
+        trace=tracing.traceparent(),
+        fingerprint=admitted.points_fingerprint,
+    )
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Raise what keeps a mesh out of the store as problems."""
+    try:
+        yield
+    except KeyReusedError:
+        raise Problem("idempotency-key-reused", "The key was used for another spec.") from None
+    except QuotaError as error:
+        raise quota_problem(error) from None
+    except StepTakenError:
+        detail = "The sequence has taken another step meanwhile, or lost the one that this follows: look at it again."
+        raise Problem("conflict", detail) from None
+    except SamplesGoneError:
+        raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None

@@ -1,0 +1,89 @@
+"""SQL that inserts meshes, with the events that tell how they came into their state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sqlalchemy import Connection, bindparam, insert, select, update
+
+from equimesh_service.errors import SamplesGoneError
+from equimesh_service.store.artifacts import insert_artifacts
+from equimesh_service.store.database import to_json
+from equimesh_service.store.rows import QUEUED, RUNNING, SUCCEEDED, Artifact, Lease, NewMesh
+from equimesh_service.store.schema import artifacts, events, mesh_samples, meshes, samples
+
+# How exactly it is noted when samples were last used.
+_USED_AT_PRECISION_SECONDS = 3600.0
+# Built once, since building them takes longer than executing them.
+_INSERT_MESH, _INSERT_USES, _INSERT_EVENTS = insert(meshes), insert(mesh_samples), insert(events)
+_USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
+
+
+def insert_waiting(connection: Connection, new: NewMesh, lease: Lease | None, now: float) -> None:
+    """Insert a mesh that waits in the queue, or one that runs from the start where there is a ``lease``."""
+    if lease is None:
+        _insert(connection, new, now, {"status": QUEUED}, [("status", {"status": QUEUED})])
+        return
+    state = {"attempt": 1, "owner": lease.owner, "lease_until": now + lease.seconds, "started_at": now}
+    began: dict[str, Any] = {"status": RUNNING, "attempt": 1}
+    story = [("status", {"status": QUEUED}), ("status", began)]
+    _insert(connection, new, now, {"status": RUNNING, **state}, story)
+
+
+def insert_reused(connection: Connection, new: NewMesh, source: str, result: Mapping[str, Any], now: float) -> None:
+    """Insert a mesh that has succeeded, with the result and the files of the mesh ``source``."""
+    kept = {key: value for key, value in (result or {}).items() if key != "timings"}
+    state = {"status": SUCCEEDED, "finished_at": now, "result": kept, "reused_from": source}
+    done = {"status": SUCCEEDED, "reused_from": source}
+    _insert(connection, new, now, state, [("done", done)])
+    columns = (artifacts.c.name, artifacts.c.sha256, artifacts.c.size)
+    files = connection.execute(select(*columns).where(artifacts.c.mesh_id == source)).all()
+    insert_artifacts(connection, new.id, [Artifact(*file) for file in files])
+
+
+def _insert(
+    connection: Connection,
+    new: NewMesh,
+    now: float,
+    state: Mapping[str, Any],
+    story: Sequence[tuple[str, Mapping[str, Any]]],
+) -> None:
+    """Insert a mesh in a state, and the events that tell how it came there."""
+    _use_samples(connection, new.samples, now)
+    spec = to_json(new.spec)
+    row = {
+        "id": new.id,
+        "label": new.spec["label"],
+        "spec": spec,
+        "spec_size": len(spec.encode()),
+        "n_xi": new.spec["grid"]["n_xi"],
+        "n_eta": new.spec["grid"]["n_eta"],
+        "cells": new.spec["cells"],
+        "format": new.format,
+        "key_id": new.key_id,
+        "fingerprint": new.fingerprint,
+        "created_at": now,
+        "request_id": new.request_id,
+        "trace": new.trace,
+        "last_event": len(story),
+        **state,
+    }
+    connection.execute(_INSERT_MESH, row)
+    if new.samples:
+        connection.execute(_INSERT_USES, [{"mesh_id": new.id, "samples_id": name} for name in new.samples])
+    rows = [
+        {"mesh_id": new.id, "number": number, "time": now, "kind": kind, "data": dict(data)}
+        for number, (kind, data) in enumerate(story, start=1)
+    ]
+    connection.execute(_INSERT_EVENTS, rows)
+
+
+def _use_samples(connection: Connection, names: Sequence[str], now: float) -> None:
+    """Keep samples from being deleted before the mesh is there that needs them, and note that they are in use."""
+    for name in sorted(names):
+        used_at = connection.execute(_USED_AT, {"name": name}).scalar()
+        if used_at is None:
+            raise SamplesGoneError(name)
+        if used_at < now - _USED_AT_PRECISION_SECONDS:
+            connection.execute(update(samples).where(samples.c.id == name).values(used_at=now))
