@@ -7,7 +7,7 @@ from equimesh_service.settings import Settings
 __all__ = ["Settings", "run", "running"]
 
 
-# Not imported from the server here: whoever needs the settings alone does not load FastAPI, SQLAlchemy and the solver.
+# The server is imported late: those who only need the settings do not load FastAPI, SQLAlchemy and the solver.
 def run(settings: Settings) -> None:
     """Serve until the process is told to stop; see :func:`equimesh_service.server.run`."""
     from equimesh_service import server

@@ -36,7 +36,7 @@ class CannotServeError(ServiceError):
 
 
 class ExposedError(CannotServeError):
-    """Other machines would reach the service without an API key, and nobody has allowed that."""
+    """Other machines would reach the service without an API key, and the settings do not allow that."""
 
 
 class FolderInUseError(CannotServeError):

@@ -1,4 +1,4 @@
-"""The server: a service on a port, in the foreground or beside other work."""
+"""The server: a service on a port, in the foreground or in a thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who asks: the caller behind a request, and the short memory that spares the store most questions about keys."""
+"""The caller behind a request, and the short memory that spares the store most questions about keys."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MAX_REMEMBERED = 1000
 
 @dataclass(frozen=True)
 class Caller:
-    """Who asks: the id of an API key ("" where none is asked for), all that it allows, and the hash of its secret."""
+    """The caller of a request: the id of an API key ("" for none), its scopes, and the hash of its secret."""
 
     key_id: str
     scopes: frozenset[str]

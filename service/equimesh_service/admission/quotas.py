@@ -18,9 +18,9 @@ from equimesh_service.settings import Settings
 from equimesh_service.store.quotas import Quota, QuotaStore
 
 _MINUTE_SECONDS = 60
-# Bytes are summed anew after so many seconds, or after so many times as long as the sum took.
+# Bytes are summed again after these seconds, or after this many times the duration of the sum.
 _SUM_SECONDS, _SUM_SHARE = 5.0, 50.0
-# Who has deleted something waits no longer than this until there is room.
+# Deleted bytes count no longer than this.
 _MIN_SUM_SECONDS = 0.5
 # Seconds after which to ask again; else 10. Unfinished meshes come to an end, and waits do so soon, while bytes go when
 # somebody deletes them.
@@ -109,7 +109,7 @@ class Quotas:
 
     @contextmanager
     def waiting(self, caller: Caller, seconds: float) -> Iterator[None]:
-        """Have the caller wait so many seconds at most, 0 being none; raises a 429 problem when too many do."""
+        """Count a wait of the caller of at most ``seconds``; 0 is none; raises a 429 problem when too many do."""
         key_id, most = caller.key_id, self._settings.key_max_waits
         if not (seconds and most):
             yield

@@ -112,7 +112,7 @@ def check_first_spec(admitted: Admitted) -> Admitted:
 
 @dataclass(frozen=True, kw_only=True)
 class Prepared:
-    """A step that can be asked for, with its fields in a file that is sealed but not published."""
+    """A step that can be requested, with its fields in a file that is sealed but not published."""
 
     admitted: Admitted
     fields: Artifact | None

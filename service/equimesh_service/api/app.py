@@ -33,18 +33,18 @@ from equimesh_service.wire.security_headers import SecurityHeaders
 
 _DESCRIPTION = """Adaptive 2D meshes for PDE solvers: send a monitor function, get a mesh.
 
-One noun, **mesh**: it is asked for (`POST /v1/meshes`), it is computed, it is downloaded
+One noun, **mesh**: it is requested (`POST /v1/meshes`), it is computed, it is downloaded
 (`GET /v1/meshes/{id}/file`). With `Prefer: wait=30` all of that is one round trip.
 
 Every error is `application/problem+json` (RFC 9457) with a stable `type`, and for bad input `errors` says where
 (a JSON pointer), what, and for expressions at which column.
 """
 _TAGS = [
-    {"name": "meshes", "description": "Ask for meshes, follow and cancel them."},
+    {"name": "meshes", "description": "Request meshes, follow and cancel them."},
     {"name": "results", "description": "The mesh as a file, its quality, its convergence, pictures."},
     {"name": "sequences", "description": "Meshes that follow a time-stepper, step by step."},
     {"name": "samples", "description": "Monitor functions as samples, uploaded once."},
-    {"name": "checks", "description": "Questions before a mesh is asked for."},
+    {"name": "checks", "description": "Questions before a mesh is requested."},
     {"name": "operations", "description": "Health, and explanations of problems."},
 ]
 

@@ -1,4 +1,4 @@
-"""Routes that answer questions before a mesh is asked for: is this expression good, what can the service do."""
+"""Routes used before a mesh is requested: checks of expressions, and what the service can do."""
 
 from __future__ import annotations
 

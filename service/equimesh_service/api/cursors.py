@@ -1,7 +1,7 @@
 """Cursors of the list of meshes: where a page ends, as a text that a client sends back.
 
-Who sees all meshes is told the number of the last one. A key that sees its own only is told when that was made and its
-id, which it knows: the number would tell how many meshes others make. Neither changes when meshes come and go.
+For callers who see all meshes it is the number of the last one. For a key that sees only its own it is the time and the
+id of the last one: the number would reveal how many meshes others make. Neither changes when meshes come and go.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _MOMENT = re.compile(r"([0-9a-f]{16})([!-~]{1,40})")
 
 
 def cursor_of(row: MeshRow, key_id: str | None) -> str:
-    """The cursor of a page that ends with this mesh, for a key, or for who sees all."""
+    """The cursor of a page that ends with this mesh, for one key, or for callers who see all."""
     return f"{row.number:x}" if key_id is None else f"{pack('>d', row.created_at).hex()}{row.id}"
 
 

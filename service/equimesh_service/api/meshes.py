@@ -1,4 +1,4 @@
-"""Routes that ask for meshes and look after them."""
+"""Routes that create, list, cancel and delete meshes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _REUSED = {
     response_model=None,
     responses={
         201: {
-            "description": "The finished mesh; its file, when a mesh format was asked for.",
+            "description": "The finished mesh; its file, when a mesh format was requested.",
             "model": MeshResource,
             "headers": {**_LOCATION, **_REUSED},
             "content": _MESH_FILES,
@@ -81,7 +81,7 @@ async def create(
     """Ask for a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
 
     With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip. A mesh that fails in this
-    time answers 201, too, with status `failed` and the reason in `error`; where its file was asked for, it answers
+    time answers 201, too, with status `failed` and the reason in `error`; where its file was requested, it answers
     with the problem, as the request for the file would.
 
     Where the same mesh has been computed before, the answer is at once a mesh of its own with the same points and

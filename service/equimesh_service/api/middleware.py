@@ -1,4 +1,4 @@
-"""The outermost layer of the application: every request gets an id, a log line, its metrics and, if asked, a span."""
+"""The outermost layer of the application: every request gets an id, a log line, metrics and, if wanted, a span."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ REQUEST_ID = "X-Request-Id"
 _ID_HEADER = REQUEST_ID.lower().encode()
 _log = logging.getLogger(__name__)
 _MESH = re.compile(r"/v1/meshes/(m-[0-9a-f]{1,38})(?:/|$)", re.ASCII)
-# What probes and Prometheus ask all day.
+# Routes that probes and Prometheus request all day.
 _UNLOGGED_ROUTES = frozenset({"/livez", "/readyz", "/metrics"})
 
 
@@ -69,8 +69,8 @@ class Observation:
     def _tell(self, scope: Scope, exchange: _Exchange, seconds: float) -> None:
         method, route, status = scope["method"], _route(scope), exchange.status
         if self._tracer is not None:
-            told: tracing.Attributes = {"http.route": route, "http.response.status_code": status}
-            self._tracer.describe(f"{method} {route}", told, failed=status >= 500)
+            attributes: tracing.Attributes = {"http.route": route, "http.response.status_code": status}
+            self._tracer.describe(f"{method} {route}", attributes, failed=status >= 500)
         if not status:
             return  # the client, or the service, went away before there was an answer
         exchange.size = 0 if method == "HEAD" else exchange.size  # the server cuts the body off

@@ -60,7 +60,7 @@ class ConvergenceSummary(BaseModel):
     iterations: int = Field(description="Schwarz iterations; 0 for a single domain.")
     newton_steps: int
     transmission: str | None = Field(
-        None, description="The Schwarz condition in use at the end: not the asked one after a fallback."
+        None, description="The Schwarz condition in use at the end: not the requested one after a fallback."
     )
     work: int | None = Field(None, description="Nodes corrected in all Schwarz iterations, as often as they were.")
     traffic: int | None = Field(None, description="Bytes that subdomains on machines of their own would have sent.")
@@ -73,7 +73,7 @@ class ConvergenceSummary(BaseModel):
 
 
 class Relaxation(BaseModel):
-    """One thing that was asked and not reached."""
+    """One option that was requested and not reached."""
 
     what: str = Field(description="a (of the arc length), strength (of other monitors), cross_line, points.")
     asked: float
@@ -88,9 +88,9 @@ class InterpolationGain(BaseModel):
 
 
 class MeshCertificate(BaseModel):
-    """How well the mesh solves what was asked; null for what is not known."""
+    """How well the mesh solves the requested equations; null for what is not known."""
 
-    status: str = Field(description="As in convergence; relaxed: for a weaker or smoother monitor than asked.")
+    status: str = Field(description="As in convergence; relaxed: for a weaker or smoother monitor than requested.")
     mode: str | None
     equation_residual: float | None = Field(
         description="Largest relative difference of a squared metric length from the mean of its grid line."
@@ -135,7 +135,9 @@ class MeshResource(BaseModel):
     attempts: int = Field(description="How often a worker has begun it.")
     progress: Progress
     quality: dict[str, Any] | None = Field(description="As GET …/quality, without the values per cell.")
-    certificate: MeshCertificate | None = Field(description="How well it solves what was asked; null before the end.")
+    certificate: MeshCertificate | None = Field(
+        description="How well it solves the requested equations; null before the end."
+    )
     convergence: ConvergenceSummary | None
     timings: Timings
     error: ProblemDetails | None = Field(description="Why it failed.")
@@ -188,7 +190,7 @@ class SequenceResource(BaseModel):
     step: int = Field(description="Number of the step that `mesh` is; 0 is the first mesh.")
     keep: int = Field(description="How many of the last meshes are kept.")
     created_at: datetime
-    used_at: datetime = Field(description="When the last step was asked for.")
+    used_at: datetime = Field(description="When the last step was requested.")
     mesh: MeshResource
     links: dict[str, str]
 

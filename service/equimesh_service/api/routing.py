@@ -18,17 +18,17 @@ MAX_NUMBER = 2**62
 
 _MEANINGS = {
     400: "The body or a header cannot be read.",
-    401: "An API key is needed, or this one is not in force.",
-    403: "The API key does not allow this.",
-    404: "There is no such thing.",
+    401: "API key required, or this one is unknown or revoked.",
+    403: "Forbidden: the API key does not allow this.",
+    404: "Not found.",
     406: "Not acceptable: no such format.",
     408: "Request timeout: the body did not arrive in time.",
     409: "The mesh is not in a state for this.",
     410: "Expired and removed (EQUIMESH_RETENTION_DAYS).",
-    412: "If-Match names another file.",
+    412: "The file has changed: If-Match names another one.",
     413: "Body too large.",
     415: "Unsupported media type.",
-    416: "The file ends before the range.",
+    416: "Range not satisfiable: the file ends before it.",
     422: "Invalid input: `errors` says where and what.",
     429: "Too many requests, or too many meshes: see Retry-After.",
     503: "Service unavailable.",
@@ -59,7 +59,7 @@ _bearer = HTTPBearer(
     auto_error=False,
     scheme_name="ApiKey",
     bearerFormat="em_<id>_<secret>",
-    description="An API key that `equimesh keys create` printed. None is asked for while none was ever created.",
+    description="An API key that `equimesh keys create` printed. None is required while none was ever created.",
 )
 
 
@@ -74,7 +74,7 @@ async def _caller(
     service: ServiceDependency,
     secret: Annotated[str | None, Depends(secret_of)],
 ) -> Caller:
-    """Who asks; raises a 401, 403 or 429 problem for those who may not."""
+    """The caller; raises a 401, 403 or 429 problem for one who may not."""
     caller = await service.callers.identify(secret)
     log_context.current().key_id = caller.key_id
     add_headers(request, service.quotas.count_request(caller))

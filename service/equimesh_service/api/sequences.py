@@ -64,7 +64,7 @@ _HEADERS = {
 }
 _ANSWERS: dict[int | str, dict[str, Any]] = {
     201: {
-        "description": "The finished mesh with its sequence; its file, when a mesh format was asked for.",
+        "description": "The finished mesh with its sequence; its file, when a mesh format was requested.",
         "model": SequenceResource,
         "headers": _HEADERS,
         "content": {form.media_type: {} for form in FORMATS.values()},
@@ -155,7 +155,7 @@ async def step(
     """The next mesh, for u at the nodes of the current one or for an expression, and the fields carried to it.
 
     `step` is the step that this one follows: when another one has done so meanwhile, the answer is 409. A step that
-    fails is no step, and another one can be asked for in its place. With `?format=npz` the file of the mesh has u and
+    fails is no step, and another one can be requested in its place. With `?format=npz` the file of the mesh has u and
     the fields at its nodes.
     """
     sequence = await service.sequence(id, caller)

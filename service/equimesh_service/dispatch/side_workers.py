@@ -18,7 +18,7 @@ Result = TypeVar("Result")
 @dataclass(frozen=True)
 class _Task:
     begin: Callable[[], Future[Any]]
-    told: Future[Any]
+    result: Future[Any]
 
 
 class SideWorkers:
@@ -38,13 +38,13 @@ class SideWorkers:
         self, key_id: str, function: Callable[..., Result], *arguments: Any, time_limit: float | None = None
     ) -> Future[Result]:
         """Run ``function(*arguments)`` when it is the key's turn; see :class:`~equimesh_service.engine.port.Engine`."""
-        told: Future[Result] = Future()
-        told.set_running_or_notify_cancel()
+        result: Future[Result] = Future()
+        result.set_running_or_notify_cancel()
         begin = partial(self._engine.submit, function, *arguments, time_limit=time_limit)
         with self._lock:
-            self._waiting.setdefault(key_id, deque()).append(_Task(begin, told))
+            self._waiting.setdefault(key_id, deque()).append(_Task(begin, result))
         self._fill()
-        return told
+        return result
 
     def health(self) -> Health:
         """Whether tasks can run now."""
@@ -86,6 +86,6 @@ class SideWorkers:
             self._free += 1
         error = CancelledError() if ended.cancelled() else ended.exception()
         if error is None:
-            task.told.set_result(ended.result())
+            task.result.set_result(ended.result())
         else:
-            task.told.set_exception(error)
+            task.result.set_exception(error)

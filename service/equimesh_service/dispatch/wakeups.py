@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from starlette.concurrency import run_in_threadpool
 
-# The number that no event has: who has seen it waits for the end of the mesh.
+# A number that no event has; a waiter with it waits for the end of the mesh.
 END = sys.maxsize
 
 
@@ -51,7 +51,7 @@ class Wakeups:
         waiter = _Waiter(seen)
         self._waiting[mesh_id].add(waiter)
         if seen is not None and self._watching is None:
-            # Not in the context of this request: it looks for all others, too, and goes on after it.
+            # Not in the context of this request: it looks for all others, too, and continues after it.
             self._watching = self._loop.create_task(self._watch(), context=Context())
         try:
             async with asyncio.timeout(timeout):
@@ -77,7 +77,7 @@ class Wakeups:
             watched = self._watched()
             try:
                 last = await run_in_threadpool(self._look, watched)
-            except Exception:  # all who wait meet it at their own look, and answer it
+            except Exception:  # each waiter meets it when it reads the store itself
                 last = {}
             for mesh_id in watched:
                 self._wake(mesh_id, last.get(mesh_id))

@@ -55,7 +55,7 @@ class PebbleEngine:
         self._start = (memory_limit, prepare, warm_up, reader)
         self._lock = threading.Lock()
         self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
-        # Tasks lost with a whole pool. That is told once there is a new one: told before, they would be lost again.
+        # Tasks lost with a whole pool. Reported only once there is a new pool: a retry before would be lost again.
         self._bereft: list[tuple[Future[Any], WorkerLostError]] = []
         self._closed = threading.Event()
         self._pool, self._warm = self._new_pool()
@@ -229,7 +229,7 @@ def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
         return function(*arguments)
     except MemoryError:
         pass
-    gc.collect()  # now that nothing refers to what the task held: the next one needs the room
+    gc.collect()  # now that nothing refers to what the task held: the next one needs the memory
     raise MemoryLimitError("the memory limit was reached")
 
 
@@ -259,7 +259,7 @@ def _initialize(
 
 
 def _die_with_others(lifeline: Connection[Any, Any], parent: int) -> None:
-    # The service may be killed without a chance to stop its workers; an orphan would compute for nobody. So it would
+    # The service may be killed without a chance to stop its workers; an orphan would compute in vain. So it would
     # without the server it was forked from, by which alone the service knows of it.
     while not lifeline.poll(_WATCH_SECONDS):
         if os.getppid() != parent:

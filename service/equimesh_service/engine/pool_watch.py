@@ -28,7 +28,7 @@ class PoolWatch:
 
     def __init__(self, pool: ProcessPool) -> None:
         self.pool = pool
-        manager: Any = pool._pool_manager  # Pebble tells this to nobody
+        manager: Any = pool._pool_manager  # Pebble has no public access to it
         self._tasks, self._workers = manager.task_manager, manager.worker_manager
         self._free = time.monotonic()  # when last the lock was
         self._alive: dict[int, BaseProcess] = {}
@@ -38,7 +38,7 @@ class PoolWatch:
         self._last = 0  # task that was begun: the workers begin them in the order in which they came
 
     def defect(self) -> str:
-        """Why the pool must be replaced; empty when it need not. To be asked several times a second."""
+        """Why the pool must be replaced; empty when it need not. Call it several times a second."""
         if not self.pool.active:
             return "it broke"
         now = time.monotonic()

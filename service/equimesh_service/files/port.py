@@ -35,14 +35,14 @@ class ListedFile:
     age: float
 
 
-# Whether the content with this SHA-256 was removed lately, or may be at any moment; asked inside a transaction.
+# Whether the content with this SHA-256 was removed lately, or may be at any moment; called inside a transaction.
 Removed = Callable[[str], bool]
 # Gives the files that a transaction names their names.
 Publish = Callable[[Removed], None]
 
 
 def publish_nothing(removed: Removed) -> None:
-    """Leave files to whoever has published them already."""
+    """Publish nothing: the files have their names already."""
 
 
 class Files(Protocol):
@@ -77,9 +77,9 @@ class Files(Protocol):
         ...
 
     def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:
-        """Give a sealed file its name. Done inside the transaction that first refers to it, so that nobody
-        who removes the same content for another mesh can remove it in between. Where nobody has ``removed`` it since
-        it was sealed, this takes no longer than a look at the folder: storage far away is not asked."""
+        """Give a sealed file its name. Done inside the transaction that first refers to it, so that a
+        removal of the same content for another mesh cannot come in between. Unless it was ``removed`` since it was
+        sealed, this is fast: remote storage is not asked."""
         ...
 
     def local(self, sha256: str) -> AbstractContextManager[Path]:

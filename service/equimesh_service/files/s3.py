@@ -28,7 +28,7 @@ _PART_BYTES = 8 * 1024 * 1024
 _MAX_PARTS_IN_MEMORY = 2
 _PROBE = "probe"
 _NONE = SecretStr("")
-# What servers call having no room.
+# The words of servers whose storage is full.
 _FULL = ("StorageFull", "QuotaExceeded", "InsufficientCapacity", "507 Insufficient Storage")
 
 
@@ -123,7 +123,7 @@ class S3Files:
 
     async def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
         """The bytes from ``start`` up to ``end``. Each piece is a request of its own: however slow the reader is,
-        none lasts long, and one that is lost is asked for again."""
+        none lasts long, and one that is lost is requested again."""
         import obstore
 
         key = key_of(sha256)

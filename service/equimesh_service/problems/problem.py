@@ -80,10 +80,10 @@ class Problem(ServiceError):
 
 def answer(body: Mapping[str, Any], status: int, headers: Mapping[str, str] | None = None) -> Response:
     """The response that carries a problem's body; any text is safe in it, lone surrogates included."""
-    told = {**body, "status": status}
+    shown = {**body, "status": status}
     if status >= 500 and (request_id := current().request_id):
-        told["request_id"] = request_id  # by which the log is searched
-    content = json.dumps(told, allow_nan=False).encode()
+        shown["request_id"] = request_id  # to search the log
+    content = json.dumps(shown, allow_nan=False).encode()
     return Response(content, status, dict(headers or {}), media_type=MEDIA_TYPE)
 
 
@@ -102,7 +102,7 @@ def invalid_input(complaints: Sequence[Complaint]) -> Problem:
 
 
 def complaint_of(error: InputError, pointer: str) -> Complaint:
-    """What the solver said of the input, at the place in the body that it belongs to."""
+    """The message of the solver about an input, with the pointer into the body."""
     position = None
     if isinstance(error, ExpressionError) and error.position is not None:
         place = error.position

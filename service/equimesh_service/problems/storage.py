@@ -85,8 +85,8 @@ def _database_problem(error: Exception) -> Problem | None:
 
 
 def _full(error: Exception) -> Problem:
-    _log.warning("no room is left: %s", _first_line(error))
-    return Problem("storage-full", "There is no room left to store this.")
+    _log.warning("the storage is full: %s", _first_line(error))
+    return Problem("storage-full", "The storage of the service is full.")
 
 
 def _unusable(what: str, error: Exception) -> Problem:

@@ -3,8 +3,8 @@
 Rows go first, and the file after they are gone for good: a crash in between leaves a file that no row names, which
 :mod:`equimesh_service.upkeep.retention` finds, and never a row without its file.
 
-That a file is to be removed is noted, and committed, before it is. Who names a file for the first time holds its lock,
-and so does who removes it: when the one finds no note, the other has not begun, and will find the file named.
+A removal is noted, and committed, before it happens. Naming a file for the first time and removing it both hold its
+lock: when the first finds no note, the second has not begun, and will find the file named.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _FIND_REMOVAL = select(removals.c.sha256).where(removals.c.sha256 == bindparam("
 
 
 def insert_artifacts(connection: Connection, mesh_id: str, files: Sequence[Artifact]) -> None:
-    """Give a mesh files under their names, in place of older ones; nobody removes them until the end."""
+    """Give a mesh files under their names, in place of older ones; none is removed before the transaction ends."""
     lock(connection, (file.sha256 for file in files))
     for file in files:
         connection.execute(_REMOVE, {"mesh": mesh_id, "file": file.name})

@@ -73,5 +73,5 @@ def back_up(url: str, target: Path) -> int:
     address = f"{source.resolve().as_uri()}?mode=ro"
     with closing(sqlite3.connect(address, uri=True)) as live, closing(sqlite3.connect(target)) as copy:
         live.backup(copy)  # in one step: a snapshot, during which others may write
-        copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
+        copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log next to it
     return target.stat().st_size

@@ -1,4 +1,4 @@
-"""API keys: their secrets, how they are told apart, and what they allow."""
+"""API keys: their secrets, how they are identified, and what they allow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hashlib import sha256
 
 READ, WRITE, ADMIN = "read", "write", "admin"
 SCOPES = (READ, WRITE, ADMIN)
-# What a scope allows beside itself.
+# All that a scope allows, itself included.
 _INCLUDED = {READ: {READ}, WRITE: {READ, WRITE}, ADMIN: {READ, WRITE, ADMIN}}
 _SECRET = re.compile(r"em_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 

@@ -1,4 +1,4 @@
-"""SQL of API keys. Keys are never deleted: a revoked one still says that keys are asked for."""
+"""SQL of API keys. Keys are never deleted: a revoked one still says that keys are required."""
 
 from __future__ import annotations
 

@@ -138,11 +138,11 @@ class MeshesStore:
 
     def get_input(self, mesh_id: str) -> MeshInput | None:
         """What a worker needs to know of a mesh."""
-        asked = select(meshes.c.spec, meshes.c.format).where(meshes.c.id == mesh_id)
+        query = select(meshes.c.spec, meshes.c.format).where(meshes.c.id == mesh_id)
         joined = mesh_samples.join(samples, samples.c.id == mesh_samples.c.samples_id)
         files = select(samples.c.id, samples.c.sha256).select_from(joined).where(mesh_samples.c.mesh_id == mesh_id)
         with self._read() as connection:
-            row = connection.execute(asked).first()
+            row = connection.execute(query).first()
             if row is None:
                 return None
             held = {used.id: used.sha256 for used in connection.execute(files)}

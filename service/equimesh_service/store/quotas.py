@@ -1,4 +1,4 @@
-"""SQL of what a key has: unfinished meshes, their points, and stored bytes."""
+"""SQL of the use of a key: unfinished meshes, their points, and stored bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Quota:
 
 
 def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
-    """Make sure of room for one more mesh in this writing transaction; raises :class:`QuotaError`.
+    """Check that one more mesh fits, in this writing transaction; raises :class:`QuotaError`.
 
     Until the transaction ends no other one makes sure for the same key, in whatever process: none slips past.
     """
@@ -58,5 +58,5 @@ class QuotaStore:
         with self._read() as connection:
             made = connection.execute(files.where(meshes.c.key_id == key_id)).scalar_one()
             sent = connection.execute(uploads.where(samples_keys.c.key_id == key_id)).scalar_one()
-            asked = connection.execute(specs.where(meshes.c.key_id == key_id)).scalar_one()
-        return int(made) + int(sent) + int(asked)
+            specified = connection.execute(specs.where(meshes.c.key_id == key_id)).scalar_one()
+        return int(made) + int(sent) + int(specified)

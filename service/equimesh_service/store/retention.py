@@ -1,4 +1,4 @@
-"""SQL of what has had its time: finished meshes, samples that no mesh uses, and the record that they were there.
+"""SQL of what expires: finished meshes, samples that no mesh uses, and the record that they existed.
 
 Every method is one short transaction, so that a sweep never holds up the service, and takes only what no other service
 is sweeping at the moment.
@@ -49,7 +49,7 @@ class RetentionStore:
         return len(rows)
 
     def retire_samples(self, age: float, remove_file: Callable[[str], None]) -> int:
-        """Remove some of the samples that were last asked for more than ``age`` seconds ago, and that no mesh uses."""
+        """Remove some of the samples that were last requested more than ``age`` seconds ago, and that no mesh uses."""
         late = samples.c.used_at < self._clock() - age
         unused = ~select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples.c.id).exists()
         query = select(samples.c.id, samples.c.sha256).where(late, unused).order_by(samples.c.used_at)

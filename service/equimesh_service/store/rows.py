@@ -1,4 +1,4 @@
-"""What the store gives and takes: plain records of its rows."""
+"""The records that the store gives and takes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _keep(_: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class NewMesh:
-    """What is known of a mesh when it is asked for."""
+    """A mesh as it is requested."""
 
     id: str
     spec: Mapping[str, Any]
@@ -86,7 +86,7 @@ class EventRow:
 class Claim:
     """The right to compute a mesh, until another attempt begins.
 
-    Beside it, whence the mesh comes: when it was claimed, how many seconds it had waited until then, and the request,
+    Also its origin: when it was claimed, how many seconds it had waited until then, and the request,
     key and trace that it belongs to.
     """
 
@@ -101,7 +101,7 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True)
 class MeshInput:
-    """What a worker needs to know of a mesh: its spec, the files of the samples in it, and the file asked for first."""
+    """The input of a worker: the spec of a mesh, the files of its samples, and the requested format."""
 
     spec: Mapping[str, Any]
     samples: Mapping[str, str]  # from the ids of samples to the SHA-256 of their files
@@ -137,9 +137,9 @@ class Artifact:
 
 @dataclass(frozen=True, kw_only=True)
 class NewStep:
-    """What is known of a step of a sequence when it is asked for; step 0 begins the sequence.
+    """A step of a sequence as it is requested; step 0 begins the sequence.
 
-    ``fingerprint`` is the same for requests that ask for the same. ``publish`` gives the file of the ``fields`` its
+    ``fingerprint`` is the same for equal requests. ``publish`` gives the file of the ``fields`` its
     name, and ``discard`` removes one that nothing needs any more.
     """
 

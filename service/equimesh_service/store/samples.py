@@ -1,4 +1,4 @@
-"""SQL of samples that were uploaded: stored once, whoever sends them, and seen by those who did."""
+"""SQL of uploaded samples: the same content is stored once, and each key sees what it has uploaded."""
 
 from __future__ import annotations
 

@@ -37,9 +37,9 @@ class _Id(TypeDecorator[str]):
         return None if value is None else value.replace("\x00", "\ufffd")
 
 
-# One row per mesh that was asked for. `attempt` counts claims and fences writers: a worker may write only
+# One row per requested mesh. `attempt` counts claims and fences writers: a worker may write only
 # while the row still has the worker's attempt. `losses` counts the attempts whose worker was lost. `owner` is the
-# service that has claimed it. `key_id` is the API key that asked for it, "" where none is needed.
+# service that has claimed it. `key_id` is the API key of its request, "" without one.
 meshes = Table(
     "meshes",
     metadata,
@@ -71,7 +71,7 @@ meshes = Table(
     Column("request_id", _Id(64)),
     Column("trace", String(64)),  # the traceparent of the request (W3C Trace Context)
     Column("spec_size", Integer, nullable=False, server_default="0"),  # bytes of the spec
-    # With all that is asked of waiting meshes: their rows are long where samples stand in the spec.
+    # With all columns that queries of waiting meshes need: rows with samples in their spec are long.
     Index("meshes_by_status", "status", "number", "key_id", "n_xi", "n_eta"),
     # A key's meshes as they are listed; the sum of its specs comes from here alone.
     Index("meshes_by_key", "key_id", "created_at", "id", "spec_size"),
@@ -112,7 +112,7 @@ samples = Table(
     Column("size", _Number, nullable=False),
     Column("summary", JSON, nullable=False),
     Column("created_at", Float, nullable=False),
-    Column("used_at", Float, nullable=False, server_default="0"),  # when last a mesh was asked for with them
+    Column("used_at", Float, nullable=False, server_default="0"),  # when a mesh with them was last requested
 )
 
 # Whose samples they are: the same upload of two keys is stored once, and is each one's own.
@@ -169,7 +169,7 @@ steps = Table(
     Index("steps_by_sequence", "sequence_id", "number", unique=True),
 )
 
-# Meshes, samples and sequences that were removed after their time: they answer 410, not 404.
+# Meshes, samples and sequences that expired and were removed: they answer 410, not 404.
 retired = Table(
     "retired",
     metadata,

@@ -1,4 +1,4 @@
-"""Spans of OpenTelemetry, sent by OTLP over HTTP. Imported only when traces are asked for."""
+"""Spans of OpenTelemetry, sent by OTLP over HTTP. Imported only when traces are requested."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class OpenTelemetryTracer:
             span.set_status(StatusCode.ERROR)
 
     def traceparent(self) -> str | None:
-        """The current span, for others to go on from."""
+        """The current span, for other spans to continue."""
         carrier: dict[str, str] = {}
         _W3C.inject(carrier)
         return carrier.get("traceparent")

@@ -1,4 +1,4 @@
-"""Opening a tracer, where traces are asked for."""
+"""Opening a tracer, where traces are requested."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Tracer(Protocol):
         ...
 
     def traceparent(self) -> str | None:
-        """The current span, for others to go on from."""
+        """The current span, for other spans to continue."""
         ...
 
     def close(self) -> None:

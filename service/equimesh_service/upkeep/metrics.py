@@ -1,4 +1,4 @@
-"""What a service counts, for Prometheus. Each service has a registry of its own."""
+"""The metrics of a service, for Prometheus. Each service has a registry of its own."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class Metrics:
         return encode(self.registry), media_type
 
     def began(self, waited: float) -> None:
-        """An attempt at a mesh begins, which waited so many seconds since it was asked for."""
+        """An attempt at a mesh begins, ``waited`` seconds after the mesh was requested."""
         self._attempts.inc()
         self._wait.observe(waited)
 

@@ -1,4 +1,4 @@
-"""Whether a service can do its work: each room is tried for real, and the answer kept for a second."""
+"""Whether a service can do its work: each part is tried for real, and the answer kept for a second."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from equimesh_service.telemetry.logs import describe_error
 
 _log = logging.getLogger(__name__)
 OK = "ok"
-# However often probes ask, the rooms are tried this seldom.
+# The parts are tried at most once in this time, however often probes ask.
 _KEPT_SECONDS = 1.0
 _MAX_CHECK_SECONDS = 5.0
 

@@ -1,4 +1,4 @@
-"""Retention: what has had its time is removed, and what a crash left without an owner."""
+"""Retention: the removal of what has expired, and of files that a crash left without an owner."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ class Retention:
         self._thread.start()
 
     def stop(self) -> None:
-        """End, in the middle of a sweep if need be: the next one goes on."""
+        """End, in the middle of a sweep if need be: the next one continues."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def sweep(self) -> Swept:
-        """Remove all that has had its time, and files without an owner."""
+        """Remove all that has expired, and files without an owner."""
         kept, store, remover = self._days * _DAY_SECONDS, self._store.retention, _Remover(self._files)
         meshes = samples = 0
         try:
@@ -85,7 +85,7 @@ class Retention:
                     )
             except Exception as error:
                 if storage_problem(error) is None:  # which says itself what it is
-                    _log.exception("the removal of what has had its time failed; it is tried again in an hour")
+                    _log.exception("the removal of what has expired failed; it is tried again in an hour")
             self._stopping.wait(_HOUR_SECONDS)
 
     def _all(self, some: Callable[[], int]) -> int:

@@ -1,4 +1,4 @@
-"""What a client asks for in headers: media types (Accept), and preferences (RFC 7240)."""
+"""What a client requests in headers: media types (Accept), and preferences (RFC 7240)."""
 
 from __future__ import annotations
 

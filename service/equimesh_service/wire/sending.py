@@ -28,7 +28,7 @@ async def send_file(
     headers: Mapping[str, str] | None = None,
     status: int = 200,
 ) -> Response:
-    """The answer that carries a file, or the parts of it that are asked for; they never change under their ETag.
+    """The answer that carries a file, or the requested parts of it; they never change under their ETag.
 
     Only an answer of ``status`` 200 heeds what the request says of ranges and of what the client has already.
     Raises a 404 problem when the file is gone, 412 and 416 problems for the conditions.
@@ -104,7 +104,7 @@ class _FileResponse(StreamingResponse):
             raise Problem("not-found", "The file was deleted.") from None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it all; when the storage fails meanwhile the connection breaks, so that nobody takes half for whole."""
+        """Send it all; when the storage fails, the connection breaks: half a file must not look whole."""
         async with aclosing(self._pieces):
             if scope["method"] == "HEAD" or len(self._first) == int(self.headers["content-length"]):
                 await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})

@@ -24,6 +24,6 @@ def attempt(claim: Claim) -> Iterator[None]:
         yield
         return
     tracer.record("queue wait", claim.trace, claim.claimed_at - claim.waited, claim.claimed_at)
-    told: Attributes = {"equimesh.mesh.id": claim.mesh_id, "equimesh.mesh.attempt": claim.attempt}
-    with tracer.span("attempt", told, parent=claim.trace):
+    attributes: Attributes = {"equimesh.mesh.id": claim.mesh_id, "equimesh.mesh.attempt": claim.attempt}
+    with tracer.span("attempt", attributes, parent=claim.trace):
         yield

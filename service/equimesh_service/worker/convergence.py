@@ -17,10 +17,10 @@ class SubdomainHistory(BaseModel):
     newton_steps: int
     sweeps: int = Field(description="Line corrections that solved it, in place of Newton steps.")
     status: Literal["converged", "classical", "stalled"] = Field(
-        description="classical: with its neighbours' positions in place of the asked condition; stalled: not solved."
+        description="classical: with the positions of its neighbours, not the requested condition; stalled: not solved."
     )
     residual: float | None = Field(description="Of its own equations, relative.")
-    error_x: float | None = Field(description="Against the single domain, when that was asked for.")
+    error_x: float | None = Field(description="Against the single domain, when that was requested.")
     error_y: float | None
 
 
@@ -28,7 +28,7 @@ class IterationHistory(BaseModel):
     """One Schwarz iteration; 0 is the start."""
 
     iteration: int
-    transmission: str = Field(description="The condition in use: not the asked one after a fallback.")
+    transmission: str = Field(description="The condition in use: not the requested one after a fallback.")
     max_q_eq: float | None
     change: float | None = Field(description="How far the nodes moved at most.")
     estimate: float | None = Field(description="Estimated error that is left: what the tolerance is for.")
@@ -37,7 +37,7 @@ class IterationHistory(BaseModel):
         "last line correction; null without any."
     )
     mismatch: float | None = Field(description="Largest difference between subdomains at nodes that they share.")
-    error: float | None = Field(description="Against the single domain, when that was asked for.")
+    error: float | None = Field(description="Against the single domain, when that was requested.")
     min_jacobian: float | None
     global_step: bool = Field(description="Whether a Newton step was taken on the whole grid.")
     accelerated: bool = Field(description="Whether the mesh is a combination of several iterations.")

@@ -1,4 +1,4 @@
-"""What a worker makes of a finished mesh on request: other formats, pictures, arrays of quality."""
+"""Files that a worker makes of a finished mesh on request: other formats, pictures, arrays of quality."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
         return sources.enter_context(files.local(_artifact(task, name, store).sha256))
 
     match task.name.split(":"):
-        case ["file", format, asked]:
-            cells = next(known for known in CELLS if known == asked)
+        case ["file", format, requested]:
+            cells = next(known for known in CELLS if known == requested)
             write_mesh(path, load_npz(source(MESH)), format=format, cells=cells)
         case ["plot", "convergence", _]:
             from equimesh.plot.convergence import draw_convergence

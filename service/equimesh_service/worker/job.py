@@ -1,4 +1,4 @@
-"""What a worker needs to know to do its work: a picklable record, and the rooms that it opens from it."""
+"""Tasks of workers: picklable records, with the addresses of database and files."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class Storage:
 
 @dataclass(frozen=True)
 class Job:
-    """One attempt at a mesh, on so many threads."""
+    """One attempt at a mesh, on a number of threads."""
 
     storage: Storage
     claim: Claim
     threads: int = 1
-    mesh_input: MeshInput | None = None  # what the store knows of the mesh, where it need not be asked
+    mesh_input: MeshInput | None = None  # from the store, if it was read already
 
 
 @dataclass(frozen=True)
@@ -43,5 +43,5 @@ class Export:
     storage: Storage
     mesh_id: str
     name: str
-    request_id: str = field(default="", compare=False)  # that which asked first, for log lines
+    request_id: str = field(default="", compare=False)  # of the first request, for log lines
     trace: str | None = field(default=None, compare=False)

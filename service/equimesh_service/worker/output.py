@@ -40,7 +40,7 @@ class Output:
         self._sealed.append((path, self._begin(made) if self._in_threads else _done(made)))
 
     def _begin(self, made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
-        # Left before its file is removed: whoever gives up waits for it.
+        # The thread is joined before its file is removed, also on failure.
         thread = self._stack.enter_context(ThreadPoolExecutor(1))
         try:
             return thread.submit(contextvars.copy_context().run, made).result

@@ -1,4 +1,4 @@
-"""What a worker tells of its progress: the solver's events, thinned out, as rows of the store."""
+"""The progress that a worker reports: the events of the solver, thinned out, as rows of the store."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _START_ERROR_RATIO = 20.0
 
 @dataclass
 class Reporter:
-    """Hears the events of ``equimesh.solve`` and tells at most one in ``interval`` seconds to ``tell``.
+    """Receives the events of ``equimesh.solve`` and passes at most one in ``interval`` seconds to ``tell``.
 
-    The first is told when the solve has taken that long: who waits for a mesh of a few milliseconds hears of its end.
+    The first is reported after one interval: for a mesh of a few milliseconds only its end is reported.
 
     ``tell`` returns False when the attempt no longer counts; then :class:`AttemptLostError` ends the solve.
     The fraction never falls.
@@ -65,22 +65,22 @@ class Reporter:
         *,
         always: bool = False,
     ) -> None:
-        """Tell how things stand, unless that was done a moment ago."""
+        """Report the progress, unless that was done a moment ago."""
         if not always and not self._is_due():
             return
         self._last, self._told = time.monotonic(), True
         numbers = {"residual": residual, **more}
-        told = {
+        report = {
             "stage": stage,
             "iteration": iteration,
             "fraction": round(self._fraction, 4),
             **{name: finite_or_none(n) if isinstance(n, float) else n for name, n in numbers.items()},
         }
-        if not self.tell(told):
+        if not self.tell(report):
             raise AttemptLostError
 
     def writing(self) -> None:
-        """Tell that the solve is over and the files are being written."""
+        """Report that the solve is over and the files are being written."""
         self._fraction = _SOLVE_SHARE
         self.report(WRITING, None, None, {}, always=self._told)
 

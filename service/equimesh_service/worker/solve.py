@@ -69,7 +69,7 @@ def warm_up() -> None:
     for monitor, points, domain, settings in (
         (plain, 9, equimesh.Rectangle(), paper),
         (plain, 9, equimesh.Rectangle(), schwarz),
-        (plain, 193, equimesh.Rectangle(), schwarz),  # so many points are swept in strips, the last of them smaller
+        (plain, 193, equimesh.Rectangle(), schwarz),  # this many points are swept in strips, the last of them smaller
         (sampled, 33, equimesh.Rectangle(), None),
         (nodal, 33, equimesh.Rectangle(), None),
         (plain, 33, ring, schwarz),
