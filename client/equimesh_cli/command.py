@@ -1,8 +1,7 @@
-"""The command line: its parser, and what becomes of an error."""
+"""The command line: its parser, and the exit code of an error."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
@@ -29,15 +28,15 @@ examples:
 
 
 def build_parser(command: str = "") -> Parser:
-    """The parser of the command and all its subcommands. The options of `serve`, `config` and `doctor` are
-    those of the service, which is imported only when ``command`` is one of them.
+    """The parser of the command and all its subcommands.
+
+    The options of `serve`, `config` and `doctor` are the settings of the service, which is imported only when
+    ``command`` is one of these three.
     """
     parser = Parser(
         prog="equimesh",
         description="Adaptive 2D meshes for PDE solvers, by equidistribution, with a service or without.",
         epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"equimesh {version('equimesh')}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -61,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\nequimesh: interrupted", file=sys.stderr)
         return Exit.INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output has gone. Python's own flush at exit must not fail, too.
+        # The reader of the output is gone. Python's own flush at exit must not fail, too.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.DONE
     except Exception as error:
@@ -73,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def sentence(error: Exception) -> str:
-    """An error as the user reads it, without the name of its class."""
+    """The message of an error, without the name of its class."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error) or type(error).__name__

@@ -11,16 +11,16 @@ SENTENCE = "compiling kernels, once per machine ..."
 
 
 @contextmanager
-def compiling_told(*, shown: bool = True) -> Iterator[None]:
+def announce_compiling(*, shown: bool = True) -> Iterator[None]:
     """Say so on standard error when a kernel is compiled inside, rather than found in numba's cache."""
     from numba.core import event
 
     class Listener(event.Listener):
-        told = not shown
+        announced = not shown
 
         def on_start(self, _: Any) -> None:
-            if not self.told:
-                self.told = True
+            if not self.announced:
+                self.announced = True
                 print(SENTENCE, file=sys.stderr, flush=True)
 
         def on_end(self, _: Any) -> None:

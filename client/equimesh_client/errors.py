@@ -9,16 +9,16 @@
     ├── DownloadDamaged      a file that does not have the checksum the service announced
     ├── ProblemError         the service answered with an error: status, type, title, detail, errors
     │   ├── InvalidInput     422: something in the request cannot be used; says where
-    │   ├── Unauthorized     401: the service asks for a key, and knows none like this
+    │   ├── Unauthorized     401: the service needs a key that it knows
     │   ├── Forbidden        403: the key does not allow this
-    │   ├── NotFound         404: no such mesh or samples
-    │   │   └── Gone         410: no longer; the service kept it for as long as it does
-    │   ├── Conflict         409: not in the state that this needs
+    │   ├── NotFound         404: no such mesh, file or samples
+    │   │   └── Gone         410: expired and removed
+    │   ├── Conflict         409: not in the state that this request needs
     │   ├── TooLarge         413: over a limit of the service
-    │   ├── RateLimited      429: too many requests, and waiting did not help
-    │   │   └── QuotaExceeded  more than one key may have at a time
+    │   ├── RateLimited      429: too many requests, also after retries
+    │   │   └── QuotaExceeded  a limit of the key is reached
     │   └── ServerError      500 and above
-    │       └── StorageFull  507: the service has no room left
+    │       └── StorageFull  507: the storage of the service is full
     ├── MeshFailed           the mesh was computed and failed; carries mesh and problem
     └── MeshCanceled         the mesh was canceled; carries mesh
 """
@@ -37,7 +37,7 @@ class EquimeshClientError(Exception):
 
 
 class BadArgument(EquimeshClientError, ValueError):
-    """An argument that cannot be used, found before anything was sent."""
+    """An argument that cannot be used; nothing was sent."""
 
 
 class ServiceUnreachable(EquimeshClientError, ConnectionError):
@@ -94,8 +94,8 @@ class ProblemError(EquimeshClientError):
 
     ``status`` is the HTTP status, ``type`` the stable name of the problem, ``title`` and ``detail`` say it in
     words, ``errors`` what is wrong with the input, ``problem`` the document as it came, ``retry_after`` the
-    seconds after which the service said to come back. ``advice`` is what the user of a client can do about it,
-    where that is not what the service says.
+    seconds after which the service allows another attempt. ``advice`` is what the user of a client can do about it,
+    where the service does not say it.
     """
 
     advice: ClassVar[str] = ""
@@ -130,7 +130,7 @@ class ProblemError(EquimeshClientError):
         if not self.errors and remedy:
             lines.append(remedy)
         if self.retry_after:
-            lines.append(f"The service says to come back in {self.retry_after:g} s.")
+            lines.append(f"Try again in {self.retry_after:g} s.")
         return "\n".join(lines)
 
 
@@ -139,28 +139,28 @@ class InvalidInput(ProblemError, ValueError):
 
 
 class Unauthorized(ProblemError):
-    """401: the service answers only those who send a key, and none that it knows was sent."""
+    """401: the request has no key that the service knows."""
 
     advice = (
         "Give a key that the service knows: key=... in Python, --key or the environment variable EQUIMESH_KEY; "
-        "who runs the service makes one with `equimesh keys create`."
+        "the operator of the service creates one with `equimesh keys create`."
     )
 
 
 class Forbidden(ProblemError):
-    """403: the key is known, and does not allow this; the detail names the scope that is missing."""
+    """403: the key does not allow this; the detail names the missing scope."""
 
-    advice = "Use a key that has this scope; who runs the service makes one with `equimesh keys create`."
+    advice = "Use a key that has this scope; the operator of the service creates one with `equimesh keys create`."
 
 
 class NotFound(ProblemError, LookupError):
-    """404: there is no such mesh, file or samples; or, as :class:`Gone`, no longer."""
+    """404: there is no such mesh, file or samples. :class:`Gone` is for those that have expired."""
 
 
 class Gone(NotFound):
-    """410: the mesh was there, and the service has kept it for as long as it keeps meshes."""
+    """410: the mesh has expired and was removed."""
 
-    advice = "Ask for the mesh again: the same request computes it anew."
+    advice = "Request the mesh again: the same request computes it anew."
 
 
 class Conflict(ProblemError):
@@ -178,7 +178,7 @@ class RateLimited(ProblemError):
 class QuotaExceeded(RateLimited):
     """429: more unfinished meshes, points or stored bytes than one key may have; the detail says which."""
 
-    advice = "Wait until meshes of this key are finished, cancel some, or delete what is not needed any more."
+    advice = "Wait until meshes of this key are finished, cancel some, or delete what is no longer needed."
 
 
 class ServerError(ProblemError):
@@ -186,9 +186,9 @@ class ServerError(ProblemError):
 
 
 class StorageFull(ServerError):
-    """507: the service has no room left for what was asked. Not tried again: waiting makes no room."""
+    """507: the storage of the service is full. Not retried: waiting does not free storage."""
 
-    advice = "Nothing is wrong with the request: delete meshes that are not needed, or tell who runs the service."
+    advice = "Nothing is wrong with the request: delete meshes that are not needed, or tell the operator."
 
 
 class MeshFailed(EquimeshClientError):
@@ -228,5 +228,5 @@ BY_TYPE: Mapping[str, type[ProblemError]] = {"/problems/quota-exceeded": QuotaEx
 
 
 def error_class(status: int, type: str = "") -> type[ProblemError]:
-    """The exception for an HTTP status and the type of a problem, where one status has several."""
+    """The exception for an HTTP status and the type of a problem; the type decides where a status has several."""
     return BY_TYPE.get(type) or BY_STATUS.get(status, ServerError if status >= 500 else ProblemError)

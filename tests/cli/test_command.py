@@ -281,8 +281,8 @@ def test_a_deadline_is_4(generate: Any, service: Any) -> None:
         (401, "unauthorized", 2, ["--key", "EQUIMESH_KEY"]),
         (403, "forbidden", 2, ["This needs the scope write", "equimesh keys create"]),
         (410, "gone", 2, ["computes it anew"]),
-        (429, "quota-exceeded", 3, ["come back in 90 s", "cancel some"]),
-        (429, "queue-full", 3, ["come back in 90 s", "The remedy."]),
+        (429, "quota-exceeded", 3, ["Try again in 90 s", "cancel some"]),
+        (429, "queue-full", 3, ["Try again in 90 s", "The remedy."]),
         (507, "storage-full", 3, ["Nothing is wrong with the request"]),
     ],
 )

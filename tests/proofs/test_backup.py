@@ -162,7 +162,7 @@ def test_the_command_shows_upgrades_and_copies(tmp_path: Path, capsys: pytest.Ca
     assert database("upgrade")[:2] == (0, {"current": LATEST})
     assert current(f"sqlite:///{copy}") == "0001"
     code, _, said = database("backup", str(copy))
-    assert (code, said) == (2, f"equimesh: {copy} is there already: choose another name, or remove it first\n")
+    assert (code, said) == (2, f"equimesh: {copy} exists already: choose another name, or remove it first\n")
     assert main(["database", "backup", str(tmp_path / "x"), "--database-url", "postgresql://h/n"]) == 2
     assert "pg_dump" in capsys.readouterr().err
     assert main(["database", "current", "--database-url", "postgresql://ada:hidden@127.0.0.1:1/n"]) == 3

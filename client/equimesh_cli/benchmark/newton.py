@@ -1,4 +1,4 @@
-"""The sweeps beside guarded Newton with a sparse direct solver, up the same grids and from the same start."""
+"""The sweeps compared with guarded Newton with a sparse direct solver, up the same grids and from the same start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Our meshes beside those of Mmg2d and Gmsh, for the same functions and as many vertices.
+"""Our meshes compared with those of Mmg2d and Gmsh, for the same functions and as many vertices.
 
 Mmg gets the tensors of our curvature monitor at its vertices and adapts in several passes; Gmsh gets an isotropic size
 from the same curvature. What is scaled to reach the number of vertices is found beforehand and not counted.
@@ -30,9 +30,9 @@ FUNCTIONS = {
     "ring": "tanh(20*((x - 0.5)**2 + (y - 0.5)**2 - 0.09))",
     "wave": "tanh(50*(y - 0.5 - 0.25*sin(2*pi*x)))",
 }
-# A number of vertices within this share of the asked one will do, and is found in so many attempts.
+# A number of vertices within this share of the requested one is accepted; the second number is the limit of attempts.
 NEAR, MOST_ATTEMPTS = 0.03, 8
-# After so many passes Mmg's error does not fall any more.
+# After this many passes the error of Mmg no longer falls.
 PASSES = 3
 SIZES = 257  # points a side of the table of sizes that Gmsh interpolates in
 
@@ -189,7 +189,7 @@ def _write_sizes(table: Path, size: Array) -> None:
 
 
 def _sized(make: Callable[[float], Triangles], scale: float, vertices: int) -> tuple[float, Triangles]:
-    """CPU time and mesh of the scale that gives about so many vertices."""
+    """CPU time and mesh of the scale that gives about this many vertices."""
     for _ in range(MOST_ATTEMPTS):
         begun = time.process_time()
         found = make(scale)

@@ -19,7 +19,7 @@ HUGE, LARGE_RUNS, HUGE_RUNS = 4097, 5, 3
 
 
 def memory(n: int, smaller: int) -> Iterator[Row]:
-    """Memory a point at ``n`` points a side, and its cost a point beside that at ``smaller``."""
+    """Memory a point at ``n`` points a side, and its cost a point compared with that at ``smaller``."""
     found = _fresh("solve_large", n, smaller)
     goals = (MEMORY_GOAL, GROWTH_GOAL) if n == HUGE else (None, None)
     note = f"peak above that of the import: {found['bytes'] / 1e6:.0f} MB"

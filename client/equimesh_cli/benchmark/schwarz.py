@@ -1,4 +1,4 @@
-"""What the Schwarz iteration costs beside a single domain, and what its subdomains tell each other."""
+"""The cost of the Schwarz iteration compared with a single domain, and the data that subdomains exchange."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ LARGE = 1025
 CPU_GOALS = {em.Mode.DISCRETIZATION: 220.0, em.Mode.TIGHT: 400.0}
 WALL_GOALS = {33: 2.0, 65: 5.0}
 SPEEDUP_GOAL = 1.7
-# The algebraic error that is asked for, as a share of the discretisation error.
+# The algebraic error that is requested, as a share of the discretisation error.
 SHARE = 0.2
 THREAD_RUNS, SMALL_RUNS = 7, 50
 
@@ -45,7 +45,7 @@ def sweeps(problem: em.Problem, mode: em.Mode = em.Mode.DISCRETIZATION) -> dict[
 
 
 def cost_of(u: em.Field) -> Row:
-    """What a value of u costs, on as many points as a sweep asks for at a time."""
+    """What a value of u costs, on the points that a sweep evaluates at a time."""
     x, y = np.random.default_rng(0).random((2, 32, 1024))
     seconds, _ = cpu_seconds(lambda: u.evaluate(x, y), runs=50)
     return Row(what="a value of u", value=1e9 * seconds / x.size, unit="ns/point", note=f"u = {getattr(u, 'text', u)}")

@@ -34,5 +34,5 @@ def warning(said: str, remedy: str) -> Finding:
 
 
 def failed(said: str, remedy: str = "") -> Finding:
-    """It does not work before something is done, which ``said`` may tell as well."""
+    """It does not work until something is done; the remedy may stand in ``said`` itself."""
     return Finding(level=Level.FAILED, said=said, remedy=remedy)

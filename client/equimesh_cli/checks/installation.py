@@ -82,13 +82,13 @@ def kernels(settings: Settings) -> Finding:  # noqa: ARG001
 def solve(settings: Settings) -> Finding:  # noqa: ARG001
     """Whether the mesh of the paper comes out as it is printed."""
     import equimesh as em
-    from equimesh_cli.compiling import compiling_told
+    from equimesh_cli.compiling import announce_compiling
 
     u = em.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
     grid = em.Grid(n_xi=12, n_eta=12)
     problem = em.Problem(monitor=em.ArcLength(u=u, a=0.7, b=0.05), grid=grid, boundary=em.Boundary.EQUIDISTRIBUTED_1D)
     began = time.perf_counter()
-    with compiling_told():
+    with announce_compiling():
         solution = em.solve(problem, initial=em.Initial.UNIFORM)
     took = time.perf_counter() - began
     found = f"{solution.quality.q_eq.max:.4f}"

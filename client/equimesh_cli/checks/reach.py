@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from equimesh_client import Client
     from equimesh_service.settings import Settings
 
-PATIENCE = 10.0
+TIMEOUT_SECONDS = 10.0
 
 
 def port(settings: Settings) -> Finding:
@@ -36,20 +36,20 @@ def port(settings: Settings) -> Finding:
 
 def exposure(settings: Settings) -> Finding:
     """Whether others can use the service without a key."""
-    from equimesh_cli.checks.storage import has_tables, inspected
+    from equimesh_cli.checks.storage import has_tables, open_inspection
     from equimesh_service.upkeep.exposure import is_loopback
 
     if is_loopback(settings.host):
         return ok(f"only this machine reaches {settings.host}")
     guarded = False
     if has_tables(settings):
-        with inspected(settings) as inspection:
+        with open_inspection(settings) as inspection:
             guarded = inspection.has_keys()
     if guarded:
         return ok(f"other machines reach {settings.host}, and need an API key")
     remedy = "make a key: equimesh keys create --name admin --scope admin"
     if settings.allow_anonymous:
-        return warning(f"whoever reaches {settings.host} may use the service, without a key", remedy)
+        return warning(f"anyone who can reach {settings.host} can use this service: no API key exists", remedy)
     return failed(f"other machines reach {settings.host}, and there is no key: the service will not start", remedy)
 
 
@@ -58,7 +58,7 @@ def readiness(client: Client) -> Finding:
     import httpx
 
     try:
-        answer = httpx.get(f"{client.url}/readyz", timeout=PATIENCE)
+        answer = httpx.get(f"{client.url}/readyz", timeout=TIMEOUT_SECONDS)
         checks = answer.json()["checks"]
     except httpx.HTTPError as error:
         return failed(f"{client.url} does not answer ({type(error).__name__})", "start the service, or correct --url")
@@ -101,7 +101,7 @@ def round_trip(client: Client) -> Finding:
         points = len(mesh.points)
         mesh.delete()
     except (Forbidden, Unauthorized) as error:
-        return warning(f"no mesh was asked for: {str(error).splitlines()[0]}", "give a key with the scope write")
+        return warning(f"no mesh was requested: {str(error).splitlines()[0]}", "give a key with the scope write")
     except EquimeshClientError as error:
         return failed(f"no mesh came back: {str(error).splitlines()[0]}", "the log of the service says more")
     return ok(f"a mesh of {points} points came back, and is deleted again")
@@ -110,7 +110,7 @@ def round_trip(client: Client) -> Finding:
 def _asks_for_keys(client: Client) -> bool:
     import httpx
 
-    return httpx.get(f"{client.url}/v1/meshes?limit=1", timeout=PATIENCE).status_code == 401
+    return httpx.get(f"{client.url}/v1/meshes?limit=1", timeout=TIMEOUT_SECONDS).status_code == 401
 
 
 def _is_ours(settings: Settings) -> bool:
@@ -119,7 +119,7 @@ def _is_ours(settings: Settings) -> bool:
     host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(settings.host, settings.host)
     shown = f"[{host}]" if ":" in host else host
     try:
-        answer = httpx.get(f"http://{shown}:{settings.port}/readyz", timeout=PATIENCE, trust_env=False)
+        answer = httpx.get(f"http://{shown}:{settings.port}/readyz", timeout=TIMEOUT_SECONDS, trust_env=False)
         return "dispatcher" in answer.json()["checks"]
     except (httpx.HTTPError, ValueError, KeyError, TypeError):
         return False

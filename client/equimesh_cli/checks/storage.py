@@ -69,7 +69,7 @@ def database(settings: Settings) -> Finding:
     if revision != LATEST:
         said = f"{kind}: it is of revision {revision}; the next start brings it up to {LATEST}"
         return warning(said, "back it up before, see docs/upgrade.md")
-    with inspected(settings) as inspection:
+    with open_inspection(settings) as inspection:
         fault = inspection.fault()
     if fault is not None:
         return failed(f"{kind}: the database is damaged ({fault})", "restore the last backup, see docs/back-up.md")
@@ -80,7 +80,7 @@ def clock(settings: Settings) -> Finding | None:
     """Whether this machine's clock agrees with the database; None where there is nothing to compare with."""
     if not has_tables(settings):
         return None
-    with inspected(settings) as inspection:
+    with open_inspection(settings) as inspection:
         ahead = inspection.clock_ahead()
     said = f"the database is {abs(ahead):.1f} s {'ahead of' if ahead > 0 else 'behind'} the clock of this machine"
     if abs(ahead) > settings.lease:
@@ -116,7 +116,7 @@ def stored(settings: Settings) -> Finding | None:
 
     if not has_tables(settings):
         return None
-    with inspected(settings) as inspection:
+    with open_inspection(settings) as inspection:
         named = inspection.named_files()
     kept = files_address(settings).open()
     none = isinstance(kept, FolderFiles) and not kept.folder.is_dir()
@@ -154,7 +154,7 @@ def has_tables(settings: Settings) -> bool:
 
 
 @contextmanager
-def inspected(settings: Settings) -> Iterator[InspectionStore]:
+def open_inspection(settings: Settings) -> Iterator[InspectionStore]:
     """The database, to be looked at."""
     from equimesh_service.store.database import Database
     from equimesh_service.store.inspection import InspectionStore

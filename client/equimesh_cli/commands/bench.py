@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.exits import Exit, NotInstalled, Refused
+from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     from equimesh_cli.benchmark.rows import Row
@@ -48,13 +49,12 @@ FULL, QUICK, HUGE, PEERS, QUICK_PEERS = Sizes(), Sizes(large=257, newton=129), 4
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser = add_command(
+        commands,
         "bench",
         help="measure what a mesh costs on this machine",
-        description="Measure CPU time, memory and steps of solves on this machine, beside what they should be.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        description="Measure CPU time, memory and steps of solves on this machine, compared with their goals.",
+        examples=EXAMPLES,
     )
     parser.add_argument("--quick", action="store_true", help="at most 257 points a side; goals are for larger meshes")
     parser.add_argument("--large", action="store_true", help=f"also {HUGE} points a side: 2 GB of memory")

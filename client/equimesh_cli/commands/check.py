@@ -7,10 +7,11 @@ import importlib.util
 import json
 from typing import Any
 
-from equimesh_cli.exits import EPILOG, Exit
+from equimesh_cli.exits import Exit
 from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import parameter
 from equimesh_cli.options.monitors import domain
+from equimesh_cli.parser import add_command
 
 EXAMPLES = """\
 examples:
@@ -23,14 +24,13 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser = add_command(
+        commands,
         "check",
         help="check an expression",
         description="Parse an expression and evaluate it on a domain. Works here when the solver is "
         "installed and no --url is given, otherwise through a service.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        examples=EXAMPLES,
     )
     parser.add_argument("u", metavar="EXPR", help="u(x, y)")
     parser.add_argument("--parameter", metavar="NAME=VALUE", action="append", default=[], type=parameter)

@@ -10,9 +10,9 @@ import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, NotInstalled
-from equimesh_cli.options.settings import add_settings, chosen, given
-from equimesh_cli.parser import Parser
+from equimesh_cli.exits import Exit, NotInstalled
+from equimesh_cli.options.settings import add_settings, explicit_settings, merged_settings
+from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     from equimesh_service.settings import Settings
@@ -44,13 +44,12 @@ class Shown:
 
 def add_parser(commands: Any, *, full: bool) -> None:
     """Add the command; with ``full`` its options, too."""
-    parser: Parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "config",
         help="show the settings of a service",
         description="Print the settings that a service started here and now would have, and where each comes from.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        examples=EXAMPLES,
     )
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print JSON")
@@ -66,8 +65,8 @@ def run(options: argparse.Namespace) -> int:
         from equimesh_service.settings import describe_unknown, find_unknown
     except ImportError as error:
         raise NotInstalled("service", error) from error
-    options_given = given(options)
-    rows = shown(chosen(options_given), options_given)
+    options_given = explicit_settings(options)
+    rows = shown(merged_settings(options_given), options_given)
     foreign = find_unknown(os.environ)
     if options.json:
         print(json.dumps({"settings": [asdict(row) for row in rows], "unknown": foreign}, indent=2))

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
-from equimesh_cli.options.settings import cannot_serve
+from equimesh_cli.exits import Exit, NotInstalled, Refused
+from equimesh_cli.options.settings import start_error
+from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
@@ -30,13 +31,12 @@ needs the service: pip install 'equimesh[service]'
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser = add_command(
+        commands,
         "demo",
         help="see it work",
-        description="Start a service, ask it for two meshes, print their quality and write their files.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        description="Start a service, request two meshes, print their quality and write their files.",
+        examples=EXAMPLES,
     )
     parser.add_argument(
         "--output",
@@ -50,7 +50,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve, ask, report, write."""
+    """Start a service, request meshes, report, write files."""
     try:
         import equimesh_service
         from equimesh_service.errors import CannotServeError
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
             except CannotServeError as error:
                 raise Refused(str(error), Exit.UNREACHABLE) from None
             except OSError as error:
-                raise Refused(cannot_serve(settings, error), Exit.UNREACHABLE) from error
+                raise Refused(start_error(settings, error), Exit.UNREACHABLE) from error
             except RuntimeError as error:
                 raise Refused(f"the service cannot be started: {error}", Exit.UNREACHABLE) from error
             output.mkdir(parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"\nFiles in {output}:")
     for path in written:
         print(f"  {path.name:<28}{path.stat().st_size:>9} bytes")
-    print("\nOpen a .vtu file in ParaView. Most solvers read the .msh; FEniCSx the .xdmf with the files beside it.")
+    print("\nOpen a .vtu file in ParaView. Most solvers read the .msh, FEniCSx the .xdmf and the files next to it.")
     return Exit.DONE
 
 
@@ -96,12 +96,12 @@ def paper(client: Client, output: Path) -> list[Path]:
 
     heading("1. The paper's mesh: 12 x 12 points, two subdomains that share 2 columns")
     print(f"u(x, y) = {PAPER}", flush=True)
-    asked: dict[str, Any] = {"a": 0.7, "b": 0.05, "boundary": "equidistributed_1d"}
+    options: dict[str, Any] = {"a": 0.7, "b": 0.05, "boundary": "equidistributed_1d"}
     paper = Schwarz(overlap=2, transmission=LinearRobin(2.3), ordering="alternating", compare_single_domain=True)
-    mesh = client.generate(PAPER, 12, **asked, initial="uniform", schwarz=paper, label="demo: the paper")
+    mesh = client.generate(PAPER, 12, **options, initial="uniform", schwarz=paper, label="demo: the paper")
     print(f"\nSchwarz iteration, error against the mesh of a single domain:\n\n{mesh.convergence}")
     default = Schwarz(subdomains=(3, 2), overlap=2, compare_single_domain=True)
-    same = client.generate(PAPER, 12, **asked, schwarz=default, label="demo: the paper's, by default settings")
+    same = client.generate(PAPER, 12, **options, schwarz=default, label="demo: the paper's, by default settings")
     print(f"\nThe same mesh by the default settings, on 3 x 2 subdomains:\n\n{same.convergence}")
     print(f"\nQuality:\n\n{mesh.quality}")
     return write(mesh, output, "paper", plots=("mesh", "convergence"))

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.checks import installation, machine, reach, storage
 from equimesh_cli.checks.findings import Finding, Level, failed
-from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.address import add_url
-from equimesh_cli.options.settings import add_settings, chosen, given
-from equimesh_cli.parser import Parser
+from equimesh_cli.options.database import cause
+from equimesh_cli.options.settings import add_settings, explicit_settings, merged_settings
+from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     from equimesh_client import Client
@@ -60,13 +61,12 @@ THERE: dict[str, Callable[[Client], Finding]] = {
 
 def add_parser(commands: Any, *, full: bool) -> None:
     """Add the command; with ``full`` the settings of the service, too."""
-    parser: Parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "doctor",
         help="check an installation",
         description="Check what a service needs on this machine, or with --url one that runs; say what to do.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        examples=EXAMPLES,
     )
     add_url(parser, default=None)
     parser.add_argument("--stored", action="store_true", help="also see that every file the database names is there")
@@ -98,7 +98,7 @@ def _here(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
         import equimesh_service.settings  # noqa: F401
     except ImportError as error:
         raise NotInstalled("service", error) from error
-    settings = chosen(given(options))
+    settings = merged_settings(explicit_settings(options))
     checks = {**HERE, **({"stored": storage.stored} if options.stored else {})}
     for name, check in checks.items():
         finding = _tried(check, settings)
@@ -110,12 +110,12 @@ def _there(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
     """What each check of a running service finds; the others need the first."""
     from equimesh_client import Client, EquimeshClientError
 
-    if options.stored or given(options):
+    if options.stored or explicit_settings(options):
         raise Refused(
             "--stored and the options of `equimesh serve` are about this machine, and --url (or EQUIMESH_URL) about "
             "another: leave out one of them; --url '' is none"
         )
-    with Client(options.url, key=options.key, retries=1, timeout=reach.PATIENCE) as client:
+    with Client(options.url, key=options.key, retries=1, timeout=reach.TIMEOUT_SECONDS) as client:
         for name, ask in THERE.items():
             try:
                 finding = ask(client)
@@ -139,9 +139,9 @@ def _tried(check: Callable[[Settings], Finding | None], settings: Settings) -> F
     except ImportError as error:
         return failed(f"{error.name} is not installed", "see the check of the packages")
     except SQLAlchemyError as error:
-        # The text of the error may name the address with its password.
-        cause = type(getattr(error, "orig", None) or error).__name__
-        return failed(f"the database does not answer ({cause})", "see that EQUIMESH_DATABASE_URL is right and it runs")
+        return failed(
+            f"the database does not answer ({cause(error)})", "see that EQUIMESH_DATABASE_URL is right and it runs"
+        )
     except OSError as error:
         return failed(f"{error.filename or ''} {error.strerror or error}".strip(), "see that it can be reached")
 

@@ -6,10 +6,11 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, Refused
+from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of, schwarz_of
 from equimesh_cli.options.monitors import monitor_of
+from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
@@ -28,13 +29,12 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser = add_command(
+        commands,
         "generate",
-        help="ask a service for a mesh",
-        description="Ask a service for the mesh that is adapted to u, wait for it, and write it to a file.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        help="request a mesh from a service",
+        description="Request the mesh that is adapted to u from a service, wait for it, and write it to a file.",
+        examples=EXAMPLES,
     )
     add_mesh_options(parser)
     service = parser.add_argument_group("service")
@@ -48,7 +48,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Ask, wait, download, report."""
+    """Request a mesh, wait, download, report."""
     check_options(options, SUFFIXES)
     from equimesh_client import Client, DeadlineExceeded, MeshFailed
 
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
             _failed(client, options, error.mesh.record)
             raise
         except DeadlineExceeded as error:
-            advice = "The mesh was canceled; give it more time with --deadline, or ask for fewer points."
+            advice = "The mesh was canceled; give it more time with --deadline, or request fewer points."
             raise Refused(f"{error}\n{advice}", Exit.DEADLINE) from error
         files = _write(mesh, options)
         if options.json:
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _failed(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
-    """Write and tell what there is of a mesh that failed."""
+    """Write and report the partial mesh of a failed solve."""
     files = []
     if options.partial and record.get("partial"):
         files = _write(client.meshes.get(str(record["id"])), options, partial=True)
@@ -95,7 +95,7 @@ def _failed(client: Client, options: argparse.Namespace, record: dict[str, Any])
 
 
 def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) -> list[str]:
-    """Write the asked files and return their names."""
+    """Write the requested files and return their names."""
     files = []
     if options.output is not None:
         files.append(str(mesh.download(options.output, partial=partial, deadline=options.deadline)))

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
-from equimesh_cli.options.settings import chosen
+from equimesh_cli.exits import Exit, Refused
+from equimesh_cli.options.database import add_database_options, database_settings, refusing_database_errors
+from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     from equimesh_service.store.key_secrets import KeyRow
@@ -24,8 +25,8 @@ examples:
   equimesh keys list
   equimesh keys revoke 3f1c0a9b7e52
 
-The service need not be stopped. From the first key on it asks every caller for one, in the header
-`Authorization: Bearer em_...`; revoking the last key does not open it again.
+The service need not be stopped. Once there is a key, every request needs one, in the header
+`Authorization: Bearer em_...`. Revoking the last key does not open the service again.
 
 needs the service: pip install 'equimesh[service]'
 
@@ -34,43 +35,40 @@ needs the service: pip install 'equimesh[service]'
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser = add_command(
+        commands,
         "keys",
         help="make, list and revoke API keys",
         description="API keys of a service, in its database.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        examples=EXAMPLES,
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    create = actions.add_parser("create", help="make a key, and print its secret this once", allow_abbrev=False)
+    create = actions.add_parser("create", help="make a key, and print its secret this once")
     create.add_argument("--name", required=True, help="whose key it is, or what for; shown in the list")
     create.add_argument(
         "--scope",
         action="append",
         choices=SCOPES,
-        help="read: look at meshes and download them; write: also ask for meshes, upload samples, cancel and delete; "
+        help="read: look at meshes and download them; write: also request meshes, upload samples, cancel and delete; "
         "admin: also those of all other keys, and metrics; may be repeated (write)",
     )
     create.set_defaults(run=_create)
-    listing = actions.add_parser("list", help="show all keys, without their secrets", allow_abbrev=False)
+    listing = actions.add_parser("list", help="show all keys, without their secrets")
     listing.set_defaults(run=_list)
-    revoke = actions.add_parser("revoke", help="put a key out of force, within 2 seconds", allow_abbrev=False)
+    revoke = actions.add_parser("revoke", help="revoke a key; takes effect within 2 seconds")
     revoke.add_argument("id", metavar="ID", help="as in the list; it is also the middle of the secret")
     revoke.set_defaults(run=_revoke)
     for action in (create, listing, revoke):
-        action.add_argument("--data-dir", help="data folder of the service (EQUIMESH_DATA_DIR, else equimesh-data)")
-        action.add_argument("--database-url", help="its database, if not in that folder (EQUIMESH_DATABASE_URL)")
-        action.add_argument("--json", action="store_true", help="print JSON")
+        add_database_options(action)
 
 
 def _create(options: argparse.Namespace) -> int:
     if not (0 < len(options.name) <= 200 and options.name.isprintable()):
         raise Refused("--name: 1 to 200 printable characters")
-    with _opened(options, new=True) as keys:
+    with _open_keys(options, create=True) as keys:
         row, secret = keys.create(options.name, options.scope or ["write"])
     if options.json:
-        print(json.dumps({**_shown(row), "secret": secret}))
+        print(json.dumps({**_plain(row), "secret": secret}))
     else:
         print(secret)
         print(f"\nKey {row.id} ({row.name}), scopes {', '.join(row.scopes)}. This is the only time that it is shown.")
@@ -78,13 +76,13 @@ def _create(options: argparse.Namespace) -> int:
 
 
 def _list(options: argparse.Namespace) -> int:
-    with _opened(options) as keys:
+    with _open_keys(options) as keys:
         rows = keys.list()
     if options.json:
-        print(json.dumps([_shown(row) for row in rows]))
+        print(json.dumps([_plain(row) for row in rows]))
         return Exit.DONE
     if not rows:
-        print("There are no keys: the service asks for none.")
+        print("There are no keys: requests need none.")
         return Exit.DONE
     print(f"{'id':<14}{'scopes':<14}{'created':<22}{'revoked':<22}name")
     for row in rows:
@@ -94,7 +92,7 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _revoke(options: argparse.Namespace) -> int:
-    with _opened(options) as keys:
+    with _open_keys(options) as keys:
         row = keys.get(options.id)
         if row is None:
             raise Refused(f"there is no key with the id {options.id}; `equimesh keys list` shows them")
@@ -105,35 +103,22 @@ def _revoke(options: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _opened(options: argparse.Namespace, *, new: bool = False) -> Iterator[KeyStore]:
-    """The keys in the database that the options name; one that is not there yet is made only with ``new``."""
-    try:
-        from sqlalchemy.exc import SQLAlchemyError
+def _open_keys(options: argparse.Namespace, *, create: bool = False) -> Iterator[KeyStore]:
+    """The keys in the database that the options name; a missing database is created only with ``create``."""
+    settings = database_settings(options)
+    from equimesh_service.store.store import Store
 
-        from equimesh_service.store.store import Store
-    except ImportError as error:
-        raise NotInstalled("service", error) from error
-    given = {name: value for name in ("data_dir", "database_url") if (value := getattr(options, name)) is not None}
-    settings = chosen(given)
-    file = settings.data_dir / "equimesh.sqlite3"
-    inside = not settings.database_url.get_secret_value()
-    if inside and new:
+    is_in_folder = not settings.database_url.get_secret_value()
+    if is_in_folder and create:
         settings.data_dir.mkdir(parents=True, exist_ok=True)
-    elif inside and not file.exists():
+    elif is_in_folder and not (settings.data_dir / "equimesh.sqlite3").exists():
         raise Refused(f"there is no database in {settings.data_dir}; name the data folder with --data-dir")
-    store = Store(settings.database)
-    try:
+    with refusing_database_errors(), closing(Store(settings.database)) as store:
         store.prepare()
         yield store.keys
-    except SQLAlchemyError as error:
-        # The text of the error may name the address with its password.
-        where = f"in {settings.data_dir}" if inside else "of the given address"
-        raise Refused(f"the database {where} does not answer ({type(error).__name__})", Exit.UNREACHABLE) from None
-    finally:
-        store.close()
 
 
-def _shown(row: KeyRow) -> dict[str, Any]:
+def _plain(row: KeyRow) -> dict[str, Any]:
     revoked = None if row.revoked_at is None else _time(row.revoked_at)
     return {
         "id": row.id,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
-from equimesh_cli.options.settings import add_settings, cannot_serve, chosen, given
-from equimesh_cli.parser import Parser
+from equimesh_cli.exits import Exit, NotInstalled, Refused
+from equimesh_cli.options.settings import add_settings, explicit_settings, merged_settings, start_error
+from equimesh_cli.parser import add_command
 
 EXAMPLES = """\
 Every option is also an environment variable: --data-dir is EQUIMESH_DATA_DIR. The option wins.
@@ -24,13 +24,8 @@ needs the service: pip install 'equimesh[service]'
 
 def add_parser(commands: Any, *, full: bool) -> None:
     """Add the command; with ``full`` its options, too, which are the settings that the service declares."""
-    parser: Parser = commands.add_parser(
-        "serve",
-        help="run a service",
-        description="Run the service until it is stopped.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+    parser = add_command(
+        commands, "serve", help="run a service", description="Run the service until it is stopped.", examples=EXAMPLES
     )
     parser.set_defaults(run=run)
     if full:
@@ -44,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         from equimesh_service.errors import CannotServeError
     except ImportError as error:
         raise NotInstalled("service", error) from error
-    settings = chosen(given(options))
+    settings = merged_settings(explicit_settings(options))
     try:
         equimesh_service.run(settings)
     except KeyboardInterrupt:
@@ -52,5 +47,5 @@ def run(options: argparse.Namespace) -> int:
     except CannotServeError as error:
         raise Refused(str(error)) from None
     except OSError as error:
-        raise Refused(cannot_serve(settings, error)) from error
+        raise Refused(start_error(settings, error)) from error
     return Exit.DONE

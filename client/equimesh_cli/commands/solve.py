@@ -8,8 +8,9 @@ import os
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import EPILOG, Exit, NotInstalled, Refused
+from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of
+from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     import equimesh
@@ -39,13 +40,12 @@ needs the solver: pip install 'equimesh[solver]', and [plot] for --plot
 
 def add_parser(commands: Any) -> None:
     """Add the command."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser = add_command(
+        commands,
         "solve",
         help="make a mesh here, without a service",
         description="Make the mesh that is adapted to u in this process, and write it to a file.",
-        epilog=EXAMPLES + EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        examples=EXAMPLES,
     )
     add_mesh_options(parser)
     parser.add_argument("--threads", metavar="N", type=int, help="threads that share large grids (one for every core)")
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         import equimesh as em
     except ImportError as error:
         raise NotInstalled("solver", error) from error
-    from equimesh_cli.compiling import compiling_told
+    from equimesh_cli.compiling import announce_compiling
     from equimesh_cli.options.problem import build
     from equimesh_client import Certificate, Convergence, Quality
 
@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     grid = em.Grid(n_xi=n_xi, n_eta=n_eta)
     _check_memory(grid)
     try:
-        with compiling_told(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
+        with announce_compiling(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
             spec = build(options)
             solution = em.solve(
                 spec.problem,
@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _failed(options: argparse.Namespace, solution: Solution) -> None:
-    """Write and tell what there is of a mesh that failed."""
+    """Write and report the partial mesh of a failed solve."""
     files = _write(options, solution) if options.partial and not solution.mesh.is_folded else []
     if options.json:
         parts = {"certificate": solution.certificate.summary(), "convergence": solution.convergence()}
@@ -132,7 +132,7 @@ def _check_memory(grid: equimesh.Grid) -> None:
 
 
 def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
-    """Write the asked files and return their names."""
+    """Write the requested files and return their names."""
     files = []
     if options.output is not None:
         from equimesh.io.write import write_mesh

@@ -75,7 +75,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         default="discretization",
         help="solve to the error of the grid, or to rounding (discretization)",
     )
-    mesh.add_argument("--no-relax", action="store_true", help="fail rather than adapt less than asked")
+    mesh.add_argument("--no-relax", action="store_true", help="fail rather than adapt less than requested")
     mesh.add_argument(
         "--partial", action="store_true", help="write the mesh of a failed solve, too, if it is not folded"
     )
@@ -134,7 +134,7 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
         help="end of the iteration: an estimated error, discretization for a part of that of the grid, or none to run "
         "--max-iterations (1e-10)",
     )
-    schwarz.add_argument("--max-iterations", type=int, help="most iterations (100)")
+    schwarz.add_argument("--max-iterations", type=int, help="maximum number of iterations (100)")
     schwarz.add_argument(
         "--compare", action="store_true", default=None, help="record the error against the single domain"
     )

@@ -30,8 +30,8 @@ def add_settings(parser: Parser) -> None:
         )
 
 
-def given(options: argparse.Namespace) -> dict[str, str]:
-    """The settings that were given as options, by name."""
+def explicit_settings(options: argparse.Namespace) -> dict[str, str]:
+    """The settings that options give, by name."""
     return {
         name.removeprefix("setting_"): value
         for name, value in vars(options).items()
@@ -39,19 +39,19 @@ def given(options: argparse.Namespace) -> dict[str, str]:
     }
 
 
-def chosen(given: dict[str, str]) -> Settings:
-    """The settings of options that were given and of the environment; raises :class:`Refused` for bad ones."""
+def merged_settings(explicit: dict[str, str]) -> Settings:
+    """The ``explicit`` settings, and for the others the environment; raises :class:`Refused` for bad values."""
     from pydantic import ValidationError
 
     from equimesh_service.settings import Settings
 
     try:
-        return Settings(**given)  # type: ignore[arg-type]
+        return Settings(**explicit)  # type: ignore[arg-type]
     except ValidationError as error:
         raise Refused("\n".join(map(_complaint, error.errors()))) from None
 
 
-def cannot_serve(settings: Settings, error: OSError) -> str:
+def start_error(settings: Settings, error: OSError) -> str:
     """The message for an error of the system at the start of a service: of its folder or its address."""
     said = error.strerror or str(error)
     if error.filename is not None:

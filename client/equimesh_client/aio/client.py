@@ -17,7 +17,7 @@ from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
-from equimesh_client.wire.key import with_key
+from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import AsyncSession
@@ -40,7 +40,7 @@ class AsyncClient:
         headers: Mapping[str, str] | None = None,
     ) -> None:
         settings = Settings(url=base_url(url), timeout=timeout, policy=policy_of(retries))
-        self._session = AsyncSession(settings, with_key(headers, key))
+        self._session = AsyncSession(settings, headers_with_key(headers, key))
         self.meshes = AsyncMeshes(self._session)
         self.samples = AsyncSamplesStore(self._session)
         self.sequences = AsyncSequences(self._session)

@@ -16,7 +16,7 @@ from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
-from equimesh_client.wire.key import with_key
+from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import Session
@@ -44,7 +44,7 @@ class Client:
         headers: Mapping[str, str] | None = None,
     ) -> None:
         settings = Settings(url=base_url(url), timeout=timeout, policy=policy_of(retries))
-        self._session = Session(settings, with_key(headers, key))
+        self._session = Session(settings, headers_with_key(headers, key))
         self.meshes = Meshes(self._session)
         self.samples = SamplesStore(self._session)
         self.sequences = Sequences(self._session)

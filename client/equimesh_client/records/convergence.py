@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from equimesh_client.records.tables import Array, aligned, number, real_or_nan
+from equimesh_client.records.tables import Array, align, number, real_or_nan
 
-# What a table of a Schwarz iteration tells of the subdomains: of so many one by one, and of all in words.
-COUNTS, MOST_TERMS = ("newton_steps", "sweeps"), 4
-
-
+COUNTS = ("newton_steps", "sweeps")
+"""Counts of each subdomain that the table shows."""
+MAX_TERMS = 4
+"""With more subdomains than this the table shows their counts in sum."""
 REMARKS = {"accelerated": "accelerated", "global_step": "global step"}
 
 
@@ -45,44 +45,44 @@ class Convergence:
         return np.array([real_or_nan(row.get(name)) for row in self.iterations])
 
     def table(self) -> str:
-        """The iterations as an aligned text table."""
+        """The iterations as an align text table."""
         if not self.iterations:
             return "one domain: no Schwarz iteration"
         known = ("max_q_eq", "change", "estimate", "error", "min_jacobian")
         figures = [name for name in known if not np.isnan(self.column(name)).all()]
-        counts = {name.replace("_", " "): [_counted(row, name) for row in self.iterations] for name in COUNTS}
-        counts = {name: said for name, said in counts.items() if any(said)}
+        counts = {name.replace("_", " "): [_count_text(row, name) for row in self.iterations] for name in COUNTS}
+        counts = {name: texts for name, texts in counts.items() if any(texts)}
         remarks = [_remark(*pair) for pair in zip(self.iterations, [{}, *self.iterations], strict=False)]
         rows = [
             [str(row.get("iteration", n)), *(number(real_or_nan(row.get(name))) for name in figures)]
-            + [said[n] for said in counts.values()]
+            + [texts[n] for texts in counts.values()]
             + ([remarks[n]] if any(remarks) else [])
             for n, row in enumerate(self.iterations)
         ]
-        text = aligned(["iteration", *figures, *counts, *(["remark"] if any(remarks) else [])], rows)
+        text = align(["iteration", *figures, *counts, *(["remark"] if any(remarks) else [])], rows)
         rates = [("observed rate", self.rate), ("predicted rate", self.predicted_rate)]
-        said = [f"{name} {number(value)}" for name, value in rates if value is not None]
-        return text + ("\n" + ", ".join(said) if said else "")
+        known_rates = [f"{name} {number(value)}" for name, value in rates if value is not None]
+        return "\n".join([text, ", ".join(known_rates)] if known_rates else [text])
 
     def __str__(self) -> str:
         return self.table()
 
 
-def _counted(row: Mapping[str, Any], name: str) -> str:
+def _count_text(row: Mapping[str, Any], name: str) -> str:
     """Steps of the subdomains, e.g. ``4+3``, or of many ``16 x 1`` or ``54 in all``; empty where there are none."""
-    found = [int(part.get(name) or 0) for part in row.get("subdomains") or ()]
-    if not any(found):
+    counts = [int(part.get(name) or 0) for part in row.get("subdomains") or ()]
+    if not any(counts):
         return ""
-    if len(found) <= MOST_TERMS:
-        return "+".join(map(str, found))
-    return f"{len(found)} x {found[0]}" if len(set(found)) == 1 else f"{sum(found)} in all"
+    if len(counts) <= MAX_TERMS:
+        return "+".join(map(str, counts))
+    return f"{len(counts)} x {counts[0]}" if len(set(counts)) == 1 else f"{sum(counts)} in all"
 
 
 def _remark(row: Mapping[str, Any], before: Mapping[str, Any]) -> str:
-    """What was done in an iteration beside its solves."""
+    """The events of an iteration other than its solves."""
     condition, statuses = row.get("transmission"), [part.get("status") for part in row.get("subdomains") or ()]
-    told = [f"{condition} took over"] if condition != before.get("transmission", condition) else []
-    told += [f"{statuses.count(word)} {word}" for word in ("classical", "stalled") if word in statuses]
-    told += [word for key, word in REMARKS.items() if row.get(key)]
-    told += [f"{row['products']} products"] if row.get("products") else []
-    return ", ".join(told)
+    events = [f"{condition} took over"] if condition != before.get("transmission", condition) else []
+    events += [f"{statuses.count(word)} {word}" for word in ("classical", "stalled") if word in statuses]
+    events += [word for key, word in REMARKS.items() if row.get(key)]
+    events += [f"{row['products']} products"] if row.get("products") else []
+    return ", ".join(events)

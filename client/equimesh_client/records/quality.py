@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from equimesh_client.records.tables import Array, aligned, number, real_or_nan
+from equimesh_client.records.tables import Array, align, number, real_or_nan
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """A measure over all cells; ``cells`` of shape ``(n_xi - 1, n_eta - 1)`` only when it was asked for."""
+    """A measure over all cells; ``cells`` of shape ``(n_xi - 1, n_eta - 1)`` only on request."""
 
     max: float = math.nan
     min: float = math.nan
@@ -62,9 +62,9 @@ class Quality:
         raise AttributeError(f"no measure {name!r}; there are {', '.join(measures)}")
 
     def table(self) -> str:
-        """The measures as an aligned text table."""
+        """The measures as an align text table."""
         rows = [[n, number(m.min), number(m.mean), number(m.rms), number(m.max)] for n, m in self.measures.items()]
-        text = [aligned(["measure", "min", "mean", "rms", "max"], rows)] if rows else []
+        text = [align(["measure", "min", "mean", "rms", "max"], rows)] if rows else []
         text.append(f"smallest corner Jacobian  {number(self.min_jacobian)}  (1 for the uniform mesh)")
         for norm in ("l2", "h1"):
             here, uniform = (self.interpolation_error.get(key) for key in (norm, f"{norm}_uniform"))

@@ -1,4 +1,4 @@
-"""What the service says of a mesh: state and progress, quality, convergence, the arrays, pictures."""
+"""The state and the progress of a mesh, from its resource."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FINISHED = frozenset({"succeeded", "failed", "canceled"})
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How far a mesh has come: ``stage`` in a word, ``fraction`` from 0 to 1, and the latest figures."""
+    """The progress of a mesh: ``stage`` in a word, ``fraction`` from 0 to 1, and the latest figures."""
 
     stage: str = ""
     iteration: int | None = None
@@ -25,19 +25,19 @@ class Progress:
 
 def progress_of(record: Mapping[str, Any]) -> Progress:
     """The progress of a mesh resource; of a finished one the fraction is 1."""
-    said = record.get("progress")
-    said = said if isinstance(said, dict) else {}
-    fraction = 1.0 if record.get("status") == "succeeded" else real_or_nan(said.get("fraction"))
+    progress = record.get("progress")
+    progress = progress if isinstance(progress, dict) else {}
+    fraction = 1.0 if record.get("status") == "succeeded" else real_or_nan(progress.get("fraction"))
     return Progress(
-        stage=str(said.get("stage") or record.get("status") or ""),
-        iteration=said["iteration"] if isinstance(said.get("iteration"), int) else None,
-        residual=None if said.get("residual") is None else real_or_nan(said["residual"]),
+        stage=str(progress.get("stage") or record.get("status") or ""),
+        iteration=progress["iteration"] if isinstance(progress.get("iteration"), int) else None,
+        residual=None if progress.get("residual") is None else real_or_nan(progress["residual"]),
         fraction=0.0 if math.isnan(fraction) else min(1.0, max(0.0, fraction)),
     )
 
 
 class MeshState:
-    """What is known of a mesh without asking again. ``record`` is the latest resource."""
+    """The state of a mesh in its latest resource, ``record``; nothing here sends a request."""
 
     def __init__(self, record: Mapping[str, Any]) -> None:
         self.record: dict[str, Any] = dict(record)
@@ -59,12 +59,12 @@ class MeshState:
 
     @property
     def progress(self) -> Progress:
-        """How far it had come when the service was asked last."""
+        """Its progress in the latest resource."""
         return progress_of(self.record)
 
     @property
     def label(self) -> str | None:
-        """The label it was asked for with."""
+        """The label of the request."""
         return self.record.get("label")
 
     @property
@@ -86,7 +86,7 @@ class MeshState:
 
     @property
     def relaxed(self) -> bool:
-        """Whether it is a valid mesh for a weaker or smoother monitor than asked; the certificate says which."""
+        """Whether it is a valid mesh for a weaker or smoother monitor than requested; the certificate says which."""
         certificate = self.certificate
         return certificate is not None and certificate.status == "relaxed"
 
@@ -98,7 +98,7 @@ class MeshState:
 
     @property
     def timings(self) -> dict[str, Any]:
-        """When it was asked for, started, finished, and how long it took."""
+        """Times of its request, start and end, and durations."""
         return self.record.get("timings") or {}
 
     @property

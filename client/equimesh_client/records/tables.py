@@ -1,4 +1,4 @@
-"""Numbers as aligned text."""
+"""Numbers as align text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
 
-def aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def align(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A text table: first column to the left, the others to the right, a rule under the header."""
     widths = [max(len(line[n]) for line in (header, *rows)) for n in range(len(header))]
     lines = [

@@ -83,7 +83,7 @@ class Tensor:
 
 @dataclass(frozen=True)
 class Intersection:
-    """Cells as small as each of 2 to 8 ``monitors`` asks. Those that need a u and have none take that of `generate`."""
+    """Cells as small as each of 2 to 8 ``monitors`` requires. Those that lack a u take that of `generate`."""
 
     monitors: Sequence[ArcLength | Curvature | Weight | Tensor | Mapping[str, Any]]
     smoothing: float = 0.0

@@ -1,4 +1,4 @@
-"""What the mesh adapts to: an expression, samples, a callable or a file, made ready to send."""
+"""Functions that a mesh adapts to, ready to send: expressions, samples, callables and files."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import UNIT_BOX, Box
 
 Array: TypeAlias = npt.NDArray[np.float64]
-INLINE = 2_000
-"""Up to so many values, samples travel as JSON inside the spec; above, as an npz file beside it."""
+MAX_INLINE_VALUES = 2_000
+"""Samples of at most this many values are sent as JSON inside the spec, larger ones as an npz file next to it."""
 MEDIA_TYPES = {
     ".npz": "application/zip",
     ".npy": "application/octet-stream",
@@ -94,7 +94,7 @@ def source_of(
     if isinstance(u, Path):
         return Source(json={"samples": "upload"}, upload=read_upload(u))
     if callable(u):
-        return _samples(sampled(u, n_samples, box))
+        return _samples(sample(u, n_samples, box))
     return _samples(_pieces(u, box))
 
 
@@ -125,10 +125,10 @@ def upload_of(u: object, *, n_samples: int = 129, box: Box = UNIT_BOX) -> Upload
         return read_upload(u)
     if isinstance(u, str):
         raise BadArgument("an expression is not samples; give a pathlib.Path to upload a file")
-    return _npz(sampled(u, n_samples, box) if callable(u) else _pieces(u, box))
+    return _npz(sample(u, n_samples, box) if callable(u) else _pieces(u, box))
 
 
-def sampled(u: Callable[[Array, Array], object], n_samples: int, box: Box = UNIT_BOX) -> dict[str, Array]:
+def sample(u: Callable[[Array, Array], object], n_samples: int, box: Box = UNIT_BOX) -> dict[str, Array]:
     """Values of a callable on the uniform ``n_samples`` x ``n_samples`` grid of the box.
 
     Raises :class:`BadArgument` when the callable does not work on arrays.
@@ -147,7 +147,7 @@ def sampled(u: Callable[[Array, Array], object], n_samples: int, box: Box = UNIT
             f"u(x, y) must take arrays and return an array of their shape; it ended with: {error}. "
             "Use numpy's functions inside it, or wrap it in numpy.vectorize"
         ) from error
-    return _checked({"x": axes[0], "y": axes[1], "values": values})
+    return _check_finite({"x": axes[0], "y": axes[1], "values": values})
 
 
 def _pieces(u: object, box: Box) -> dict[str, Array]:
@@ -157,13 +157,13 @@ def _pieces(u: object, box: Box) -> dict[str, Array]:
         if keys == {"x", "y", "values"}:
             return _three(u["x"], u["y"], u["values"])
         if keys == {"points", "values"}:
-            return _checked({"points": _array("points", u["points"]), "values": _array("values", u["values"])})
+            return _check_finite({"points": _array("points", u["points"]), "values": _array("values", u["values"])})
         raise BadArgument(f"samples have the keys x, y, values or points, values; not {', '.join(map(str, u))}")
     if isinstance(u, tuple):
         if len(u) == 3:
             return _three(*u)
         if len(u) == 2:
-            return _checked({"points": _array("points", u[0]), "values": _array("values", u[1])})
+            return _check_finite({"points": _array("points", u[0]), "values": _array("values", u[1])})
         raise BadArgument(f"a tuple of samples is (x, y, values) or (points, values), not {len(u)} items")
     if not isinstance(u, np.ndarray | list):
         raise BadArgument(
@@ -180,7 +180,7 @@ def _pieces(u: object, box: Box) -> dict[str, Array]:
             "If it is values on a grid with 3 points in y, give (x, y, values)"
         )
     axes = [np.linspace(*ends, count) for ends, count in zip(box, values.shape, strict=True)]
-    return _checked({"x": axes[0], "y": axes[1], "values": values})
+    return _check_finite({"x": axes[0], "y": axes[1], "values": values})
 
 
 def _three(x: object, y: object, values: object) -> dict[str, Array]:
@@ -192,8 +192,8 @@ def _three(x: object, y: object, values: object) -> dict[str, Array]:
         if not pieces["x"].size == pieces["y"].size == pieces["values"].size:
             raise BadArgument("scattered x, y and values have one common length; a grid has 2-D values")
         points = np.column_stack([pieces["x"], pieces["y"]])
-        return _checked({"points": points, "values": pieces["values"]})
-    return _checked(pieces)
+        return _check_finite({"points": points, "values": pieces["values"]})
+    return _check_finite(pieces)
 
 
 def _array(name: str, value: object) -> Array:
@@ -208,8 +208,8 @@ def _array(name: str, value: object) -> Array:
     raise BadArgument(f"{name} is not an array of real numbers: it is complex")
 
 
-def _checked(pieces: dict[str, Array]) -> dict[str, Array]:
-    """The pieces, all finite: JSON cannot carry the others, and no mesh comes of them."""
+def _check_finite(pieces: dict[str, Array]) -> dict[str, Array]:
+    """The pieces; raises :class:`BadArgument` for a value that is not finite."""
     for name, array in pieces.items():
         bad = np.argwhere(~np.isfinite(array))
         if len(bad):
@@ -219,7 +219,7 @@ def _checked(pieces: dict[str, Array]) -> dict[str, Array]:
 
 
 def _samples(pieces: dict[str, Array]) -> Source:
-    if sum(array.size for array in pieces.values()) <= INLINE:
+    if sum(array.size for array in pieces.values()) <= MAX_INLINE_VALUES:
         return Source(json={"grid" if "x" in pieces else "scattered": {k: v.tolist() for k, v in pieces.items()}})
     return Source(json={"samples": "upload"}, upload=_npz(pieces))
 

@@ -1,4 +1,4 @@
-"""Downloads that go on where they broke off, in memory or in a file beside the one that they are to become."""
+"""Downloads that continue where they broke off, in memory or in a part next to the final file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if sys.platform != "win32":
 
 
 class Download:
-    """What has arrived of a file, over any number of connections; kept in memory.
+    """The bytes of a file that have arrived, over any number of connections; kept in memory.
 
     ``sha256`` is that of the whole file, as its ETag says it; None while it is not known. ``received`` counts bytes.
     """
@@ -34,7 +34,7 @@ class Download:
 
     @property
     def headers(self) -> dict[str, str]:
-        """Request headers that ask for the rest, if the file is still the same; none when all of it is needed."""
+        """Request headers for the rest of the file, if it has not changed; none when all of it is needed."""
         if not (self._resumable and self.received):
             return {}
         return {"Range": f"bytes={self.received}-", "If-Range": f'"{self.sha256}"'}
@@ -45,8 +45,9 @@ class Download:
         return self.sha256 == self._digest.hexdigest()
 
     def begin(self, reply: Reply) -> bool:
-        """Make ready for the body of a 200 or 206. False when it is a part that does not fit to what is there, which
-        is then thrown away.
+        """Prepare for the body of a 200 or 206. False for a part that does not continue what has arrived.
+
+        What has arrived is then discarded.
         """
         if reply.status == 206 and continues(reply, self.sha256, self.received):
             return True
@@ -54,7 +55,7 @@ class Download:
         return reply.status == 200
 
     def restart(self, reply: Reply | None = None) -> None:
-        """Throw away what has arrived; ``reply`` is the answer whose body comes instead."""
+        """Discard what has arrived; ``reply`` is the answer whose body replaces it."""
         self._resumable = reply is not None and reply.status == 200 and resumable(reply)
         self.sha256 = None if reply is None else sha256_of(reply.headers)
         self.received = 0
@@ -84,11 +85,11 @@ class Download:
 
 
 class PartFile(Download):
-    """A download into ``.NAME.SHA256.part`` beside the file NAME, which it becomes by :meth:`commit`.
+    """A download into ``.NAME.SHA256.part`` next to the file NAME, which it becomes by :meth:`commit`.
 
-    The name of the part says of which file it is a part, so that what a broken download, or a program that was ended,
-    left behind is gone on with by the next download to the same name; no content but this fits to it. A lock keeps two
-    programs from writing the same part: the second one takes a part of its own, which it does not leave behind.
+    The name of the part identifies the content of the whole file. So the next download to the same name can continue
+    with the part that a broken download, or a program that was ended, has left. A lock keeps two programs from writing
+    the same part: the second one writes a part of its own, which it does not leave behind.
     A context manager. Raises :class:`BadArgument` when the folder cannot be written.
     """
 
@@ -101,7 +102,7 @@ class PartFile(Download):
         self._part, self._file = self._left() or self._own()
 
     def restart(self, reply: Reply | None = None) -> None:
-        """Throw away what has arrived; ``reply`` is the answer whose body comes instead."""
+        """Discard what has arrived; ``reply`` is the answer whose body replaces it."""
         super().restart(reply)
         name = self._name(self.sha256) if self._resumable and self.sha256 else None
         if name == self._part:
@@ -121,11 +122,11 @@ class PartFile(Download):
         if sys.platform == "win32":  # which does not rename what is open
             self._file.close()
         os.replace(self._part, self.path)
-        self._file.close()  # not before: the lock ends here, and the part is then nobody's
+        self._file.close()  # not before: this releases the lock of the part
         return self.path
 
     def discard(self) -> None:
-        """Leave nothing behind: no later download goes on with this."""
+        """Leave nothing behind: no later download continues with this part."""
         self._keep = False
 
     def __enter__(self) -> PartFile:

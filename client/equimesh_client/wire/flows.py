@@ -35,7 +35,7 @@ from equimesh_client.wire.stream import StreamPosition
 
 T = TypeVar("T")
 LONG_POLL_SECONDS = 20
-"""How long the service is asked to hold an answer back when no progress bar is shown."""
+"""How long the service may hold an answer back when no progress bar is shown."""
 MAX_CANCEL_SECONDS = 2.0
 """Time to cancel a mesh whose caller has stopped waiting."""
 PAGE_RECORDS = 100
@@ -167,7 +167,7 @@ def box_of(domain: Domain | Mapping[str, Any], settings: Settings, deadline: Dea
 
 
 def hold_seconds(deadline: Deadline, *, watched: bool = False) -> int:
-    """Seconds that the service is asked to hold an answer back, so that the mesh may be finished when it comes."""
+    """Seconds for which the service may hold an answer back, until the mesh is finished."""
     return max(1, min(1 if watched else LONG_POLL_SECONDS, int(deadline.left)))
 
 

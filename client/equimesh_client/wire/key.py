@@ -1,4 +1,4 @@
-"""The API key of a client: where it comes from, and the one header that it is in."""
+"""The API key of a client: its environment variable, and its request header."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ VARIABLE = "EQUIMESH_KEY"
 HEADER = "Authorization"
 
 
-def with_key(headers: Mapping[str, str] | None, key: str | None) -> dict[str, str]:
-    """The headers of every request. ``key`` unless given is that of the environment; an empty one is none, and so is
-    that of the environment where the headers have an authorisation of their own.
+def headers_with_key(headers: Mapping[str, str] | None, key: str | None) -> dict[str, str]:
+    """The headers of every request. Unless given, ``key`` is that of the environment variable; an empty one is none.
+    Headers with their own authorisation take precedence over the environment.
 
-    Raises :class:`BadArgument` when there are two, or the key cannot be one; what it is, is never told.
+    Raises :class:`BadArgument` when there are two, or the key has a character that no key has. The message does not
+    hold the key.
     """
-    made = dict(headers or {})
-    own = any(name.lower() == HEADER.lower() for name in made)
+    merged = dict(headers or {})
+    own = any(name.lower() == HEADER.lower() for name in merged)
     secret = (os.environ.get(VARIABLE, "") if key is None and not own else key or "").strip()
     if not secret:
-        return made
+        return merged
     if own:
         raise BadArgument("give a key, or a header Authorization, not both")
     if not all("!" <= sign <= "~" for sign in secret):
-        raise BadArgument(f"the key has a space or another sign that no key has; look at how it came into {VARIABLE}")
-    return {**made, HEADER: f"Bearer {secret}"}
+        raise BadArgument(f"the key has a space or another character that no key has; check the value of {VARIABLE}")
+    return {**merged, HEADER: f"Bearer {secret}"}

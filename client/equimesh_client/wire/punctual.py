@@ -1,4 +1,4 @@
-"""Connections that heed a deadline: for the blocking client, whose timeouts start anew with every byte that arrives."""
+"""Connections that keep a deadline, for the blocking client: timeouts of httpx start again with every byte."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ import httpcore
 
 from equimesh_client.wire.deadline import Deadline
 
-PIECE = 65_536
-"""Bytes that are written at a time: a slow reader could otherwise draw one write out for ever."""
+WRITE_BYTES = 65_536
+"""Size of one write: a slow reader could prolong a larger one past the deadline."""
 
 
 class Punctual:
-    """The deadline of the request that this thread is at."""
+    """The deadline of the current request of each thread."""
 
     def __init__(self) -> None:
         self._of_thread = threading.local()
 
     @contextmanager
     def until(self, deadline: Deadline) -> Iterator[None]:
-        """What is read and written inside ends with the deadline."""
+        """Reads and writes inside end with the deadline."""
         self._of_thread.deadline = deadline
         try:
             yield
@@ -42,7 +42,7 @@ class Punctual:
         return left if timeout is None else min(timeout, left)
 
     def over(self, backend: httpcore.NetworkBackend) -> httpcore.NetworkBackend:
-        """The same way to open connections, which then heed the deadline."""
+        """The same backend, whose connections then keep the deadline."""
         return _Backend(backend, self)
 
 
@@ -81,8 +81,8 @@ class _Stream(httpcore.NetworkStream):
         return self._stream.read(max_bytes, self._punctual.left(timeout))
 
     def write(self, buffer: bytes, timeout: float | None = None) -> None:
-        for start in range(0, len(buffer), PIECE):
-            self._stream.write(buffer[start : start + PIECE], self._punctual.left(timeout))
+        for start in range(0, len(buffer), WRITE_BYTES):
+            self._stream.write(buffer[start : start + WRITE_BYTES], self._punctual.left(timeout))
 
     def close(self) -> None:
         self._stream.close()

@@ -85,7 +85,7 @@ class StreamPosition:
     """How far a stream of events has been read, over any number of connections.
 
     ``last`` is the number of the last event given out, 0 before the first. A connection that ends or drops is
-    followed by another, which asks for what comes after ``last``; what comes twice is given out once.
+    followed by another, which requests the events after ``last``; an event that comes twice is given out once.
     """
 
     last: int = 0
@@ -117,7 +117,7 @@ class StreamPosition:
 
     @property
     def retry(self) -> float:
-        """Seconds that the service asked to wait before a new connection."""
+        """Seconds that the service requests before a new connection."""
         return self._parser.retry or 0.0
 
 

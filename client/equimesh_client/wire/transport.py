@@ -1,7 +1,7 @@
 """The only module that knows httpx: sends one request, once, and turns its failures into values.
 
-A timeout of httpx starts anew with every byte. What holds a request to its deadline is `asyncio.timeout` here, and for
-the blocking client the connections of `punctual`.
+A timeout of httpx starts again with every byte. A request is kept within its deadline by `asyncio.timeout` here, and
+for the blocking client by the connections of `punctual`.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class _Body:
         self._sink = step.sink if head.status in (200, 206) else None
         self._chunks: list[bytes] = []
         if self._sink is not None and not self._sink.begin(head):
-            raise Dropped("the part of the file that came is not the one asked for")
+            raise Dropped("the part of the file that arrived is not the requested one")
 
     def add(self, chunk: bytes) -> None:
         if self._sink is not None:

@@ -292,7 +292,7 @@ def test_files_that_the_database_names_and_are_lost(made: Settings) -> None:
 def test_a_port_that_is_taken(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ours = int(url.rpartition(":")[2])
     assert look(reach.port, Settings(port=ours)).said.startswith("a service of equimesh answers")
-    monkeypatch.setattr(reach, "PATIENCE", 0.5)
+    monkeypatch.setattr(reach, "TIMEOUT_SECONDS", 0.5)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from equimesh_client import BadArgument
-from equimesh_client.spec.sources import INLINE, StoredSamples, source_of, upload_of
+from equimesh_client.spec.sources import MAX_INLINE_VALUES, StoredSamples, source_of, upload_of
 
 AXIS = [0.0, 0.5, 1.0]
 
@@ -76,7 +76,7 @@ def test_a_fault_inside_a_callable_is_not_hidden() -> None:
 
 
 def test_samples_go_inline_up_to_a_size() -> None:
-    n = math.isqrt(INLINE) - 2
+    n = math.isqrt(MAX_INLINE_VALUES) - 2
     assert source_of(np.ones((n, n))).upload is None
     big = source_of(np.ones((n + 5, n + 5)))
     assert big.json == {"samples": "upload"}

@@ -34,7 +34,7 @@ from equimesh_client import (
     Upload,
 )
 from equimesh_client.errors import EquimeshClientError, caret
-from equimesh_client.records.tables import aligned, number
+from equimesh_client.records.tables import align, number
 from equimesh_client.spec.mesh import DEFAULTS, MeshOptions, mesh_spec, points_per_side
 from equimesh_client.spec.request import MeshRequest
 from equimesh_client.spec.schwarz import transmission
@@ -198,7 +198,7 @@ def test_a_quota_is_known_by_its_type_and_says_when_to_come_back() -> None:
     error = problem_of(reply(429, body, **{"retry-after": "7"}), CALL)
     assert isinstance(error, QuotaExceeded)
     assert isinstance(error, RateLimited)
-    assert str(error).splitlines()[-1] == "The service says to come back in 7 s."
+    assert str(error).splitlines()[-1] == "Try again in 7 s."
 
 
 @pytest.mark.parametrize("body", [b"<html>", b"", b"[]", b"null", b"\xff", b'{"errors": 3, "detail": [1]}'])
@@ -301,7 +301,7 @@ def test_convergence_speaks() -> None:
 
 
 def test_tables() -> None:
-    assert aligned(["a", "bb"], [["ccc", "1"]]) == "a    bb\n-------\nccc   1"
+    assert align(["a", "bb"], [["ccc", "1"]]) == "a    bb\n-------\nccc   1"
     cases = {0.0: "0.0000", 1e-3: "0.0010", 9e-4: "9.000e-04", -2e5: "-2.000e+05", np.inf: "inf", np.nan: "-"}
     assert {value: number(value) for value in cases} == cases
 
