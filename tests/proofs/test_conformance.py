@@ -6,6 +6,7 @@ import contextlib
 import inspect
 import io
 import json
+import math
 import os
 import signal
 import socket
@@ -29,6 +30,7 @@ from equimesh_client import (
     AsyncMesh,
     AsyncSequence,
     BadArgument,
+    Certificate,
     Client,
     Conflict,
     Curvature,
@@ -703,3 +705,31 @@ def test_a_taken_port_is_a_sentence_and_leaves_nothing(tmp_path: Path) -> None:
             assert "in use" in done.stderr
             assert "Traceback" not in done.stderr
             assert list(tmp_path.iterdir()) == []
+
+
+def test_solver_and_client_print_a_certificate_alike() -> None:
+    em = pytest.importorskip("equimesh.solving.certificate")
+    errors = pytest.importorskip("equimesh.quality.interpolation").InterpolationErrors
+    status = pytest.importorskip("equimesh.solving.status").Status
+    asked = [("a", 0.7, 0.35), ("points", 129.0, 33.0), ("cross_line", 0.0, 0.03), ("strength", 1.0, 0.123)]
+    relaxed = tuple(em.Relaxed(what=what, asked=least, reached=most) for what, least, most in asked)
+    gain = errors(l2=1e-3, h1=1e-2, l2_uniform=5.432e-3, h1_uniform=2.0, rounding=(0.0, 0.0))
+    bare = {"status": status.CONVERGED, "mode": None, "equation_residual": 0.0, "min_jacobian": 1.0}
+    for certificate in (
+        em.Certificate(**bare),
+        em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain),
+        em.Certificate(**{**bare, "equation_residual": math.inf}, relaxed=relaxed, warnings=("Beware.",)),
+    ):
+        assert str(certificate) == str(Certificate.from_json(certificate.summary()))
+    assert "warning: Beware." in str(certificate)
+    assert "equation residual     not known" in str(certificate)
+    assert "estimated error       not known\n" in str(certificate)
+    for words in (
+        "129 requested, 33 reached",
+        "cross-line term of weight 0.03 added\n",
+        "monitor: 1 requested, 0.12 reached",
+    ):
+        assert words in str(certificate)
+    known = str(em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain))
+    assert "0.00012 of the grid, exact of the solution on it" in known
+    assert "5.4 in L2, 200 in H1" in known

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from equimesh_client import AsyncClient, BadArgument, Client, Conflict, InvalidInput, NotFound
+from equimesh_client import BadArgument, Client, Conflict, InvalidInput, NotFound
 from equimesh_client.wire.session import Session
 from equimesh_service import Settings, running
 
@@ -66,17 +65,3 @@ def test_a_step_whose_answer_got_lost_is_taken_once(url: str, monkeypatch: pytes
                 sequence.step(u)
         assert sequence.current.number == 0
         assert sequence.step(u).number == 1
-
-
-def test_the_same_with_asyncio(url: str) -> None:
-    async def walk() -> None:
-        async with AsyncClient(url) as client:
-            sequence = await client.sequences.start("tanh(15*(x - 0.5))", 9)
-            step = await sequence.step(front(sequence.x, sequence.y, 0.0), {"p": sequence.y})
-            assert (step.number, sequence.x is step.x) == (1, True)
-            assert np.abs(step.fields["p"] - step.y).max() < 1e-12
-            assert (await sequence.mesh()).status == "succeeded"
-            assert (await client.sequences.get(sequence.id)).current.number == 1
-            await sequence.delete()
-
-    asyncio.run(walk())

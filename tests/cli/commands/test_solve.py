@@ -1,0 +1,102 @@
+"""`equimesh solve`: a mesh without a service."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from equimesh_cli import main
+
+CURVED: dict[str, Any] = {
+    "kind": "quadrilateral",
+    "bottom": {"x": "t", "y": "h*sin(pi*t)", "parameters": {"h": 0.2}},
+    "right": {"points": [[1, 0], [1, 1]]},
+    "top": {"points": [[0, 1], [0.5, 1.1], [0.75, 1.1], [1, 1]]},
+    "left": {"x": "0", "y": "t"},
+}
+
+
+def test_solve_writes_the_partial_mesh_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    path = tmp_path / "m.npz"
+    few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
+    command = ["solve", "x*y", *few.split(), "-o", str(path)]
+    assert main(command) == 1
+    assert not path.exists()
+    capsys.readouterr()
+    assert main([*command, "--partial"]) == 1
+    out, err = capsys.readouterr()
+    assert out.startswith("iteration  max_q_eq")
+    assert out.endswith(f"wrote {path}, a partial mesh\n")
+    assert "tolerance" in err
+    assert np.load(path)["x"].shape == (12, 12)
+    assert main([*command, "--partial", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["files"] == [str(path)]
+
+
+def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    mesh, picture = tmp_path / "m.npz", tmp_path / "m.png"
+    asked = "-n 12 --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --compare --plot-kind convergence"
+    assert main(["solve", "x*y", *asked.split(), "-o", str(mesh), "--plot", str(picture)]) == 0
+    out = capsys.readouterr().out
+    assert "q_eq" in out
+    assert "observed rate" in out
+    assert np.load(mesh)["x"].shape == (12, 12)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["solve", "x*y", "-n", "8", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "converged"
+
+
+def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    (tmp_path / "d.json").write_text(json.dumps(CURVED))
+    axis = np.linspace(0, 2, 9)
+    np.savez(tmp_path / "rho.npz", x=axis, y=axis, values=1.0 + axis[:, None] * axis)
+    for words in (
+        "x*y --domain rectangle:0,2,0,1",
+        "tanh(5*x-5*y) --monitor curvature --norm h1 --isotropic --domain annulus:1,2,0,90 --mode tight",
+        f"--monitor weight --rho {tmp_path / 'rho.npz'} --domain rectangle:0,2,0,2 --threads 1",
+        f"x --monitor tensor --m11 1+x --m12 0 --m22 1 --smoothing 0.1 --domain @{tmp_path / 'd.json'}",
+    ):
+        assert main(["solve", "-n", "17", "--json", *words.split()]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert said["status"] == said["certificate"]["status"] == "converged"
+        assert (said["certificate"]["interpolation_gain"] is None) == ("weight" in words)
+        assert said["certificate"]["mode"] == ("tight" if "tight" in words else "discretization")
+    assert main(["solve", "x*y", "-n", "9"]) == 0
+    assert capsys.readouterr().out.splitlines()[1] == "certificate: converged, mode discretization"
+    (tmp_path / "d.json").write_text(json.dumps({**CURVED, "left": {"x": "0", "y": "foo*t"}}))
+    for words, told in (
+        ("x --domain annulus:2,1,0,90", "radii"),
+        ("1/x --domain rectangle:-1,1,0,1", "    1/x\n"),
+        ("--monitor weight --rho -1", "positive"),
+        (f"x --domain @{tmp_path / 'd.json'}", "domain.left.y: "),
+        (f"--samples {tmp_path / 'rho.npz'} --domain rectangle:0,4,0,1", "cover"),
+    ):
+        assert main(["solve", "-n", "9", *words.split()]) == 2, words
+        assert told in capsys.readouterr().err
+
+
+def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    assert main(["solve", "x*", "-n", "8"]) == 2
+    assert capsys.readouterr().err.endswith("    x*\n      ^\n")
+    assert main(["solve", "x", "-n", "3"]) == 2
+    assert "at least 4" in capsys.readouterr().err
+    assert main(["solve", "x", "-n", "8", "--subdomains", "9x1"]) == 2
+    assert capsys.readouterr().err.startswith("equimesh: ")
+    assert main(["solve", "x", "-n", "9999999"]) == 2
+    assert "GB of memory" in capsys.readouterr().err
+    few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
+    assert main(["solve", "x*y", *few.split()]) == 1
+    assert "tolerance" in capsys.readouterr().err
+    assert main(["solve", "x*y", *few.split(), "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["status"], len(said["convergence"]["iterations"])) == ("not_converged", 3)
+    (tmp_path / "u.csv").write_text("x,y,u\n0,0,1\n")
+    assert main(["solve", "--samples", str(tmp_path / "u.csv")]) == 2

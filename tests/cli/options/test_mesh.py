@@ -1,0 +1,62 @@
+"""Options that do not go together, or have no meaning."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["x", "--samples", "u.npz"], "either an expression U or --samples"),
+        ([], "either an expression U or --samples"),
+        (["x", "--overlap", "4", "--p", "1"], "--overlap, --p is for the Schwarz iteration"),
+        (["x", "-o", "mesh.doc"], "mesh.doc: the suffix must be one of .vtu"),
+        (["x", "-o", "no/where/mesh.vtu"], "no/where: there is no such folder"),
+        (["x", "--plot", "mesh.gif"], "mesh.gif: the suffix"),
+        (["--samples", "missing.npz"], "missing.npz: No such file"),
+        (["--samples", "u.npz", "--t", "1"], "belong to an expression"),
+        (["x", "--line-correction", "0", "--no-fallback"], "--line-correction, --no-fallback is for the Schwarz"),
+        (["x", "--subdomains", "2x1", "--transmission", "classical", "--p", "2"], "takes no parameter p"),
+        (["x", "--subdomains", "2x1", "--p", "2"], "optimized transmission takes no parameter p"),
+        (["x", "--subdomains", "2x1", "--transmission", "classical", "--interface-data", "local"], "no interface data"),
+        (["x", "--deadline", "-1"], "deadline = -1"),
+        (["--monitor", "weight"], "--monitor weight needs --rho"),
+        (["--monitor", "tensor", "--m11", "1"], "--monitor tensor needs --m12, --m22"),
+        (["x", "--norm", "h1"], "--norm is for --monitor curvature, and this is --monitor arc-length"),
+        (["x", "--monitor", "curvature", "-a", "0.5"], "-a is for --monitor arc-length"),
+        (["--monitor", "curvature"], "either an expression U or --samples"),
+        (["--monitor", "weight", "--rho", "r.npz", "--t", "1"], "belong to an expression"),
+        (["--monitor", "weight", "--rho", "missing.npz"], "missing.npz: No such file"),
+    ],
+)
+def test_usage_is_refused_before_anything_is_sent(
+    generate: Any, service: Any, arguments: list[str], words: str
+) -> None:
+    code, out, err = generate(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("equimesh: ")
+    assert words in err
+    assert service.requests == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(["x", "--subdomains", "2"], ["x", "--p", "much"], ["x", "--parameter", "c"], ["x", "-n", "a"], ["-x"]),
+        *(
+            ["x", "--domain", text]
+            for text in ("disk", "rectangle:0,1", "annulus:1,2,a,b", "@missing.json", "rectangle")
+        ),
+    ],
+)
+def test_usage_that_argparse_refuses(generate: Any, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        generate(*arguments)
+    assert caught.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("equimesh: ")
+    assert said.endswith("; see equimesh generate --help\n")
+    assert said.count("\n") == 1

@@ -1,0 +1,45 @@
+"""Options that describe monitors and domains."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from client.fake_service import parts_of
+
+CURVED: dict[str, Any] = {
+    "kind": "quadrilateral",
+    "bottom": {"x": "t", "y": "h*sin(pi*t)", "parameters": {"h": 0.2}},
+    "right": {"points": [[1, 0], [1, 1]]},
+    "top": {"points": [[0, 1], [0.5, 1.1], [0.75, 1.1], [1, 1]]},
+    "left": {"x": "0", "y": "t"},
+}
+
+
+def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp_path: Path) -> None:
+    asked = "-n 9 --monitor tensor --m11 1+c --m12 0 --m22 2 --smoothing 0.1 --parameter c=2 --quiet"
+    assert generate(*asked.split(), "--domain", "annulus:1,3,-30,45", "--mode", "tight", "--no-relax")[0] == 0
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["monitor"] == {
+        "kind": "tensor",
+        "m11": {"expression": "1+c", "parameters": {"c": 2.0}},
+        "m12": {"expression": "0", "parameters": {"c": 2.0}},
+        "m22": {"expression": "2", "parameters": {"c": 2.0}},
+        "smoothing": 0.1,
+    }
+    assert sent["domain"] == {"kind": "annulus_sector", "center": [0, 0], "radii": [1, 3], "angles": [-30, 45]}
+    assert (sent["mode"], sent["allow_relaxed"]) == ("tight", False)
+    assert (
+        generate("x", "--monitor", "curvature", "--norm", "h1", "--isotropic", "--domain", "rectangle:0,2,0,1")[0] == 0
+    )
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["monitor"] == {"kind": "curvature", "u": {"expression": "x"}, "norm": "h1", "isotropic": True}
+    assert sent["domain"] == {"kind": "rectangle", "x": [0, 2], "y": [0, 1]}
+    (tmp_path / "rho.csv").write_text("x,y,u\n")
+    (tmp_path / "d.json").write_text(json.dumps(CURVED))
+    words = ("--monitor", "weight", "--rho", str(tmp_path / "rho.csv"), "--domain", f"@{tmp_path / 'd.json'}")
+    assert generate("x", *words)[0] == 0
+    sent = json.loads(parts_of(service.seen("POST", "meshes")[-1])["spec"][1])
+    assert sent["monitor"] == {"kind": "weight", "rho": {"samples": "upload"}, "u": {"expression": "x"}}
+    assert sent["domain"] == CURVED

@@ -1,0 +1,42 @@
+"""Schwarz settings of the client, and their JSON."""
+
+from __future__ import annotations
+
+import pytest
+
+from equimesh_client import (
+    BadArgument,
+    Classical,
+    LinearRobin,
+    Optimized,
+    Schwarz,
+)
+from equimesh_client.spec.mesh import mesh_spec
+from equimesh_client.spec.schwarz import transmission
+
+
+def test_schwarz_as_json() -> None:
+    schwarz = mesh_spec({}, 8, {"schwarz": Schwarz(transmission=LinearRobin(2.3), tolerance=None)})["schwarz"]
+    assert schwarz == {
+        "subdomains": [2, 1],
+        "overlap": 4,
+        "transmission": {"kind": "linear_robin", "p": 2.3},
+        "ordering": "parallel",
+        "line_correction": "auto",
+        "acceleration": "auto",
+        "local_solver": "sweeps",
+        "fallback": True,
+        "tolerance": None,
+        "max_iterations": 100,
+        "compare_single_domain": False,
+    }
+    assert mesh_spec({}, 8, {"schwarz": {"overlap": 3}})["schwarz"] == {"overlap": 3}
+
+
+def test_transmission_by_name() -> None:
+    assert transmission("classical") == Classical()
+    assert transmission("linear_robin", 2.0) == LinearRobin(2.0)
+    assert transmission("optimized", data="local") == Optimized("local")
+    for kind, p, data in (("classical", 1.0, None), ("linear_robin", None, "local"), ("robin", None, None)):
+        with pytest.raises(BadArgument):
+            transmission(kind, p, data)
