@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from equimesh_cli.compiling import SENTENCE, announce_compiling
+
 COMMAND = [sys.executable, "-m", "equimesh_cli"]
 
 
@@ -21,3 +23,21 @@ def test_solve_says_when_it_has_to_compile(tmp_path: Path) -> None:
         done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=300, check=True)
         said.append(done.stderr)
     assert said == ["compiling kernels, once per machine ...\n", ""]
+
+
+def test_the_message_comes_once_and_only_for_the_compiler(capsys: pytest.CaptureFixture[str]) -> None:
+    numba = pytest.importorskip("numba")
+
+    def compile_twice() -> None:
+        for value in (1, 1.0):
+            numba.njit(lambda x: x)(value)
+
+    with announce_compiling():
+        pass
+    assert capsys.readouterr().err == ""
+    with announce_compiling():
+        compile_twice()
+    assert capsys.readouterr().err == f"{SENTENCE}\n"
+    with announce_compiling(shown=False):
+        compile_twice()
+    assert capsys.readouterr().err == ""

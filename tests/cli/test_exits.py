@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from equimesh_cli import main
+from equimesh_cli.exits import Exit, NotInstalled, Refused, code_of
+from equimesh_client import errors
 
 
 def test_a_failed_mesh_is_1(generate: Any) -> None:
@@ -55,3 +57,26 @@ def test_a_problem_is_a_sentence_to_act_on(
     assert all(word in err for word in words), err
     assert "em_1" not in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (Refused("no"), 2),
+        (Refused("no", Exit.DEADLINE), 4),
+        (NotInstalled("solver", ImportError("x", name="scipy")), 2),
+        (FileNotFoundError(2, "No such file", "a"), 2),
+        (errors.BadArgument("no"), 2),
+        (errors.DeadlineExceeded("late"), 4),
+        (errors.ServiceUnreachable("none"), 3),
+        (errors.DownloadDamaged("damaged"), 3),
+        (errors.ServerError(status=500), 3),
+        (errors.RateLimited(status=429), 3),
+        (errors.NotFound(status=404), 2),
+        (ValueError("a mistake in the program"), None),
+        (ConnectionError("not ours"), None),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_every_error_for_the_user_has_a_code(error: Exception, code: int | None) -> None:
+    assert code_of(error) == code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -58,5 +59,5 @@ def arrays_of(npz: bytes) -> MeshArrays:
                 boundary={side: file[side].astype(np.int64) for side in SIDES},
                 fields={name: file[name] for name in file.files if name not in KNOWN},
             )
-    except (KeyError, ValueError, OSError, EOFError, IndexError) as error:
+    except (KeyError, ValueError, OSError, EOFError, IndexError, zipfile.BadZipFile) as error:
         raise DownloadDamaged(f"the npz file of the mesh cannot be read: {error}") from error

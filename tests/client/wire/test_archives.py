@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
+from pathlib import Path
 from typing import Any
+
+import pytest
+
+from equimesh_client import DownloadDamaged
+from equimesh_client.wire.archives import unpack_xdmf
+
+
+def archive(*names: str) -> bytes:
+    """A zip of these files, each with a reference to the heavy data of its part."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as made:
+        for name in names:
+            made.writestr(name, f"{name.partition('.')[0]}.h5:/0")
+    return file.getvalue()
 
 
 def test_xdmf_is_unpacked_under_its_own_name(connect: Any, service: Any, tmp_path: Any) -> None:
@@ -15,3 +32,22 @@ def test_xdmf_is_unpacked_under_its_own_name(connect: Any, service: Any, tmp_pat
         "a_facets.h5": "facets",
     }
     assert mesh.download(tmp_path / "a.xdmf.zip").read_bytes()[:2] == b"PK"
+
+
+@pytest.mark.parametrize("data", [b"", b"no zip", archive("mesh.h5", "mesh.xdmf")])
+def test_an_archive_without_its_files_writes_nothing(data: bytes, tmp_path: Path) -> None:
+    with pytest.raises(DownloadDamaged, match="XDMF archive"):
+        unpack_xdmf(data, tmp_path / "m.xdmf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_references_follow_the_new_name(tmp_path: Path) -> None:
+    data = archive("mesh.h5", "mesh.xdmf", "facets.h5", "facets.xdmf")
+    assert unpack_xdmf(data, tmp_path / "m.xdmf") == tmp_path / "m.xdmf"
+    names = {
+        "m.h5": "mesh.h5:/0",
+        "m.xdmf": "m.h5:/0",
+        "m_facets.h5": "facets.h5:/0",
+        "m_facets.xdmf": "m_facets.h5:/0",
+    }
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == names

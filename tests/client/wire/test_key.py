@@ -10,6 +10,7 @@ from equimesh_client import (
     BadArgument,
     ProblemError,
 )
+from equimesh_client.wire.key import headers_with_key
 
 
 def spec(**more: Any) -> dict[str, Any]:
@@ -41,3 +42,20 @@ def test_the_key_goes_with_every_request_and_nowhere_else(
     with pytest.raises(ProblemError, match=other):
         connect(service.url).capabilities()
     assert service.seen("GET", "elsewhere") == []
+
+
+def test_the_environment_gives_the_key_unless_there_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EQUIMESH_KEY", " em_1_a ")
+    assert headers_with_key(None, None) == {"Authorization": "Bearer em_1_a"}
+    assert headers_with_key({"X": "1"}, "em_2_b") == {"X": "1", "Authorization": "Bearer em_2_b"}
+    assert headers_with_key(None, "") == {}
+    assert headers_with_key({"authorization": "Basic x"}, None) == {"authorization": "Basic x"}
+
+
+def test_a_key_that_cannot_be_one_is_refused_and_not_shown() -> None:
+    with pytest.raises(BadArgument, match="not both"):
+        headers_with_key({"authorization": "Basic x"}, "em_1_a")
+    for key in ("em 1", "em_\n1", "em_\u00e9"):
+        with pytest.raises(BadArgument, match="the key has a space") as caught:
+            headers_with_key(None, key)
+        assert key not in str(caught.value)

@@ -1,0 +1,35 @@
+"""The progress bar."""
+
+from __future__ import annotations
+
+import pytest
+
+from equimesh_client.progress_bar import Watch
+
+RECORD = {"status": "running", "progress": {"stage": "newton", "iteration": 3, "residual": 1.5e-4, "fraction": 0.5}}
+
+
+def test_it_shows_stage_figures_and_percentage(capsys: pytest.CaptureFixture[str]) -> None:
+    with Watch(True) as watch:
+        watch.update(RECORD)
+        watch.update({"status": "succeeded", "progress": {"stage": "done"}})
+    shown = capsys.readouterr().err
+    for words in ("newton", " 50%", "iteration 3", "residual 1.5e-04", "done", "100%"):
+        assert words in shown, words
+
+
+@pytest.mark.parametrize("progress", [False, None])
+def test_without_a_terminal_it_shows_nothing_unless_requested(
+    progress: bool | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Watch(progress) as watch:
+        assert not watch.shown
+        watch.update(RECORD)
+    assert capsys.readouterr().err == ""
+
+
+def test_it_never_runs_backwards(capsys: pytest.CaptureFixture[str]) -> None:
+    with Watch(True) as watch:
+        watch.update(RECORD)
+        watch.update({**RECORD, "progress": {"fraction": 0.1}})
+    assert capsys.readouterr().err.rstrip().split("\r")[-1].split("|")[0].endswith(" 50%")

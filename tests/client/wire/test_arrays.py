@@ -1,0 +1,41 @@
+"""Arrays of a mesh, from an npz file."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+import pytest
+
+from equimesh_client import DownloadDamaged
+from equimesh_client.wire.arrays import SIDES, arrays_of
+
+
+def npz(**more: Any) -> bytes:
+    x, y = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
+    arrays = {"x": x, "y": y, "cells": np.zeros((2, 4)), "q_eq": [[1.0], [2.0]], "subdomain": [[0], [1]]}
+    arrays |= {side: np.array([[0, 1]]) for side in SIDES}
+    file = io.BytesIO()
+    np.savez(file, **{**arrays, **more})
+    return file.getvalue()
+
+
+def test_all_arrays_have_their_shapes() -> None:
+    arrays = arrays_of(npz(u=np.ones((3, 2)), pressure=np.zeros((3, 2))))
+    assert arrays.u is not None
+    assert (arrays.x.shape, arrays.u.shape, arrays.points.shape) == ((3, 2), (3, 2), (6, 2))
+    assert (arrays.q_eq.tolist(), arrays.subdomain.dtype) == ([[1.0], [2.0]], np.int64)
+    assert (set(arrays.boundary), set(arrays.fields)) == (set(SIDES), {"pressure"})
+    assert arrays_of(npz()).u is None
+
+
+def test_two_triangles_share_the_value_of_a_cell() -> None:
+    triangles = arrays_of(npz(cells=np.zeros((4, 3)), q_eq=[1.0, 1.0, 2.0, 2.0], subdomain=[0, 0, 1, 1]))
+    assert (triangles.q_eq.tolist(), triangles.subdomain.tolist()) == ([[1.0], [2.0]], [[0], [1]])
+
+
+@pytest.mark.parametrize("data", [b"", b"PK", npz()[:-40], npz(q_eq=np.ones(3)), npz(x=np.ones(3))])
+def test_damage_is_reported(data: bytes) -> None:
+    with pytest.raises(DownloadDamaged, match="npz file of the mesh"):
+        arrays_of(data)
