@@ -14,7 +14,7 @@ import numpy.typing as npt
 import equimesh as em
 from equimesh.meshes.nested import distance, nested_grids, prolong
 from equimesh.numerics import dissection, newton
-from equimesh.single_domain.steps import TIGHT
+from equimesh.single_domain.steps import TIGHT_DEVIATION
 from equimesh.sweeps.sweep import Sweep, memory_needed
 from equimesh_cli.benchmark.rows import Row, cpu_seconds
 from equimesh_cli.benchmark.solves import front
@@ -134,9 +134,9 @@ def sweep(problem: em.Problem, start: em.Mesh) -> tuple[int, em.Mesh]:
     for count in range(1, MOST_SWEEPS + 1):
         found = sweeps.correct(x, y)
         x, y = sweeps.swap(x, y)
-        if found.deviation <= TIGHT:
+        if found.deviation <= TIGHT_DEVIATION:
             return count, em.Mesh(x, y)
-    raise RuntimeError(f"{MOST_SWEEPS} sweeps do not reach {TIGHT}")
+    raise RuntimeError(f"{MOST_SWEEPS} sweeps do not reach {TIGHT_DEVIATION}")
 
 
 def solve(problem: em.Problem, solver: Solver) -> Solved:
@@ -153,7 +153,7 @@ def solve(problem: em.Problem, solver: Solver) -> Solved:
             equations.jacobian,
             z,
             admissible=lambda candidate, equations=equations: not equations.mesh(candidate).is_folded,  # type: ignore[misc]
-            tolerance=TIGHT * equations.mean_flux(z),
+            tolerance=TIGHT_DEVIATION * equations.mean_flux(z),
             factorise=solver.factorise(grid.shape),
             reuse=solver.reuse,
         )

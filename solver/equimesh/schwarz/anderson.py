@@ -10,14 +10,16 @@ from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 
-# Iterations that are combined with the last one; of nearly equal ones no more is believed than to this accuracy.
-DEPTH, ACCURACY = 5, 1e-12
+# Iterations that are combined with the last one.
+MAX_COMBINED = 5
+# Singular values below this share of the largest are taken for zero: nearly equal changes say nothing new.
+MIN_SINGULAR_SHARE = 1e-12
 
 
 class Anderson:
     """The combination of the last few results of an iteration whose changes nearly cancel (Anderson, type II)."""
 
-    def __init__(self, depth: int = DEPTH) -> None:
+    def __init__(self, depth: int = MAX_COMBINED) -> None:
         self._changes: deque[Array] = deque(maxlen=depth)
         self._results: deque[Array] = deque(maxlen=depth)
         self._last: tuple[Array, Array] | None = None
@@ -49,5 +51,5 @@ class Anderson:
         size = np.array([float(np.linalg.norm(c)) for c in self._changes])
         gram = np.array([[float(a @ b) for b in self._changes] for a in self._changes]) / np.outer(size, size)
         against = np.array([float(c @ change) for c in self._changes]) / size
-        solution = np.linalg.lstsq(gram, against, rcond=ACCURACY)[0]
+        solution = np.linalg.lstsq(gram, against, rcond=MIN_SINGULAR_SHARE)[0]
         return np.asarray(solution / size)

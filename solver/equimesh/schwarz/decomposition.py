@@ -11,7 +11,7 @@ from equimesh.errors import DecompositionError
 from equimesh.meshes.grid import Grid
 from equimesh.numerics.types import IntArray
 
-SMALLEST_OVERLAP = 2
+MIN_OVERLAP = 2
 DIRECTIONS = (("xi", "columns"), ("eta", "rows"))
 
 
@@ -73,9 +73,9 @@ class Decomposition:
     overlap: int = 4
 
     def __post_init__(self) -> None:
-        if self.overlap < SMALLEST_OVERLAP:
+        if self.overlap < MIN_OVERLAP:
             raise DecompositionError(
-                f"overlap = {self.overlap}: neighbouring subdomains must share at least {SMALLEST_OVERLAP} points",
+                f"overlap = {self.overlap}: neighbouring subdomains must share at least {MIN_OVERLAP} points",
                 field="overlap",
             )
         for (direction, lines), points, count in zip(DIRECTIONS, self.grid.shape, self.subdomains, strict=True):
@@ -115,7 +115,7 @@ def _check(direction: str, lines: str, points: int, count: int, overlap: int) ->
     if count == 1 or count + overlap <= points:
         return
     widest = points - count
-    by_overlap = f", and {count} subdomains an overlap of at most {widest}" if widest >= SMALLEST_OVERLAP else ""
+    by_overlap = f", and {count} subdomains an overlap of at most {widest}" if widest >= MIN_OVERLAP else ""
     raise DecompositionError(
         f"{count} subdomains in {direction} with an overlap of {overlap} points do not fit {points} {lines}: every "
         f"subdomain must be wider than the overlap. This overlap allows at most {max(points - overlap, 1)} "

@@ -10,12 +10,12 @@ import numpy as np
 
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_move
-from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
+from equimesh.sweeps.contraction import error_left
 from equimesh.sweeps.sweep import Sweep, memory_needed
 
-# What later corrections shrink the moves by, if those seen so far shrink them by less: errors that last come last.
-USUAL_CONTRACTION = 0.5
+# The least factor by which later corrections are taken to shrink the moves: errors that last show last.
+MIN_CONTRACTION = 0.5
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class LineCorrections:
         deviation = math.nan
         for _ in range(count):
             found = self._sweep.correct(x, y)
-            if not (math.isfinite(found.move) and smallest_jacobian(self._sweep.new_x, self._sweep.new_y) > 0.0):
+            if not (math.isfinite(found.move) and self._sweep.smallest_jacobian > 0.0):
                 break
             x, y = self._sweep.swap(x, y)
             done, deviation = done + 1, found.deviation
@@ -61,5 +61,5 @@ class LineCorrections:
             return moves[-1]
         if not moves:
             return math.nan
-        contraction = max([USUAL_CONTRACTION, *(after / before for before, after in itertools.pairwise(moves))])
-        return moves[-1] * contraction / (1.0 - contraction) if contraction < 1.0 else math.inf
+        contraction = max([MIN_CONTRACTION, *(after / before for before, after in itertools.pairwise(moves))])
+        return error_left(moves[-1], contraction)

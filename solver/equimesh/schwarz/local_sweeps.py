@@ -11,16 +11,12 @@ import numpy as np
 from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_move
-from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.sweeps.frame import Frame
 from equimesh.sweeps.sweep import Sweep, memory_needed
 
 Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
-
-# A sweep is halved for a valid mesh down to this share.
-SMALLEST_SHARE = 1 / 64
 
 
 class SubdomainSweeps:
@@ -37,14 +33,15 @@ class SubdomainSweeps:
     ) -> NewtonSolution:
         """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
 
-        Or are ``enough``, in units of the reference square; at most ``most`` sweeps. ``start`` is used up: they work in
-        its memory. ``rest`` gives what lies beyond yielding sides. The solution has ``converged`` set where the moves
-        fell; its residual is the deviation before the last sweep.
+        The sweeps also end with moves of at most ``enough``, in units of the reference square, and after ``most`` of
+        them. They work in the memory of ``start``, which is overwritten. ``rest`` gives what lies beyond yielding sides.
+        The solution has ``converged`` set where the moves fell; its residual is the deviation before the last sweep.
         """
         x, y, moves = start.x, start.y, [math.inf]
         for count in range(1, most + 1):
             found = self._sweep.correct(x, y, None if rest is None else rest(x, y))
-            if not (math.isfinite(found.deviation) and self._guarded(x, y)):
+            _, smallest = self._sweep.guard(x, y)
+            if not (math.isfinite(found.deviation) and smallest > 0.0):
                 return NewtonSolution(start, count, math.inf, converged=False, swept=True)
             x, y = self._sweep.swap(x, y)
             moves.append(found.move)
@@ -52,15 +49,3 @@ class SubdomainSweeps:
                 break
         fell = moves[-1] < moves[1] or moves[-1] <= max(self._floor, enough) or most == 1
         return NewtonSolution(Mesh(x, y), count, found.deviation, converged=fell, swept=True)
-
-    def _guarded(self, x: Array, y: Array) -> bool:
-        """Halve the moves of the last sweep until they fold nothing; whether that helped."""
-        share, sweep = 1.0, self._sweep
-        while not smallest_jacobian(sweep.new_x, sweep.new_y) > 0.0:
-            share *= 0.5
-            if share < SMALLEST_SHARE:
-                return False
-            for moved, old in ((sweep.new_x, x), (sweep.new_y, y)):
-                moved += old
-                moved *= 0.5
-        return True

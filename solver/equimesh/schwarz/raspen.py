@@ -19,11 +19,14 @@ from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.port import Subdomains
 
-# Products in one Newton step, and how accurate a step is: to the share of the change that the change is of the square,
-# for quadratic convergence, between these (the smaller one is the default of scipy, of all versions).
-MOST_PRODUCTS, CRUDEST, FINEST = 50, 1e-2, 1e-5
-# A step is halved for a valid mesh down to this share.
-SMALLEST_SHARE = 1 / 16
+# Products with the derivative of the iteration in one Newton step.
+MAX_PRODUCTS = 50
+# The error of a step, as a share of the change: as large as the change itself, for quadratic convergence, but between
+# these two. The smaller one is the default of scipy in all versions.
+MAX_STEP_ERROR = 1e-2
+MIN_STEP_ERROR = 1e-5
+# A step that would fold the mesh is halved down to this share.
+MIN_STEP_SHARE = 1 / 16
 
 
 class Slope:
@@ -77,9 +80,9 @@ class Raspen:
             slope = Slope(self._subdomains, start, states, self._threads)
         except RuntimeError:  # SuperLU: a matrix is exactly singular
             return None
-        step = self._step(slope, change, min(CRUDEST, max(FINEST, size)), start.x.shape)
+        step = self._step(slope, change, min(MAX_STEP_ERROR, max(MIN_STEP_ERROR, size)), start.x.shape)
         share = 1.0
-        while share >= SMALLEST_SHARE:
+        while share >= MIN_STEP_SHARE:
             x, y = _pair(_vector((start.x, start.y)) + share * step, start.x.shape)
             moved = Mesh.of_unit_square(x, y)
             if not moved.is_folded:
@@ -94,7 +97,7 @@ class Raspen:
 
         operator = LinearOperator((change.size, change.size), matvec=product, dtype=np.float64)
         atol = accuracy * float(np.linalg.norm(change))
-        step, _ = gmres(operator, change, atol=atol, restart=MOST_PRODUCTS, maxiter=1)
+        step, _ = gmres(operator, change, atol=atol, restart=MAX_PRODUCTS, maxiter=1)
         return np.asarray(step)
 
 

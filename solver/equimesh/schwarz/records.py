@@ -1,4 +1,4 @@
-"""What is known of one Schwarz iteration."""
+"""The records of Schwarz iterations, and what they say together."""
 
 from __future__ import annotations
 
@@ -13,68 +13,80 @@ from equimesh.equations.rounding import smallest_tolerance
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.quality import measures
+from equimesh.sweeps.contraction import error_left
 
 
 @dataclass(frozen=True, kw_only=True)
 class SubdomainRecord:
-    """What one subdomain did in one iteration.
-
-    It was solved by ``sweeps`` line corrections, or ``newton_steps``. ``classical`` says that Newton's method stalled
-    with the asked transmission condition, and that it took the neighbours' positions for this iteration; ``stalled``
-    that nothing led to a solution, and the previous state was kept. ``residual`` is that of the local equations:
-    relative to the mean flux, or of sweeps the largest relative deviation before the last one. ``error_x`` and
-    ``error_y`` are against the single-domain solution, over the whole subdomain.
-    """
+    """What one subdomain did in one iteration."""
 
     subdomain: int
+    """Its number, from 0."""
     newton_steps: int
+    """Newton steps of its solve; 0 where it was solved by sweeps."""
     residual: float
+    """Of the local equations: relative to the mean flux, or the largest relative deviation before the last sweep."""
     sweeps: int = 0
+    """Line corrections of its solve; 0 where it was solved by Newton's method."""
     stalled: bool = False
+    """Whether nothing led to a solution; the previous one is kept then."""
     classical: bool = False
+    """Whether it took its neighbours' positions, since Newton's method stalled with the requested condition."""
     error_x: float | None = None
+    """Largest error of x against the single-domain solution, where that is known."""
     error_y: float | None = None
+    """Largest error of y, likewise."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Iteration:
-    """The state after one Schwarz iteration; iteration 0 is the start. ``mesh`` is that of the physical domain,
-    ``reference`` the same on the reference square; all lengths are in units of the latter.
-
-    ``change`` is the max norm by which the merged mesh moved (NaN at 0), ``estimate`` the error that is left, NaN
-    where not known: as the line corrections contract, or else as the changes fall from iteration to iteration.
-    ``deviation`` is the largest relative deviation of a squared metric length from the mean of its line, in the whole
-    mesh before the last line correction (NaN without any): a residual of the asked equations. ``error`` is the one
-    against the single-domain solution, where that is known. ``mismatch`` is the largest difference between subdomains
-    at nodes that they share: a fixed point without mismatch is the single-domain solution, one with is not.
-
-    ``transmission`` names the condition that was used, which is not the asked one after a fallback. ``global_step``
-    says that a Newton step was taken on the whole grid, as a subdomain had stalled, the merged mesh folded, or a slow
-    iteration was to be tested; ``accelerated`` that the mesh is a combination of several iterations, or a Newton step
-    for their fixed point. ``failed`` ends the iteration: a subdomain has stalled for good. ``work`` is how many nodes
-    were corrected, counted as often as they were, and ``traffic`` how many bytes the subdomains would send each other
-    if each had a machine of its own. Neither counts ``products``: those with the derivative of the iteration in a
-    Newton step (RASPEN), each a solve with the factors of every subdomain.
-    """
+    """The record of one Schwarz iteration; iteration 0 is the start. Lengths are in units of the reference square."""
 
     iteration: int
+    """Its number, from 0."""
     problem: Problem
+    """The problem that is solved."""
     mesh: Mesh
+    """The merged mesh on the physical domain."""
     reference: Mesh
+    """The same mesh on the reference square."""
     min_jacobian: float
+    """The smallest corner Jacobian over the area of the domain: 1 for the uniform mesh of a rectangle."""
     change: float
+    """The largest move of a coordinate in this iteration, NaN at the start."""
     estimate: float
+    """The error that is left, NaN where not known: as line corrections contract, or as the changes fall."""
     mismatch: float
+    """The largest difference between subdomains at nodes that they share.
+
+    A fixed point without mismatch is the single-domain solution; one with a mismatch is not.
+    """
     subdomains: tuple[SubdomainRecord, ...]
+    """What the subdomains did."""
     transmission: str
+    """The name of the condition that was used: after a fallback, not the requested one."""
     deviation: float = math.nan
+    """The largest relative deviation of a squared metric length from the mean of its line, before the last correction.
+
+    A residual of the requested equations on the whole mesh; NaN without line corrections.
+    """
     error: float | None = None
+    """The largest error against the single-domain solution, where that is known."""
     global_step: bool = False
+    """Whether a Newton step was taken on the whole grid: as a rescue, or to test a slow iteration."""
     accelerated: bool = False
+    """Whether the mesh is a combination of several iterations, or a Newton step for their fixed point."""
     failed: bool = False
+    """Whether a subdomain has stalled for good, which ends the iteration."""
     work: int = 0
+    """How many nodes were corrected, counted as often as they were."""
     traffic: int = 0
+    """Bytes that the subdomains would send each other if each had a machine of its own."""
     products: int = 0
+    """Products with the derivative of the iteration in a Newton step (RASPEN), each a solve in every subdomain.
+
+    Neither ``work`` nor ``traffic`` counts them.
+    """
 
     @cached_property
     def max_q_eq(self) -> float:
@@ -97,7 +109,7 @@ class Iteration:
 
 
 def estimated(changes: Sequence[float], rounding: float) -> float:
-    """The error left after changes that go on shrinking at the rate of the last ones, never less than the last change.
+    """The error left after changes that continue to shrink at the rate of the last ones; never less than the last one.
 
     The rate is that over two iterations where three changes are known, as data crosses a subdomain and comes back in
     two. Changes below ``rounding`` shrink no more, and say nothing of a rate.
@@ -109,7 +121,7 @@ def estimated(changes: Sequence[float], rounding: float) -> float:
     if change >= before:
         return math.inf
     rate: float = (change / before) ** over
-    return change * max(1.0, rate / (1.0 - rate))
+    return max(change, error_left(change, rate))
 
 
 # Iterations over which the observed rate is taken.

@@ -15,8 +15,10 @@ from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.ordering import Ordering
 
-# Line corrections after every iteration of the optimized kind; more than MOST are a single-domain solve in disguise.
-USUAL_LINE_CORRECTIONS, MOST_LINE_CORRECTIONS = 3, 10
+# Line corrections after every iteration of the optimized condition, unless the settings say otherwise.
+DEFAULT_LINE_CORRECTIONS = 3
+# More line corrections than this would make a single-domain solve of the iteration.
+MAX_LINE_CORRECTIONS = 10
 
 Auto: TypeAlias = Literal["auto"]
 Discretization: TypeAlias = Literal["discretization"]
@@ -84,9 +86,9 @@ class Schwarz:
         if self.acceleration != "auto":
             object.__setattr__(self, "acceleration", choice(Acceleration, self.acceleration, "schwarz.acceleration"))
         corrections = self.line_correction
-        if corrections != "auto" and not (_is_whole(corrections) and 0 <= corrections <= MOST_LINE_CORRECTIONS):
+        if corrections != "auto" and not (_is_whole(corrections) and 0 <= corrections <= MAX_LINE_CORRECTIONS):
             raise InputError(
-                f'line_correction = {corrections!r}: a whole number from 0 to {MOST_LINE_CORRECTIONS}, or "auto"',
+                f'line_correction = {corrections!r}: a whole number from 0 to {MAX_LINE_CORRECTIONS}, or "auto"',
                 field="schwarz.line_correction",
             )
         self._check_newton()
@@ -139,7 +141,7 @@ class Schwarz:
     def line_corrections(self) -> int:
         """Line corrections after every iteration, "auto" resolved."""
         if self.line_correction == "auto":
-            return USUAL_LINE_CORRECTIONS if self.is_optimized and self.acceleration != Acceleration.NEWTON else 0
+            return DEFAULT_LINE_CORRECTIONS if self.is_optimized and self.acceleration != Acceleration.NEWTON else 0
         return self.line_correction
 
     @property

@@ -18,19 +18,23 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.sweeps.sweep import cell_metrics
 
-# Weights of the cross-line term, in units of the metric, that are tried; a cold start begins with EASY.
-LADDER = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-EASY = 0.3
-SMALLEST_ADVANCE = 1.0 / 64.0
-# Newton steps of one attempt. Where there is a solution near by, a third of them do.
-MOST_STEPS = 30
-# An attempt whose residual is not halved in so many steps leads nowhere.
-PATIENCE = 14
-# Less of the cross-line term and more of the monitor are tried on grids of up to so many points; finer ones keep what
-# the coarser needed.
-MOST_DESCENDING = 65 * 65
+# Weights of the cross-line term that are tried, in units of the metric.
+CROSS_LINE_WEIGHTS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+# The weight with which a start from the uniform mesh begins.
+COLD_CROSS_LINE_WEIGHT = 0.3
+# Smaller increases of the strength of the monitor are not tried.
+MIN_ADVANCE = 1.0 / 64.0
+# Newton steps of one attempt. Where a solution is near, a third of them suffice.
+MAX_STEPS = 30
+# An attempt whose residual is not halved in this many steps leads nowhere.
+MAX_STEPS_TO_HALVE = 14
+# Less of the cross-line term and more of the monitor are tried on grids of up to this many points. Finer ones keep what
+# the coarser ones needed.
+MAX_TRIED_POINTS = 65 * 65
+# Residual of a solution, relative to the mean flux.
 TOLERANCE = 1e-10
-SCALE_POINTS = 33
+# Points a side, at most, of the uniform mesh on which the unit of the cross-line term is measured.
+MAX_SCALE_POINTS = 33
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,34 +86,34 @@ def attempts(problem: Problem, start: Mesh, before: Relaxation) -> Attempts:
     uniform = Mesh.uniform(problem.grid)
     cold = bool(np.array_equal(start.x, uniform.x) and np.array_equal(start.y, uniform.y))
     if before.strength == 1.0:
-        found = yield from _climb(problem, [start] if cold else [start, uniform], _first_rung(before, cold))
+        found = yield from _climb(problem, [start] if cold else [start, uniform], _first_weight(before, cold))
         if found is not None:
             return (yield from _descend(problem, found))
     else:
         found = yield from _newton(problem, before, start)
-    if before.strength < 1.0 and problem.grid.points > MOST_DESCENDING:
+    if before.strength < 1.0 and problem.grid.points > MAX_TRIED_POINTS:
         return found
     return (yield from _strengthen(problem, found, uniform))
 
 
-def _first_rung(before: Relaxation, cold: bool) -> float:
+def _first_weight(before: Relaxation, cold: bool) -> float:
     if cold:
-        return EASY
-    return before.cross_line or LADDER[1]
+        return COLD_CROSS_LINE_WEIGHT
+    return before.cross_line or CROSS_LINE_WEIGHTS[1]
 
 
 def _climb(problem: Problem, starts: list[Mesh], first: float) -> Attempts:
-    for rung in LADDER[LADDER.index(first) :]:
+    for weight_tried in CROSS_LINE_WEIGHTS[CROSS_LINE_WEIGHTS.index(first) :]:
         for start in starts:
-            found = yield from _newton(problem, Relaxation(cross_line=rung), start)
+            found = yield from _newton(problem, Relaxation(cross_line=weight_tried), start)
             if found is not None:
                 return found
     return None
 
 
 def _descend(problem: Problem, found: Attempt) -> Generator[Attempt, None, Attempt]:
-    while problem.grid.points <= MOST_DESCENDING and found.relaxation.cross_line > 0.0:
-        lower = LADDER[LADDER.index(found.relaxation.cross_line) - 1]
+    while problem.grid.points <= MAX_TRIED_POINTS and found.relaxation.cross_line > 0.0:
+        lower = CROSS_LINE_WEIGHTS[CROSS_LINE_WEIGHTS.index(found.relaxation.cross_line) - 1]
         better = yield from _newton(problem, replace(found.relaxation, cross_line=lower), found.mesh)
         if better is None:
             break
@@ -120,11 +124,11 @@ def _descend(problem: Problem, found: Attempt) -> Generator[Attempt, None, Attem
 def _strengthen(problem: Problem, known: Attempt | None, uniform: Mesh) -> Generator[Attempt, None, Attempt]:
     """From a solution for a weaker monitor, with the most of the cross-line term, in adaptive steps to the asked."""
     if known is None:
-        known = yield from _newton(problem, Relaxation(strength=0.0, cross_line=LADDER[-1]), uniform)
+        known = yield from _newton(problem, Relaxation(strength=0.0, cross_line=CROSS_LINE_WEIGHTS[-1]), uniform)
     if known is None:
-        return Attempt(Relaxation(strength=0.0, cross_line=LADDER[-1]), uniform, 0, np.inf)
+        return Attempt(Relaxation(strength=0.0, cross_line=CROSS_LINE_WEIGHTS[-1]), uniform, 0, np.inf)
     advance = (1.0 - known.relaxation.strength) / 3
-    while known.relaxation.strength < 1.0 and advance >= SMALLEST_ADVANCE:
+    while known.relaxation.strength < 1.0 and advance >= MIN_ADVANCE:
         target = replace(known.relaxation, strength=min(1.0, known.relaxation.strength + advance))
         found = yield from _newton(problem, target, known.mesh)
         advance = advance / 2 if found is None else 1.5 * advance
@@ -138,21 +142,21 @@ def _newton(problem: Problem, relaxation: Relaxation, start: Mesh) -> Attempts:
         weaker = replace(problem, monitor=problem.monitor.weakened(relaxation.strength))
     weight = relaxation.cross_line * scale(weaker) if relaxation.cross_line else 0.0
     residuals: list[float] = []
-    for solution in newton_steps(weaker.equations(weight), start, TOLERANCE, MOST_STEPS, fast=True):
+    for solution in newton_steps(weaker.equations(weight), start, TOLERANCE, MAX_STEPS, fast=True):
         mesh = Mesh.of_unit_square(solution.mesh.x, solution.mesh.y)
         attempt = Attempt(relaxation, mesh, solution.steps, solution.residual, solution.converged)
         yield replace(attempt, converged=False)
         if solution.converged:
             return attempt
         residuals.append(solution.residual)
-        if len(residuals) > PATIENCE and residuals[-1] > 0.5 * residuals[-1 - PATIENCE]:
+        if len(residuals) > MAX_STEPS_TO_HALVE and residuals[-1] > 0.5 * residuals[-1 - MAX_STEPS_TO_HALVE]:
             break
     return None
 
 
 def scale(problem: Problem) -> float:
     """The geometric mean of ``sqrt(det M)`` over the reference square, M the metric that the uniform mesh sees."""
-    shape = (min(problem.grid.n_xi, SCALE_POINTS), min(problem.grid.n_eta, SCALE_POINTS))
+    shape = (min(problem.grid.n_xi, MAX_SCALE_POINTS), min(problem.grid.n_eta, MAX_SCALE_POINTS))
     mesh = Mesh.uniform(Grid(n_xi=shape[0], n_eta=shape[1]))
     cells = np.empty((3, shape[0] - 1, shape[1] - 1))
     cell_metrics(problem.metric, mesh.x, mesh.y, cells)

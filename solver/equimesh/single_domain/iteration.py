@@ -25,10 +25,10 @@ from equimesh.single_domain.level import Level
 from equimesh.single_domain.steps import Mode, Step, Steps
 from equimesh.sweeps.sweep import deviation, memory_needed
 
-# Share of the monitor that leads up to one from whose uniform mesh the sweeps do not converge.
-LEADING = 0.5
-# A mesh with this relative deviation satisfies the asked equations, whichever were solved.
-EXACT = 1e-8
+# The strength of the monitor whose mesh is a start where the sweeps do not converge from the uniform mesh.
+LEADING_STRENGTH = 0.5
+# A mesh of at most this relative deviation satisfies the requested equations, whichever were solved.
+MAX_EXACT_DEVIATION = 1e-8
 
 
 def single_domain_steps(
@@ -76,8 +76,8 @@ def _weaker(problem: Problem, label: Step, memory: Array, threads: int) -> Steps
 
     From the uniform mesh a sweep for a steep front overshoots; from the mesh of half the front it seldom does.
     """
-    weak = replace(problem, monitor=problem.monitor.weakened(LEADING))
-    label = replace(label, relaxation=continuation.Relaxation(strength=LEADING))
+    weak = replace(problem, monitor=problem.monitor.weakened(LEADING_STRENGTH))
+    label = replace(label, relaxation=continuation.Relaxation(strength=LEADING_STRENGTH))
     return (yield from Level(weak, label, None, False, memory, threads).steps())
 
 
@@ -123,7 +123,7 @@ def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bo
     if found is None:
         raise AssertionError("on the first level there is always something left to try")
     step = replace(label, step=found.steps, residual=found.residual, mesh=found.mesh, relaxation=found.relaxation)
-    if not step.relaxation.is_none and deviation(problem.metric, problem.boundary, found.mesh) < EXACT:
+    if not step.relaxation.is_none and deviation(problem.metric, problem.boundary, found.mesh) < MAX_EXACT_DEVIATION:
         step = replace(step, relaxation=NONE)  # a term that vanishes on a mesh of straight lines has relaxed nothing
     return _with_errors(replace(step, converged=found.converged, failed=not found.converged), before)
 

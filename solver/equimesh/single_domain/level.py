@@ -11,27 +11,23 @@ from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, is_refined, refinement
 from equimesh.numerics.types import Array
-from equimesh.single_domain.steps import SHARE, TIGHT, Step, Steps
+from equimesh.single_domain.steps import ALGEBRAIC_SHARE, TIGHT_DEVIATION, Step, Steps
+from equimesh.sweeps.contraction import error_left
 from equimesh.sweeps.sweep import Sweep
 
 # Algebraic error left on a coarsest level that only serves as a start, in units of its spacing.
-COARSE_SHARE = 0.01
-
-
-MOST_SWEEPS, MOST_COLD_SWEEPS = 100, 40
-
-
-# A sweep that does not lower the moves by this factor, so many times, is too slow: half sweeps are tried, then others.
-SLOWEST, MOST_SLOW = 0.9, 3
-
-
+MAX_START_ERROR = 0.01
+# Sweeps of one level, from a coarser solution and from the uniform mesh.
+MAX_SWEEPS = 100
+MAX_COLD_SWEEPS = 40
+# A sweep is slow if it does not lower the moves by this factor.
+MAX_SLOW_CONTRACTION = 0.9
+# After more slow sweeps than this, half sweeps are tried, and then another method.
+MAX_SLOW_SWEEPS = 3
 # The first sweeps from a coarser solution shrink the moves faster than those after them, which shrink them by this.
-USUAL_CONTRACTION = 0.25
-
-
-# No sweep may fold the mesh, nor from the uniform mesh shrink the smallest Jacobian by more than this factor; it is
-# halved for that, down to a share of SMALLEST_SHARE.
-SHRINKING, SMALLEST_SHARE = 0.2, 1 / 64
+MIN_CONTRACTION = 0.25
+# No sweep from the uniform mesh may shrink the smallest Jacobian by more than this factor.
+MIN_JACOBIAN_SHARE = 0.2
 
 
 @dataclass
@@ -51,16 +47,16 @@ class Level:
         sweep = Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
         own = x, y = self.label.mesh.x, self.label.mesh.y
         damping, slow, moves = 1.0, 0, [math.inf]
-        tolerance, smallest = max(TIGHT, smallest_residual(metric, shape)), smallest_jacobian(x, y)
-        for count in range(1, (MOST_COLD_SWEEPS if self.coarse is None else MOST_SWEEPS) + 1):
+        tolerance, smallest = max(TIGHT_DEVIATION, smallest_residual(metric, shape)), smallest_jacobian(x, y)
+        for count in range(1, (MAX_COLD_SWEEPS if self.coarse is None else MAX_SWEEPS) + 1):
             found = sweep.correct(x, y)
-            taken, smallest = _guarded(sweep, x, y, damping, SHRINKING * smallest if self.coarse is None else 0.0)
+            taken, smallest = sweep.guard(x, y, damping=damping, floor=self._floor(smallest))
             if not (math.isfinite(found.deviation) and smallest > 0.0):
                 return None
             x, y = sweep.swap(x, y)
             moves.append(found.move)
             contraction = self._contraction(moves)
-            left = _left(found.move, contraction) if taken == 1.0 else math.inf
+            left = error_left(found.move, contraction) if taken == 1.0 else math.inf
             step = replace(
                 self.label,
                 step=count,
@@ -73,24 +69,30 @@ class Level:
             if done:
                 return self._finished(step, own)
             yield step
-            slow = slow + 1 if not moves[-1] < SLOWEST * min(moves[:-1]) else 0
-            if slow > MOST_SLOW and self.coarse is not None:
+            slow = slow + 1 if not moves[-1] < MAX_SLOW_CONTRACTION * min(moves[:-1]) else 0
+            if slow > MAX_SLOW_SWEEPS and self.coarse is not None:
                 if damping < 1.0:
                     return None
                 damping, slow, moves = 0.5, 0, [math.inf]
         return None
 
+    def _floor(self, smallest: float) -> float:
+        """The smallest Jacobian that a sweep may leave: from the uniform mesh, a share of the last ``smallest``."""
+        return MIN_JACOBIAN_SHARE * smallest if self.coarse is None else 0.0
+
     def _contraction(self, moves: list[float]) -> float:
         """What the next sweeps shrink the moves by: as the last two moves did, or those on the coarser level."""
         if math.isfinite(moves[-2]) and moves[-2] > 0.0:
-            return max(USUAL_CONTRACTION, moves[-1] / moves[-2])
+            return max(MIN_CONTRACTION, moves[-1] / moves[-2])
         return 1.0 if self.coarse is None else self.coarse.contraction
 
     def _is_near(self, step: Step) -> bool:
         """Whether the algebraic error is small beside that of the discretisation, or serves for a first level."""
         if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
-            return step.algebraic_error <= COARSE_SHARE * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
-        return math.isfinite(step.algebraic_error) and step.algebraic_error <= SHARE * self._discretization(step.mesh)
+            return step.algebraic_error <= MAX_START_ERROR * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
+        return math.isfinite(step.algebraic_error) and step.algebraic_error <= ALGEBRAIC_SHARE * self._discretization(
+            step.mesh
+        )
 
     def _discretization(self, mesh: Mesh) -> float:
         """The error that an error of second order leaves on this grid, from the difference to the coarser one."""
@@ -105,29 +107,3 @@ class Level:
             own[0][:], own[1][:] = mesh.x, mesh.y
             mesh = Mesh(*own)
         return replace(step, mesh=mesh, converged=True, discretization_error=self._discretization(mesh))
-
-
-def _guarded(sweep: Sweep, x: Array, y: Array, damping: float, floor: float) -> tuple[float, float]:
-    """Shrink the moves of a sweep, by ``damping`` and then by halves until the smallest Jacobian is above ``floor``.
-
-    Returns the share of the moves that is left, and the smallest Jacobian: not positive where halving did not help.
-    """
-    share = 1.0
-    while True:
-        if damping < 1.0:
-            for moved, old in ((sweep.new_x, x), (sweep.new_y, y)):
-                moved -= old
-                moved *= damping
-                moved += old
-            share *= damping
-        smallest = smallest_jacobian(sweep.new_x, sweep.new_y)
-        if smallest > floor:
-            return share, smallest
-        if share < SMALLEST_SHARE:
-            return share, 0.0
-        damping = 0.5
-
-
-def _left(move: float, contraction: float) -> float:
-    """The distance still to go after a move, if those to come shrink by ``contraction`` each."""
-    return move * contraction / (1.0 - contraction) if contraction < 1.0 else math.inf if move > 0.0 else 0.0

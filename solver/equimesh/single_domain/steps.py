@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TypeAlias
 
@@ -12,9 +12,10 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.single_domain.continuation import NONE, Relaxation
 
-# Relative deviation from equal metric lengths in tight mode, and the algebraic error that is left otherwise, as a
-# share of the discretisation error.
-TIGHT, SHARE = 1e-10, 0.2
+# Relative deviation of squared metric lengths from the mean of their line, in tight mode.
+TIGHT_DEVIATION = 1e-10
+# Algebraic error that is left otherwise, as a share of the discretisation error.
+ALGEBRAIC_SHARE = 0.2
 
 
 class Mode(StrEnum):
@@ -36,7 +37,7 @@ class Step:
     ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest). ``relaxation`` is what the equations
     that the step solves differ by from the asked ones. ``residual`` is relative: of a sweep, the largest deviation of a
     squared metric length from the mean of its line; of a Newton step, the largest defect over the mean flux.
-    ``mesh``, of the reference square, is overwritten by the next sweep: copy it to keep it.
+    ``mesh`` is that of the reference square.
 
     ``converged`` is set by the last step of every level, and says that the mesh solves the equations of ``relaxation``
     there; ``failed`` where no mesh was found that solves any. ``algebraic_error`` and ``discretization_error`` are
@@ -58,6 +59,12 @@ class Step:
     discretization_error: float = math.nan
     solved: Grid | None = None
     contraction: float = 1.0
+
+    def snapshot(self) -> Step:
+        """The step with a mesh of its own: sweeps that follow overwrite the mesh of one that does not end a level."""
+        if self.converged or self.failed:
+            return self
+        return replace(self, mesh=Mesh(self.mesh.x.copy(), self.mesh.y.copy()))
 
     @property
     def is_exact(self) -> bool:

@@ -31,5 +31,10 @@ class SolveOptions:
     """Whether a mesh of relaxed equations is a success."""
     threads: int
     """How many share the work."""
-    observe: Observer
+    observer: Observer | None
     """Is called with every step and iteration."""
+
+    def observe(self, event: Event) -> None:
+        """Hand a record to the observer, if there is one. It may keep the record: nothing changes it later."""
+        if self.observer is not None:
+            self.observer(event.snapshot() if isinstance(event, Step) else event)

@@ -16,7 +16,7 @@ from equimesh.schwarz.iteration import schwarz_iterations
 from equimesh.schwarz.records import Iteration
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
-from equimesh.single_domain.steps import SHARE, Mode, Step
+from equimesh.single_domain.steps import ALGEBRAIC_SHARE, Mode, Step
 from equimesh.solving import remedies
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.single_domain import last_of, last_step, solve_single_domain, what_was_found
@@ -63,7 +63,7 @@ def _start(
         return start, float(schwarz.tolerance), expected
     if not to_discretization:
         return start, None, expected
-    share = SHARE * expected
+    share = ALGEBRAIC_SHARE * expected
     return start, share if math.isfinite(share) else smallest_tolerance(problem), expected
 
 

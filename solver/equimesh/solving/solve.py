@@ -16,7 +16,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.options import Event, Initial, Observer, SolveOptions
+from equimesh.solving.options import Initial, Observer, SolveOptions
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
 from equimesh.solving.solution import Solution, SolveError
@@ -53,7 +53,7 @@ def solve(
     """
     initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
     mode = choice(Mode, mode, "mode")
-    options = SolveOptions(mode, allow_relaxed, thread_count(threads), observe if observe is not None else _ignore)
+    options = SolveOptions(mode, allow_relaxed, thread_count(threads), observe)
     _check_start(problem, initial)
     with np.errstate(all="ignore"):  # what is not finite is found where it matters
         is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
@@ -103,7 +103,3 @@ def _check_mesh(problem: Problem, start: Mesh) -> None:
             "the mesh to start from must be a valid one of the reference square: give the reference of a solution",
             field="initial",
         )
-
-
-def _ignore(event: Event) -> None:
-    del event

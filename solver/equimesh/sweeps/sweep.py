@@ -18,6 +18,7 @@ import numpy as np
 
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
+from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
@@ -34,6 +35,8 @@ MIN_STRIP_ROWS = 16
 MIN_THREADED_NODES = 16_384
 # On at most this many nodes u and its gradient are evaluated everywhere at once, not apart on the sides.
 MAX_NODES_AT_ONCE = 1_024
+# The moves of a sweep that would fold the mesh are halved while more than this share of them is left.
+MIN_MOVE_SHARE = 1 / 64
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,32 @@ class Sweep:
         return Correction(
             finite_or_infinite(max(sides, ends, eta, xi, lag)), finite_or_infinite(max(side_move, move, along_sides))
         )
+
+    @property
+    def smallest_jacobian(self) -> float:
+        """The smallest corner Jacobian of the moved nodes, not scaled by the spacing; NaN where one is not finite."""
+        return smallest_jacobian(self.new_x, self.new_y)
+
+    def guard(self, x: Array, y: Array, *, damping: float = 1.0, floor: float = 0.0) -> tuple[float, float]:
+        """Shrink the moves of the last :meth:`correct` until the smallest Jacobian is above ``floor``.
+
+        By ``damping`` first, then by halves. ``x`` and ``y`` are the nodes before the sweep. Returns the share of the
+        moves that is left, and the smallest Jacobian: 0 where halving did not help.
+        """
+        share = 1.0
+        while True:
+            if damping < 1.0:
+                for moved, old in ((self.new_x, x), (self.new_y, y)):
+                    moved -= old
+                    moved *= damping
+                    moved += old
+                share *= damping
+            smallest = self.smallest_jacobian
+            if smallest > floor:
+                return share, smallest
+            if share < MIN_MOVE_SHARE:
+                return share, 0.0
+            damping = 0.5
 
     def swap(self, x: Array, y: Array) -> tuple[Array, Array]:
         """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.single_domain.continuation import LADDER, scale
+from equimesh.single_domain.continuation import CROSS_LINE_WEIGHTS, scale
 from equimesh.single_domain.iteration import single_domain_steps
 
 
@@ -21,7 +21,7 @@ def test_the_cross_line_term_gives_a_mesh_where_there_was_none() -> None:
     assert solution.status is em.Status.RELAXED
     (what,) = solution.relaxed
     assert (what.what, what.asked) == ("cross_line", 0.0)
-    assert what.reached in LADDER[1:4]
+    assert what.reached in CROSS_LINE_WEIGHTS[1:4]
     assert solution.mesh.min_jacobian > 0.1
     assert solution.certificate.equation_residual > 0.01, "the asked equations are not satisfied, and that is measured"
     (warning,) = (w for w in solution.certificate.warnings if "not the requested ones" in w)
@@ -84,7 +84,7 @@ def test_relaxed_equations_are_not_factorised_on_large_grids(monkeypatch: pytest
 def test_an_interpolated_mesh_is_not_called_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where sweeps fail on a grid too large to factorise, what is left is the solution of a coarser one."""
     monkeypatch.setattr("equimesh.single_domain.iteration.MAX_FACTORISED_POINTS", 33 * 33)
-    monkeypatch.setattr("equimesh.single_domain.level.MOST_SWEEPS", 1)
+    monkeypatch.setattr("equimesh.single_domain.level.MAX_SWEEPS", 1)
     solution = em.solve(problem("tanh20", 65))
     assert solution.status is em.Status.RELAXED
     assert [(r.what, r.asked, r.reached) for r in solution.relaxed] == [("points", 65.0, 33.0)]

@@ -23,8 +23,10 @@ from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import SubdomainWindow
 from equimesh.sweeps.frame import Frame
 
-# Sweeps of a subdomain with classical data, and how far they go: the rate of the paper's iteration is to be seen.
-ACCURACY, MOST_SWEEPS = 1e-4, 40
+# Sweeps of a subdomain with classical data end when their moves are this share of the first: so accurate that the rate
+# of the paper's iteration shows.
+SWEEP_ACCURACY = 1e-4
+MAX_SWEEPS = 40
 
 
 class FunctionalSlopes:
@@ -149,4 +151,4 @@ class FunctionalSubdomains:
             window = self.windows[k]
             frame = Frame(physical=window.physical)
             self._sweeps[k] = SubdomainSweeps(self._problem, window.shape, frame)
-        return self._sweeps[k].solve(start, None, accuracy=ACCURACY, most=MOST_SWEEPS)
+        return self._sweeps[k].solve(start, None, accuracy=SWEEP_ACCURACY, most=MAX_SWEEPS)

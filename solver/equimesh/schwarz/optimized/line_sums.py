@@ -12,7 +12,7 @@ from equimesh.sweeps import kernels, sweep
 from equimesh.sweeps.sides import Sides
 
 # Rows that are summed at a time.
-MOST_ROWS = 64
+MAX_ROWS = 64
 
 
 class LineSums:
@@ -25,12 +25,12 @@ class LineSums:
     def __init__(self, problem: Problem, at: tuple[set[int], set[int]], threads: int = 1) -> None:
         self._problem, self._threads = problem, threads
         self.points = shape = problem.grid.shape
-        strips = set(range(0, shape[0], MOST_ROWS))
+        strips = set(range(0, shape[0], MAX_ROWS))
         self._cuts = tuple(
             np.array(sorted({0, *points, n - 1})) for points, n in zip((at[0] | strips, at[1]), shape, strict=True)
         )
         self._sums = tuple(np.zeros((len(cuts) - 1, n)) for cuts, n in zip(self._cuts, shape[::-1], strict=True))
-        self._cells = np.empty((threads, 3, MOST_ROWS + 1, shape[1] - 1))
+        self._cells = np.empty((threads, 3, MAX_ROWS + 1, shape[1] - 1))
         self._sides = Sides(problem.metric, problem.boundary, shape)
         self.edges = self._sides.fluxes
 

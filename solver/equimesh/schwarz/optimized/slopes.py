@@ -18,7 +18,7 @@ from equimesh.schwarz.optimized.sides import YieldingSide
 from equimesh.schwarz.window import ENDS, SubdomainWindow
 
 # How far nodes move, in units of the square, for the difference quotient of an interface's weights.
-STEP = 1e-6
+DIFFERENCE_STEP = 1e-6
 
 
 class YieldingSlopes:
@@ -49,7 +49,7 @@ class YieldingSlopes:
         ``change`` is of two arrays of the grid's shape, a right side as the vector of the subdomain's equations.
         """
         edges = self._edges.along(change)
-        step = STEP / max(float(np.abs(change).max()), np.finfo(np.float64).tiny)
+        step = DIFFERENCE_STEP / max(float(np.abs(change).max()), np.finfo(np.float64).tiny)
         ahead, behind = (
             self._sides_of(Mesh(self._mesh.x + h * change[0], self._mesh.y + h * change[1])) for h in (step, -step)
         )

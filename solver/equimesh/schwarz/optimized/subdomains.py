@@ -20,9 +20,10 @@ from equimesh.schwarz.port import MAX_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import AXES, SubdomainWindow
 
-# A local solve ends when its moves are this share of the first, or after so many sweeps: the interface data is no
-# better. With ten times the accuracy the numbers of iterations are the same.
-ACCURACY, MOST_SWEEPS = 0.1, 4
+# Sweeps of a subdomain end when their moves are this share of the first: the interface data is no better. With ten
+# times the accuracy the numbers of iterations are the same.
+SWEEP_ACCURACY = 0.1
+MAX_SWEEPS = 4
 
 
 class OptimizedSubdomains:
@@ -71,7 +72,7 @@ class OptimizedSubdomains:
         start, sides = self.received(k)
         if self._by_sweeps:
             solution = self._sweeps[k].solve(
-                start, sides.rest, accuracy=ACCURACY, most=MOST_SWEEPS, enough=self._enough
+                start, sides.rest, accuracy=SWEEP_ACCURACY, most=MAX_SWEEPS, enough=self._enough
             )
             if solution.converged:
                 return Outcome(solution)
