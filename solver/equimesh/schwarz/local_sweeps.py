@@ -34,7 +34,7 @@ class SubdomainSweeps:
         """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
 
         The sweeps also end with moves of at most ``enough``, in units of the reference square, and after ``most`` of
-        them. They work in the memory of ``start``, which is overwritten. ``rest`` gives what lies beyond yielding sides.
+        them. They overwrite ``start``, in whose memory they work. ``rest`` gives what lies beyond yielding sides.
         The solution has ``converged`` set where the moves fell; its residual is the deviation before the last sweep.
         """
         x, y, moves = start.x, start.y, [math.inf]

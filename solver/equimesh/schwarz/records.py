@@ -121,7 +121,7 @@ def estimated(changes: Sequence[float], rounding: float) -> float:
     if change >= before:
         return math.inf
     rate: float = (change / before) ** over
-    return max(change, error_left(change, rate))
+    return change * max(1.0, error_left(1.0, rate))
 
 
 # Iterations over which the observed rate is taken.

@@ -26,6 +26,8 @@ MAX_SLOW_CONTRACTION = 0.9
 MAX_SLOW_SWEEPS = 3
 # The first sweeps from a coarser solution shrink the moves faster than those after them, which shrink them by this.
 MIN_CONTRACTION = 0.25
+# Moves that would fold the mesh are halved, but not below this share.
+MIN_MOVE_SHARE = 1 / 128
 # No sweep from the uniform mesh may shrink the smallest Jacobian by more than this factor.
 MIN_JACOBIAN_SHARE = 0.2
 
@@ -46,11 +48,11 @@ class Level:
         metric, shape = self.problem.metric, self.problem.grid.shape
         sweep = Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
         own = x, y = self.label.mesh.x, self.label.mesh.y
-        damping, slow, moves = 1.0, 0, [math.inf]
+        halve, slow, moves = False, 0, [math.inf]
         tolerance, smallest = max(TIGHT_DEVIATION, smallest_residual(metric, shape)), smallest_jacobian(x, y)
         for count in range(1, (MAX_COLD_SWEEPS if self.coarse is None else MAX_SWEEPS) + 1):
             found = sweep.correct(x, y)
-            taken, smallest = sweep.guard(x, y, damping=damping, floor=self._floor(smallest))
+            taken, smallest = sweep.guard(x, y, halve=halve, floor=self._floor(smallest), min_share=MIN_MOVE_SHARE)
             if not (math.isfinite(found.deviation) and smallest > 0.0):
                 return None
             x, y = sweep.swap(x, y)
@@ -71,9 +73,9 @@ class Level:
             yield step
             slow = slow + 1 if not moves[-1] < MAX_SLOW_CONTRACTION * min(moves[:-1]) else 0
             if slow > MAX_SLOW_SWEEPS and self.coarse is not None:
-                if damping < 1.0:
+                if halve:
                     return None
-                damping, slow, moves = 0.5, 0, [math.inf]
+                halve, slow, moves = True, 0, [math.inf]
         return None
 
     def _floor(self, smallest: float) -> float:

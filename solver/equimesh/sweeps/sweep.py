@@ -35,7 +35,7 @@ MIN_STRIP_ROWS = 16
 MIN_THREADED_NODES = 16_384
 # On at most this many nodes u and its gradient are evaluated everywhere at once, not apart on the sides.
 MAX_NODES_AT_ONCE = 1_024
-# The moves of a sweep that would fold the mesh are halved while more than this share of them is left.
+# The moves of a sweep that would fold the mesh are halved, but not below this share.
 MIN_MOVE_SHARE = 1 / 64
 
 
@@ -118,26 +118,27 @@ class Sweep:
         """The smallest corner Jacobian of the moved nodes, not scaled by the spacing; NaN where one is not finite."""
         return smallest_jacobian(self.new_x, self.new_y)
 
-    def guard(self, x: Array, y: Array, *, damping: float = 1.0, floor: float = 0.0) -> tuple[float, float]:
-        """Shrink the moves of the last :meth:`correct` until the smallest Jacobian is above ``floor``.
+    def guard(
+        self, x: Array, y: Array, *, halve: bool = False, floor: float = 0.0, min_share: float = MIN_MOVE_SHARE
+    ) -> tuple[float, float]:
+        """Halve the moves of the last :meth:`correct` until the smallest Jacobian is above ``floor``.
 
-        By ``damping`` first, then by halves. ``x`` and ``y`` are the nodes before the sweep. Returns the share of the
-        moves that is left, and the smallest Jacobian: 0 where halving did not help.
+        ``x`` and ``y`` are the nodes before the sweep. ``halve`` halves once in any case; no less than ``min_share`` of
+        the moves is tried. Returns the share that is left, and the smallest Jacobian: 0 where halving did not help.
         """
-        share = 1.0
+        share, needed = 1.0, halve
         while True:
-            if damping < 1.0:
+            if needed:
                 for moved, old in ((self.new_x, x), (self.new_y, y)):
-                    moved -= old
-                    moved *= damping
                     moved += old
-                share *= damping
+                    moved *= 0.5
+                share *= 0.5
             smallest = self.smallest_jacobian
             if smallest > floor:
                 return share, smallest
-            if share < MIN_MOVE_SHARE:
+            if 0.5 * share < min_share:
                 return share, 0.0
-            damping = 0.5
+            needed = True
 
     def swap(self, x: Array, y: Array) -> tuple[Array, Array]:
         """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
