@@ -44,7 +44,7 @@ def test_segment_sums_are_sums_of_edges() -> None:
     bottom, top, left, right = (flux.value for flux in Cells(window).fluxes)
     xi, eta = (top[:, :-1] + bottom[:, 1:]) / 64, (right[:-1] + left[1:]) / 36
     cuts, along_xi, along_eta = np.array([0, 2, 6]), np.empty(7), np.zeros((2, 9))
-    kernels.segment_sums(mesh.x, mesh.y, cells, 0, 5, cuts, along_xi, along_eta)
+    kernels.segment_sums(kernels.Nodes(mesh.x, mesh.y), cells, (0, 5), cuts, along_xi, along_eta)
     assert along_xi[1:-1] == pytest.approx(xi[:5].sum(axis=0))
     assert along_eta[0, 1:5] == pytest.approx(eta[:4, :2].sum(axis=1))
     assert along_eta[1, 1:5] == pytest.approx(eta[:4, 2:].sum(axis=1))
@@ -56,9 +56,9 @@ def side_moves(t: np.ndarray, a: float) -> tuple[float, float, np.ndarray, np.nd
     both, n = np.stack([t, t]), t.size
     base = np.array([1.0, 0.0, 1.0])[:, None, None] * np.ones((2, n - 1))
     flux, moves = np.zeros((2, n - 1)), np.full((2, n), 7.0)
-    deviation, largest = kernels.side_moves(
-        both, 3 * both, 0 * both, base, a**2, 0.0, (True, False), (0, n - 1), np.zeros((2, 2)), (0.0, 0.0), flux, moves
-    )
+    sides = kernels.SidePair(both, 3 * both, 0 * both, base)
+    lines = kernels.Lines(0, n - 1, np.zeros((2, 2)), (0.0, 0.0))
+    deviation, largest = kernels.side_moves(sides, (a**2, 0.0), (True, False), lines, flux, moves)
     return deviation, largest, flux, moves
 
 

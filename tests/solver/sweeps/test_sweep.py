@@ -10,6 +10,7 @@ from cases import problem
 from equimesh.equations.mesh_equations import Cells
 from equimesh.single_domain import iteration
 from equimesh.sweeps import sweep as chord
+from equimesh.sweeps.sweep import Sweep, memory_needed
 from solver.sweeps.windows import distance, disturbed, sweep_on
 
 
@@ -72,3 +73,27 @@ def test_what_is_not_a_number_is_no_convergence() -> None:
     solution = em.solve(case, check=False)
     assert not solution.status.succeeded
     assert not solution.mesh.is_folded
+
+
+def test_a_guarded_sweep_halves_its_moves_until_nothing_folds() -> None:
+    """Nodes that overshoot by three cells: a quarter of the move is the first share that is valid."""
+    case = problem("ring", 9)
+    sweep = Sweep(case.metric, case.boundary, (9, 9), np.empty(memory_needed((9, 9))))
+    mesh = em.Mesh.uniform(case.grid)
+
+    def overshoot(cells: float) -> None:
+        sweep.new_x[:], sweep.new_y[:] = mesh.x, mesh.y
+        sweep.new_x[4, 4] += cells / 8
+
+    overshoot(3.0)
+    share, smallest = sweep.guard(mesh.x, mesh.y)
+    assert share == 0.25
+    assert smallest == sweep.smallest_jacobian > 0.0
+    assert sweep.new_x[4, 4] == mesh.x[4, 4] + 3 / 32
+    overshoot(0.5)
+    assert sweep.guard(mesh.x, mesh.y)[0] == 1.0
+    assert sweep.guard(mesh.x, mesh.y, halve=True)[0] == 0.5
+    overshoot(1000.0)
+    assert sweep.guard(mesh.x, mesh.y) == (1 / 64, 0.0)
+    overshoot(0.5)
+    assert sweep.guard(mesh.x, mesh.y, floor=1.0)[1] == 0.0, "no share of a move is above this floor"

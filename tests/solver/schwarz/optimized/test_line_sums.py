@@ -35,7 +35,7 @@ def edge_lengths(case: em.Problem, mesh: em.Mesh) -> tuple[np.ndarray, np.ndarra
 def test_they_are_the_sums_of_the_edges(
     boundary: em.Boundary, rows: int, threads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(line_sums, "MOST_ROWS", rows)
+    monkeypatch.setattr(line_sums, "MAX_ROWS", rows)
     case = problem("ring", *SHAPE, boundary=boundary)
     mesh = bent(case, 0.01)
     along_xi, along_eta = edge_lengths(case, mesh)
