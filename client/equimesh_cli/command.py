@@ -1,7 +1,5 @@
 """The command line: its parser, and the exit code of an error."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Says when a solve has to wait for the compiler, which it does once per machine."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Exit codes, and the table from exceptions to them."""
 
-from __future__ import annotations
-
 import sys
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """Parsers of the command's words, which say what is wrong in a sentence."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from typing import Any, NoReturn

@@ -23,8 +23,6 @@
     └── MeshCanceled         the mesh was canceled; carries mesh
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar

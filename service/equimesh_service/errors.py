@@ -24,8 +24,6 @@
                                     :mod:`equimesh_service.problems.problem`, next to the table of kinds
 """
 
-from __future__ import annotations
-
 
 class ServiceError(Exception):
     """Base of every exception that the service raises on purpose."""

@@ -1,7 +1,5 @@
 """The opening of a service: its parts in order, and the checks before them."""
 
-from __future__ import annotations
-
 import logging
 import secrets
 from io import TextIOWrapper

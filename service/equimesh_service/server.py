@@ -1,7 +1,5 @@
 """The server: a service on a port, in the foreground or in a thread."""
 
-from __future__ import annotations
-
 import logging
 import os
 import signal

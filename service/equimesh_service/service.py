@@ -1,7 +1,5 @@
 """One running service: its parts, and the waits that cross them. :mod:`equimesh_service.opening` opens it."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

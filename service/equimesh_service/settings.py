@@ -1,7 +1,5 @@
 """The settings of a service: one frozen record, read from ``EQUIMESH_…`` environment variables."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from difflib import get_close_matches

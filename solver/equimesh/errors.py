@@ -11,8 +11,6 @@
                               it stands in :mod:`equimesh.solving.solution`, next to the solution
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Values that callers send, checked (arrays of numbers, choices), and numbers that are sent to them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from enum import StrEnum

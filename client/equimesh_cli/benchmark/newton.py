@@ -1,7 +1,5 @@
 """The sweeps compared with guarded Newton with a sparse direct solver, up the same grids and from the same start."""
 
-from __future__ import annotations
-
 import importlib
 import time
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ Mmg gets the tensors of our curvature monitor at its vertices and adapts in seve
 from the same curvature. What is scaled to reach the number of vertices is found beforehand and not counted.
 """
 
-from __future__ import annotations
-
 import importlib
 import tempfile
 import time

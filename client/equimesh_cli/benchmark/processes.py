@@ -1,7 +1,5 @@
 """What only a fresh process shows: memory, and the time of compiling and loading."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The L2 norm of an interpolation error on any mesh of triangles or quadrilaterals. Knows nothing of the solver."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import TypeAlias

@@ -1,7 +1,5 @@
 """One line of the table: what was measured, how it came out, and what it should be."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field

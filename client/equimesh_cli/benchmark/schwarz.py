@@ -1,7 +1,5 @@
 """The cost of the Schwarz iteration compared with a single domain, and the data that subdomains exchange."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """How long a mesh takes in this process: a large one, on two threads, and a small one."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`equimesh check`: what is wrong with an expression."""
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import json

@@ -1,7 +1,5 @@
 """`equimesh database`: the revision of a service's database, its upgrade, a copy of it."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

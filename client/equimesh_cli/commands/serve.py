@@ -1,7 +1,5 @@
 """`equimesh serve`: run the service."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The address of a service, as an option."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

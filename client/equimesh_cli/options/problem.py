@@ -1,7 +1,5 @@
 """The document that options describe: what the client would send to a service, built by the solver in this process."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

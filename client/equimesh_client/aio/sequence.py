@@ -1,7 +1,5 @@
 """Meshes that follow a time-stepper, for asyncio: the twin of ``equimesh_client.blocking.sequence``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Unpack
 

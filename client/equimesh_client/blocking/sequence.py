@@ -1,7 +1,5 @@
 """Meshes that follow a time-stepper, for the blocking client."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Unpack
 

@@ -1,7 +1,5 @@
 """The state and the progress of a mesh, from its resource."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Physical domains, as dataclasses that the HTTP interface takes as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The spec of a mesh, and the options that it is made of."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches

@@ -1,7 +1,5 @@
 """Monitors: what a mesh is to equidistribute. Small dataclasses that the HTTP interface takes as JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias

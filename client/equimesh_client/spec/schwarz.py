@@ -1,7 +1,5 @@
 """The request for a mesh: Schwarz settings as dataclasses, and the JSON spec of the HTTP interface."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 

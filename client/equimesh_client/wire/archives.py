@@ -1,7 +1,5 @@
 """XDMF meshes: the service sends four files in a zip; here they are put side by side."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The arrays of a mesh, from the archive that the service sends."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ A flow yields steps and is sent their outcomes: a :class:`Send` is answered with
 Retries, waiting and deadlines live here, once, for :class:`Client` and :class:`AsyncClient`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, TypeVar

@@ -1,7 +1,5 @@
 """The API key of a client: its environment variable, and its request header."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """The outcome of a request: an exception, or a mesh for another library."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A picture of a mesh, as the service drew it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The HTTP interface as plain functions, which build requests and read answers; nothing is sent here."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """Connections that keep a deadline, for the blocking client: timeouts of httpx start again with every byte."""
 
-from __future__ import annotations
-
 import ssl
 import threading
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,5 @@
 """Whether, and when, a request is sent again: plain decisions, no I/O."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

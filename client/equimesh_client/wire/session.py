@@ -1,7 +1,5 @@
 """The two shells that carry out flows: one blocks, one awaits. They decide nothing."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping

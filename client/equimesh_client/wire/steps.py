@@ -1,7 +1,5 @@
 """Steps of a mesh that follows a time-stepper, and the flows that request them; no I/O."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 from collections.abc import Mapping

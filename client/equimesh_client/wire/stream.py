@@ -1,7 +1,5 @@
 """Server-Sent Events: parsing, and the position in a stream that is resumed after a dropped connection."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field
 from typing import Any

@@ -4,8 +4,6 @@ A timeout of httpx starts again with every byte. A request is kept within its de
 for the blocking client by the connections of `punctual`.
 """
 
-from __future__ import annotations
-
 import asyncio
 import ipaddress
 from collections.abc import AsyncIterator, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Admission: everything that is checked of a request before its mesh may wait in the queue."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import OrderedDict

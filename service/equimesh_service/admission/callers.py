@@ -1,7 +1,5 @@
 """The caller behind a request, and the short memory that spares the store most questions about keys."""
 
-from __future__ import annotations
-
 import time
 from collections import OrderedDict
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The way of an admitted mesh: into the queue, straight to a worker, or to an earlier mesh of the same spec."""
 
-from __future__ import annotations
-
 import asyncio
 import secrets
 import time

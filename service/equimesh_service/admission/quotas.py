@@ -1,7 +1,5 @@
 """Limits for each API key: what it may have, and how often it may ask."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter, deque

@@ -1,7 +1,5 @@
 """Steps of sequences: what a time-stepper sends, checked, and made into the mesh that is to come next."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from contextlib import ExitStack

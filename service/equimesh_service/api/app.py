@@ -1,7 +1,5 @@
 """The FastAPI application: routes, errors, and the life of the service behind them."""
 
-from __future__ import annotations
-
 import re
 import sqlite3
 from collections.abc import AsyncIterator

@@ -1,7 +1,5 @@
 """Routes used before a mesh is requested: checks of expressions, and what the service can do."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version

@@ -4,8 +4,6 @@ For callers who see all meshes it is the number of the last one. For a key that 
 id of the last one: the number would reveal how many meshes others make. Neither changes when meshes come and go.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from struct import pack, unpack

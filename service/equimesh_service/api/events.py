@@ -1,7 +1,5 @@
 """The route of a mesh's events, as a stream (Server-Sent Events) or as JSON."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

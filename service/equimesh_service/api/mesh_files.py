@@ -1,7 +1,5 @@
 """Answers that are files of a mesh, for every route that gives one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from fastapi import Request

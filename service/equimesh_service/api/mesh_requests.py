@@ -1,7 +1,5 @@
 """Requests for a mesh: how a spec and its samples are read from a body, and the examples in the documentation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fastapi import Request

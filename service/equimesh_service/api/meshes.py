@@ -1,7 +1,5 @@
 """Routes that create, list, cancel and delete meshes."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Annotated, Any, Literal
 

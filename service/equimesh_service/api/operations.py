@@ -1,7 +1,5 @@
 """Routes for operators: health, metrics, explanations of problems."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fastapi import APIRouter, Request

@@ -4,8 +4,6 @@ Pages, scripts and styles are files in ``assets``. Addresses in them are relativ
 that a proxy serves this at.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from html import escape
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """What the service answers: the models of its JSON, and how they come from the rows of the store."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """Routes that give what was computed: the mesh file, its quality, its convergence, pictures."""
 
-from __future__ import annotations
-
 import json
 from typing import Annotated, Any, Literal
 

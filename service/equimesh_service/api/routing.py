@@ -1,7 +1,5 @@
 """What all routes share: the service behind them, and the problems that they document."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, cast
 
 from fastapi import Depends, Request, Security

@@ -1,7 +1,5 @@
 """Routes for samples of monitor functions: uploaded once, used by any number of meshes."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request

@@ -1,7 +1,5 @@
 """Routes of sequences: meshes that follow a time-stepper, one round trip for each step."""
 
-from __future__ import annotations
-
 import secrets
 from contextlib import ExitStack
 from functools import partial

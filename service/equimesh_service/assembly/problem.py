@@ -1,7 +1,5 @@
 """From a spec to the solver's objects. What does not fit is refused with a pointer into the spec."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

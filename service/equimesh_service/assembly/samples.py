@@ -9,8 +9,6 @@ is known only then; a small grid in the process of the service, all else in a si
 runs in another process, at another time, and a file is all that outlives both.
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Threads that check what clients send: few, so that they leave the processors to others."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The dispatcher: gives waiting meshes to the engine, and requeues those that lost their worker."""
 
-from __future__ import annotations
-
 import logging
 import queue
 import threading

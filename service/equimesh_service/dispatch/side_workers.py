@@ -1,7 +1,5 @@
 """Side workers: they make files and pictures and read samples, for all keys in turn."""
 
-from __future__ import annotations
-
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Wake-up calls inside one process: requests wait here until something happens to their mesh."""
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from collections import defaultdict

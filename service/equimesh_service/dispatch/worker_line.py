@@ -1,7 +1,5 @@
 """The line for a worker: the workers that are reserved, and the requests that wait for one."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Callable

@@ -8,8 +8,6 @@ And when the server dies that workers are forked from, the pool takes them for d
 and take its tasks.
 """
 
-from __future__ import annotations
-
 import signal
 import time
 from multiprocessing.process import BaseProcess

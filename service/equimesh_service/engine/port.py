@@ -1,7 +1,5 @@
 """The engine port: where tasks run. An implementation passes ``check_engine`` of the service's tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Where files are kept, as the settings say it: picklable, so that workers open the same place."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Files in a folder."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import AsyncGenerator, Iterator

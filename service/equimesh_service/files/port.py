@@ -4,8 +4,6 @@ An implementation passes ``check_files`` of the service's tests. There are two: 
 (:mod:`equimesh_service.files.folder`) and S3-compatible storage (:mod:`equimesh_service.files.s3`).
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Temporary files: everything is written here first, and what a crash leaves is cleared."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """The table of problems: every error over the wire, with its status and what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

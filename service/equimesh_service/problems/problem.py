@@ -1,7 +1,5 @@
 """Errors over the wire: problem details (RFC 9457), and one table from exceptions to problems."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

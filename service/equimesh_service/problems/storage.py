@@ -1,7 +1,5 @@
 """What goes wrong when data cannot be written or read: one table from such errors to problems."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import sqlite3

@@ -1,7 +1,5 @@
 """Strict reading of JSON: what `json` lets pass (duplicate keys, lone surrogates) is refused here."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Physical domains in a spec."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import FailFast, Field, Tag

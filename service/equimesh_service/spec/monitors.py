@@ -1,7 +1,5 @@
 """Monitors in a spec: what the mesh is to equidistribute."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 

@@ -1,7 +1,5 @@
 """The Schwarz iteration in a spec: subdomains, what they exchange, what speeds it up, and when to use which."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, FiniteFloat, Tag

@@ -1,7 +1,5 @@
 """Functions of x and y in a spec: expressions and samples."""
 
-from __future__ import annotations
-
 from typing import Annotated, TypeAlias
 
 from pydantic import FailFast, Field, FiniteFloat, Tag

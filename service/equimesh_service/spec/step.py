@@ -1,7 +1,5 @@
 """A step of a sequence in a request."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import FailFast, Field, Tag

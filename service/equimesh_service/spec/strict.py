@@ -1,7 +1,5 @@
 """Strict models of JSON bodies, and what is said of a body that does not fit one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 

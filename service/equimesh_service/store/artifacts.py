@@ -7,8 +7,6 @@ A removal is noted, and committed, before it happens. Naming a file for the firs
 lock: when the first finds no note, the second has not begun, and will find the file named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 
 from sqlalchemy import Connection, bindparam, delete, insert, select

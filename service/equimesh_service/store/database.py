@@ -4,8 +4,6 @@ SQLite is used in WAL mode, by many processes; PostgreSQL with "read committed" 
 overtaken locks the rows that it relies on, or takes a lock by name.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext

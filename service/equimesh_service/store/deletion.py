@@ -5,8 +5,6 @@ samples, files; of one kind by their ids. Who holds a mesh therefore never asks 
 transaction after the one that deletes the mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """SQL that inserts meshes, with the events that tell how they came into their state."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """SQL of what an operator wants to know of a database: is it sound, is its clock right, which files does it name."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing

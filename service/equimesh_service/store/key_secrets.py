@@ -1,7 +1,5 @@
 """API keys: their secrets, how they are identified, and what they allow."""
 
-from __future__ import annotations
-
 import hmac
 import re
 import secrets

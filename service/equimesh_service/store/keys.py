@@ -1,7 +1,5 @@
 """SQL of API keys. Keys are never deleted: a revoked one still says that keys are required."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """SQL of meshes: their specs, states, results and events."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """The revision of a database's tables, and its upgrade to that of this release."""
 
-from __future__ import annotations
-
 import logging
 
 from sqlalchemy import Column, Connection, MetaData, String, Table, insert, inspect, select

@@ -4,8 +4,6 @@ A mesh goes ``queued -> running -> succeeded | failed | canceled``; a lost worke
 Every change of a mesh is one transaction that also adds an event, so the events tell the whole story.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """SQL of the use of a key: unfinished meshes, their points, and stored bytes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sqlalchemy import Connection, func, select

@@ -4,8 +4,6 @@ Every method is one short transaction, so that a sweep never holds up the servic
 is sweeping at the moment.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 
 from sqlalchemy import Connection, delete, func, select, update

@@ -1,7 +1,5 @@
 """The records that the store gives and takes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any

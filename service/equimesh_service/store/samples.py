@@ -1,7 +1,5 @@
 """SQL of uploaded samples: the same content is stored once, and each key sees what it has uploaded."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from sqlalchemy import ColumnElement, Select, bindparam, delete, select

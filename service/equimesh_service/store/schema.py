@@ -1,7 +1,5 @@
 """The tables: their columns are the service's memory."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sqlalchemy import (

@@ -3,8 +3,6 @@
 A sequence is where its last step is. A step that failed is no step: the next one takes its number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from sqlalchemy import Connection, delete, insert, select, update

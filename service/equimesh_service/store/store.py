@@ -1,7 +1,5 @@
 """The store: the database of the service, in parts by what they know."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

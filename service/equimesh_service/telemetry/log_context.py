@@ -1,7 +1,5 @@
 """The log context of a request: its id, the mesh and the API key that it is about; every log line carries it."""
 
-from __future__ import annotations
-
 import re
 import secrets
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Log lines: text for people, or one JSON object a line; in the service and in its workers alike."""
 
-from __future__ import annotations
-
 import logging
 import traceback
 from datetime import UTC, datetime

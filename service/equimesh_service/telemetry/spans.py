@@ -1,7 +1,5 @@
 """Spans of OpenTelemetry, sent by OTLP over HTTP. Imported only when traces are requested."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Opening a tracer, where traces are requested."""
 
-from __future__ import annotations
-
 from equimesh_service.errors import TracingMissingError
 from equimesh_service.telemetry.tracing import Tracer
 

@@ -1,7 +1,5 @@
 """Traces, as an option: spans that cross from a request into a worker. Without a tracer all of this does nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar

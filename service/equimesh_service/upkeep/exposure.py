@@ -1,7 +1,5 @@
 """Who could reach a service: one that others can is not started without a key, unless its owner says so."""
 
-from __future__ import annotations
-
 from ipaddress import ip_address
 
 from sqlalchemy.exc import SQLAlchemyError

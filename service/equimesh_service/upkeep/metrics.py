@@ -1,7 +1,5 @@
 """The metrics of a service, for Prometheus. Each service has a registry of its own."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager

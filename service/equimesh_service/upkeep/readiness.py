@@ -1,7 +1,5 @@
 """Whether a service can do its work: each part is tried for real, and the answer kept for a second."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

@@ -1,7 +1,5 @@
 """Request bodies: read within the size limit, of the type they say they are."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass

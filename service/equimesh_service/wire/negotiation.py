@@ -1,7 +1,5 @@
 """What a client requests in headers: media types (Accept), and preferences (RFC 7240)."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Byte ranges (RFC 9110, section 14): what a request asks for of a file."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from itertools import pairwise

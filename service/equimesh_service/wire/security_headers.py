@@ -1,7 +1,5 @@
 """Headers that every answer has: what a browser may do with it, and what a request's own work adds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from starlette.datastructures import MutableHeaders

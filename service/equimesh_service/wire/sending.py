@@ -1,7 +1,5 @@
 """Files over HTTP: their bytes or parts of them, and what caches and resumed downloads need (RFC 9110)."""
 
-from __future__ import annotations
-
 import logging
 import secrets
 from collections.abc import AsyncGenerator, Mapping

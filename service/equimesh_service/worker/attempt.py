@@ -1,7 +1,5 @@
 """One attempt at a mesh: its log context and its spans."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

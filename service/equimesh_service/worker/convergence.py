@@ -1,7 +1,5 @@
 """The history of a Schwarz iteration: as it is described, and as a table."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Files that a worker makes of a finished mesh on request: other formats, pictures, arrays of quality."""
 
-from __future__ import annotations
-
 import json
 from contextlib import ExitStack
 from functools import partial

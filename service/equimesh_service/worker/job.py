@@ -1,7 +1,5 @@
 """Tasks of workers: picklable records, with the addresses of database and files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from equimesh_service.files.address import FilesAddress

@@ -1,7 +1,5 @@
 """The names of the artifacts of a mesh."""
 
-from __future__ import annotations
-
 MESH, CONVERGENCE = "mesh", "convergence"
 
 

@@ -1,7 +1,5 @@
 """The files of a mesh on their way into the store."""
 
-from __future__ import annotations
-
 import contextvars
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The progress that a worker reports: the events of the solver, thinned out, as rows of the store."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping

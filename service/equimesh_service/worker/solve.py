@@ -1,7 +1,5 @@
 """What runs in a worker process: one mesh, from its spec in the store to its files."""
 
-from __future__ import annotations
-
 import logging
 import time
 from contextlib import ExitStack

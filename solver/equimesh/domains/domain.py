@@ -1,7 +1,5 @@
 """Physical domains: one-to-one images of the reference square, on which everything is solved."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias

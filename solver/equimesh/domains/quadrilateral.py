@@ -4,8 +4,6 @@ W. J. Gordon and C. A. Hall, *Construction of curvilinear coordinate systems and
 Int. J. Numer. Meth. Engng 7 (1973).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

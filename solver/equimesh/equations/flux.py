@@ -1,7 +1,5 @@
 """Metric lengths of edges, and how they change as nodes move."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

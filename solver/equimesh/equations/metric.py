@@ -11,8 +11,6 @@ Moving stencil node c by ``dr`` changes ``g`` by the rank-one term ``G_c ((grad 
 the gradient of the node's weight in the stencil.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

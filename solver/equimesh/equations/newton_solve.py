@@ -1,7 +1,5 @@
 """Guarded Newton solves of one set of mesh equations: a subdomain's, or those of a whole grid."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

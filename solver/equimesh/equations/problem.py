@@ -1,7 +1,5 @@
 """The problem to solve: a monitor, a grid, a domain, and what places the nodes on the boundary."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

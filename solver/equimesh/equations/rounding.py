@@ -1,7 +1,5 @@
 """What rounding leaves: of positions, of the moves of a sweep, and of residuals."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from equimesh.equations.metric import ReferenceMetric

@@ -5,8 +5,6 @@ of :data:`FUNCTIONS`; comparisons with ``and``, ``or``, ``not`` as the first arg
 :mod:`equimesh.formulas.functions` says which derivatives hold at kinks.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What the solver needs to know of a scalar function of the plane."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from equimesh.errors import InputError

@@ -1,7 +1,5 @@
 """u given at the nodes of a mesh, as a function of x and y; and fields carried from one mesh to the next."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

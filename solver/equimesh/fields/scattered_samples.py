@@ -1,7 +1,5 @@
 """Samples of u at scattered points, resampled once onto a grid."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Programs made of formulas as text: their parameters checked, and errors where they are not finite."""
 
-from __future__ import annotations
-
 import keyword
 import math
 import unicodedata

@@ -6,8 +6,6 @@ of a cone has gradient and Hessian 0: ``hypot(a, b)`` where both vanish, ``sqrt(
 where ``a`` and its gradient vanish. Real singularities stay visible: ``sqrt(x)`` has infinite slope at 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType

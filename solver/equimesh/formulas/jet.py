@@ -4,8 +4,6 @@ A component of a jet is an array over the points, a number when it is the same a
 it vanishes identically; the last two cost nothing. d/dy of x is ``None``, d/dx of ``15*x`` is ``15.0``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """Poles of a field: points of its domain that no sample hits, and near which its slope grows without bound."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

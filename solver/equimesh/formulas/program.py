@@ -1,7 +1,5 @@
 """An expression made ready for many points: constants folded, equal parts merged, blocks of points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The tree is that of the tokens, written out with one space between them, so that
 a token does. Thus every operation knows its place in the text, in characters.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Collection
 from dataclasses import dataclass

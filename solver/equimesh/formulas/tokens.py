@@ -4,8 +4,6 @@ What passes has balanced brackets, operands and operators in turn, and only know
 parser, which sees it next, has nothing left to refuse.
 """
 
-from __future__ import annotations
-
 import difflib
 import keyword
 import math

@@ -1,7 +1,5 @@
 """The language of expressions: its names, its limits, and what to write in place of what it does not have."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType

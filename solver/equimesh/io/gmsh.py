@@ -1,7 +1,5 @@
 """The text of a Gmsh 2.2 file: the version that nearly every reader understands."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeAlias
 

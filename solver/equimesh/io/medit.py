@@ -1,7 +1,5 @@
 """The text of a Medit mesh file (INRIA), as FreeFEM and Mmg read it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 

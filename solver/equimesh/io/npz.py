@@ -1,7 +1,5 @@
 """Reading meshes back from npz files."""
 
-from __future__ import annotations
-
 import os
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The text of an SU2 mesh file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 

@@ -3,8 +3,6 @@
 Written piece by piece, so that a file of any size takes little memory.
 """
 
-from __future__ import annotations
-
 import binascii
 import os
 import sys

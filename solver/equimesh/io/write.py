@@ -3,8 +3,6 @@
 This is the only module that imports meshio.
 """
 
-from __future__ import annotations
-
 import os
 import zipfile
 from dataclasses import dataclass

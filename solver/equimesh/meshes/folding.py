@@ -1,7 +1,5 @@
 """Loops over nodal values: the smallest corner Jacobian, which says whether a mesh is folded, and differences."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from equimesh.numerics.compiled import compiled

@@ -1,7 +1,5 @@
 """The computational domain: a uniform grid of points on the unit square."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from equimesh.errors import InputError

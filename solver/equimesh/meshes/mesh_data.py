@@ -1,7 +1,5 @@
 """A mesh with what was computed on it: what a file holds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """How the project's loops become machine code."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 

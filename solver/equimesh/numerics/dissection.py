@@ -1,7 +1,5 @@
 """Sparse factorisation of the equations of a grid, in an order that keeps the factors sparse."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 

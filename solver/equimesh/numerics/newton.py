@@ -1,7 +1,5 @@
 """Guarded Newton iteration on vectors. Knows nothing of meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias

@@ -4,8 +4,6 @@ A matrix field is a triple ``(m11, m12, m22)`` of arrays of one shape; so is eve
 checked and nothing is raised: where a matrix is not what the function needs, the result is nan or meaningless.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeAlias
 

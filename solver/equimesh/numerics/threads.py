@@ -1,7 +1,5 @@
 """Threads that share the rows of a mesh."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

@@ -4,8 +4,6 @@
 arrays over the cells. :mod:`equimesh.quality.measures` says what each measure is.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from equimesh.numerics.compiled import compiled

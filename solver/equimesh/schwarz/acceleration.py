@@ -1,7 +1,5 @@
 """What is made of several iterations: nothing, Anderson's combination, or a Newton step for their fixed point."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Anderson acceleration of a fixed-point iteration for meshes."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The test of slow claims: an iteration that took long is not believed before a Newton step agrees."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from equimesh.equations.problem import Problem

@@ -6,8 +6,6 @@ single-domain solution to rounding. All functionals speak of an interface in xi;
 window. :class:`Optimized` stands apart: see :mod:`equimesh.schwarz.optimized.sides`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

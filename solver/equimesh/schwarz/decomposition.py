@@ -1,7 +1,5 @@
 """Overlapping decomposition of the computational grid into strips or blocks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """The family of subdomains that a transmission condition asks for."""
 
-from __future__ import annotations
-
 from equimesh.equations.problem import Problem
 from equimesh.schwarz.conditions import Optimized
 from equimesh.schwarz.decomposition import Decomposition

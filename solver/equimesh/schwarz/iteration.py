@@ -6,8 +6,6 @@ agree. What makes it faster, and what guards it, stands in modules of its own: :
 :mod:`~equimesh.schwarz.stalls`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

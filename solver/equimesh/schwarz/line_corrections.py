@@ -1,7 +1,5 @@
 """Corrections of all lines of a mesh as a whole: what makes up for interfaces that see only their neighbours."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Chord sweeps on the window of one subdomain."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import TypeAlias

@@ -1,7 +1,5 @@
 """What the Schwarz iteration knows of its subdomains: one port for every family of transmission conditions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol

@@ -6,8 +6,6 @@ the nodes that it owns. Newton's method for ``G(z) = z`` asks for ``(I - G'(z)) 
 does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

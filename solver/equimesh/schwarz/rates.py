@@ -9,8 +9,6 @@ numbers a Robin condition with the automatic p hands over one of them as it is.
 What is left out is how the two families of grid lines are coupled; it decides where the leading part has no error left.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

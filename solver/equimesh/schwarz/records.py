@@ -1,7 +1,5 @@
 """The records of Schwarz iterations, and what they say together."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

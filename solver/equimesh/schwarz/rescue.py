@@ -1,7 +1,5 @@
 """Newton steps on the whole grid, where a subdomain has stalled or the merged mesh is folded."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

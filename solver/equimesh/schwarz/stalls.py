@@ -1,7 +1,5 @@
 """What says that an iteration leads nowhere, and that another transmission condition is to take over."""
 
-from __future__ import annotations
-
 import math
 
 from equimesh.schwarz.conditions import Classical

@@ -1,7 +1,5 @@
 """The window of the grid that a subdomain works on: its own points and the lines beyond its interfaces."""
 
-from __future__ import annotations
-
 from equimesh.meshes.folding import largest_difference
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.decomposition import Decomposition, Subdomain

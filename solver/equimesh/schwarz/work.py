@@ -1,7 +1,5 @@
 """Work and traffic of one Schwarz iteration, counted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from equimesh.meshes.grid import Grid

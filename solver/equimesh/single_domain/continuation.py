@@ -4,8 +4,6 @@ The weaker problems are those with a cross-line term, of which as little is take
 does, those with less of the monitor, too. Either way leads from a problem that is easy to solve towards the asked one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import TypeAlias

@@ -5,8 +5,6 @@ Where the coarsest does not converge from there, half the monitor leads up to it
 method and continuation take over.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """One level of the nested iteration: sweeps on one grid, guarded against folds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

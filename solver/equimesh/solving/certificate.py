@@ -1,7 +1,5 @@
 """The certificate of a mesh: the requested equations, the solved ones, and what to know before using it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

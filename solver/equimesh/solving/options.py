@@ -1,7 +1,5 @@
 """Options of one solve that do not belong to its problem."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum

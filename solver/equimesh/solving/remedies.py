@@ -1,7 +1,5 @@
 """Warnings about a mesh, and what to try after a solve that did not reach the requested mesh."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The solution of a Schwarz iteration: its start, its end, and what took its place where there was none."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The solution of a single-domain solve."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The result of a solve: a mesh, how it came about, and whether it is the requested one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

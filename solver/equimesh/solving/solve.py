@@ -1,7 +1,5 @@
 """One call from a problem to its mesh, by a single-domain or a Schwarz solve."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

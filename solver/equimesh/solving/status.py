@@ -1,7 +1,5 @@
 """How a solve ended: one status, with a sentence."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

@@ -5,8 +5,6 @@ describes. :class:`Record`, :class:`ByKind` and :class:`ByKey` are readers of ob
 members.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager

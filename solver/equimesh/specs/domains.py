@@ -1,7 +1,5 @@
 """Physical domains and grids of a document."""
 
-from __future__ import annotations
-
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral

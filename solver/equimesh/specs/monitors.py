@@ -1,7 +1,5 @@
 """Monitors of a document."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 from typing import Any

@@ -1,7 +1,5 @@
 """Settings of the Schwarz iteration in a document."""
 
-from __future__ import annotations
-
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized, TransmissionCondition
 from equimesh.schwarz.settings import Schwarz
 from equimesh.specs.document import (

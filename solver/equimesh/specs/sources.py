@@ -1,7 +1,5 @@
 """Functions of x and y in a document: expressions, samples, and names of samples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A whole document: the JSON form of a problem, which the service, the command line and problem files share."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

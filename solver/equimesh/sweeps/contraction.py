@@ -1,7 +1,5 @@
 """The error that is left where every move is a fixed factor smaller than the one before it."""
 
-from __future__ import annotations
-
 import math
 
 

@@ -1,7 +1,5 @@
 """How the four sides of a window of the grid are closed, for the line corrections."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -6,8 +6,6 @@ compiled once per machine, and call no user code. A kernel that works on some ro
 threads can share the rows.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

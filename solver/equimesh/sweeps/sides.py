@@ -1,7 +1,5 @@
 """The four sides of a sweep: closed one-dimensional problems, solved first."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -10,8 +10,6 @@ The nodes on the sides move by the same rule, at the same time. The iteration is
 solution, from a coarser grid, or damping.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The conformance kit of :class:`~equimesh.domains.domain.Domain`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from equimesh.domains.domain import UNIT, Domain

@@ -1,7 +1,5 @@
 """What fields, metrics and maps have in common: functions of two arrays of points."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 

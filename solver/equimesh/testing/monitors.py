@@ -1,7 +1,5 @@
 """The conformance kit of :class:`~equimesh.monitors.monitor.Monitor`."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Taylor remainders: whether a derivative is that of a function."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

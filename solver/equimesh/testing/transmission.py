@@ -1,7 +1,5 @@
 """The conformance kit of the transmission conditions in :mod:`equimesh.schwarz.conditions`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

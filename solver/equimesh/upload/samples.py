@@ -1,7 +1,5 @@
 """Samples out of an uploaded file: npz, npy, csv, json, vtu, vtk or xdmf."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -4,8 +4,6 @@ Only what samples need is decoded, and never more of it than ``max_bytes``: what
 to is known from the number of points before it is expanded. Cells are skipped.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import lzma

@@ -4,8 +4,6 @@ Alone it holds its numbers as text. The XML names its arrays as ``mesh.h5:/data0
 zip, and the array a plain one inside it. Nothing outside is ever opened.
 """
 
-from __future__ import annotations
-
 import io
 import zlib
 from collections.abc import Callable

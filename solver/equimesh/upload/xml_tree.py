@@ -1,7 +1,5 @@
 """The tree of an XML file that a caller sends: no document type, no entities, nothing from elsewhere."""
 
-from __future__ import annotations
-
 from typing import Final, NoReturn
 from xml.etree import ElementTree
 from xml.parsers import expat

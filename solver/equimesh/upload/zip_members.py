@@ -1,7 +1,5 @@
 """The members of a zip file that a caller sends: only those that are requested, and no more than is allowed."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

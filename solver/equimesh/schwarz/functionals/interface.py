@@ -1,7 +1,5 @@
 """An interface of a subdomain as rows of equations, closed by a transmission condition."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mesh equations of one subdomain: its window of the grid, its interfaces, and what it sends and receives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Protocol
 

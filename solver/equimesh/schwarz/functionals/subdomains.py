@@ -1,7 +1,5 @@
 """Subdomains that exchange the paper's functionals: each has a state of its own, and reads those of its neighbours."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

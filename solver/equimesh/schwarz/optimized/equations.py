@@ -4,8 +4,6 @@ The window's outermost line beyond an interface is held. On the interface the eq
 inside has the metric length of those beyond, as :class:`equimesh.schwarz.optimized.sides.YieldingSide` tells it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sums of squared metric lengths along the lines of a mesh, up to any of a few of its cross lines."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from equimesh.equations.problem import Problem

@@ -1,7 +1,5 @@
 """How what subdomains with yielding interfaces receive changes with the merged mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

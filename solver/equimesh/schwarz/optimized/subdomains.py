@@ -1,7 +1,5 @@
 """Subdomains whose interfaces yield: each reads the merged mesh, and the sums of metric lengths along its lines."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The tables of release 0.1, which made them without a record of their revision."""
 
-from __future__ import annotations
-
 import sqlalchemy as sa
 from alembic import op
 

@@ -1,7 +1,5 @@
 """API keys, whose meshes and samples these are, reuse, what was removed after its time, and 64-bit numbers."""
 
-from __future__ import annotations
-
 from time import time
 
 import sqlalchemy as sa

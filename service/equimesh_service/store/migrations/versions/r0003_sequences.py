@@ -1,7 +1,5 @@
 """Sequences of meshes that follow a time-stepper, and their steps."""
 
-from __future__ import annotations
-
 import sqlalchemy as sa
 from alembic import op
 

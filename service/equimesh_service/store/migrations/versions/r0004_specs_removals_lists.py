@@ -1,7 +1,5 @@
 """The size of each spec, which counts for its key; notes of files to be removed; meshes of a key as they are listed."""
 
-from __future__ import annotations
-
 import sqlalchemy as sa
 from alembic import op
 
