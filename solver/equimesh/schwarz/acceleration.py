@@ -5,8 +5,8 @@ from typing import Protocol
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.anderson import Anderson
-from equimesh.schwarz.line_corrections import Corrected
-from equimesh.schwarz.port import Solved, Subdomains
+from equimesh.schwarz.line_corrections import CorrectionResult
+from equimesh.schwarz.port import MergedSolutions, Subdomains
 from equimesh.schwarz.raspen import Raspen
 from equimesh.schwarz.settings import Acceleration, Schwarz
 
@@ -16,7 +16,7 @@ MAX_LINEAR_DEVIATION = 0.1
 
 
 @dataclass(frozen=True)
-class Accelerated:
+class AccelerationResult:
     """A mesh, and whether it is a combination. ``products`` counts those with the derivative of the iteration."""
 
     mesh: Mesh
@@ -32,7 +32,9 @@ class Accelerator(Protocol):
 
     maps_merged_meshes: bool
 
-    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:
+    def apply(
+        self, before: Mesh, corrected: CorrectionResult, solved: MergedSolutions, enough: float
+    ) -> AccelerationResult:
         """The mesh to continue from, after an iteration that led from ``before`` to the ``corrected`` mesh.
 
         ``solved`` are its subdomains; errors of at most ``enough`` need no acceleration.
@@ -56,9 +58,12 @@ class Unaccelerated:
 
     maps_merged_meshes = False
 
-    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:  # noqa: ARG002
+    def apply(
+        self, before: Mesh, corrected: CorrectionResult, solved: MergedSolutions, enough: float
+    ) -> AccelerationResult:
         """The corrected mesh."""
-        return Accelerated(corrected.mesh)
+        del before, solved, enough
+        return AccelerationResult(corrected.mesh)
 
     def forget(self) -> None:
         """Nothing is remembered."""
@@ -72,12 +77,17 @@ class ByAnderson:
     def __init__(self) -> None:
         self._anderson = Anderson()
 
-    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:  # noqa: ARG002
+    def apply(
+        self, before: Mesh, corrected: CorrectionResult, solved: MergedSolutions, enough: float
+    ) -> AccelerationResult:
         """The combination, or the corrected mesh where there is none."""
+        del solved
         if corrected.estimate <= enough or corrected.deviation > MAX_LINEAR_DEVIATION:
-            return Accelerated(corrected.mesh)
+            return AccelerationResult(corrected.mesh)
         combined = self._anderson.combined(before, corrected.mesh)
-        return Accelerated(corrected.mesh) if combined is None else Accelerated(combined, is_combined=True)
+        return (
+            AccelerationResult(corrected.mesh) if combined is None else AccelerationResult(combined, is_combined=True)
+        )
 
     def forget(self) -> None:
         """Begin anew."""
@@ -92,15 +102,18 @@ class ByNewton:
     def __init__(self, raspen: Raspen) -> None:
         self._raspen = raspen
 
-    def applied(self, before: Mesh, corrected: Corrected, solved: Solved, enough: float) -> Accelerated:  # noqa: ARG002
+    def apply(
+        self, before: Mesh, corrected: CorrectionResult, solved: MergedSolutions, enough: float
+    ) -> AccelerationResult:
         """The mesh after a Newton step, or the corrected mesh where there is none."""
+        del enough
         if solved.has_stalled or solved.is_rescued:
-            return Accelerated(corrected.mesh)
+            return AccelerationResult(corrected.mesh)
         combined = self._raspen.combined(before, corrected.mesh, solved.states)
         products = self._raspen.products
         if combined is None:
-            return Accelerated(corrected.mesh, products=products)
-        return Accelerated(combined, is_combined=True, products=products)
+            return AccelerationResult(corrected.mesh, products=products)
+        return AccelerationResult(combined, is_combined=True, products=products)
 
     def forget(self) -> None:
         """Nothing is remembered."""

@@ -22,7 +22,7 @@ class Claim:
     is_refuted: bool = False
 
 
-def tested(problem: Problem, claim: Claim, enough: float) -> Claim:
+def examine(problem: Problem, claim: Claim, enough: float) -> Claim:
     """The claim after a Newton step on the whole grid.
 
     Where the step moves the mesh by more than ``enough``, the iteration continues from the mesh of the step.

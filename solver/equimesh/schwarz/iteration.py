@@ -18,18 +18,20 @@ from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
-from equimesh.schwarz.acceleration import accelerator
-from equimesh.schwarz.claims import Claim, tested
+from equimesh.schwarz.acceleration import AccelerationResult, accelerator
+from equimesh.schwarz.claims import Claim, examine
 from equimesh.schwarz.conditions import label
 from equimesh.schwarz.families import subdomains_of
-from equimesh.schwarz.line_corrections import Corrected, LineCorrections
+from equimesh.schwarz.line_corrections import CorrectionResult, LineCorrections
 from equimesh.schwarz.ordering import turns
-from equimesh.schwarz.port import Outcome, Solved
+from equimesh.schwarz.port import MergedSolutions, Outcome
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.rescue import Rescue
 from equimesh.schwarz.settings import Schwarz
 from equimesh.schwarz.stalls import Stalls
 from equimesh.schwarz.work import traffic, work
+
+T = TypeVar("T")
 
 
 def schwarz_iterations(
@@ -57,9 +59,6 @@ def schwarz_iterations(
             return
 
 
-T = TypeVar("T")
-
-
 class SchwarzRun:
     """The iteration with one transmission condition: the mesh that it has reached, and what guards it."""
 
@@ -75,39 +74,26 @@ class SchwarzRun:
         self.rescue, self.stalls = Rescue(problem), Stalls(settings, rounding)
 
     def next(self, number: int, reference: Mesh | None) -> Iteration:
-        """One iteration: solve and merge, rescue, correct, accelerate, and test what is claimed."""
+        """One iteration of the paper, and what makes it faster and safe."""
         before = self.mesh
-        solved = self._solved()
-        rescued = self.rescue.applied(solved, before)
-        corrected = self._corrected(rescued.mesh)
-        accelerated = self.accelerator.applied(before, corrected, solved, self.enough)
-        mesh = accelerated.mesh
-        if mesh is not solved.mesh or self.accelerator.maps_merged_meshes:
-            self.subdomains.restart(mesh)
-        change = mesh.distance(before)
-        estimate = corrected.estimate
-        if accelerated.is_combined or math.isnan(estimate):
-            estimate = self.stalls.estimate(change)
-        claim = Claim(mesh, estimate, change, before)
-        if estimate <= self.enough and self._is_doubtful(corrected):
-            claim = tested(self.problem, claim, self.enough)
-        if claim.is_refuted:
-            self.accelerator.forget()
-            self.subdomains.restart(claim.mesh)
-        self.mesh = claim.mesh
-        self.stalls.note(solved, claim.change)
+        solutions = self._solve_subdomains()
+        rescued = self.rescue.apply(solutions, before)
+        corrected = self._correct_lines(rescued.mesh)
+        accelerated = self.accelerator.apply(before, corrected, solutions, self.enough)
+        claim = self._claim(before, corrected, accelerated)
+        self._continue_from(claim, solutions)
         return self._record(
             number,
             reference,
             change=claim.change,
             estimate=claim.estimate,
-            mismatch=solved.mismatch,
-            subdomains=solved.records,
+            mismatch=solutions.mismatch,
+            subdomains=solutions.records,
             deviation=corrected.deviation,
             global_step=rescued.is_stepped or claim.is_refuted,
             accelerated=accelerated.is_combined,
             failed=self.rescue.is_stuck and not self.settings.may_fall_back,
-            work=work(self.problem.grid, self.subdomains, solved.records, corrected.count),
+            work=work(self.problem.grid, self.subdomains, solutions.records, corrected.count),
             traffic=traffic(self.problem.grid, self.settings, self.subdomains, self.turns, corrected.count),
             products=accelerated.products,
         )
@@ -121,7 +107,7 @@ class SchwarzRun:
             0, reference, change=math.nan, estimate=math.nan, mismatch=0.0, subdomains=tuple(records), failed=False
         )
 
-    def _solved(self) -> Solved:
+    def _solve_subdomains(self) -> MergedSolutions:
         """One solve in every subdomain, turn by turn, merged to one mesh."""
         mesh = Mesh(self.mesh.x.copy(), self.mesh.y.copy())
         states, records = dict[int, Mesh](), dict[int, SubdomainRecord]()
@@ -132,7 +118,7 @@ class SchwarzRun:
                 self.subdomains.merge(k, states[k], mesh)
         mesh.x[0], mesh.x[-1], mesh.y[:, 0], mesh.y[:, -1] = 0.0, 1.0, 0.0, 1.0
         mismatch = max(max(window.distance(states[k], mesh)) for k, window in enumerate(self.subdomains.windows))
-        return Solved(mesh, _in_order(states), _in_order(records), mismatch)
+        return MergedSolutions(mesh, _in_order(states), _in_order(records), mismatch)
 
     def _outcomes(self, turn: list[int]) -> dict[int, Outcome]:
         """The outcomes of the subdomains of one turn, which threads share."""
@@ -146,15 +132,31 @@ class SchwarzRun:
         run_on_threads(threads, solve)
         return {k: outcomes[k] for k in turn}
 
-    def _corrected(self, mesh: Mesh) -> Corrected:
+    def _correct_lines(self, mesh: Mesh) -> CorrectionResult:
         if self.corrections is None:
-            return Corrected(mesh)
+            return CorrectionResult(mesh)
         return self.corrections.apply(mesh, self.settings.line_corrections, self.enough)
 
-    def _is_doubtful(self, corrected: Corrected) -> bool:
-        """Whether errors may hide that neither sweeps nor iterations see: the equations are solved, but slowly."""
-        was_slow = self.stalls.was_slow or self.rescue.has_stepped
-        return was_slow and math.isfinite(corrected.deviation) and self.problem.grid.points <= MAX_FACTORISED_POINTS
+    def _claim(self, before: Mesh, corrected: CorrectionResult, accelerated: AccelerationResult) -> Claim:
+        """The mesh that was reached and the error that is left in it; where that is doubtful, after an examination."""
+        change, estimate = accelerated.mesh.distance(before), corrected.estimate
+        if accelerated.is_combined or math.isnan(estimate):
+            estimate = self.stalls.estimate(change)
+        claim = Claim(accelerated.mesh, estimate, change, before)
+        is_doubtful = self.stalls.was_slow or self.rescue.has_stepped
+        can_examine = math.isfinite(corrected.deviation) and self.problem.grid.points <= MAX_FACTORISED_POINTS
+        if estimate <= self.enough and is_doubtful and can_examine:
+            return examine(self.problem, claim, self.enough)
+        return claim
+
+    def _continue_from(self, claim: Claim, solutions: MergedSolutions) -> None:
+        """Take the claimed mesh for the start of the next iteration."""
+        self.mesh = claim.mesh
+        if claim.mesh is not solutions.mesh or self.accelerator.maps_merged_meshes:
+            self.subdomains.restart(claim.mesh)
+        if claim.is_refuted:
+            self.accelerator.forget()
+        self.stalls.note(solutions, claim.change)
 
     def _record(self, number: int, reference: Mesh | None, **values: Any) -> Iteration:
         """The record of the mesh that was reached; ``values`` are its fields that say how."""

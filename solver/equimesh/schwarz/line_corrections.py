@@ -17,7 +17,7 @@ MIN_CONTRACTION = 0.5
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectionResult:
     """A mesh after line corrections: ``deviation`` is what the last one found, ``estimate`` the error that is left by
     the contraction of several, NaN where that is not known; ``count`` how many there were."""
 
@@ -36,7 +36,7 @@ class LineCorrections:
         self._sweep = Sweep(problem.metric, problem.boundary, shape, np.empty(memory_needed(shape)), threads)
         self._floor = smallest_move(shape)
 
-    def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> Corrected:
+    def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> CorrectionResult:
         """So many corrections of a valid mesh; fewer where one would fold it, or the error left is small ``enough``.
 
         ``mesh`` is used up: the corrections work in its memory.
@@ -52,7 +52,7 @@ class LineCorrections:
             moves.append(found.move)
             if self._left(moves) <= enough:
                 break
-        return Corrected(Mesh(x, y), deviation, self._left(moves), done)
+        return CorrectionResult(Mesh(x, y), deviation, self._left(moves), done)
 
     def _left(self, moves: list[float]) -> float:
         if moves and moves[-1] <= self._floor:

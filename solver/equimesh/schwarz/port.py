@@ -46,7 +46,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Solved:
+class MergedSolutions:
     """All subdomains after their solves of one iteration, and the mesh that they merge to.
 
     ``mismatch`` is the largest difference between a subdomain and the merged mesh.

@@ -7,7 +7,7 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
-from equimesh.schwarz.port import Solved
+from equimesh.schwarz.port import MergedSolutions
 
 # Steps in a row after which another condition takes over, or the iteration ends.
 MAX_STEPS_IN_A_ROW = 3
@@ -16,7 +16,7 @@ MIN_PROGRESS = 0.9
 
 
 @dataclass(frozen=True)
-class Rescued:
+class RescueResult:
     """A mesh, and whether it is the result of a step on the whole grid."""
 
     mesh: Mesh
@@ -34,7 +34,7 @@ class Rescue:
         self.residuals: list[float] = []
         self.has_stepped = False
 
-    def applied(self, solved: Solved, before: Mesh) -> Rescued:
+    def apply(self, solved: MergedSolutions, before: Mesh) -> RescueResult:
         """The merged mesh, or the one after a guarded Newton step on the whole grid.
 
         A step starts from the merged mesh, or from the one ``before`` the iteration where the merged mesh is folded.
@@ -42,15 +42,15 @@ class Rescue:
         is_folded = not smallest_jacobian(solved.mesh.x, solved.mesh.y) > 0.0
         if not (is_folded or solved.has_stalled):
             self.residuals = []
-            return Rescued(solved.mesh, is_stepped=False)
+            return RescueResult(solved.mesh, is_stepped=False)
         self.has_stepped = True
         mesh = before if is_folded else solved.mesh
         if self._problem.grid.points > MAX_FACTORISED_POINTS:
             self.residuals.append(math.inf)
-            return Rescued(Mesh(mesh.x.copy(), mesh.y.copy()), is_stepped=True)
+            return RescueResult(Mesh(mesh.x.copy(), mesh.y.copy()), is_stepped=True)
         stepped, residual = newton_step(self._problem, mesh)
         self.residuals.append(residual)
-        return Rescued(stepped, is_stepped=True)
+        return RescueResult(stepped, is_stepped=True)
 
     @property
     def has_failed(self) -> bool:

@@ -3,7 +3,7 @@
 import math
 
 from equimesh.schwarz.conditions import Classical
-from equimesh.schwarz.port import Solved
+from equimesh.schwarz.port import MergedSolutions
 from equimesh.schwarz.records import estimated
 from equimesh.schwarz.rescue import Rescue
 from equimesh.schwarz.settings import Schwarz
@@ -35,7 +35,7 @@ class Stalls:
         self.changes: list[float] = []
         self._classical_iterations, self._mismatch = 0, 0.0
 
-    def note(self, solved: Solved, change: float) -> None:
+    def note(self, solved: MergedSolutions, change: float) -> None:
         """Note an iteration."""
         self.changes.append(change)
         self._classical_iterations += solved.is_rescued

@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from equimesh.schwarz.acceleration import Accelerator, ByAnderson, ByNewton, Unaccelerated, accelerator
 from equimesh.schwarz.families import subdomains_of
-from equimesh.schwarz.line_corrections import Corrected
+from equimesh.schwarz.line_corrections import CorrectionResult
 from solver.schwarz.bent import bent
 from solver.schwarz.runs import PAPER
 from solver.schwarz.solved import solved
@@ -32,8 +32,8 @@ def test_each_setting_has_its_accelerator() -> None:
 
 
 def test_unaccelerated_iterations_stay_as_they_are() -> None:
-    corrected = Corrected(MESHES[1], 0.01, 0.1, 1)
-    found = made(em.Acceleration.NONE).applied(MESHES[0], corrected, solved(MESHES[1]), 0.0)
+    corrected = CorrectionResult(MESHES[1], 0.01, 0.1, 1)
+    found = made(em.Acceleration.NONE).apply(MESHES[0], corrected, solved(MESHES[1]), 0.0)
     assert found.mesh is MESHES[1]
     assert not found.is_combined
 
@@ -44,7 +44,7 @@ def combined_by_anderson(*, deviation: float = 0.01, estimate: float = 0.1, forg
     for before, after in itertools.pairwise(MESHES):
         if found is not None and forget:
             anderson.forget()
-        found = anderson.applied(before, Corrected(after, deviation, estimate, 1), solved(after), 1e-6)
+        found = anderson.apply(before, CorrectionResult(after, deviation, estimate, 1), solved(after), 1e-6)
     assert found is not None
     assert found.is_combined == (found.mesh is not MESHES[2])
     return found.is_combined
@@ -59,7 +59,7 @@ def test_anderson_combines_near_the_solution_as_long_as_it_is_needed() -> None:
 
 @pytest.mark.parametrize("failure", [{"stalled": True}, {"classical": True}], ids=str)
 def test_newton_wants_what_all_subdomains_solved(failure: dict[str, bool]) -> None:
-    corrected = Corrected(MESHES[1])
-    found = made(em.Acceleration.NEWTON).applied(MESHES[0], corrected, solved(MESHES[1], **failure), 0.0)
+    corrected = CorrectionResult(MESHES[1])
+    found = made(em.Acceleration.NEWTON).apply(MESHES[0], corrected, solved(MESHES[1], **failure), 0.0)
     assert np.array_equal(found.mesh.x, MESHES[1].x)
     assert (found.is_combined, found.products) == (False, 0)

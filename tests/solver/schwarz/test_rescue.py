@@ -21,7 +21,7 @@ FOLDED = em.Mesh(NEAR.x[::-1].copy(), NEAR.y)
 
 def test_without_need_the_merged_mesh_stays() -> None:
     rescue = Rescue(PAPER)
-    found = rescue.applied(solved(NEAR), SOLUTION)
+    found = rescue.apply(solved(NEAR), SOLUTION)
     assert found.mesh is NEAR
     assert not found.is_stepped
     assert not rescue.has_stepped
@@ -30,14 +30,14 @@ def test_without_need_the_merged_mesh_stays() -> None:
 
 def test_a_step_starts_from_the_merged_mesh_and_leads_towards_the_solution() -> None:
     rescue = Rescue(PAPER)
-    found = rescue.applied(solved(NEAR, stalled=True), SOLUTION)
+    found = rescue.apply(solved(NEAR, stalled=True), SOLUTION)
     assert found.is_stepped
     assert distance(found.mesh, SOLUTION) < 0.1 * distance(NEAR, SOLUTION)
     assert rescue.residuals == [newton_step(PAPER, NEAR)[1]]
 
 
 def test_a_folded_mesh_is_left_for_the_one_before() -> None:
-    found = Rescue(PAPER).applied(solved(FOLDED), NEAR)
+    found = Rescue(PAPER).apply(solved(FOLDED), NEAR)
     assert found.is_stepped
     assert np.array_equal(found.mesh.x, newton_step(PAPER, NEAR)[0].x)
 
@@ -45,13 +45,13 @@ def test_a_folded_mesh_is_left_for_the_one_before() -> None:
 def test_only_steps_in_a_row_count() -> None:
     rescue = Rescue(PAPER)
     for _ in range(2):
-        rescue.applied(solved(NEAR, stalled=True), NEAR)
+        rescue.apply(solved(NEAR, stalled=True), NEAR)
     assert not rescue.has_failed
-    rescue.applied(solved(NEAR), NEAR)
+    rescue.apply(solved(NEAR), NEAR)
     assert rescue.residuals == []
     for k in range(3):
         assert rescue.has_failed is False, k
-        rescue.applied(solved(NEAR, stalled=True), NEAR)
+        rescue.apply(solved(NEAR, stalled=True), NEAR)
     assert rescue.has_failed
     assert rescue.is_stuck, "three times the same step"
 
@@ -77,7 +77,7 @@ def test_steps_that_do_not_lower_the_residual_lead_nowhere(residuals: list[float
 def test_large_grids_are_not_factorised(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MAX_FACTORISED_POINTS", PAPER.grid.points - 1)
     rescue = Rescue(PAPER)
-    found = rescue.applied(solved(NEAR, stalled=True), SOLUTION)
+    found = rescue.apply(solved(NEAR, stalled=True), SOLUTION)
     assert np.array_equal(found.mesh.x, NEAR.x)
     assert found.mesh.x is not NEAR.x, "a copy"
     assert rescue.residuals == [math.inf]
