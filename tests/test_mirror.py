@@ -25,10 +25,6 @@ OF_NO_MODULE: dict[str, dict[str, str]] = {
 WITHOUT_TESTS = {
     "numerics/types.py": "names of types",
     "single_domain/steps.py": "records; test_level.py and test_iteration.py look at what they hold",
-    **dict.fromkeys(
-        [f"specs/{noun}.py" for noun in ("document", "domains", "monitors", "schwarz", "sources", "spec")],
-        "tested through the service's tests of specs until each has a file here",
-    ),
     "testing/functions.py": "what the kits are run on",
     "solving/options.py": "a record; test_inputs.py looks at the words",
 }

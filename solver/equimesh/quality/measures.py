@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_shapes import alignments, angles_and_edges, regularities, size_ratios
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.interpolation import ErrorRule, InterpolationErrors, errors_of, sample
+from equimesh.quality.interpolation import ErrorRule, InterpolationErrors, errors_of, interpolation_errors
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most this many cells: ``(cells, points)``."""
@@ -131,7 +130,6 @@ class CellMetrics:
                     mean[row, block] = np.einsum("pk,pk->k", share, entry)
         return cls(cells, *mean)
 
-    @cached_property
     def q_eq(self) -> Array:
         """:func:`equidistribution` of every cell."""
         cells = self.cells
@@ -151,42 +149,50 @@ class CellMetrics:
         return result.reshape(self.cells.shape)
 
 
-def measure(
-    mesh: Mesh,
-    monitor: Monitor,
-    *,
-    uniform: Mesh | None = None,
-    gauss: int | None = None,
-    metrics: CellMetrics | None = None,
-) -> Quality:
+class MonitorMeasures(NamedTuple):
+    """The measures of every cell that depend on the monitor."""
+
+    q_eq: Array
+    q_ali: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> MonitorMeasures:
+        """The measures by Gauss quadrature; ``gauss`` as in :func:`measure`."""
+        metrics = CellMetrics.of(mesh, monitor, gauss=gauss)
+        return cls(metrics.q_eq(), metrics.q_ali())
+
+
+def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss: int | None = None) -> Quality:
     """All quality measures of ``mesh`` for ``monitor``, which must be bound to a domain if it depends on one.
 
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
     the unit square. ``gauss`` is the number of Gauss points per direction and cell; by default ``GAUSS_POINTS`` or, on
     many cells, ``GAUSS_POINTS_BEYOND``, where the interpolation errors are those of
-    :func:`~equimesh.quality.interpolation.interpolation_errors`. ``metrics`` are those of the mesh, where they are
-    known already. Not finite where u or its gradient is not.
+    :func:`~equimesh.quality.interpolation.interpolation_errors`. Not finite where u or its gradient is not.
     """
+    interpolation = measure_interpolation(mesh, monitor.u, uniform=uniform, gauss=gauss)
+    return complete_quality(mesh, MonitorMeasures.of(mesh, monitor, gauss=gauss), interpolation)
+
+
+def complete_quality(mesh: Mesh, measures: MonitorMeasures, interpolation: InterpolationErrors | None) -> Quality:
+    """All quality measures of ``mesh``: those that are given, and those of its geometry."""
     with np.errstate(all="ignore"):
-        metrics = CellMetrics.of(mesh, monitor, gauss=gauss) if metrics is None else metrics
-        cells = metrics.cells
+        cells = BilinearCells(mesh)
         sine, skewness, aspect_ratio = (np.empty(cells.count) for _ in range(3))
         angles_and_edges(*cells.nodes, cells.valid, sine, skewness, aspect_ratio)
         ratios = np.empty(cells.count)
         size_ratios(*cells.shape, cells.valid, cells.area, ratios)
-        q_eq, q_ali, q_geo = metrics.q_eq, metrics.q_ali(), _regularity(cells)
-        del metrics
         return Quality(
-            q_eq=Measure(q_eq),
-            q_ali=Measure(q_ali),
-            q_geo=Measure(q_geo),
+            q_eq=Measure(measures.q_eq),
+            q_ali=Measure(measures.q_ali),
+            q_geo=Measure(_regularity(cells)),
             scaled_jacobian=Measure(sine.reshape(cells.shape)),
             skewness=Measure(skewness.reshape(cells.shape)),
             aspect_ratio=Measure(aspect_ratio.reshape(cells.shape)),
             size_ratio=Measure(ratios.reshape(cells.shape)),
             min_jacobian=float(np.float64(cells.lowest) * cells.count / abs(cells.total_area)),
             min_jacobian_over_mean=float(np.float64(cells.lowest) / (cells.total_area / cells.count)),
-            interpolation_error=_interpolation_error(cells, monitor.u, uniform, gauss),
+            interpolation_error=interpolation,
         )
 
 
@@ -198,7 +204,7 @@ def equidistribution(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) 
     Howse, Table 1, prints the maximum). Positive, of mean 1; all are 1 exactly when M is equidistributed.
     Folded cells are infinite and left out of the sum. ``gauss`` as in :func:`measure`.
     """
-    return CellMetrics.of(mesh, monitor, gauss=gauss).q_eq
+    return CellMetrics.of(mesh, monitor, gauss=gauss).q_eq()
 
 
 def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
@@ -230,13 +236,16 @@ def _regularity(cells: BilinearCells) -> Array:
     return result.reshape(cells.shape)
 
 
-def _interpolation_error(
-    cells: BilinearCells, u: Field | None, uniform: Mesh | None, gauss: int | None
+def measure_interpolation(
+    mesh: Mesh, u: Field | None, *, uniform: Mesh | None = None, gauss: int | None = None
 ) -> InterpolationErrors | None:
+    """How well u is interpolated, ``None`` where there is no u; the arguments are those of :func:`measure`."""
     if u is None:
         return None
-    reference = BilinearCells(Mesh.uniform(cells.mesh.grid) if uniform is None else uniform)
+    cells = BilinearCells(mesh)
     points = _gauss_points(cells, gauss)
-    is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
-    numbers = sample(cells.shape) if is_lean else None
-    return errors_of(cells, reference, u, ErrorRule.lean() if is_lean else ErrorRule.gauss(points), numbers)
+    if gauss is None and points == GAUSS_POINTS_BEYOND:
+        return interpolation_errors(mesh, u, uniform)
+    reference = BilinearCells(Mesh.uniform(mesh.grid) if uniform is None else uniform)
+    with np.errstate(all="ignore"):
+        return errors_of(cells, reference, u, ErrorRule.gauss(points))

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from enum import StrEnum
-from typing import TypeAlias
+from typing import TypeAlias, TypedDict
 
+from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.records import Iteration
 from equimesh.single_domain.steps import Mode, Step
 
@@ -13,26 +15,73 @@ Observer: TypeAlias = Callable[[Event], None]
 
 
 class Initial(StrEnum):
-    """Where a solve starts: ``NESTED``, the solution on a grid half as fine; ``UNIFORM``, the uniform mesh."""
+    """The start of a solve: ``NESTED``, the solution on a grid half as fine; ``UNIFORM``, the uniform mesh."""
 
     NESTED = "nested"
     UNIFORM = "uniform"
 
 
+class SolveArguments(TypedDict, total=False):
+    """Options of :func:`~equimesh.solving.solve.solve`. Each of them may be left out."""
+
+    initial: Initial | Mesh
+    """The start: nested (default), uniform, or a mesh of the reference square, such as the ``reference`` of the
+    solution for a monitor a time step earlier. Where such a mesh is far from the solution, the start is nested.
+    """
+    mode: Mode
+    """When a single-domain solve ends. Default: at the error of the grid. A Schwarz iteration has its own tolerance."""
+    allow_relaxed: bool
+    """Whether a mesh of relaxed equations is accepted where no valid mesh satisfies the requested ones. Default: True.
+    Its status is ``RELAXED``, and its certificate lists what was relaxed.
+    """
+    threads: int | None
+    """How many threads share the work on large grids; the mesh does not depend on it. Default: None, one a core."""
+    observe: Observer | None
+    """Called with every step of a single-domain solve, also that of a nested start, and with every Schwarz iteration.
+    Default: None.
+    """
+    check: bool
+    """Whether a solve without the requested mesh raises. Default: True. With False, its status reports the failure."""
+
+
+DEFAULTS: SolveArguments = {
+    "initial": Initial.NESTED,
+    "mode": Mode.DISCRETIZATION,
+    "allow_relaxed": True,
+    "threads": None,
+    "observe": None,
+    "check": True,
+}
+"""The values of options that are not given."""
+
+
+def complete_arguments(arguments: SolveArguments) -> SolveArguments:
+    """All options of a solve: the given ones, and the defaults of the others.
+
+    Raises :class:`TypeError` for an option that does not exist; the message names the nearest one.
+    """
+    unknown = [name for name in arguments if name not in DEFAULTS]
+    if unknown:
+        nearest = get_close_matches(unknown[0], ["problem", "schwarz", *DEFAULTS], n=1)
+        advice = f"did you mean {nearest[0]!r}?" if nearest else f"it has {', '.join(DEFAULTS)}"
+        raise TypeError(f"solve() has no option {unknown[0]!r}; {advice}")
+    return {**DEFAULTS, **arguments}
+
+
 @dataclass(frozen=True)
 class SolveOptions:
-    """The options of a call of :func:`~equimesh.solving.solve.solve`, checked."""
+    """The options that a single-domain and a Schwarz solve share, checked."""
 
     mode: Mode
-    """When a single-domain solve is done."""
+    """When a single-domain solve ends."""
     allow_relaxed: bool
     """Whether a mesh of relaxed equations is a success."""
     threads: int
-    """How many share the work."""
+    """How many threads share the work."""
     observer: Observer | None
-    """Is called with every step and iteration."""
+    """Called with every step and iteration."""
 
     def observe(self, event: Event) -> None:
-        """Hand a record to the observer, if there is one. It may keep the record: nothing changes it later."""
+        """Hand a record to the observer, if there is one. The observer may keep it: nothing changes it later."""
         if self.observer is not None:
             self.observer(event.snapshot() if isinstance(event, Step) else event)

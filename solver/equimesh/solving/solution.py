@@ -12,8 +12,8 @@ from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
-from equimesh.quality.measures import GAUSS_POINTS, CellMetrics, Quality, measure
+from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.quality.measures import MonitorMeasures, Quality, complete_quality, measure_interpolation
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, observed_rate, plain
@@ -75,18 +75,13 @@ class Solution:
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        quality = measure(self.mesh, self.problem.monitor, uniform=self._uniform, metrics=self._metrics)
-        vars(self).pop("_metrics", None)  # as much memory as the mesh, and of no use any more
-        return quality
+        return complete_quality(self.mesh, self._monitor_measures, self.interpolation)
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
         """How well the mesh interpolates u, compared with the uniform mesh; ``None`` where there is no u."""
-        u = self.problem.monitor.u
-        # Few cells need a rule that sees what is in each.
-        if u is None or "quality" in vars(self) or self.problem.grid.cells <= GAUSS_POINTS[-1][0]:
-            return self.quality.interpolation_error
-        return interpolation_errors(self.mesh, u, self._uniform)
+        uniform = map_mesh(Mesh.uniform(self.problem.grid), self.problem.domain)
+        return measure_interpolation(self.mesh, self.problem.monitor.u, uniform=uniform)
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -103,13 +98,10 @@ class Solution:
             interpolation=self.interpolation,
         )
 
+    # A file and the quality share these two arrays, whichever is requested first; no memory beyond the quality's own.
     @cached_property
-    def _metrics(self) -> CellMetrics:
-        return CellMetrics.of(self.mesh, self.problem.monitor)
-
-    @property
-    def _uniform(self) -> Mesh:
-        return map_mesh(Mesh.uniform(self.problem.grid), self.problem.domain)
+    def _monitor_measures(self) -> MonitorMeasures:
+        return MonitorMeasures.of(self.mesh, self.problem.monitor)
 
     @property
     def decomposition(self) -> Decomposition | None:
@@ -135,13 +127,12 @@ class Solution:
         return plain(self.iterations, self.rate, self.predicted_rate)
 
     def data(self) -> MeshData:
-        """What a mesh file holds: nodes, u, Q_eq and the owner of every cell; of the quality only Q_eq is computed."""
+        """The contents of a mesh file: nodes, u, Q_eq and the owner of every cell."""
         shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
         owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
         field = self.problem.monitor.u
         u = None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
-        q_eq = self.quality.q_eq.cells if "quality" in vars(self) else self._metrics.q_eq
-        return MeshData(mesh=self.mesh, u=u, q_eq=q_eq, subdomain=owner)
+        return MeshData(mesh=self.mesh, u=u, q_eq=self._monitor_measures.q_eq, subdomain=owner)
 
 
 def status_unless_folded(status: Status, mesh: Mesh) -> Status:

@@ -1,6 +1,7 @@
 """One call from a problem to its mesh, by a single-domain or a Schwarz solve."""
 
 from dataclasses import replace
+from typing import Unpack
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.options import Initial, Observer, SolveOptions
+from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
 from equimesh.solving.solution import Solution, SolveError
@@ -25,53 +26,45 @@ from equimesh.sweeps import sweep
 MAX_START_DEVIATION = 0.25
 
 
-def solve(
-    problem: Problem,
-    schwarz: Schwarz | None = None,
-    *,
-    initial: Initial | Mesh = Initial.NESTED,
-    mode: Mode = Mode.DISCRETIZATION,
-    allow_relaxed: bool = True,
-    threads: int | None = None,
-    observe: Observer | None = None,
-    check: bool = True,
-) -> Solution:
+def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> Solution:
     """The locally equidistributed mesh of ``problem``, by Schwarz iteration if ``schwarz`` is given.
 
-    ``initial`` may be a mesh of the reference square to start from, as the ``reference`` of a solution for a monitor a
-    time step earlier; the start is nested all the same where that is far from the solution. ``mode`` says when a
-    single-domain solve is done; a Schwarz iteration has a tolerance of its own. Where no valid mesh satisfies the
-    equations, ``allow_relaxed`` accepts one of equations near them: its status is ``RELAXED``, and its certificate says
-    what was relaxed. ``threads`` share the work on large grids, by default one for every core; the mesh does not depend
-    on their number. ``observe`` is called with every step of a single-domain solve (also that of a nested start) and
-    with every Schwarz iteration.
+    ``options`` are those of :class:`~equimesh.solving.options.SolveArguments`: ``initial``, ``mode``,
+    ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
 
     Raises :class:`~equimesh.solving.solution.SolveError`, which carries the partial solution, when the mesh is not the
-    requested one; with ``check=False`` the status says so instead. A folded mesh is never a success.
+    requested one; with ``check=False`` the status reports it instead. A folded mesh is never a success. Raises
+    :class:`~equimesh.errors.InputError` for values of options that cannot be used, and :class:`TypeError` for an option
+    that does not exist.
     """
+    arguments = complete_arguments(options)
+    initial = arguments["initial"]
     initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
-    mode = choice(Mode, mode, "mode")
-    options = SolveOptions(mode, allow_relaxed, thread_count(threads), observe)
+    checked = SolveOptions(
+        mode=choice(Mode, arguments["mode"], "mode"),
+        allow_relaxed=arguments["allow_relaxed"],
+        threads=thread_count(arguments["threads"]),
+        observer=arguments["observe"],
+    )
     _check_start(problem, initial)
-    with np.errstate(all="ignore"):  # what is not finite is found where it matters
+    with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
         initial = Initial.NESTED if is_far else initial
         if schwarz is None:
-            solution = solve_single_domain(problem, initial, options)
+            solution = solve_single_domain(problem, initial, checked)
         else:
-            solution = solve_by_schwarz(problem, schwarz, initial, options)
+            solution = solve_by_schwarz(problem, schwarz, initial, checked)
     if is_far:
         detour = "The given mesh is too far from the solution to start from; the start was nested."
         note = f"{detour} {solution.note}".strip()
         solution = replace(solution, detours=(detour, *solution.detours), note=note)
-    if check and not solution.status.succeeded:
+    if arguments["check"] and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
 
 
 def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
-    """Refuse a grid too coarse for its domain, one too fine for a start from the uniform mesh, and a start that is no
-    mesh of the reference square."""
+    """Refuse a grid that is too coarse for its domain or too fine for its start, and a start on another grid."""
     if isinstance(initial, Mesh):
         _check_mesh(problem, initial)
     if initial is Initial.UNIFORM and problem.grid.points > MAX_FACTORISED_POINTS:

@@ -1,9 +1,21 @@
-"""Solutions: what they say of their convergence."""
+"""Solutions: their convergence, and measures that do not depend on what is read first."""
 
 from __future__ import annotations
 
+import numpy as np
+
 import equimesh as em
+from cases import problem
 from solver.schwarz.runs import PAPER
+
+
+def test_measures_do_not_depend_on_what_is_read_first() -> None:
+    for case in (PAPER, problem("tanh20", 65)):
+        first, second = em.solve(case), em.solve(case)
+        q_eq, gain = first.data().q_eq, first.certificate.interpolation
+        assert np.array_equal(q_eq, first.quality.q_eq.cells)
+        assert second.quality.interpolation_error == first.quality.interpolation_error == gain
+        assert np.array_equal(second.data().q_eq, q_eq)
 
 
 def test_convergence_is_plain_numbers() -> None:

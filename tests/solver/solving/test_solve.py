@@ -21,6 +21,13 @@ def test_observer_sees_newton_steps_and_iterations() -> None:
     assert grids == {em.Grid(n_xi=13, n_eta=11), PAPER.grid}
 
 
+def test_an_unknown_option_is_refused_with_the_nearest_one() -> None:
+    with pytest.raises(TypeError, match=r"solve\(\) has no option 'thread'; did you mean 'threads'\?"):
+        em.solve(PAPER, thread=1)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="it has initial, mode, allow_relaxed, threads, observe, check"):
+        em.solve(PAPER, verbose=True)  # type: ignore[call-arg]
+
+
 def test_a_spline_of_samples_gives_the_mesh_of_the_function() -> None:
     """Node positions differ by the accuracy of the spline: fourth order in the spacing of the samples."""
     case = problem("paper", 12, boundary=em.Boundary.EQUIDISTRIBUTED_1D)
