@@ -369,7 +369,7 @@ def test_a_mesh_that_does_not_converge_says_so(client: Any, tmp_path: Path) -> N
     with pytest.raises(MeshFailed) as caught:
         client.generate(PAPER, 12, schwarz=few)
     assert caught.value.problem["type"] == "/problems/not-converged"
-    assert "tolerance" in str(caught.value)
+    assert "the estimated error is" in str(caught.value)
     mesh = client.meshes.get(caught.value.mesh.id)
     assert mesh.status == "failed"
     with pytest.raises(Conflict):
@@ -586,8 +586,8 @@ def test_twins_have_the_same_names_and_parameters(pair: tuple[type, type]) -> No
             continue
         mine, other = inspect.signature(blocking[name]), inspect.signature(member)
         assert list(mine.parameters.values()) == list(other.parameters.values()), name
-        async_of = str(other.return_annotation).replace("Async", "")
-        assert str(mine.return_annotation) == async_of, name
+        returned, awaited_of = (inspect.formatannotation(kind.return_annotation) for kind in (mine, other))
+        assert returned.rpartition(".")[2] == awaited_of.rpartition(".")[2].replace("Async", ""), name
     one, two = (inspect.signature(kind.__init__) for kind in pair)
     assert list(one.parameters)[1:] == list(two.parameters)[1:]
 
