@@ -125,10 +125,7 @@ def memory(pid: int) -> float:
 
 def large(url: str, pid: int, points: int) -> dict[str, Any]:
     """How long after its solve the file of a large mesh is there, and what sending it costs the process in memory."""
-    spec = {
-        "monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}},
-        "grid": {"n_xi": points, "n_eta": points},
-    }
+    spec = {"monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}}, "grid": {"n_xi": points, "n_eta": points}}
     with httpx.Client(base_url=url, timeout=600.0) as http:
         mesh = http.post("/v1/meshes?format=vtu&reuse=false", json=spec).raise_for_status().json()
         while mesh["status"] not in ("succeeded", "failed"):

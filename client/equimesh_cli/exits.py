@@ -15,7 +15,7 @@ exit codes:
 
 
 class Exit(IntEnum):
-    """What a command tells its caller."""
+    """The exit codes of commands."""
 
     DONE = 0
     FAILED = 1
@@ -26,7 +26,7 @@ class Exit(IntEnum):
 
 
 class Refused(Exception):
-    """What a command cannot work with, by default usage or input; the message is for the user."""
+    """Usage or input that a command cannot use; the message is for the user."""
 
     def __init__(self, message: str, code: Exit = Exit.INPUT) -> None:
         super().__init__(message)
@@ -34,16 +34,16 @@ class Refused(Exception):
 
 
 class NotInstalled(Refused):
-    """What a command needs another part of the package for: the "service", or the "solver"."""
+    """A part of the package that a command needs is missing: the "service" or the "solver"."""
 
     def __init__(self, part: str, error: ImportError) -> None:
         super().__init__(f"the {part} is not installed ({error.name}): pip install 'equimesh[{part}]'")
 
 
 def code_of(error: Exception) -> Exit | None:
-    """The exit code for an exception that is meant for the user; None for a mistake in the program.
+    """The exit code for an exception that is meant for the user; None for an error in the program.
 
-    Looks at the classes by name of their package: a side that is not loaded cannot have raised anything.
+    Only loaded packages are examined: another cannot have raised the exception.
     """
     if isinstance(error, Refused):
         return error.code

@@ -1,4 +1,4 @@
-"""Parsers of the command's words, which say what is wrong in a sentence."""
+"""Parsers of the command line, whose errors are sentences."""
 
 import argparse
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from equimesh_cli.exits import EPILOG, Exit
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one sentence that refers to --help, without a list of all options.
 
-    ``lacks`` says why the parser does not know its options, if it does not. It is then the answer to any error.
+    ``lacks`` is the reason why the parser does not know its options, if so; it then replaces every error message.
     """
 
     lacks = ""
@@ -28,7 +28,7 @@ class Parser(argparse.ArgumentParser):
         return options, unknown
 
     def error(self, message: str) -> NoReturn:
-        """Print the sentence, and end with the exit code of bad usage."""
+        """Print the message, and end with the exit code of bad usage."""
         self.exit(Exit.INPUT, f"equimesh: {self.lacks or f'{message}; see {self.prog} --help'}\n")
 
 

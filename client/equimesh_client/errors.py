@@ -5,7 +5,7 @@
     EquimeshClientError
     ├── BadArgument          refused before anything was sent (also a ValueError)
     ├── ServiceUnreachable   no service answers at this address (also a ConnectionError)
-    ├── DeadlineExceeded     the time the caller allowed has passed (also a TimeoutError)
+    ├── DeadlineExceeded     the deadline of the caller has passed (also a TimeoutError)
     ├── DownloadDamaged      a file that does not have the checksum the service announced
     ├── ProblemError         the service answered with an error: status, type, title, detail, errors
     │   ├── InvalidInput     422: something in the request cannot be used; says where
@@ -56,8 +56,9 @@ class DownloadDamaged(EquimeshClientError):
 
 @dataclass(frozen=True, kw_only=True)
 class InputProblem:
-    """One thing wrong with a request: a JSON ``pointer`` into it, a ``message``, and inside an expression
-    the 1-based ``line`` and ``column`` and the ``text`` of the expression.
+    """One fault of a request: a JSON ``pointer`` into it and a ``message``.
+
+    Inside an expression also its ``text``, and the ``line`` and ``column`` of the fault, which count from 1.
     """
 
     pointer: str
@@ -73,9 +74,7 @@ class InputProblem:
 
 
 def caret(text: str | None, *, line: int | None, column: int | None) -> str:
-    """The line of ``text`` with a caret under the 1-based ``column``, indented; empty if there is no such
-    place.
-    """
+    """The line of ``text``, indented, with a caret under ``column`` (from 1); empty without such a place."""
     if text is None or column is None:
         return ""
     lines = text.splitlines() or [""]
@@ -90,10 +89,10 @@ def caret(text: str | None, *, line: int | None, column: int | None) -> str:
 class ProblemError(EquimeshClientError):
     """The service answered with a problem (RFC 9457).
 
-    ``status`` is the HTTP status, ``type`` the stable name of the problem, ``title`` and ``detail`` say it in
-    words, ``errors`` what is wrong with the input, ``problem`` the document as it came, ``retry_after`` the
-    seconds after which the service allows another attempt. ``advice`` is what the user of a client can do about it,
-    where the service does not say it.
+    ``status`` is the HTTP status, ``type`` the stable name of the problem. ``title`` and ``detail`` describe it,
+    ``errors`` lists the faults of the input. ``problem`` is the whole document. ``retry_after`` is the time in seconds
+    after which the service allows another attempt. ``advice`` is the remedy for users of the client, where it differs
+    from that of the service.
     """
 
     advice: ClassVar[str] = ""
@@ -133,7 +132,7 @@ class ProblemError(EquimeshClientError):
 
 
 class InvalidInput(ProblemError, ValueError):
-    """422: something in the request cannot be used; ``errors`` says what and where."""
+    """422: something in the request cannot be used; ``errors`` names each fault and its place."""
 
 
 class Unauthorized(ProblemError):
@@ -170,7 +169,7 @@ class TooLarge(ProblemError):
 
 
 class RateLimited(ProblemError):
-    """429: too many requests; ``retry_after`` says when to come back."""
+    """429: too many requests; ``retry_after`` is the time to wait, in seconds."""
 
 
 class QuotaExceeded(RateLimited):
@@ -186,11 +185,11 @@ class ServerError(ProblemError):
 class StorageFull(ServerError):
     """507: the storage of the service is full. Not retried: waiting does not free storage."""
 
-    advice = "Nothing is wrong with the request: delete meshes that are not needed, or tell the operator."
+    advice = "Nothing is wrong with the request: delete meshes that are no longer needed, or tell the operator."
 
 
 class MeshFailed(EquimeshClientError):
-    """A mesh that ended as ``failed``. ``mesh`` is the mesh, ``problem`` the service's account of it."""
+    """A mesh that ended as ``failed``: ``mesh``, and the ``problem`` document of the service."""
 
     def __init__(self, mesh: MeshState, problem: Mapping[str, Any]) -> None:
         super().__init__(mesh.id)
@@ -198,9 +197,9 @@ class MeshFailed(EquimeshClientError):
         self.problem = dict(problem)
 
     def __str__(self) -> str:
-        said = [str(self.problem[key]) for key in ("title", "detail", "remedy") if self.problem.get(key)]
-        words = [sentence for n, sentence in enumerate(said) if sentence not in said[:n]]
-        return f"mesh {self.mesh.id} failed: " + (". ".join(w.rstrip(".") for w in words) or "no reason given")
+        sentences = [str(self.problem[key]) for key in ("title", "detail", "remedy") if self.problem.get(key)]
+        words = ". ".join(sentence.rstrip(".") for sentence in dict.fromkeys(sentences))
+        return f"mesh {self.mesh.id} failed: {words or 'no reason given'}"
 
 
 class MeshCanceled(EquimeshClientError):

@@ -15,17 +15,7 @@ from equimesh_cli.checks.findings import Finding
 from equimesh_cli.commands import doctor
 from equimesh_service import Settings
 from equimesh_service.store.migration import upgrade
-from service.conftest import (
-    database_url,
-    document,
-    finished,
-    guarded_service,
-    http,
-    observed,
-    postgres,
-    settings,
-    url,
-)
+from service.conftest import database_url, document, finished, guarded_service, http, observed, postgres, settings, url
 from service.databases import ADDRESS, NEEDED
 
 __all__ = [
@@ -80,6 +70,6 @@ def made(here: Settings) -> Settings:
 
 def look(check: Callable[[Any], Finding | None], subject: Any) -> Finding:
     """What a check finds, as `equimesh doctor` reports it."""
-    found = doctor._tried(check, subject)
+    found = doctor._try_check(check, subject)
     assert found is not None
     return found

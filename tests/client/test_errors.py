@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from equimesh_client import (
-    InputProblem,
-)
+from equimesh_client import InputProblem
 from equimesh_client.errors import caret
 
 

@@ -176,15 +176,16 @@ def test_words_of_the_client() -> None:
         "domain": list(client_domains.KINDS),
         "transmission": sorted(client_schwarz.TRANSMISSIONS, key=WORDS["transmission"].index),
         "norm": list(get_args(inspect.get_annotations(client_monitors.Curvature, eval_str=True)["norm"])),
-        "boundary": [*client_mesh.BOUNDARIES],
-        "initial": [*client_mesh.INITIALS],
-        "mode": [*client_mesh.MODES],
-        "cells": [*client_mesh.CELLS],
-        "interface_data": [*client_schwarz.INTERFACE_DATA],
-        "ordering": [*client_schwarz.ORDERINGS],
-        "acceleration": [*client_schwarz.ACCELERATIONS],
-        "local_solver": [*client_schwarz.LOCAL_SOLVERS],
-    } == WORDS
+    }.items() <= WORDS.items()
+    # the other words are strings that only the service checks: the docstrings of the client name them all
+    for described, names in (
+        (inspect.getsource(client_mesh.MeshOptions), ("boundary", "mode")),
+        (str(Client.generate.__doc__), ("initial", "cells")),
+        (str(client_schwarz.Optimized.__doc__), ("interface_data",)),
+        (str(client_schwarz.Schwarz.__doc__), ("ordering", "acceleration", "local_solver")),
+    ):
+        named = {*re.findall(r'``"(\w+)"``', described)}
+        assert named >= {word for name in names for word in WORDS[name]}, names
 
 
 def test_defaults_and_keys_of_the_client() -> None:

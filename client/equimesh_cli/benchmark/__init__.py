@@ -1,1 +1,1 @@
-"""What `equimesh bench` measures: numbers, never claims. Needs the solver; nothing here is imported without it."""
+"""The measurements of `equimesh bench`; imported only with the solver."""

@@ -1,1 +1,1 @@
-"""What `equimesh doctor` examines."""
+"""The checks of `equimesh doctor`."""

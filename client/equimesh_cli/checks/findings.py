@@ -1,11 +1,11 @@
-"""What a check of an installation found."""
+"""The result of one check of an installation."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class Level(StrEnum):
-    """How bad it is: a service works, works not as it should, or does not work."""
+    """How bad a finding is: the service works, works with a fault, or does not work."""
 
     OK = "ok"
     WARNING = "warning"
@@ -14,23 +14,23 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What was found, and what to do about it."""
+    """A finding: its level, a ``message`` for the user, and the remedy."""
 
     level: Level
-    said: str
+    message: str
     remedy: str = ""
 
 
-def ok(said: str) -> Finding:
-    """Nothing to do."""
-    return Finding(level=Level.OK, said=said)
+def ok(message: str) -> Finding:
+    """A finding without anything to do."""
+    return Finding(level=Level.OK, message=message)
 
 
-def warning(said: str, remedy: str) -> Finding:
-    """It works, and there is something to do."""
-    return Finding(level=Level.WARNING, said=said, remedy=remedy)
+def warning(message: str, remedy: str) -> Finding:
+    """A finding that should be mended, although the service works."""
+    return Finding(level=Level.WARNING, message=message, remedy=remedy)
 
 
-def failed(said: str, remedy: str = "") -> Finding:
-    """It does not work until something is done; the remedy may stand in ``said`` itself."""
-    return Finding(level=Level.FAILED, said=said, remedy=remedy)
+def failed(message: str, remedy: str = "") -> Finding:
+    """A finding with which the service does not work; ``message`` may hold the remedy itself."""
+    return Finding(level=Level.FAILED, message=message, remedy=remedy)

@@ -1,4 +1,4 @@
-"""Checks of what is installed: Python, packages, settings, compiled loops, and that it all makes the right mesh."""
+"""Checks of what is installed: Python, packages, settings, compiled loops, and a mesh that is known."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ TABLE_1 = "1.1979"
 
 
 def variables(settings: Settings) -> Finding:  # noqa: ARG001
-    """Whether every variable that means to be a setting is one."""
+    """Whether every EQUIMESH_ variable is a setting."""
     from equimesh_service.settings import describe_unknown, find_unknown
 
     foreign = find_unknown(os.environ)
     if foreign:
-        said = "; ".join(describe_unknown(name, nearest) for name, nearest in foreign.items())
-        return warning(said, "correct or unset what is misspelled; `equimesh config` shows the settings in force")
+        message = "; ".join(describe_unknown(name, nearest) for name, nearest in foreign.items())
+        return warning(message, "correct or unset misspelled variables; `equimesh config` shows the settings")
     return ok("every EQUIMESH_ variable is a setting")
 
 
 def python(settings: Settings) -> Finding:  # noqa: ARG001
-    """Whether this Python is one that the package is made for."""
+    """Whether the package supports this Python."""
     from packaging.specifiers import SpecifierSet
 
     wanted = importlib.metadata.metadata("equimesh")["Requires-Python"]
     here = platform.python_version()
     if not SpecifierSet(wanted).contains(here, prereleases=True):
-        return failed(f"Python {here}, and equimesh needs {wanted}", "install it with a Python that it is made for")
+        return failed(f"this is Python {here}; equimesh needs {wanted}", "install equimesh with such a Python")
     return ok(f"{here} (needs {wanted})")
 
 
 def packages(settings: Settings) -> Finding:
-    """Whether all packages that the settings need are there, in versions that go together."""
+    """Whether all packages that the settings need are installed, in the required versions."""
     extras = ["service"]
     if settings.database.startswith("postgres"):
         extras.append("postgres")
@@ -52,16 +52,16 @@ def packages(settings: Settings) -> Finding:
         extras.append("s3")
     if settings.trace_endpoint:
         extras.append("tracing")
-    wanted = {str(requirement): requirement for extra in extras for requirement in _wanted(extra)}
-    wrong = sorted(filter(None, map(_complaint, wanted.values())))
+    wanted = {str(requirement): requirement for extra in extras for requirement in _requirements(extra)}
+    wrong = sorted(filter(None, map(_fault, wanted.values())))
     if wrong:
         return failed("; ".join(wrong), f"pip install 'equimesh[{','.join(extras)}]'")
     version = importlib.metadata.version("equimesh")
-    return ok(f"equimesh {version} with {', '.join(extras)}: {len(wanted)} packages as they should be")
+    return ok(f"equimesh {version} with {', '.join(extras)}: {len(wanted)} packages in the required versions")
 
 
 def kernels(settings: Settings) -> Finding:  # noqa: ARG001
-    """Whether the machine code of the loops can be kept."""
+    """Whether the machine code of the loops can be stored."""
     from numba.core.caching import FunctionCache
 
     from equimesh.sweeps import kernels
@@ -71,16 +71,16 @@ def kernels(settings: Settings) -> Finding:  # noqa: ARG001
         folder = FunctionCache(kernel.py_func).cache_path  # type: ignore[no-untyped-call]
         os.makedirs(folder, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-    except (RuntimeError, OSError):  # numba's own word for no folder at all, and the system's
+    except (RuntimeError, OSError):  # of numba without any folder, and of the system
         return warning(
-            "there is no folder to keep compiled loops in: every start compiles them, for about 15 s",
-            "set NUMBA_CACHE_DIR to a folder that the service may write to",
+            "there is no folder for compiled loops: every start compiles them, for about 15 s",
+            "set NUMBA_CACHE_DIR to a folder that the service may write",
         )
-    return ok(f"compiled loops are kept in {folder}")
+    return ok(f"compiled loops are stored in {folder}")
 
 
 def solve(settings: Settings) -> Finding:  # noqa: ARG001
-    """Whether the mesh of the paper comes out as it is printed."""
+    """Whether the mesh of the paper has the printed quality."""
     import equimesh as em
     from equimesh_cli.compiling import announce_compiling
 
@@ -94,14 +94,14 @@ def solve(settings: Settings) -> Finding:  # noqa: ARG001
     found = f"{solution.quality.q_eq.max:.4f}"
     if found != TABLE_1:
         return failed(
-            f"the mesh of Table 1 has the quality {found}, and the paper {TABLE_1}",
+            f"the mesh of Table 1 has the quality {found}; the paper prints {TABLE_1}",
             "install the versions of constraints.txt, and empty the folder of compiled loops",
         )
-    return ok(f"the mesh of Table 1 comes out, q_eq {found}, in {took:.2g} s")
+    return ok(f"the mesh of Table 1 has the printed quality, q_eq {found}; solved in {took:.2g} s")
 
 
-def _wanted(extra: str) -> Iterator[Requirement]:
-    """What an extra needs, the extras that it names included."""
+def _requirements(extra: str) -> Iterator[Requirement]:
+    """The requirements of an extra and of the extras that it names."""
     from packaging.requirements import Requirement
 
     for text in importlib.metadata.requires("equimesh") or []:
@@ -110,17 +110,17 @@ def _wanted(extra: str) -> Iterator[Requirement]:
             continue
         if requirement.name == "equimesh":
             for further in sorted(requirement.extras):
-                yield from _wanted(further)
+                yield from _requirements(further)
         else:
             requirement.marker = None
             yield requirement
 
 
-def _complaint(requirement: Requirement) -> str | None:
+def _fault(requirement: Requirement) -> str | None:
     try:
         here = importlib.metadata.version(requirement.name)
     except importlib.metadata.PackageNotFoundError:
         return f"{requirement.name} is not installed"
     if not requirement.specifier.contains(here, prereleases=True):
-        return f"{requirement.name} is {here}, and {requirement.specifier} is needed"
+        return f"{requirement.name} is {here}; {requirement.specifier} is needed"
     return None

@@ -1,4 +1,4 @@
-"""Checks of the machine: processors and memory, as far as the system or a container lets this process have them."""
+"""Checks of the machine: processors and memory, within the limits of the system or a container."""
 
 from __future__ import annotations
 
@@ -14,46 +14,47 @@ if TYPE_CHECKING:
 
 MIB = 1024 * 1024
 CGROUPS, OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
-# What the service itself takes, with its workers at rest; and the least that a worker does something useful with.
-SERVICE_MIB, LEAST_WORKER_MIB = 512, 128
-# Version 1 says "no limit" with a number near the largest there is.
+SERVICE_MIB = 512
+"""Memory of the service itself, with its workers at rest."""
+MIN_WORKER_MIB = 128
+"""Memory with which a worker can solve small meshes."""
+# Version 1 writes "no limit" as a number near the largest one.
 _NO_LIMIT = 1 << 60
 
 
 def processors(settings: Settings) -> Finding:
-    """Whether there is a processor for every worker, and for every thread of them."""
+    """Whether there is a processor for every worker and for each of its threads."""
     from equimesh.numerics.threads import available_cores
 
     here, allowed = available_cores(), allowed_processors()
     count = float(here) if allowed is None else min(float(here), allowed)
-    said = f"{settings.workers} workers with {settings.worker_threads} threads each, on {count:g} processors"
+    message = f"{settings.workers} workers with {settings.worker_threads} threads each, on {count:g} processors"
     if settings.workers > max(1.0, count):
-        return warning(said, f"a solve keeps one processor busy: set EQUIMESH_WORKERS={max(1, int(count))}")
+        return warning(message, f"a solve keeps one processor busy: set EQUIMESH_WORKERS={max(1, int(count))}")
     if settings.workers * settings.worker_threads > max(1.0, count):
-        return warning(said, "set EQUIMESH_THREADS=0, which shares the processors out, or fewer EQUIMESH_WORKERS")
-    return ok(said)
+        return warning(message, "set EQUIMESH_THREADS=0, which divides the processors, or fewer EQUIMESH_WORKERS")
+    return ok(message)
 
 
 def memory(settings: Settings) -> Finding:
-    """Whether all workers can have the memory that they may take."""
+    """Whether there is memory for the limits of all workers."""
     present = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     allowed = allowed_memory()
     where = "machine" if allowed is None or allowed >= present else "container"
     room = (present if allowed is None else min(present, allowed)) // MIB
     most = settings.workers * settings.memory_limit + SERVICE_MIB
-    least = settings.workers * LEAST_WORKER_MIB + SERVICE_MIB
-    said = (
+    least = settings.workers * MIN_WORKER_MIB + SERVICE_MIB
+    message = (
         f"{settings.workers} workers may take {settings.memory_limit} MiB each and the service {SERVICE_MIB} MiB, "
         f"{most} MiB in all; this {where} has {room} MiB"
     )
     if room < least:
-        return failed(said, f"give it {least} MiB at least, or fewer EQUIMESH_WORKERS")
+        return failed(message, f"give it at least {least} MiB, or set fewer EQUIMESH_WORKERS")
     if room < most:
         fits = max(16, (room - SERVICE_MIB) // settings.workers)
-        return warning(
-            said, f"lower EQUIMESH_MEMORY_LIMIT, to {fits}, or EQUIMESH_WORKERS, or the system may kill them"
-        )
-    return ok(said)
+        remedy = f"lower EQUIMESH_MEMORY_LIMIT to {fits}, or EQUIMESH_WORKERS; otherwise the system may kill workers"
+        return warning(message, remedy)
+    return ok(message)
 
 
 def allowed_memory() -> int | None:
@@ -77,7 +78,7 @@ def allowed_processors() -> float | None:
 
 
 def _limits(controller: str, file: str, file_v1: str) -> Iterator[str]:
-    """What a file says in the group of this process and in all above it, for both versions of control groups."""
+    """The texts of a file in the control group of this process and in all above it, in versions 1 and 2."""
     try:
         lines = OWN_GROUP.read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Checks of how a service is reached: its port, who may use it, and one that runs."""
+"""Checks of access to a service: its port, who may use it, and a running service."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TIMEOUT_SECONDS = 10.0
 
 
 def port(settings: Settings) -> Finding:
-    """Whether the service can have its address, or already has it."""
+    """Whether the address is free, or in use by a service of equimesh."""
     place = f"{settings.host} port {settings.port}"
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as listener:
@@ -30,7 +30,7 @@ def port(settings: Settings) -> Finding:
             remedy = "choose another with EQUIMESH_PORT; 0 takes a free one"
             if error.errno == errno.EADDRINUSE:
                 return failed(f"{place} is in use by another program", remedy)
-            return failed(f"{place} cannot be had: {error.strerror or error}", "see EQUIMESH_HOST; " + remedy)
+            return failed(f"{place} cannot be used: {error.strerror or error}", "check EQUIMESH_HOST; " + remedy)
     return ok(f"{place} is free" if settings.port else f"{settings.host} has free ports")
 
 
@@ -40,21 +40,21 @@ def exposure(settings: Settings) -> Finding:
     from equimesh_service.upkeep.exposure import is_loopback
 
     if is_loopback(settings.host):
-        return ok(f"only this machine reaches {settings.host}")
+        return ok(f"only this machine can reach {settings.host}")
     guarded = False
     if has_tables(settings):
         with open_inspection(settings) as inspection:
             guarded = inspection.has_keys()
     if guarded:
-        return ok(f"other machines reach {settings.host}, and need an API key")
-    remedy = "make a key: equimesh keys create --name admin --scope admin"
+        return ok(f"other machines can reach {settings.host}, and need an API key")
+    remedy = "create a key: equimesh keys create --name admin --scope admin"
     if settings.allow_anonymous:
         return warning(f"anyone who can reach {settings.host} can use this service: no API key exists", remedy)
-    return failed(f"other machines reach {settings.host}, and there is no key: the service will not start", remedy)
+    return failed(f"other machines can reach {settings.host}, and no key exists: the service will not start", remedy)
 
 
 def readiness(client: Client) -> Finding:
-    """Whether a running service says that it is ready."""
+    """Whether a running service reports that it is ready."""
     import httpx
 
     try:
@@ -63,35 +63,35 @@ def readiness(client: Client) -> Finding:
     except httpx.HTTPError as error:
         return failed(f"{client.url} does not answer ({type(error).__name__})", "start the service, or correct --url")
     except (ValueError, KeyError, TypeError):
-        return failed(f"{client.url} is no service of equimesh", "correct --url, or what the proxy in front does")
-    wrong = [f"{name}: {said}" for name, said in checks.items() if said != "ok"]
+        return failed(f"{client.url} is no service of equimesh", "correct --url, or the proxy in front of the service")
+    wrong = [f"{name}: {message}" for name, message in checks.items() if message != "ok"]
     if wrong or answer.status_code != 200:
-        return failed("; ".join(wrong) or f"status {answer.status_code}", "its log says more")
+        return failed("; ".join(wrong) or f"status {answer.status_code}", "see the log of the service")
     return ok(f"{client.url} is ready: {', '.join(checks)}")
 
 
 def version(client: Client) -> Finding:
-    """Whether a running service is of the release that is installed here."""
+    """Whether a running service has the release that is installed here."""
     here, there = importlib.metadata.version("equimesh"), str(client.capabilities()["version"])
     if here != there:
-        return warning(f"the service is of release {there}, and this is {here}", "restart it after an upgrade")
-    return ok(f"release {there}, as here")
+        return warning(f"the service has release {there}; this is {here}", "restart the service after an upgrade")
+    return ok(f"release {there}, the same as here")
 
 
 def key(client: Client) -> Finding:
-    """Whether the key, or none, is enough to look at meshes."""
+    """Whether the service accepts the key, or needs none."""
     from equimesh_client.errors import Forbidden, Unauthorized
 
     try:
         next(iter(client.meshes.list()), None)
     except (Unauthorized, Forbidden) as error:
-        said = str(error).splitlines()[0]
-        return failed(f"the service refuses the key: {said}", "set EQUIMESH_KEY to one of `equimesh keys create`")
-    return ok("the key is good" if _asks_for_keys(client) else "no key is needed")
+        message = str(error).splitlines()[0]
+        return failed(f"the service refuses the key: {message}", "set EQUIMESH_KEY to a key of `equimesh keys create`")
+    return ok("the service accepts the key" if _requires_key(client) else "no key is needed")
 
 
 def round_trip(client: Client) -> Finding:
-    """Whether a running service makes a small mesh, and gives it away."""
+    """Whether a running service solves and returns a small mesh."""
     from equimesh_client.errors import EquimeshClientError, Forbidden, Unauthorized
 
     try:
@@ -101,13 +101,13 @@ def round_trip(client: Client) -> Finding:
         points = len(mesh.points)
         mesh.delete()
     except (Forbidden, Unauthorized) as error:
-        return warning(f"no mesh was requested: {str(error).splitlines()[0]}", "give a key with the scope write")
+        return warning(f"no mesh was requested: {str(error).splitlines()[0]}", "use a key with the scope write")
     except EquimeshClientError as error:
-        return failed(f"no mesh came back: {str(error).splitlines()[0]}", "the log of the service says more")
-    return ok(f"a mesh of {points} points came back, and is deleted again")
+        return failed(f"no mesh came back: {str(error).splitlines()[0]}", "see the log of the service")
+    return ok(f"a mesh of {points} points came back and was deleted")
 
 
-def _asks_for_keys(client: Client) -> bool:
+def _requires_key(client: Client) -> bool:
     import httpx
 
     return httpx.get(f"{client.url}/v1/meshes?limit=1", timeout=TIMEOUT_SECONDS).status_code == 401

@@ -21,59 +21,62 @@ MOUNTS = Path("/proc/self/mountinfo")
 # File systems whose locks and shared memory SQLite in WAL mode cannot rely on.
 NETWORK = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "afs", "ceph", "lustre", "gfs2", "beegfs", "vboxsf"}
 GIB = 1024**3
-LEAST_FREE, FREE = 0.1 * GIB, 1.0 * GIB
+MIN_FREE_BYTES = 0.1 * GIB
+"""With less free storage the check fails."""
+LOW_FREE_BYTES = 1.0 * GIB
+"""With less free storage the check warns."""
 
 
 def folder(settings: Settings) -> Finding:
-    """Whether the data folder can be written to, or made."""
+    """Whether the data folder can be written, or created."""
     from equimesh_service.store.database import sqlite_file
 
     place = settings.data_dir.resolve()
     try:
-        there = _writable(place)
+        there = _try_writing(place)
     except OSError as error:
-        said = f"the data folder {place} cannot be written to: {error.strerror}"
-        return failed(said, "give it to the user of the service, or choose another with EQUIMESH_DATA_DIR")
+        message = f"the data folder {place} cannot be written: {error.strerror}"
+        return failed(message, "let the user of the service write it, or choose another with EQUIMESH_DATA_DIR")
     kind = file_system(there)
     if kind.removeprefix("fuse.").startswith(tuple(NETWORK | {"sshfs", "s3fs", "glusterfs", "rclone"})):
-        said = f"the data folder {place} is on a network file system ({kind})"
+        message = f"the data folder {place} is on a network file system ({kind})"
         if sqlite_file(settings.database) is not None:
-            return failed(said, "SQLite needs a local disk: choose one with EQUIMESH_DATA_DIR, or take PostgreSQL")
-        return ok(f"{said}, which is as good as that is; the database is elsewhere")
-    return ok(f"{place} can be written to ({kind})" if there == place else f"{place} can be made in {there} ({kind})")
+            return failed(message, "SQLite needs a local disk: choose one with EQUIMESH_DATA_DIR, or take PostgreSQL")
+        return ok(f"{message}; the database is elsewhere")
+    return ok(f"{place} can be written ({kind})" if there == place else f"{place} can be created in {there} ({kind})")
 
 
 def disk(settings: Settings) -> Finding:
-    """Whether there is room in the data folder."""
-    there = _existing(settings.data_dir.resolve())
+    """Whether there is free storage for the data folder."""
+    there = _nearest_existing(settings.data_dir.resolve())
     free = shutil.disk_usage(there).free
-    said = f"{free / GIB:.1f} GiB are free in {there}"
-    remedy = "make room, or lower EQUIMESH_RETENTION_DAYS; without it the service answers 507"
-    if free < LEAST_FREE:
-        return failed(said, remedy)
-    return warning(said, remedy) if free < FREE else ok(said)
+    message = f"{free / GIB:.1f} GiB are free in {there}"
+    remedy = "free storage, or lower EQUIMESH_RETENTION_DAYS; a service whose storage is full answers 507"
+    if free < MIN_FREE_BYTES:
+        return failed(message, remedy)
+    return warning(message, remedy) if free < LOW_FREE_BYTES else ok(message)
 
 
 def database(settings: Settings) -> Finding:
-    """Whether the database answers, is sound, and of which revision it is."""
+    """Whether the database answers and is undamaged, and its revision."""
     from equimesh_service.store.database import sqlite_file
     from equimesh_service.store.migration import LATEST, current
 
     file = sqlite_file(settings.database)
     if file is not None and not file.exists():
-        return ok(f"the first start makes {file}")
+        return ok(f"the first start creates {file}")
     kind = "PostgreSQL" if file is None else f"SQLite, {file}"
     revision = current(settings.database)
     if revision is None:
-        return ok(f"{kind}: it answers, and is empty; the first start makes its tables")
+        return ok(f"{kind}: it answers and is empty; the first start creates its tables")
     if revision != LATEST:
-        said = f"{kind}: it is of revision {revision}; the next start brings it up to {LATEST}"
-        return warning(said, "back it up before, see docs/upgrade.md")
+        message = f"{kind}: it has revision {revision}; the next start upgrades it to {LATEST}"
+        return warning(message, "back it up first, see docs/upgrade.md")
     with open_inspection(settings) as inspection:
         fault = inspection.fault()
     if fault is not None:
         return failed(f"{kind}: the database is damaged ({fault})", "restore the last backup, see docs/back-up.md")
-    return ok(f"{kind}: revision {revision}, which is that of this release")
+    return ok(f"{kind}: revision {revision}, the one of this release")
 
 
 def clock(settings: Settings) -> Finding | None:
@@ -82,16 +85,16 @@ def clock(settings: Settings) -> Finding | None:
         return None
     with open_inspection(settings) as inspection:
         ahead = inspection.clock_ahead()
-    said = f"the database is {abs(ahead):.1f} s {'ahead of' if ahead > 0 else 'behind'} the clock of this machine"
+    message = f"the database is {abs(ahead):.1f} s {'ahead of' if ahead > 0 else 'behind'} the clock of this machine"
     if abs(ahead) > settings.lease:
-        return failed(said, "set the clocks (NTP): services on one database must agree to within EQUIMESH_LEASE")
+        return failed(message, "set the clocks (NTP): services on one database must agree to within EQUIMESH_LEASE")
     if abs(ahead) > settings.lease / 4:
-        return warning(said, "set the clocks (NTP), before they differ by EQUIMESH_LEASE")
+        return warning(message, "set the clocks (NTP) before they differ by EQUIMESH_LEASE")
     return ok(f"the clocks agree to {abs(ahead):.1f} s")
 
 
 def files(settings: Settings) -> Finding:
-    """Whether files can be written and read where they are kept."""
+    """Whether the storage of files can be written and read."""
     from equimesh_service.files.address import files_address
     from equimesh_service.files.folder import FolderFiles
 
@@ -99,18 +102,18 @@ def files(settings: Settings) -> Finding:
     kept = address.open()
     if isinstance(kept, FolderFiles):
         try:
-            there = _writable(kept.folder)
+            there = _try_writing(kept.folder)
         except OSError as error:
-            said = f"the folder {kept.folder} cannot be written to: {error.strerror}"
-            return failed(said, "give it to the user of the service, or choose another with EQUIMESH_FILES_URL")
-        return ok(f"{kept.folder}" if there == kept.folder else f"{kept.folder} can be made")
-    with tempfile.TemporaryDirectory() as here:  # what it makes of its own accord is not left in the data folder
+            message = f"the folder {kept.folder} cannot be written: {error.strerror}"
+            return failed(message, "let the user of the service write it, or choose another with EQUIMESH_FILES_URL")
+        return ok(f"{kept.folder}" if there == kept.folder else f"{kept.folder} can be created")
+    with tempfile.TemporaryDirectory() as here:  # so that the check leaves no folder behind
         replace(address, folder=Path(here) / "files").open().prepare(alone=False)
-    return ok("the bucket takes an object, gives it back, and removes it")
+    return ok("an object can be written to the bucket, read and deleted")
 
 
-def stored(settings: Settings) -> Finding | None:
-    """Whether every file that the database names is there; None for a database without tables."""
+def stored_files(settings: Settings) -> Finding | None:
+    """Whether every file that the database names exists; None for a database without tables."""
     from equimesh_service.files.address import files_address
     from equimesh_service.files.folder import FolderFiles
 
@@ -124,13 +127,13 @@ def stored(settings: Settings) -> Finding | None:
     lost = sorted(name for name in named if name not in present)
     damaged = sorted(name for name, size in named.items() if present.get(name, size) != size)
     if lost or damaged:
-        said = f"of {len(named)} files that the database names {len(lost)} are missing and {len(damaged)} are damaged"
-        return failed(f"{said}, first {(lost or damaged)[0]}", "copy them from the last backup, see docs/back-up.md")
-    return ok(f"all {len(named)} files that the database names are there")
+        message = f"of {len(named)} files in the database {len(lost)} are missing and {len(damaged)} are damaged"
+        return failed(f"{message}, first {(lost or damaged)[0]}", "copy them from the last backup, see docs/back-up.md")
+    return ok(f"all {len(named)} files in the database exist")
 
 
 def file_system(path: Path) -> str:
-    """The kind of file system that a path is on; "unknown" where the system does not say."""
+    """The kind of the file system of a path; "unknown" where the system does not report it."""
     try:
         lines = MOUNTS.read_text().splitlines()
     except OSError:
@@ -145,7 +148,7 @@ def file_system(path: Path) -> str:
 
 
 def has_tables(settings: Settings) -> bool:
-    """Whether the database is there, with the tables of this release."""
+    """Whether the database exists, with the tables of this release."""
     from equimesh_service.store.database import sqlite_file
     from equimesh_service.store.migration import LATEST, current
 
@@ -155,7 +158,7 @@ def has_tables(settings: Settings) -> bool:
 
 @contextmanager
 def open_inspection(settings: Settings) -> Iterator[InspectionStore]:
-    """The database, to be looked at."""
+    """The database, open for reading."""
     from equimesh_service.store.database import Database
     from equimesh_service.store.inspection import InspectionStore
 
@@ -166,15 +169,15 @@ def open_inspection(settings: Settings) -> Iterator[InspectionStore]:
         database.close()
 
 
-def _existing(path: Path) -> Path:
-    """The path, or the nearest folder above it that is there."""
+def _nearest_existing(path: Path) -> Path:
+    """The path, or the nearest folder above it that exists."""
     while not path.exists():
         path = path.parent
     return path
 
 
-def _writable(path: Path) -> Path:
-    """Where a file was written for a moment: the path, or the nearest folder above it. Raises OSError."""
-    there = _existing(path)
+def _try_writing(path: Path) -> Path:
+    """The folder in which a temporary file was written: the path, or the nearest above it. Raises OSError."""
+    there = _nearest_existing(path)
     tempfile.TemporaryFile(dir=there).close()
     return there

@@ -1,4 +1,4 @@
-"""`equimesh bench`: what a mesh costs on this machine."""
+"""`equimesh bench`: the cost of a mesh on this machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from equimesh_cli.exits import Exit, NotInstalled, Refused
+from equimesh_cli.compiling import load_solver
+from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# Read by the linear algebra when it is loaded: CPU time is counted on one thread.
-THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 EXAMPLES = """\
 examples:
   equimesh bench --quick            a minute
@@ -34,7 +33,7 @@ goals are for an otherwise idle machine; needs the solver: pip install 'equimesh
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """Points a side of what is measured; ``huge`` none to leave it out."""
+    """Points a side of the measured meshes; without ``huge`` that part is left out."""
 
     large: int = 1025
     small: tuple[int, ...] = (33, 65)
@@ -64,7 +63,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Measure, print every row as it is known."""
+    """Measure, and print every row as soon as it is known."""
     if options.json is not None and not options.json.parent.is_dir():
         raise Refused(f"{options.json.parent}: there is no such folder")
     sizes = replace(
@@ -72,27 +71,21 @@ def run(options: argparse.Namespace) -> int:
         huge=HUGE if options.large else None,
         peers=() if not options.peers else QUICK_PEERS if options.quick else PEERS,
     )
-    found = report(sizes)
+    numbers = report(sizes)
     if options.json is not None:
-        options.json.write_text(json.dumps(found, indent=2) + "\n")
+        options.json.write_text(json.dumps(numbers, indent=2) + "\n")
         print(f"wrote {options.json}")
     return Exit.DONE
 
 
 def report(sizes: Sizes) -> dict[str, Any]:
     """Print the tables, and return them as plain data."""
-    for name in THREAD_COUNTS:
-        os.environ.setdefault(name, "1")
-    try:
-        import scipy  # noqa: F401  # what the extra brings
-
-        from equimesh_cli.benchmark import newton, peers, rows
-    except ImportError as error:
-        raise NotInstalled("solver", error) from error
+    load_solver()
+    from equimesh_cli.benchmark import newton, peers, rows
 
     print(f"{os.cpu_count()} cores; CPU time on one thread, medians of {rows.RUNS} runs\n", flush=True)
     measured: list[Row] = []
-    for line in rows.lines(_kept(_rows(sizes), measured)):
+    for line in rows.lines(_collect(_rows(sizes), measured)):
         print(line, flush=True)
     if not newton.has_pardiso():
         print(f"\n{newton.PARDISO}: not installed (pip install pypardiso)")
@@ -100,7 +93,7 @@ def report(sizes: Sizes) -> dict[str, Any]:
     for n in sizes.peers:
         absent = [name for name in ("mmgpy", "gmsh") if not peers.is_installed(name)]
         print(f"\nabout {n} x {n} vertices" + (f"; not installed: {', '.join(absent)}" if absent else ""), flush=True)
-        for line in peers.lines(_kept(peers.compare(n), meshes)):
+        for line in peers.lines(_collect(peers.compare(n), meshes)):
             print(line, flush=True)
     return {
         "cores": os.cpu_count(),
@@ -129,8 +122,8 @@ def _rows(sizes: Sizes) -> Iterator[Row]:
     yield from newton.compare(sizes.newton)
 
 
-def _kept(found: Iterable[T], kept: list[T]) -> Iterator[T]:
-    """What is found, as it comes, and all of it in a list."""
-    for one in found:
-        kept.append(one)
-        yield one
+def _collect(items: Iterable[T], into: list[T]) -> Iterator[T]:
+    """The items one by one, each also appended to a list."""
+    for item in items:
+        into.append(item)
+        yield item

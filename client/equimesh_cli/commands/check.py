@@ -1,4 +1,4 @@
-"""`equimesh check`: what is wrong with an expression."""
+"""`equimesh check`: the faults of an expression."""
 
 import argparse
 import importlib.util
@@ -41,17 +41,17 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check here or at a service, and say what was found."""
+    """Check in this process or at a service, and print the report."""
     local = options.url is None and importlib.util.find_spec("scipy") is not None
-    found = _here(options) if local else _there(options)
+    report = _check_here(options) if local else _check_at_service(options)
     print("ok")
     for name in ("names", "u", "gradient", "constant"):
-        if name in found:
-            print(f"  {name}: {_words(found[name])}")
+        if name in report:
+            print(f"  {name}: {_words(report[name])}")
     return Exit.DONE
 
 
-def _here(options: argparse.Namespace) -> dict[str, Any]:
+def _check_here(options: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from equimesh_cli.options.problem import build_expression
@@ -68,7 +68,7 @@ def _here(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _there(options: argparse.Namespace) -> dict[str, Any]:
+def _check_at_service(options: argparse.Namespace) -> dict[str, Any]:
     from equimesh_client import Client
 
     with Client(options.url or DEFAULT_URL, key=options.key, retries=2) as client:

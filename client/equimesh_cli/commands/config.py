@@ -1,4 +1,4 @@
-"""`equimesh config`: the settings in force, and where each comes from."""
+"""`equimesh config`: the settings of a service, and the source of each."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ needs the service: pip install 'equimesh[service]'
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shown:
-    """A setting as it may be shown. ``source`` is "default", "environment" or "option"."""
+class SettingRow:
+    """A setting without its secrets. ``source`` is "default", "environment" or "option"."""
 
     name: str
     variable: str
@@ -60,13 +60,13 @@ def add_parser(commands: Any, *, full: bool) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print all settings; complain of variables that are none."""
+    """Print all settings, and a message for each unknown variable."""
     try:
         from equimesh_service.settings import describe_unknown, find_unknown
     except ImportError as error:
         raise NotInstalled("service", error) from error
-    options_given = explicit_settings(options)
-    rows = shown(merged_settings(options_given), options_given)
+    explicit = explicit_settings(options)
+    rows = list_settings(merged_settings(explicit), explicit)
     foreign = find_unknown(os.environ)
     if options.json:
         print(json.dumps({"settings": [asdict(row) for row in rows], "unknown": foreign}, indent=2))
@@ -80,8 +80,8 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def shown(settings: Settings, options: dict[str, str]) -> list[Shown]:
-    """All settings, in their order, without their secrets; ``options`` are those that were given as such."""
+def list_settings(settings: Settings, options: dict[str, str]) -> list[SettingRow]:
+    """All settings in their order, without secrets; ``options`` are those that were given as options."""
     from equimesh_service.settings import variable
 
     environment = {name.upper() for name in os.environ}
@@ -89,27 +89,27 @@ def shown(settings: Settings, options: dict[str, str]) -> list[Shown]:
     for name in type(settings).model_fields:
         value, hidden = _without_secret(name, getattr(settings, name))
         source = "option" if name in options else "environment" if variable(name) in environment else "default"
-        rows.append(Shown(name=name, variable=variable(name), value=value, source=source, hidden=hidden))
+        rows.append(SettingRow(name=name, variable=variable(name), value=value, source=source, hidden=hidden))
     return rows
 
 
 def _without_secret(name: str, value: Any) -> tuple[str | int | float | bool, bool]:
-    """A value as it may be shown, and whether something of it is hidden."""
+    """A value without its secrets, and whether something is hidden."""
     from pydantic import SecretStr
 
     if isinstance(value, SecretStr):
         secret = value.get_secret_value()
-        told = _database(secret) if name == "database_url" else HIDDEN if secret else ""
-        return told, told != secret
+        shown = _database(secret) if name == "database_url" else HIDDEN if secret else ""
+        return shown, shown != secret
     if isinstance(value, bool | int | float):
         return value, False
     text = str(value)
-    told = _address(text) if "://" in text else text
-    return told, told != text
+    shown = _address(text) if "://" in text else text
+    return shown, shown != text
 
 
 def _database(url: str) -> str:
-    """The address of a database without its password, wherever that stands."""
+    """The address of a database without its password, which may be in two places."""
     from sqlalchemy.engine import make_url
     from sqlalchemy.exc import ArgumentError
 
@@ -125,7 +125,7 @@ def _database(url: str) -> str:
 
 
 def _address(url: str) -> str:
-    """An address without what may be secret in it: what stands before an @, and the values of a query."""
+    """An address without its possible secrets: the text before an @, and the values of a query."""
     before, mark, query = re.sub(r"//[^/?#]*@", f"//{HIDDEN}@", url).partition("?")
     return before + mark + re.sub(r"=[^&#]*", f"={HIDDEN}", query)
 
@@ -136,15 +136,15 @@ def _words(value: str | int | float | bool) -> str:
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
-def _line(row: Shown) -> str:
-    """A line for an env file, as compose, systemd and shells read it; what has a secret is for its owner to fill in."""
-    line = f"{row.variable}={_quoted(_words(row.value))}"
+def _line(row: SettingRow) -> str:
+    """A line for an env file of compose, systemd and shells; values with secrets are commented out."""
+    line = f"{row.variable}={_quote(_words(row.value))}"
     if row.hidden:
         return f"# {line}  has a secret, which is not shown"
     return f"# {line}" if row.source == "default" else line
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     if re.fullmatch(r"[\w./:,@%+=-]*", text, re.ASCII):
         return text
     if "'" not in text:

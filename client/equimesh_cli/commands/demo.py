@@ -1,4 +1,4 @@
-"""`equimesh demo`: the whole way, from a service that is started for it to mesh files."""
+"""`equimesh demo`: starts a service, requests meshes and writes their files."""
 
 from __future__ import annotations
 
@@ -39,11 +39,7 @@ def add_parser(commands: Any) -> None:
         examples=EXAMPLES,
     )
     parser.add_argument(
-        "--output",
-        metavar="DIR",
-        type=Path,
-        default=Path("demo-output"),
-        help="folder for files (demo-output)",
+        "--output", metavar="DIR", type=Path, default=Path("demo-output"), help="folder for files (demo-output)"
     )
     parser.add_argument("--port", type=int, default=0, help="port of the service (a free one)")
     parser.set_defaults(run=run)
@@ -108,8 +104,8 @@ def paper(client: Client, output: Path) -> list[Path]:
 
 
 def ring(client: Client, output: Path) -> list[Path]:
-    """A mesh from samples: nothing but numbers on a grid is sent."""
-    heading("2. A mesh from samples: a ring, known at 65 x 65 points")
+    """A mesh from samples: only numbers on a grid are sent."""
+    heading("2. A mesh from samples: a ring, sampled at 65 x 65 points")
     axis = np.linspace(0.0, 1.0, 65)
     x, y = np.meshgrid(axis, axis, indexing="ij")
     values = np.tanh(20.0 * ((x - 0.5) ** 2 + (y - 0.5) ** 2 - 0.09))

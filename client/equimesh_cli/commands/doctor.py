@@ -6,7 +6,6 @@ import argparse
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.checks import installation, machine, reach, storage
@@ -50,7 +49,7 @@ HERE: dict[str, Callable[[Settings], Finding | None]] = {
     "port": reach.port,
     "exposure": reach.exposure,
 }
-# Of a service that runs.
+# For a running service.
 THERE: dict[str, Callable[[Client], Finding]] = {
     "ready": reach.readiness,
     "version": reach.version,
@@ -77,15 +76,15 @@ def add_parser(commands: Any, *, full: bool) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check, and say what was found, a line at a time."""
+    """Run the checks, and print a line for each as soon as it is done."""
     found: list[tuple[str, Finding]] = []
     for name, finding in _there(options) if options.url else _here(options):
         found.append((name, finding))
         if not options.json:
-            print(_shown(name, finding), flush=True)
+            print(_text(name, finding), flush=True)
     levels = Counter(finding.level for _, finding in found)
     if options.json:
-        checks = [{"check": name, **asdict(finding)} for name, finding in found]
+        checks = [{"check": name, "level": f.level, "said": f.message, "remedy": f.remedy} for name, f in found]
         print(json.dumps({"status": max(levels, key=list(Level).index), "checks": checks}, indent=2))
     else:
         print(f"\n{len(found)} checks: {levels[Level.FAILED]} failed, {levels[Level.WARNING]} with a warning")
@@ -93,32 +92,32 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _here(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
-    """What each check of this machine finds, by its name; a check that does not apply is left out."""
+    """The findings of this machine with the names of their checks; without checks that do not apply."""
     try:
         import equimesh_service.settings  # noqa: F401
     except ImportError as error:
         raise NotInstalled("service", error) from error
     settings = merged_settings(explicit_settings(options))
-    checks = {**HERE, **({"stored": storage.stored} if options.stored else {})}
+    checks = {**HERE, **({"stored": storage.stored_files} if options.stored else {})}
     for name, check in checks.items():
-        finding = _tried(check, settings)
+        finding = _try_check(check, settings)
         if finding is not None:
             yield name, finding
 
 
 def _there(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
-    """What each check of a running service finds; the others need the first."""
+    """The findings of a running service; without an answer to the first check there are no others."""
     from equimesh_client import Client, EquimeshClientError
 
     if options.stored or explicit_settings(options):
         raise Refused(
-            "--stored and the options of `equimesh serve` are about this machine, and --url (or EQUIMESH_URL) about "
-            "another: leave out one of them; --url '' is none"
+            "--stored and the options of `equimesh serve` concern this machine; --url (or EQUIMESH_URL) names "
+            "another service: leave out one of them; --url '' is none"
         )
     with Client(options.url, key=options.key, retries=1, timeout=reach.TIMEOUT_SECONDS) as client:
-        for name, ask in THERE.items():
+        for name, check in THERE.items():
             try:
-                finding = ask(client)
+                finding = check(client)
             except EquimeshClientError as error:
                 finding = failed(str(error).splitlines()[0])
             yield name, finding
@@ -126,8 +125,8 @@ def _there(options: argparse.Namespace) -> Iterator[tuple[str, Finding]]:
                 return
 
 
-def _tried(check: Callable[[Settings], Finding | None], settings: Settings) -> Finding | None:
-    """What a check finds; an error of what it looks at is a finding, too."""
+def _try_check(check: Callable[[Settings], Finding | None], settings: Settings) -> Finding | None:
+    """The finding of a check. An error of the part that it examines is a finding, too."""
     from sqlalchemy.exc import SQLAlchemyError
 
     from equimesh_service.errors import CannotServeError
@@ -139,13 +138,12 @@ def _tried(check: Callable[[Settings], Finding | None], settings: Settings) -> F
     except ImportError as error:
         return failed(f"{error.name} is not installed", "see the check of the packages")
     except SQLAlchemyError as error:
-        return failed(
-            f"the database does not answer ({cause(error)})", "see that EQUIMESH_DATABASE_URL is right and it runs"
-        )
+        remedy = "check EQUIMESH_DATABASE_URL, and that the database runs"
+        return failed(f"the database does not answer ({cause(error)})", remedy)
     except OSError as error:
-        return failed(f"{error.filename or ''} {error.strerror or error}".strip(), "see that it can be reached")
+        return failed(f"{error.filename or ''} {error.strerror or error}".strip(), "check that it can be reached")
 
 
-def _shown(name: str, finding: Finding) -> str:
+def _text(name: str, finding: Finding) -> str:
     remedy = f"\n{'':<22}-> {finding.remedy}" if finding.remedy else ""
-    return f"{finding.level:<9}{name:<13}{finding.said}{remedy}"
+    return f"{finding.level:<9}{name:<13}{finding.message}{remedy}"

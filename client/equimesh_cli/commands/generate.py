@@ -15,7 +15,6 @@ from equimesh_cli.parser import add_command
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
 
-SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
 EXAMPLES = """\
 examples:
   equimesh generate '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
@@ -49,15 +48,15 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Request a mesh, wait, download, report."""
-    check_options(options, SUFFIXES)
+    check_options(options)
     from equimesh_client import Client, DeadlineExceeded, MeshFailed
 
     quiet = options.quiet or None
     with Client(options.url, key=options.key) as client:
         try:
-            mesh = _generated(client, options, progress=False if quiet else None)
+            mesh = _request_mesh(client, options, progress=False if quiet else None)
         except MeshFailed as error:
-            _failed(client, options, error.mesh.record)
+            _report_failure(client, options, error.mesh.record)
             raise
         except DeadlineExceeded as error:
             advice = "The mesh was canceled; give it more time with --deadline, or request fewer points."
@@ -69,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         elif not options.quiet:
             print(f"mesh {mesh.id} of {client.url}")
             if mesh.reused_from is not None:
-                print(f"made before, as mesh {mesh.reused_from}; --no-reuse computes it anew")
+                print(f"computed earlier, as mesh {mesh.reused_from}; --no-reuse computes it again")
             n_xi, n_eta = points_of(options)
             print(f"{n_xi} x {n_eta} points: {mesh.record['convergence']['message']}")
             if mesh.certificate is not None:
@@ -82,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _failed(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
+def _report_failure(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
     """Write and report the partial mesh of a failed solve."""
     files = []
     if options.partial and record.get("partial"):
@@ -105,7 +104,7 @@ def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) ->
     return files
 
 
-def _generated(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
+def _request_mesh(client: Client, options: argparse.Namespace, *, progress: bool | None) -> Mesh:
     return client.generate(
         options.u if options.samples is None else options.samples,
         points_of(options),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.exits import Exit, NotInstalled, Refused
+from equimesh_cli.compiling import announce_compiling, load_solver
+from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of
 from equimesh_cli.parser import add_command
 
@@ -16,11 +16,8 @@ if TYPE_CHECKING:
     import equimesh
     from equimesh import Event, Solution
 
-SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
-# Read by the linear algebra when it is loaded. Its systems here are many and small: more threads make it slower.
-THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-# What a solve and its quality measures take; measured at 1025 x 1025 points.
 BYTES_PER_POINT = 600
+"""Memory of a solve and its quality measures, measured at 1025 x 1025 points."""
 EXAMPLES = """\
 examples:
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
@@ -54,16 +51,9 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Solve, write, report."""
-    check_options(options, SUFFIXES)
-    for name in THREAD_COUNTS:
-        os.environ.setdefault(name, "1")
-    try:
-        import scipy  # noqa: F401  # what the extra brings
-
-        import equimesh as em
-    except ImportError as error:
-        raise NotInstalled("solver", error) from error
-    from equimesh_cli.compiling import announce_compiling
+    check_options(options)
+    load_solver()
+    import equimesh as em
     from equimesh_cli.options.problem import build
     from equimesh_client import Certificate, Convergence, Quality
 
@@ -84,13 +74,12 @@ def run(options: argparse.Namespace) -> int:
             )
             quality = solution.quality.summary()
     except em.SolveError as error:
-        _failed(options, error.solution)
+        _report_failure(options, error.solution)
         raise
     files = _write(options, solution)
     certificate, convergence = solution.certificate.summary(), solution.convergence()
     if options.json:
-        parts = {"certificate": certificate, "quality": quality, "convergence": convergence}
-        print(json.dumps({**_said(solution), **parts, "files": files}, indent=2))
+        _print_json(solution, files, certificate=certificate, quality=quality, convergence=convergence)
     elif not options.quiet:
         print(f"{grid} points: {solution.message}")
         print(Certificate.from_json(certificate))
@@ -102,12 +91,12 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _failed(options: argparse.Namespace, solution: Solution) -> None:
+def _report_failure(options: argparse.Namespace, solution: Solution) -> None:
     """Write and report the partial mesh of a failed solve."""
     files = _write(options, solution) if options.partial and not solution.mesh.is_folded else []
     if options.json:
-        parts = {"certificate": solution.certificate.summary(), "convergence": solution.convergence()}
-        print(json.dumps({**_said(solution), **parts, "files": files}, indent=2))
+        certificate, convergence = solution.certificate.summary(), solution.convergence()
+        _print_json(solution, files, certificate=certificate, convergence=convergence)
     elif not options.quiet:
         if options.subdomains is not None:
             from equimesh_client import Convergence
@@ -117,12 +106,13 @@ def _failed(options: argparse.Namespace, solution: Solution) -> None:
             print(f"wrote {file}, a partial mesh")
 
 
-def _said(solution: Solution) -> dict[str, str]:
-    return {"status": solution.status.value, "message": solution.message}
+def _print_json(solution: Solution, files: list[str], **parts: Any) -> None:
+    report = {"status": solution.status.value, "message": solution.message, **parts, "files": files}
+    print(json.dumps(report, indent=2))
 
 
 def _check_memory(grid: equimesh.Grid) -> None:
-    """Refuse a mesh that this machine cannot hold, before an hour of work comes to that."""
+    """Raise :class:`Refused` for a mesh that needs more memory than this machine has."""
     needed, present = BYTES_PER_POINT * grid.points, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > present:
         raise Refused(
@@ -166,15 +156,13 @@ class Observer:
     def __call__(self, event: Event) -> None:
         step = getattr(event, "step", None)
         if step is None:
-            said = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"  # type: ignore[union-attr]
+            text = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"  # type: ignore[union-attr]
         else:
-            said = f"step {step} on {event.grid}, residual {event.residual:.1e}"  # type: ignore[union-attr]
-        self._line.set_description_str(said)
+            text = f"step {step} on {event.grid}, residual {event.residual:.1e}"  # type: ignore[union-attr]
+        self._line.set_description_str(text)
 
     def __enter__(self) -> Observer:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._line.close()

@@ -1,4 +1,4 @@
-"""The database of a service, as options, and its errors as messages."""
+"""Options for the database of a service, and messages for its errors."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def refusing_database_errors() -> Iterator[None]:
         yield
     except (SQLAlchemyError, sqlite3.Error) as error:
         raise Refused(
-            f"the database does not answer ({cause(error)}): see that its address is right, and that it can be reached",
+            f"the database does not answer ({cause(error)}): check its address, and that it can be reached",
             Exit.UNREACHABLE,
         ) from None
 
 
 def cause(error: Exception) -> str:
-    """The kind of a database error. Its text is never shown, since it may hold the address with its password."""
+    """The kind of a database error. Its text is never shown: it may hold the address with the password."""
     return type(getattr(error, "orig", None) or error).__name__

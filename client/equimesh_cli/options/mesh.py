@@ -1,11 +1,11 @@
-"""Options that describe a mesh: the same for `generate` and `solve`."""
+"""Options for a mesh, which `generate` and `solve` share."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from equimesh_cli.exits import Refused
 from equimesh_cli.options.monitors import add_monitor_options, check_monitor, domain
@@ -27,6 +27,7 @@ SCHWARZ = (
     "max_iterations",
     "compare",
 )
+MESH_SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence")
 
@@ -37,10 +38,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "u", metavar="U", nargs="?", help="u(x, y), e.g. 'tanh(20*(x-y))'; after -- if it begins with -"
     )
     parser.add_argument(
-        "--samples",
-        metavar="FILE",
-        type=Path,
-        help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf",
+        "--samples", metavar="FILE", type=Path, help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf"
     )
     parser.add_argument(
         "--parameter",
@@ -140,14 +138,14 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_options(options: argparse.Namespace, suffixes: tuple[str, ...]) -> None:
-    """Raises :class:`Refused` for options that do not go together, before any work is done."""
+def check_options(options: argparse.Namespace) -> None:
+    """Raises :class:`Refused` for options that contradict each other, before any work is done."""
     check_monitor(options)
     given = [name for name in SCHWARZ if getattr(options, name) is not None]
     if given and options.subdomains is None:
         flags = ", ".join("--" + name.replace("_", "-") for name in given)
         raise Refused(f"{flags} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
-    for path, allowed in ((options.output, suffixes), (options.plot, PLOT_SUFFIXES)):
+    for path, allowed in ((options.output, MESH_SUFFIXES), (options.plot, PLOT_SUFFIXES)):
         if path is None:
             continue
         if not str(path).lower().endswith(allowed):
@@ -162,30 +160,22 @@ def points_of(options: argparse.Namespace) -> tuple[int, int]:
 
 
 def schwarz_of(options: argparse.Namespace) -> Schwarz | None:
-    """The Schwarz settings of the client, None for a single domain."""
+    """The Schwarz settings of the client; None for a single domain."""
     from equimesh_client.spec.schwarz import Schwarz, transmission
 
     if options.subdomains is None:
         return None
-    defaults = Schwarz()
-    tolerance = defaults.tolerance if options.tolerance is None else options.tolerance
+    names = ("overlap", "ordering", "line_correction", "acceleration", "local_solver", "tolerance", "max_iterations")
+    settings: dict[str, Any] = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    if options.tolerance == "none":
+        settings["tolerance"] = None
     return Schwarz(
         subdomains=options.subdomains,
-        overlap=_given(options.overlap, defaults.overlap),
         transmission=transmission(options.transmission or "optimized", options.p, options.interface_data),
-        ordering=options.ordering or defaults.ordering,
-        line_correction=defaults.line_correction if options.line_correction is None else options.line_correction,
-        acceleration=options.acceleration or defaults.acceleration,
-        local_solver=options.local_solver or defaults.local_solver,
         fallback=not options.no_fallback,
-        tolerance=None if tolerance == "none" else tolerance,
-        max_iterations=_given(options.max_iterations, defaults.max_iterations),
         compare_single_domain=bool(options.compare),
+        **settings,
     )
-
-
-def _given(value: int | None, default: int) -> int:
-    return default if value is None else value
 
 
 def _subdomains(text: str) -> tuple[int, int]:
@@ -197,7 +187,7 @@ def _subdomains(text: str) -> tuple[int, int]:
 
 
 def parameter(text: str) -> tuple[str, float]:
-    """A pair of name and value, of ``c=2.5``."""
+    """The name and the value of ``c=2.5``."""
     name, equals, value = text.partition("=")
     try:
         if name and equals:

@@ -1,11 +1,11 @@
-"""Options that say what a mesh adapts to and where: monitors and domains."""
+"""Options for the monitor and the domain of a mesh."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Refused
 
@@ -47,7 +47,7 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
 
 
 def check_monitor(options: argparse.Namespace) -> None:
-    """Raises :class:`Refused` for options that do not go together."""
+    """Raises :class:`Refused` for options that contradict each other."""
     kind, needed = options.monitor, NEEDED.get(options.monitor, ())
     if options.u is not None and options.samples is not None:
         raise Refused("give either an expression U or --samples FILE")
@@ -73,22 +73,16 @@ def function(text: str) -> str | Path:
 
 
 def monitor_of(options: argparse.Namespace) -> Monitor:
-    """The monitor as the client has it; without its u."""
+    """The monitor of the client, without its u."""
     from equimesh_client import ArcLength, Curvature, Tensor, Weight
 
-    smoothing = options.smoothing or 0.0
-    match options.monitor:
-        case "curvature":
-            return Curvature(norm=options.norm or "l2", isotropic=bool(options.isotropic), smoothing=smoothing)
-        case "weight":
-            return Weight(function(options.rho), smoothing=smoothing)
-        case "tensor":
-            m11, m12, m22 = (function(getattr(options, name)) for name in NEEDED["tensor"])
-            return Tensor(m11, m12, m22, smoothing=smoothing)
-        case _:
-            plain = ArcLength()
-            a, b = (plain.a if options.a is None else options.a), (plain.b if options.b is None else options.b)
-            return ArcLength(a=a, b=b, smoothing=smoothing)
+    values = {name: getattr(options, name) for name in ALLOWED[options.monitor]}
+    settings: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    for name in NEEDED.get(options.monitor, ()):
+        settings[name] = function(settings[name])
+    kinds = {"arc-length": ArcLength, "curvature": Curvature, "weight": Weight, "tensor": Tensor}
+    monitor: Monitor = kinds[options.monitor](**settings)
+    return monitor
 
 
 def domain(text: str) -> Domain:

@@ -1,4 +1,4 @@
-"""The document that options describe: what the client would send to a service, built by the solver in this process."""
+"""The document of a mesh from options, as the client sends it, and the problem that the solver builds from it."""
 
 import argparse
 from collections.abc import Iterator, Mapping
@@ -19,11 +19,11 @@ from equimesh_client.spec.monitors import monitor_json
 def document_of(options: argparse.Namespace) -> dict[str, Any]:
     """The JSON of the mesh; samples are named by their files."""
 
-    def read(given: object) -> dict[str, Any]:
-        return {"samples": str(given)} if isinstance(given, Path) else _expression(str(given), options)
+    def read(source: object) -> dict[str, Any]:
+        return {"samples": str(source)} if isinstance(source, Path) else _expression(str(source), options)
 
     u = options.u if options.samples is None else options.samples
-    given: MeshOptions = {
+    mesh_options: MeshOptions = {
         "domain": options.domain,
         "schwarz": schwarz_of(options),
         "boundary": options.boundary,
@@ -31,20 +31,18 @@ def document_of(options: argparse.Namespace) -> dict[str, Any]:
         "allow_relaxed": not options.no_relax,
     }
     monitor = monitor_json(monitor_of(options), read, u)
-    return mesh_spec(monitor, points_of(options), given, initial=options.initial, cells=options.cells)
+    return mesh_spec(monitor, points_of(options), mesh_options, initial=options.initial, cells=options.cells)
 
 
 def build(options: argparse.Namespace) -> specs.BuiltSpec:
-    """The problem; raises :class:`Refused` for an expression, with a caret under the fault, and what the solver
-    raises.
-    """
+    """The problem. A faulty expression raises :class:`Refused`, with a caret under the fault."""
     document = document_of(options)
     with _carets(document):
         return specs.build(document, specs.samples_in(Path()))
 
 
 def build_expression(options: argparse.Namespace) -> tuple[Expression, Domain]:
-    """The expression U, finite on the domain, and the domain; raises as :func:`build`."""
+    """The expression U, checked on the domain, and the domain; raises as :func:`build`."""
     source, domain = _expression(options.u, options), domain_json(options.domain or Rectangle())
     with _carets({**source, "domain": domain}):
         where = specs.build_domain(domain)
@@ -65,6 +63,6 @@ def _carets(document: Mapping[str, Any]) -> Iterator[None]:
         for part in error.field.split("."):
             text = text.get(part) if isinstance(text, Mapping) else None
         place = error.position
-        shown = "" if place is None else caret(text, line=place.line, column=place.column)
+        marked = "" if place is None else caret(text, line=place.line, column=place.column)
         which = f"{error.field}: " if error.field.startswith("domain.") else ""
-        raise Refused(f"{which}{error}\n{shown}".rstrip("\n")) from error
+        raise Refused(f"{which}{error}\n{marked}".rstrip("\n")) from error

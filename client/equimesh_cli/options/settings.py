@@ -1,4 +1,4 @@
-"""The settings of a service, as options."""
+"""Options for the settings of a service."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def add_settings(parser: Parser) -> None:
-    """Add an option for every setting that the service declares."""
+    """Add an option for every setting of the service."""
     try:
         from equimesh_service.settings import Settings
     except ImportError as error:
@@ -31,7 +31,7 @@ def add_settings(parser: Parser) -> None:
 
 
 def explicit_settings(options: argparse.Namespace) -> dict[str, str]:
-    """The settings that options give, by name."""
+    """The settings that were given as options, by name."""
     return {
         name.removeprefix("setting_"): value
         for name, value in vars(options).items()
@@ -40,7 +40,7 @@ def explicit_settings(options: argparse.Namespace) -> dict[str, str]:
 
 
 def merged_settings(explicit: dict[str, str]) -> Settings:
-    """The ``explicit`` settings, and for the others the environment; raises :class:`Refused` for bad values."""
+    """The ``explicit`` settings, the others from the environment; raises :class:`Refused` for invalid values."""
     from pydantic import ValidationError
 
     from equimesh_service.settings import Settings
@@ -52,13 +52,13 @@ def merged_settings(explicit: dict[str, str]) -> Settings:
 
 
 def start_error(settings: Settings, error: OSError) -> str:
-    """The message for an error of the system at the start of a service: of its folder or its address."""
-    said = error.strerror or str(error)
+    """The message for an error of the system when a service starts: its folder or its address cannot be used."""
+    cause = error.strerror or str(error)
     if error.filename is not None:
-        return f"cannot use the data folder {settings.data_dir} ({error.filename}: {said}); choose one with --data-dir"
+        return f"cannot use the data folder {settings.data_dir} ({error.filename}: {cause}); choose one with --data-dir"
     if error.errno == errno.EADDRINUSE:
         return f"port {settings.port} of {settings.host} is in use: choose another with --port, 0 takes a free one"
-    return f"cannot serve on {settings.host} port {settings.port}: {said}"
+    return f"cannot serve on {settings.host} port {settings.port}: {cause}"
 
 
 def _complaint(entry: Any) -> str:

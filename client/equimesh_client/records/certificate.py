@@ -19,8 +19,9 @@ UNKNOWN = "not known"
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxed:
-    """One thing that was requested and not reached: ``what`` it is, ``"a"``, ``"strength"``, ``"cross_line"`` or
-    ``"points"``, the value ``asked`` for and the value ``reached``.
+    """One relaxed requirement: ``what`` is ``"a"``, ``"strength"``, ``"cross_line"`` or ``"points"``.
+
+    ``asked`` is the requested value, ``reached`` the value that the mesh has.
     """
 
     what: str

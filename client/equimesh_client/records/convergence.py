@@ -19,8 +19,10 @@ REMARKS = {"accelerated": "accelerated", "global_step": "global step"}
 
 @dataclass(frozen=True, kw_only=True)
 class Convergence:
-    """The Schwarz iteration: one entry of ``iterations`` for each, the initial mesh first (empty on a single
-    domain), the observed ``rate`` of decrease per iteration and the ``predicted_rate``, None where unknown.
+    """The history of the Schwarz iteration.
+
+    ``iterations`` starts with the initial mesh and is empty on a single domain. ``rate`` is the observed decrease per
+    iteration, ``predicted_rate`` the theoretical one; None where unknown.
     """
 
     iterations: tuple[Mapping[str, Any], ...]
@@ -39,13 +41,15 @@ class Convergence:
         )
 
     def column(self, name: str) -> Array:
-        """One figure of every iteration: ``max_q_eq``, ``change``, ``estimate``, ``deviation``, ``mismatch``,
-        ``error``, ``min_jacobian``, ``work``, ``traffic``; nan where absent.
+        """One figure of every iteration, nan where absent.
+
+        ``name`` is ``max_q_eq``, ``change``, ``estimate``, ``deviation``, ``mismatch``, ``error``, ``min_jacobian``,
+        ``work`` or ``traffic``.
         """
         return np.array([real_or_nan(row.get(name)) for row in self.iterations])
 
     def table(self) -> str:
-        """The iterations as an align text table."""
+        """The iterations as an aligned text table."""
         if not self.iterations:
             return "one domain: no Schwarz iteration"
         known = ("max_q_eq", "change", "estimate", "error", "min_jacobian")

@@ -62,7 +62,7 @@ class Quality:
         raise AttributeError(f"no measure {name!r}; there are {', '.join(measures)}")
 
     def table(self) -> str:
-        """The measures as an align text table."""
+        """The measures as an aligned text table."""
         rows = [[n, number(m.min), number(m.mean), number(m.rms), number(m.max)] for n, m in self.measures.items()]
         text = [align(["measure", "min", "mean", "rms", "max"], rows)] if rows else []
         text.append(f"smallest corner Jacobian  {number(self.min_jacobian)}  (1 for the uniform mesh)")

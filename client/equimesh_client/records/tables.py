@@ -1,4 +1,4 @@
-"""Numbers as align text."""
+"""Numbers as aligned text."""
 
 import math
 from collections.abc import Sequence
@@ -16,10 +16,7 @@ def align(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(line[n]) for line in (header, *rows)) for n in range(len(header))]
     lines = [
         "  ".join(
-            [
-                line[0].ljust(widths[0]),
-                *(cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)),
-            ]
+            [line[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True))]
         ).rstrip()
         for line in (header, *rows)
     ]

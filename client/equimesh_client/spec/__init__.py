@@ -1,1 +1,1 @@
-"""What is requested of the service, as values."""
+"""The parts of a request, as values."""

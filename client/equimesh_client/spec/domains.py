@@ -1,4 +1,4 @@
-"""Physical domains, as dataclasses that the HTTP interface takes as JSON."""
+"""Physical domains, as dataclasses and as the JSON of the HTTP interface."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,12 +23,12 @@ class Rectangle:
     y: Pair = (0.0, 1.0)
 
     def json(self) -> Json:
-        """The domain as the HTTP interface writes it."""
+        """The JSON of the domain."""
         return {"kind": "rectangle", "x": _pair("x", self.x), "y": _pair("y", self.y)}
 
     @property
     def box(self) -> Box | None:
-        """The smallest box around the domain: itself."""
+        """The smallest box around the domain, which is the domain itself."""
         (x0, x1), (y0, y1) = _pair("x", self.x), _pair("y", self.y)
         return (x0, x1), (y0, y1)
 
@@ -45,9 +45,9 @@ class AnnulusSector:
     angles: Pair = (0.0, 90.0)
 
     def json(self) -> Json:
-        """The domain as the HTTP interface writes it."""
-        given = {name: _pair(name, getattr(self, name)) for name in ("center", "radii", "angles")}
-        return {"kind": "annulus_sector", **given}
+        """The JSON of the domain."""
+        pairs = {name: _pair(name, getattr(self, name)) for name in ("center", "radii", "angles")}
+        return {"kind": "annulus_sector", **pairs}
 
     @property
     def box(self) -> Box | None:
@@ -75,13 +75,13 @@ class Quadrilateral:
     left: object
 
     def json(self) -> Json:
-        """The domain as the HTTP interface writes it. Raises :class:`BadArgument` for what is no curve."""
+        """The JSON of the domain. Raises :class:`BadArgument` for a side that is no curve."""
         sides = {name: _curve(name, getattr(self, name)) for name in ("bottom", "right", "top", "left")}
         return {"kind": "quadrilateral", **sides}
 
     @property
     def box(self) -> Box | None:
-        """None: the service evaluates the curves, and knows the box."""
+        """None: only the service evaluates the curves."""
         return None
 
 
@@ -94,7 +94,7 @@ KINDS: Mapping[str, type[Domain]] = {
 
 
 def domain_json(domain: Domain | Mapping[str, Any]) -> Json:
-    """The domain as the HTTP interface writes it; a mapping is taken to be that already."""
+    """The JSON of a domain; a mapping is such JSON already."""
     if isinstance(domain, Mapping):
         return dict(domain)
     if isinstance(domain, Rectangle | AnnulusSector | Quadrilateral):
@@ -103,24 +103,24 @@ def domain_json(domain: Domain | Mapping[str, Any]) -> Json:
 
 
 def read_domain(document: object) -> Domain:
-    """The domain that JSON of the HTTP interface describes. Raises :class:`BadArgument` where it is none."""
+    """The domain of a JSON document of the HTTP interface; raises :class:`BadArgument` for another document."""
     if not isinstance(document, Mapping):
         raise BadArgument("a domain is a JSON object with a kind")
-    given = dict(document)
-    kind = given.pop("kind", "rectangle")
-    made = KINDS.get(kind) if isinstance(kind, str) else None
-    if made is None:
+    fields = dict(document)
+    kind = fields.pop("kind", "rectangle")
+    domain_class = KINDS.get(kind) if isinstance(kind, str) else None
+    if domain_class is None:
         raise BadArgument(f"unknown kind of domain {kind!r}; there are {', '.join(KINDS)}")
-    known = tuple(made.__dataclass_fields__)
-    unknown = [name for name in given if name not in known]
+    known = tuple(domain_class.__dataclass_fields__)
+    unknown = [name for name in fields if name not in known]
     if unknown:
         raise BadArgument(f"a domain of kind {kind} has no {', '.join(map(str, unknown))}; it has {', '.join(known)}")
-    if made is not Quadrilateral:
-        return made(**{name: _as_tuple(name, value) for name, value in given.items()})
-    missing = [name for name in known if name not in given]
+    if domain_class is not Quadrilateral:
+        return domain_class(**{name: _as_tuple(name, value) for name, value in fields.items()})
+    missing = [name for name in known if name not in fields]
     if missing:
         raise BadArgument(f"a quadrilateral needs its four curves; missing: {', '.join(missing)}")
-    return Quadrilateral(**{name: _read_curve(name, value) for name, value in given.items()})
+    return Quadrilateral(**{name: _read_curve(name, value) for name, value in fields.items()})
 
 
 def _as_tuple(name: str, value: object) -> Pair:

@@ -1,4 +1,4 @@
-"""The spec of a mesh, and the options that it is made of."""
+"""The spec of a mesh and its options."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -9,11 +9,6 @@ from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.monitors import Json, Monitor
 from equimesh_client.spec.schwarz import Schwarz
-
-BOUNDARIES = ("trace", "equidistributed_1d", "orthogonal")
-INITIALS = ("nested", "uniform")
-CELLS = ("quad", "triangle")
-MODES = ("discretization", "tight")
 
 
 class MeshOptions(TypedDict, total=False):
@@ -34,7 +29,7 @@ class MeshOptions(TypedDict, total=False):
     mode: str
     """``"discretization"`` (default) solves to the error of the grid, ``"tight"`` to rounding."""
     allow_relaxed: bool
-    """Whether a mesh of a weaker monitor will do where the requested equations have no valid solution. Default: True.
+    """Whether a weaker monitor is accepted where the requested equations have no valid solution. Default: True.
     ``mesh.relaxed`` then reports it. With False such a mesh fails.
     """
     label: str | None
@@ -61,11 +56,11 @@ DEFAULTS: MeshOptions = {
     "t": None,
     "n_samples": 129,
 }
-"""What an option is that is not given."""
+"""The default of every option."""
 
 
 def complete_options(options: MeshOptions, method: Callable[..., object]) -> MeshOptions:
-    """All options of a mesh: those that ``method`` was called with, and the defaults of the others.
+    """All options of a mesh: the arguments of ``method``, and the defaults of the others.
 
     Raises :class:`TypeError` for an option that the method does not have; the message names the nearest one.
     """
@@ -103,7 +98,7 @@ def mesh_spec(
 ) -> Json:
     """The JSON body of a request for a mesh; ``monitor`` is its JSON, which ``options`` do not replace.
 
-    Keys that services of the first release do not know are left out where they have their default.
+    Keys unknown to services of the first release are left out where they have their default.
     """
     options = {**DEFAULTS, **options}
     n_xi, n_eta = points_per_side(n)

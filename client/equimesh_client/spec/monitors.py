@@ -1,4 +1,4 @@
-"""Monitors: what a mesh is to equidistribute. Small dataclasses that the HTTP interface takes as JSON."""
+"""Monitors, which a mesh equidistributes, as dataclasses and as the JSON of the HTTP interface."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from equimesh_client.errors import BadArgument
 
 Json: TypeAlias = dict[str, Any]
 Read: TypeAlias = Callable[[object], Json]
-"""Makes the JSON of a function: an expression, arrays, a callable, a file or stored samples."""
+"""Returns the JSON of a function: an expression, arrays, a callable, a file or stored samples."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,7 +16,7 @@ class ArcLength:
     """Equal shares of the arc length of u: small cells where u is steep. The default, and the paper's.
 
     ``a`` in [0, 1] is the strength, ``b`` >= 0 the damping where u is steep. ``smoothing`` in [0, 0.25] is the radius
-    over which the metric is averaged, in units of the domain's shorter extent. ``u`` in place of that of `generate`.
+    over which the metric is averaged, in units of the domain's shorter extent. ``u`` replaces that of `generate`.
     """
 
     a: float = 0.7
@@ -25,16 +25,16 @@ class ArcLength:
     u: object = None
 
     def json(self, read: Read, u: object) -> Json:
-        """The monitor as the HTTP interface writes it; ``u`` is that of `generate`."""
-        given = read(_needed("ArcLength", self.u, u))
-        return _smoothed({"kind": "arc_length", "u": given, "a": self.a, "b": self.b}, self.smoothing)
+        """The JSON of the monitor; ``u`` is that of `generate`."""
+        u_json = _u_json(read, self.u, u, required_by="ArcLength")
+        return _with_smoothing({"kind": "arc_length", **u_json, "a": self.a, "b": self.b}, self.smoothing)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curvature:
-    """Small cells where u is curved: for the least interpolation error.
+    """Small cells where u is curved, for a small interpolation error.
 
-    ``norm`` ``"l2"`` is for the error of u, ``"h1"`` for that of its gradient. ``isotropic`` does not stretch cells.
+    ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient. ``isotropic`` does not stretch cells.
     ``smoothing`` and ``u`` as in :class:`ArcLength`.
     """
 
@@ -44,23 +44,24 @@ class Curvature:
     u: object = None
 
     def json(self, read: Read, u: object) -> Json:
-        """The monitor as the HTTP interface writes it; ``u`` is that of `generate`."""
-        given = read(_needed("Curvature", self.u, u))
-        monitor = {"kind": "curvature", "u": given, "norm": self.norm, "isotropic": self.isotropic}
-        return _smoothed(monitor, self.smoothing)
+        """The JSON of the monitor; ``u`` is that of `generate`."""
+        u_json = _u_json(read, self.u, u, required_by="Curvature")
+        monitor = {"kind": "curvature", **u_json, "norm": self.norm, "isotropic": self.isotropic}
+        return _with_smoothing(monitor, self.smoothing)
 
 
 @dataclass(frozen=True)
 class Weight:
-    """Small cells where ``rho`` > 0 is large. ``u``, or that of `generate`, is what interpolation is measured with."""
+    """Small cells where ``rho`` > 0 is large. The interpolation error is that of ``u``, or of u of `generate`."""
 
     rho: object
     smoothing: float = 0.0
     u: object = None
 
     def json(self, read: Read, u: object) -> Json:
-        """The monitor as the HTTP interface writes it; ``u`` is that of `generate`."""
-        return _smoothed({"kind": "weight", "rho": read(self.rho), **_optional(read, self.u, u)}, self.smoothing)
+        """The JSON of the monitor; ``u`` is that of `generate`."""
+        monitor = {"kind": "weight", "rho": read(self.rho), **_u_json(read, self.u, u)}
+        return _with_smoothing(monitor, self.smoothing)
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,9 @@ class Tensor:
     u: object = None
 
     def json(self, read: Read, u: object) -> Json:
-        """The monitor as the HTTP interface writes it; ``u`` is that of `generate`."""
+        """The JSON of the monitor; ``u`` is that of `generate`."""
         entries = {name: read(getattr(self, name)) for name in ("m11", "m12", "m22")}
-        return _smoothed({"kind": "tensor", **entries, **_optional(read, self.u, u)}, self.smoothing)
+        return _with_smoothing({"kind": "tensor", **entries, **_u_json(read, self.u, u)}, self.smoothing)
 
 
 @dataclass(frozen=True)
@@ -87,29 +88,29 @@ class Intersection:
     smoothing: float = 0.0
 
     def json(self, read: Read, u: object) -> Json:
-        """The monitor as the HTTP interface writes it; ``u`` is that of `generate`."""
+        """The JSON of the monitor; ``u`` is that of `generate`."""
         if not isinstance(self.monitors, Sequence):
-            raise BadArgument("an Intersection is made of a list of monitors")
+            raise BadArgument("an Intersection takes a list of monitors")
         members: list[Json] = []
-        taken = False  # the first that has a u is what interpolation is measured with
+        is_used = False  # the first u is the function for the interpolation error
         for member in self.monitors:
-            wants = isinstance(member, ArcLength | Curvature) and member.u is None
-            members.append(_json(member, read, u if wants else None))
-            taken = taken or wants
-        if u is not None and not taken:
+            needs_u = isinstance(member, ArcLength | Curvature) and member.u is None
+            members.append(_json(member, read, u if needs_u else None))
+            is_used = is_used or needs_u
+        if u is not None and not is_used:
             if not members or "u" in members[0]:
                 raise BadArgument("u is not used: the first monitor of the intersection has its own u")
             members[0]["u"] = read(u)
-        return _smoothed({"kind": "intersection", "monitors": members}, self.smoothing)
+        return _with_smoothing({"kind": "intersection", "monitors": members}, self.smoothing)
 
 
 Monitor: TypeAlias = ArcLength | Curvature | Weight | Tensor | Intersection
 
 
 def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) -> Json:
-    """The monitor as the HTTP interface writes it. A mapping is taken to be that, but for a u that it lacks.
+    """The JSON of a monitor. A mapping is such JSON already; ``u`` is added where it has none.
 
-    Raises :class:`BadArgument` for what is no monitor, and for a u that is missing or given twice.
+    Raises :class:`BadArgument` for another object, and for a u that is missing or given twice.
     """
     if isinstance(monitor, Intersection):
         return monitor.json(read, u)
@@ -128,23 +129,15 @@ def _json(monitor: object, read: Read, u: object) -> Json:
     )
 
 
-def _chosen(own: object, u: object) -> object:
+def _u_json(read: Read, own: object, u: object, *, required_by: str = "") -> Json:
+    """The ``u`` of a monitor, its ``own`` or that of `generate`; empty where neither is given and none is needed."""
     if own is not None and u is not None:
         raise BadArgument("u is given twice: alone, and in the monitor")
-    return u if own is None else own
+    function = u if own is None else own
+    if function is None and required_by:
+        raise BadArgument(f"the monitor {required_by} needs a function u: give u")
+    return {} if function is None else {"u": read(function)}
 
 
-def _needed(name: str, own: object, u: object) -> object:
-    chosen = _chosen(own, u)
-    if chosen is None:
-        raise BadArgument(f"the monitor {name} is made of a function u: give u")
-    return chosen
-
-
-def _optional(read: Read, own: object, u: object) -> Json:
-    chosen = _chosen(own, u)
-    return {} if chosen is None else {"u": read(chosen)}
-
-
-def _smoothed(monitor: Json, smoothing: float) -> Json:
+def _with_smoothing(monitor: Json, smoothing: float) -> Json:
     return {**monitor, "smoothing": smoothing} if smoothing else monitor

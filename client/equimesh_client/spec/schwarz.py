@@ -1,15 +1,11 @@
-"""The request for a mesh: Schwarz settings as dataclasses, and the JSON spec of the HTTP interface."""
+"""Settings of the Schwarz iteration, as dataclasses and as the JSON of the HTTP interface."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from equimesh_client.errors import BadArgument
 
-ORDERINGS = ("parallel", "alternating", "symmetric", "coloured")
 TRANSMISSIONS = ("optimized", "classical", "linear_robin", "nonlinear_robin")
-INTERFACE_DATA = ("line_sums", "local")
-ACCELERATIONS = ("auto", "none", "anderson", "newton")
-LOCAL_SOLVERS = ("sweeps", "newton")
 
 Json: TypeAlias = dict[str, Any]
 Parameter: TypeAlias = float | Literal["auto"]
@@ -17,24 +13,24 @@ Parameter: TypeAlias = float | Literal["auto"]
 
 @dataclass(frozen=True)
 class Optimized:
-    """Interfaces that yield as the rest of every grid line does: a handful of iterations for any number of subdomains.
+    """Interfaces that move as the rest of every grid line requires: a few iterations for any number of subdomains.
 
-    With ``data="local"`` they know no more of that rest than its first edge, and need more iterations.
+    ``data`` is ``"line_sums"`` for all of that rest, ``"local"`` for its first edge only, with more iterations.
     """
 
     data: str = "line_sums"
 
     def json(self) -> Json:
-        """The condition as the HTTP interface writes it."""
+        """The JSON of the condition."""
         return {"kind": "optimized", "data": str(self.data)}
 
 
 @dataclass(frozen=True)
 class Classical:
-    """Positions are exchanged at the interfaces. Needs no parameter and converges slowly."""
+    """Exchanges positions at the interfaces. Needs no parameter and converges slowly."""
 
     def json(self) -> Json:
-        """The condition as the HTTP interface writes it."""
+        """The JSON of the condition."""
         return {"kind": "classical"}
 
 
@@ -45,7 +41,7 @@ class LinearRobin:
     p: Parameter = "auto"
 
     def json(self) -> Json:
-        """The condition as the HTTP interface writes it."""
+        """The JSON of the condition."""
         return {"kind": "linear_robin", "p": self.p}
 
 
@@ -56,7 +52,7 @@ class NonlinearRobin:
     p: Parameter = "auto"
 
     def json(self) -> Json:
-        """The condition as the HTTP interface writes it."""
+        """The JSON of the condition."""
         return {"kind": "nonlinear_robin", "p": self.p}
 
 
@@ -65,15 +61,17 @@ Transmission: TypeAlias = Optimized | Classical | LinearRobin | NonlinearRobin
 
 @dataclass(frozen=True, kw_only=True)
 class Schwarz:
-    """How the domain is divided and how the parts are brought to agree.
+    """The division of the domain, and the Schwarz iteration over its parts.
 
-    ``subdomains`` counts them along xi and eta; ``overlap`` is in grid points, at least 2. ``line_correction`` is how
-    many times all grid lines are corrected as a whole after every iteration, 0 to 10 or ``"auto"``. ``fallback`` lets
-    the optimized condition take over where another stalls.
+    ``subdomains`` counts them along xi and eta; ``overlap`` is in grid points, at least 2. ``ordering`` is
+    ``"parallel"``, ``"alternating"``, ``"symmetric"`` or ``"coloured"``. ``line_correction`` is the number of
+    corrections of all grid lines after every iteration, 0 to 10 or ``"auto"``. ``acceleration`` is ``"auto"``,
+    ``"none"``, ``"anderson"`` or ``"newton"``; ``local_solver`` is ``"sweeps"`` or ``"newton"``. With ``fallback`` the
+    optimized condition replaces another that stalls.
 
-    The iteration ends when the estimated error is at most ``tolerance``; ``"discretization"`` is a fifth of the error
-    that the grid makes anyway, and ``None`` runs exactly ``max_iterations``. ``compare_single_domain=True`` also solves
-    without division and records the error of every iteration against that mesh.
+    The iteration ends when the estimated error is at most ``tolerance``; ``"discretization"`` is a fifth of the
+    discretisation error, and ``None`` runs exactly ``max_iterations``. ``compare_single_domain=True`` also solves the
+    single domain and records the error of every iteration against its mesh.
     """
 
     subdomains: tuple[int, int] = (2, 1)
@@ -98,7 +96,7 @@ class Schwarz:
             raise BadArgument(f"subdomains = {self.subdomains!r}: give a pair, (4, 1) or (2, 2) for instance")
 
     def json(self) -> Json:
-        """The settings as the HTTP interface writes them."""
+        """The JSON of the settings."""
         return {
             "subdomains": list(self.subdomains),
             "overlap": self.overlap,

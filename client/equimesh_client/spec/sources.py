@@ -38,9 +38,7 @@ class Upload:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredSamples:
-    """Samples that the service keeps, from ``client.samples.upload``; usable as ``u`` of any number of
-    meshes.
-    """
+    """Samples that the service keeps, from ``client.samples.upload``; ``u`` of any number of meshes."""
 
     id: str
     record: Mapping[str, Any]
@@ -104,9 +102,7 @@ def needs_box(u: object) -> bool:
 
 
 def read_upload(path: str | Path) -> Upload:
-    """The file at ``path`` as an upload. Raises :class:`BadArgument` when it cannot be read or has another
-    suffix.
-    """
+    """The file at ``path`` as an upload; raises :class:`BadArgument` for an unknown suffix or no access."""
     path = Path(path)
     if path.suffix.lower() not in MEDIA_TYPES:
         raise BadArgument(f"{path}: samples are read from {', '.join(MEDIA_TYPES)} files")

@@ -16,11 +16,12 @@ SIDES = ("left", "right", "bottom", "top")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshArrays:
-    """The mesh itself: ``x``, ``y`` and ``u`` of shape ``(n_xi, n_eta)``, ``u`` None where the monitor has none,
-    ``cells`` counter-clockwise, ``(m, 4)``
-    or for triangles ``(m, 3)``, ``q_eq`` and ``subdomain`` of the quadrilaterals, ``(n_xi - 1, n_eta - 1)``, which
-    two successive triangles share, ``boundary``: edges ``(k, 2)`` of each side, the domain on their left,
-    ``fields``: what was carried along with a step of a sequence, of the shape of ``u``.
+    """The arrays of a mesh.
+
+    ``x``, ``y`` and ``u`` have shape ``(n_xi, n_eta)``; ``u`` is None where the monitor has none. ``cells`` are
+    counter-clockwise, of shape ``(m, 4)``, or ``(m, 3)`` for triangles. ``q_eq`` and ``subdomain`` belong to the
+    quadrilaterals, shape ``(n_xi - 1, n_eta - 1)``; two successive triangles share one. ``boundary`` holds the edges
+    ``(k, 2)`` of each side, with the domain on their left. ``fields`` of a step of a sequence have the shape of ``u``.
     """
 
     x: Array

@@ -9,7 +9,6 @@ import re
 import secrets
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO
 
 from equimesh_client.errors import BadArgument, DownloadDamaged
@@ -22,7 +21,7 @@ if sys.platform != "win32":
 class Download:
     """The bytes of a file that have arrived, over any number of connections; kept in memory.
 
-    ``sha256`` is that of the whole file, as its ETag says it; None while it is not known. ``received`` counts bytes.
+    ``sha256`` is that of the whole file, from its ETag; None while it is not known. ``received`` counts bytes.
     """
 
     def __init__(self) -> None:
@@ -34,20 +33,20 @@ class Download:
 
     @property
     def headers(self) -> dict[str, str]:
-        """Request headers for the rest of the file, if it has not changed; none when all of it is needed."""
+        """Request headers for the rest of an unchanged file; empty when all of it is needed."""
         if not (self._resumable and self.received):
             return {}
         return {"Range": f"bytes={self.received}-", "If-Range": f'"{self.sha256}"'}
 
     @property
     def whole(self) -> bool:
-        """Whether every byte is there, by the checksum."""
+        """Whether every byte has arrived, by the checksum."""
         return self.sha256 == self._digest.hexdigest()
 
     def begin(self, reply: Reply) -> bool:
-        """Prepare for the body of a 200 or 206. False for a part that does not continue what has arrived.
+        """Prepare for the body of a 200 or 206.
 
-        What has arrived is then discarded.
+        False for a part that does not continue the bytes that have arrived; these are then discarded.
         """
         if reply.status == 206 and continues(reply, self.sha256, self.received):
             return True
@@ -55,7 +54,7 @@ class Download:
         return reply.status == 200
 
     def restart(self, reply: Reply | None = None) -> None:
-        """Discard what has arrived; ``reply`` is the answer whose body replaces it."""
+        """Discard all bytes; ``reply`` is the answer whose body replaces them."""
         self._resumable = reply is not None and reply.status == 200 and resumable(reply)
         self.sha256 = None if reply is None else sha256_of(reply.headers)
         self.received = 0
@@ -69,12 +68,12 @@ class Download:
         self.received += len(chunk)
 
     def check(self) -> None:
-        """Raises :class:`DownloadDamaged` when what has arrived is not what was announced."""
+        """Raises :class:`DownloadDamaged` when the bytes do not have the announced checksum."""
         if self.sha256 is not None and not self.whole:
             raise DownloadDamaged("the bytes received do not have the checksum that the service announced")
 
     def body(self) -> bytes:
-        """All that has arrived."""
+        """All bytes that have arrived."""
         return b"".join(self._chunks)
 
     def _empty(self) -> None:
@@ -87,9 +86,9 @@ class Download:
 class PartFile(Download):
     """A download into ``.NAME.SHA256.part`` next to the file NAME, which it becomes by :meth:`commit`.
 
-    The name of the part identifies the content of the whole file. So the next download to the same name can continue
-    with the part that a broken download, or a program that was ended, has left. A lock keeps two programs from writing
-    the same part: the second one writes a part of its own, which it does not leave behind.
+    The name of the part identifies the content of the whole file. The next download to the same name can therefore
+    continue with the part of an interrupted one. A lock keeps two programs from writing the same part: the second
+    program writes its own part and removes it at the end.
     A context manager. Raises :class:`BadArgument` when the folder cannot be written.
     """
 
@@ -99,19 +98,19 @@ class PartFile(Download):
         if self.path.is_dir():
             raise BadArgument(f"cannot write {self.path}: it is a folder")
         self._keep = True
-        self._part, self._file = self._left() or self._own()
+        self._part, self._file = self._adopt() or self._create()
 
     def restart(self, reply: Reply | None = None) -> None:
-        """Discard what has arrived; ``reply`` is the answer whose body replaces it."""
+        """Discard all bytes; ``reply`` is the answer whose body replaces them."""
         super().restart(reply)
         name = self._name(self.sha256) if self._resumable and self.sha256 else None
         if name == self._part:
             return
-        taken = None if name is None else _opened(name, "x+b")
+        taken = None if name is None else _open_locked(name, "x+b")
         if name is None or taken is None:
             if self._is_named:
                 self._drop()
-                self._part, self._file = self._own()
+                self._part, self._file = self._create()
             return
         self._drop()
         self._part, self._file = name, taken
@@ -119,22 +118,20 @@ class PartFile(Download):
     def commit(self) -> Path:
         """Give the file its name."""
         self._file.flush()
-        if sys.platform == "win32":  # which does not rename what is open
+        if sys.platform == "win32":  # which does not rename open files
             self._file.close()
         os.replace(self._part, self.path)
         self._file.close()  # not before: this releases the lock of the part
         return self.path
 
     def discard(self) -> None:
-        """Leave nothing behind: no later download continues with this part."""
+        """Remove the part at the end: no later download continues with it."""
         self._keep = False
 
     def __enter__(self) -> PartFile:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._file.closed:
             return
         if self._keep and self._is_named and self._resumable and self.received:
@@ -156,15 +153,15 @@ class PartFile(Download):
     def _name(self, sha256: str) -> Path:
         return self.path.with_name(f".{self.path.name}.{sha256}.part")
 
-    def _own(self) -> tuple[Path, BinaryIO]:
+    def _create(self) -> tuple[Path, BinaryIO]:
         part = self.path.with_name(f".{self.path.name}.{secrets.token_hex(6)}.part")
         try:
             return part, part.open("x+b")
         except OSError as error:
             raise BadArgument(f"cannot write {self.path}: {error.strerror or error}") from error
 
-    def _left(self) -> tuple[Path, BinaryIO] | None:
-        """The newest part that a download left behind, read; older ones are removed."""
+    def _adopt(self) -> tuple[Path, BinaryIO] | None:
+        """The newest part of an earlier download, already read; older ones are removed."""
         found = None
         pattern = f".{glob.escape(self.path.name)}.*.part"
         for part in sorted(self.path.parent.glob(pattern), key=_age):
@@ -172,7 +169,7 @@ class PartFile(Download):
             # the rest of the name is that of the file: "a" leaves the parts of "a.b" alone
             if named is None or part != self._name(named[1]):
                 continue
-            file = _opened(part, "r+b")
+            file = _open_locked(part, "r+b")
             if file is None:
                 continue
             if found is not None:
@@ -187,7 +184,7 @@ class PartFile(Download):
         return found
 
     def _drop(self) -> None:
-        if sys.platform == "win32":  # which does not remove what is open
+        if sys.platform == "win32":  # which does not remove open files
             self._file.close()
         self._part.unlink(missing_ok=True)
         self._file.close()
@@ -203,9 +200,9 @@ def _age(part: Path) -> float:
         return 0.0
 
 
-def _opened(part: Path, mode: str) -> BinaryIO | None:
-    """The part, open and locked; None when another program has it, or it cannot be locked here."""
-    if sys.platform == "win32":  # no such locks: there, every download begins anew
+def _open_locked(part: Path, mode: str) -> BinaryIO | None:
+    """The part, open and locked; None when another program uses it or locks are not available."""
+    if sys.platform == "win32":  # without such locks every download begins anew
         return None
     try:
         file: BinaryIO = part.open(mode)  # type: ignore[assignment]
@@ -213,7 +210,7 @@ def _opened(part: Path, mode: str) -> BinaryIO | None:
         return None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # who had it may have given it its name, or removed it, since it was opened
+        # another program may have renamed or removed it since it was opened
         if os.path.samestat(os.fstat(file.fileno()), part.stat()):
             return file
     except BlockingIOError:

@@ -1,8 +1,8 @@
-"""What the client does, as generators without I/O that both shells drive.
+"""The work of the client, as generators without I/O that both sessions drive.
 
 A flow yields steps and is sent their outcomes: a :class:`Send` is answered with a :class:`Reply` or a
 :class:`Disconnected`, a :class:`Pause` and a :class:`Report` with None. What a flow returns is its result.
-Retries, waiting and deadlines live here, once, for :class:`Client` and :class:`AsyncClient`.
+Retries, waiting and deadlines are written here once, for :class:`Client` and :class:`AsyncClient`.
 """
 
 from collections.abc import Generator, Mapping
@@ -39,9 +39,9 @@ MAX_CANCEL_SECONDS = 2.0
 PAGE_RECORDS = 100
 """Meshes in one page of a list."""
 MIN_HELD_SECONDS = 0.5
-"""An answer that comes sooner was not held back: the next request then waits."""
+"""An answer that comes sooner was not held back; the next request is then delayed."""
 MIN_STREAM_SECONDS = 5.0
-"""An event stream that was open for longer worked, even if it brought no event."""
+"""An event stream that was open for longer counts as working, even without an event."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +84,10 @@ Flow: TypeAlias = Generator[Step, Outcome, T]
 
 
 def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download | None = None) -> Flow[Reply]:
-    """The first answer that is not to be retried, success or not; raises when there is none in time.
+    """The first answer that is not retried, success or not; raises when there is none before the deadline.
 
-    Each attempt at a download requests what is missing in the ``sink``. An attempt that got further than all before it
-    starts the count of failures again.
+    Each attempt at a download requests the bytes that the ``sink`` lacks. An attempt that received more bytes than all
+    before it starts the count of failures again.
     """
     attempt, furthest = 0, 0
     while True:
@@ -123,14 +123,14 @@ def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download |
 
 
 def unreachable(url: str, reason: str) -> ServiceUnreachable:
-    """The exception for a service that does not answer; the message says what to do."""
+    """The exception for a service that does not answer, with the remedy."""
     return ServiceUnreachable(
         f"no equimesh service answers at {url} ({reason}); start one with `equimesh serve`, or give its URL"
     )
 
 
 def request(call: Call, settings: Settings, deadline: Deadline | None = None) -> Flow[Reply]:
-    """A successful answer; raises the problem when it is none."""
+    """A successful answer; raises the problem of any other."""
     reply = yield from persist(call, settings, deadline or settings.deadline())
     return protocol.raise_for_status(reply, call)
 
@@ -143,7 +143,7 @@ def fetch(call: Call, settings: Settings, deadline: Deadline | None = None) -> F
 def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline) -> Flow[MeshRequest]:
     """The request for the mesh of `generate`.
 
-    One file of samples goes with the request. Several are stored at the service first, which keeps equal ones once.
+    One file of samples is sent with the request. Several are stored at the service first, equal ones once.
     """
     box, domain = arguments.box(), arguments.options["domain"]
     if box is None and domain is not None:
@@ -159,7 +159,7 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
 
 
 def box_of(domain: Domain | Mapping[str, Any], settings: Settings, deadline: Deadline) -> Flow[Box]:
-    """The box of a domain whose curves the service evaluates."""
+    """The box of a domain with curves, from the service, which evaluates them."""
     call = protocol.check_expression("0", None, None, domain_json(domain))
     return protocol.box_of((yield from request(call, settings, deadline)))
 
@@ -178,7 +178,7 @@ def create(mesh_request: MeshRequest, settings: Settings, *, wait: int, deadline
 def abandon(mesh_request: MeshRequest, mesh_id: str | None, settings: Settings) -> Flow[None]:
     """Cancel an abandoned mesh, best effort; returns nothing.
 
-    ``mesh_id`` is None when the answer to the request has not arrived. The same key then gives the same mesh.
+    ``mesh_id`` is None when no answer has arrived. The request is then repeated: its key returns the same mesh.
     """
     deadline = Deadline.after(MAX_CANCEL_SECONDS)
     try:
@@ -209,7 +209,7 @@ def wait(record: Mapping[str, Any], settings: Settings, deadline: Deadline, *, w
 
 
 def cancel(mesh_id: str, settings: Settings, deadline: Deadline | None = None) -> Flow[dict[str, Any]]:
-    """The resource after a cancel. A mesh that was canceled before, perhaps by a lost request, is no error."""
+    """The resource after a cancel. A mesh that was canceled before, for instance by a lost request, is no error."""
     call = protocol.cancel_mesh(mesh_id)
     try:
         reply = yield from request(call, settings, deadline)
@@ -224,7 +224,7 @@ def cancel(mesh_id: str, settings: Settings, deadline: Deadline | None = None) -
 
 
 def delete(call: Call, settings: Settings, deadline: Deadline) -> Flow[None]:
-    """Delete a resource; returns nothing. "Not found" is an error only if no earlier attempt can have deleted it."""
+    """Delete a resource; returns nothing. "Not found" is an error only at the first attempt."""
     flow = persist(call, settings, deadline)
     sends, outcome = 0, None
     try:
@@ -246,7 +246,7 @@ def download(call: Call, settings: Settings, deadline: Deadline, into: Download)
     for attempt in (1, 2):
         if not into.whole:
             reply = yield from persist(call, settings, deadline, into)
-            if reply.status == 416 and attempt == 1:  # what is there is no part of this file
+            if reply.status == 416 and attempt == 1:  # the local bytes are no part of this file
                 into.restart()
                 continue
             protocol.raise_for_status(reply, call)
@@ -259,10 +259,9 @@ def download(call: Call, settings: Settings, deadline: Deadline, into: Download)
 
 
 def save(call: Call, settings: Settings, deadline: Deadline, part: PartFile) -> Flow[None]:
-    """Download a file, which has its name afterwards.
+    """Download a file and give it its name.
 
-    After a lost connection or an expired deadline the part that has arrived stays next to it: another call continues
-    from there.
+    After a lost connection or an expired deadline the part stays next to it; another call continues from there.
     """
     try:
         yield from download(call, settings, deadline, part)
@@ -294,7 +293,7 @@ def upload(
 
 
 class Pages:
-    """The list of meshes, page by page: at most ``limit`` records in all, any number of them for None."""
+    """The list of meshes, page by page: at most ``limit`` records in all; None for no limit."""
 
     def __init__(self, *, status: str | None, label: str | None, limit: int | None) -> None:
         self._status, self._label, self._left = status, label, limit
@@ -307,7 +306,7 @@ class Pages:
         return protocol.list_meshes(status=self._status, label=self._label, cursor=self._cursor, limit=size)
 
     def records(self, page: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """The records of a page that was fetched, no more than still count."""
+        """The records of a fetched page, up to the limit of the list."""
         records = list(page.get("items") or [])[: self._left]
         self._cursor = page.get("next_cursor")
         self._left = None if self._left is None else self._left - len(records)
@@ -315,17 +314,17 @@ class Pages:
         return records
 
 
-def silence(settings: Settings, deadline: Deadline) -> float:
+def silence_seconds(settings: Settings, deadline: Deadline) -> float:
     """Seconds that an event stream may be silent; raises when none are left."""
     if deadline.left <= 0:
         raise deadline.exceeded("waiting for events")
     return min(settings.timeout, deadline.left)
 
 
-def streams(head: Reply, call: Call, position: StreamPosition) -> bool:
+def is_stream(head: Reply, call: Call, position: StreamPosition) -> bool:
     """Whether an answer is the event stream.
 
-    False when there are no events after ``position`` (204), and for an answer to be retried; raises for any other.
+    False without events after ``position`` (204), and for an answer that is retried; raises for any other.
     """
     if head.status in RETRIED:
         return False
@@ -347,9 +346,10 @@ def reconnect_pause(
     ending: Reply | Disconnected,
     lived: float,
 ) -> float:
-    """Seconds until an event stream that had this ``ending`` is opened again; raises when there is no further attempt.
+    """Seconds until an event stream with this ``ending`` is opened again; raises when there is no further attempt.
 
-    A connection that ``lived`` some seconds, or brought an event, starts the count of failures again.
+    A connection that was open for more than ``MIN_STREAM_SECONDS``, or brought an event, starts the count of failures
+    again. ``lived`` is its time in seconds.
     """
     refused = isinstance(ending, Reply) and ending.status in RETRIED
     if lived > MIN_STREAM_SECONDS and not refused:

@@ -37,11 +37,7 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
     return meshio.Mesh(
         arrays.points,
         [(kind, arrays.cells), *(("line", edges) for _, edges in sides)],
-        point_data={
-            **({} if arrays.u is None else {"u": arrays.u.ravel()}),
-            "xi": xi.ravel(),
-            "eta": eta.ravel(),
-        },
+        point_data={**({} if arrays.u is None else {"u": arrays.u.ravel()}), "xi": xi.ravel(), "eta": eta.ravel()},
         cell_data={
             name: [np.repeat(values.ravel(), parts), *(np.full(len(edges), none) for _, edges in sides)]
             for name, (values, none) in of_cells.items()

@@ -157,18 +157,11 @@ def upload_samples(upload: Upload) -> Call:
 
 def stored_samples(samples_id: str, *, method: str = "GET") -> Call:
     """Look up or delete stored samples."""
-    return Call(
-        method=method,
-        path=f"/v1/samples/{quote(samples_id, safe='')}",
-        headers={"Accept": "application/json"},
-    )
+    return Call(method=method, path=f"/v1/samples/{quote(samples_id, safe='')}", headers={"Accept": "application/json"})
 
 
 def check_expression(
-    expression: str,
-    parameters: Mapping[str, float] | None,
-    t: float | None,
-    domain: Mapping[str, Any] | None = None,
+    expression: str, parameters: Mapping[str, float] | None, t: float | None, domain: Mapping[str, Any] | None = None
 ) -> Call:
     """Parse and evaluate an expression on ``domain``, the unit square unless given."""
     sent: dict[str, Any] = {"expression": expression}
@@ -211,12 +204,7 @@ def multipart(parts: Mapping[str, Upload]) -> tuple[str, bytes]:
         if part.filename:
             safe = part.filename.replace("\\", "_").replace('"', "%22").replace("\r", "%0D").replace("\n", "%0A")
             disposition += f'; filename="{safe}"'
-        lines += [
-            b"--" + boundary.encode(),
-            disposition.encode(),
-            f"Content-Type: {part.media_type}".encode(),
-            b"",
-        ]
+        lines += [b"--" + boundary.encode(), disposition.encode(), f"Content-Type: {part.media_type}".encode(), b""]
         lines += [part.data]
     lines += [b"--" + boundary.encode() + b"--", b""]
     return f"multipart/form-data; boundary={boundary}", b"\r\n".join(lines)

@@ -28,10 +28,10 @@ class RetryPolicy:
 
     def __post_init__(self) -> None:
         if self.retries < 0 or self.first < 0 or self.longest < 0 or self.patience < 0:
-            raise BadArgument("a retry policy has no negative number in it")
+            raise BadArgument("numbers of a retry policy must not be negative")
 
     def backoff(self, attempt: int) -> float:
-        """Seconds to wait after failed attempt number ``attempt`` (from 0), without the service's word."""
+        """Seconds to wait after failed attempt number ``attempt`` (from 0) when the service names no time."""
         whole = min(self.longest, self.first * 2.0 ** min(attempt, 60))
         return whole * (0.5 + 0.5 * self.jitter())
 
@@ -56,9 +56,7 @@ def pause_before_retry(
 
 
 def retry_after_of(headers: Mapping[str, str], *, now: datetime | None = None) -> float | None:
-    """Seconds of a ``Retry-After`` header (a number or an HTTP date), None when there is none to be
-    understood.
-    """
+    """Seconds of a ``Retry-After`` header (a number or an HTTP date); None without a valid one."""
     value = headers.get("retry-after", "").strip()
     if not value:
         return None

@@ -1,4 +1,4 @@
-"""The two shells that carry out flows: one blocks, one awaits. They decide nothing."""
+"""The two sessions that execute flows, blocking and for asyncio. All decisions are in the flows."""
 
 import asyncio
 import time
@@ -57,9 +57,9 @@ class Session:
             call = protocol.events(mesh_id, position)
             ending: Reply | Disconnected = Disconnected(reason="closed by the service")
             try:
-                silence = flows.silence(self.settings, deadline)
+                silence = flows.silence_seconds(self.settings, deadline)
                 with self._transport.stream(call, silence, deadline) as (head, chunks):
-                    if flows.streams(head, call, position):
+                    if flows.is_stream(head, call, position):
                         position.connected()
                         for chunk in chunks:
                             yield from position.feed(chunk)
@@ -119,9 +119,9 @@ class AsyncSession:
             call = protocol.events(mesh_id, position)
             ending: Reply | Disconnected = Disconnected(reason="closed by the service")
             try:
-                silence = flows.silence(self.settings, deadline)
+                silence = flows.silence_seconds(self.settings, deadline)
                 async with self._transport.stream(call, silence, deadline) as (head, chunks):
-                    if flows.streams(head, call, position):
+                    if flows.is_stream(head, call, position):
                         position.connected()
                         async for chunk in chunks:
                             for event in position.feed(chunk):

@@ -37,9 +37,7 @@ def base_url(url: str) -> str:
 
 
 def _options(url: str, headers: Mapping[str, str]) -> dict[str, Any]:
-    """Arguments of the httpx clients. A proxy cannot reach this machine's own addresses: there, none is
-    used.
-    """
+    """Arguments of the httpx clients; without a proxy for addresses of this machine, which no proxy reaches."""
     host = httpx.URL(url).host
     try:
         local = ipaddress.ip_address(host).is_loopback
@@ -122,9 +120,7 @@ class SyncTransport:
 
     @contextmanager
     def stream(self, call: Call, timeout: float, deadline: Deadline) -> Iterator[tuple[Reply, Iterator[bytes]]]:
-        """The head of an answer and its chunks; the body of a failure is in the reply. Raises
-        :class:`Dropped`.
-        """
+        """The head of an answer (with the body of a failure) and its chunks; raises :class:`Dropped`."""
         try:
             with self._punctual.until(deadline):
                 response = self._client.send(_request(self._client, call, timeout), stream=True)
@@ -179,9 +175,7 @@ class AsyncTransport:
     async def stream(
         self, call: Call, timeout: float, deadline: Deadline
     ) -> AsyncIterator[tuple[Reply, AsyncIterator[bytes]]]:
-        """The head of an answer and its chunks; the body of a failure is in the reply. Raises
-        :class:`Dropped`.
-        """
+        """The head of an answer (with the body of a failure) and its chunks; raises :class:`Dropped`."""
         try:
             async with asyncio.timeout(deadline.left):
                 response = await self._client.send(_request(self._client, call, timeout), stream=True)

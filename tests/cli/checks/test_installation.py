@@ -35,10 +35,10 @@ def test_packages_that_the_settings_need(here: Settings, monkeypatch: pytest.Mon
 
     assert look(installation.packages, here).level is OK
     monkeypatch.setattr(importlib.metadata, "version", version)
-    assert look(installation.packages, here).said == "sqlalchemy is 1.0, and <2.2,>=2.0.30 is needed"
+    assert look(installation.packages, here).message == "sqlalchemy is 1.0; <2.2,>=2.0.30 is needed"
     more = {"database_url": "postgresql://h/n", "files_url": "s3://b", "trace_endpoint": "http://h"}
     found = look(installation.packages, Settings(**more))  # type: ignore[arg-type]
-    assert all(f"{name} is not installed" in found.said for name in ("psycopg", "obstore", "opentelemetry-sdk"))
+    assert all(f"{name} is not installed" in found.message for name in ("psycopg", "obstore", "opentelemetry-sdk"))
     assert found.remedy == "pip install 'equimesh[service,postgres,s3,tracing]'"
 
 
@@ -46,7 +46,7 @@ def test_a_misspelled_variable(here: Settings, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("EQUIMESH_DATADIR", "x")
     found = look(installation.variables, here)
     assert found.level is WARNING
-    assert "did you mean EQUIMESH_DATA_DIR?" in found.said
+    assert "did you mean EQUIMESH_DATA_DIR?" in found.message
 
 
 def test_no_folder_for_compiled_loops(here: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,4 +61,4 @@ def test_a_solver_that_makes_another_mesh(here: Settings, monkeypatch: pytest.Mo
     monkeypatch.setattr(equimesh, "ArcLength", lambda **given: real(**{**given, "a": 0.6}))
     found = look(installation.solve, here)
     assert found.level is FAILED
-    assert "1.1979" in found.said
+    assert "1.1979" in found.message

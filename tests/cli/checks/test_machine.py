@@ -36,7 +36,7 @@ def test_limits_of_a_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     two = Settings(workers=2, threads=1, memory_limit=4096)
     assert look(machine.processors, two).remedy.endswith("EQUIMESH_WORKERS=1")
     assert look(machine.memory, two).level is WARNING
-    assert "this container has 2048 MiB" in look(machine.memory, two).said
+    assert "this container has 2048 MiB" in look(machine.memory, two).message
     assert look(machine.memory, Settings(workers=2, memory_limit=768)).level is OK
     assert look(machine.memory, Settings(workers=13, memory_limit=16)).level is FAILED
     assert look(machine.processors, Settings(workers=1, threads=4)).level is WARNING

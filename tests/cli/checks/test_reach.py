@@ -20,13 +20,13 @@ pytestmark = pytest.mark.usefixtures("no_variables")
 
 def test_a_port_that_is_taken(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ours = int(url.rpartition(":")[2])
-    assert look(reach.port, Settings(port=ours)).said.startswith("a service of equimesh answers")
+    assert look(reach.port, Settings(port=ours)).message.startswith("a service of equimesh answers")
     monkeypatch.setattr(reach, "TIMEOUT_SECONDS", 0.5)
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         found = look(reach.port, Settings(port=other.getsockname()[1]))
-    assert (found.level, "another program" in found.said) == (FAILED, True)
+    assert (found.level, "another program" in found.message) == (FAILED, True)
     assert look(reach.port, Settings(port=0)).level is OK
     assert look(reach.port, Settings(host="192.0.2.1", port=0)).level is FAILED
 

@@ -62,7 +62,7 @@ def test_a_read_only_folder(made: Settings, monkeypatch: pytest.MonkeyPatch) -> 
     for check in (storage.folder, storage.files):
         found = look(check, made)
         assert found.level is FAILED
-        assert "Read-only file system" in found.said
+        assert "Read-only file system" in found.message
 
 
 def test_revisions_of_a_database(database_url: str, tmp_path: Path) -> None:
@@ -72,13 +72,13 @@ def test_revisions_of_a_database(database_url: str, tmp_path: Path) -> None:
     assert storage.clock(settings) is None
     FIRST.create_all(engine)
     found = look(storage.database, settings)
-    assert (found.level, "of revision 0001" in found.said) == (WARNING, True)
+    assert (found.level, "revision 0001" in found.message) == (WARNING, True)
     upgrade(database_url)
     assert look(storage.database, settings).level is OK
     with engine.begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
     found = look(storage.database, settings)
-    assert (found.level, "newer release" in found.said) == (FAILED, True)
+    assert (found.level, "newer release" in found.message) == (FAILED, True)
     engine.dispose()
 
 
@@ -98,8 +98,8 @@ def test_a_database_that_does_not_answer() -> None:
         for check in (storage.database, storage.clock):
             found = look(check, settings)
             assert found.level is FAILED
-            assert "does not answer" in found.said
-            assert "hidden" not in found.said
+            assert "does not answer" in found.message
+            assert "hidden" not in found.message
 
 
 @pytest.mark.parametrize(("seconds", "level"), [(1.0, OK), (8.0, WARNING), (60.0, FAILED)])
@@ -140,9 +140,9 @@ def test_files_that_the_database_names_and_are_lost(made: Settings) -> None:
     with engine.begin() as connection:
         connection.execute(insert(samples).values(row))
     engine.dispose()
-    assert look(storage.stored, made).level is FAILED
+    assert look(storage.stored_files, made).level is FAILED
     kept.parent.mkdir(parents=True)
     kept.write_bytes(b"12345")
-    assert look(storage.stored, made).level is OK
+    assert look(storage.stored_files, made).level is OK
     kept.write_bytes(b"123")
-    assert "1 are damaged" in look(storage.stored, made).said
+    assert "1 are damaged" in look(storage.stored_files, made).message

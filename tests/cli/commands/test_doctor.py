@@ -39,8 +39,8 @@ def test_what_fails_is_said_with_a_remedy(
     words = ["doctor", "--data-dir", str(here.data_dir), "--host", "0.0.0.0", "--allow-anonymous", "true"]
     assert main(words) == 1
     said = capsys.readouterr().out
-    assert said.startswith(f"failed   folder       the data folder {here.data_dir} cannot be written to: Not a dir")
-    assert "\n                      -> give it to the user of the service, or choose another" in said
+    assert said.startswith(f"failed   folder       the data folder {here.data_dir} cannot be written: Not a dir")
+    assert "\n                      -> let the user of the service write it, or choose another" in said
     assert said.endswith("\n2 checks: 1 failed, 1 with a warning\n")
 
 

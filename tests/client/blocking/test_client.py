@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from client.fake_service import parts_of
-from equimesh_client import (
-    BadArgument,
-    InvalidInput,
-    NotFound,
-    Rectangle,
-)
+from equimesh_client import BadArgument, InvalidInput, NotFound, Rectangle
 
 
 def spec(**more: Any) -> dict[str, Any]:

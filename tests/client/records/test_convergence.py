@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh_client import (
-    Convergence,
-)
+from equimesh_client import Convergence
 
 
 def test_convergence_speaks() -> None:

@@ -7,9 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from equimesh_client import (
-    Quality,
-)
+from equimesh_client import Quality
 
 
 def test_quality_speaks_and_lacks_nothing_it_was_not_given() -> None:

@@ -7,10 +7,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import pytest
 
-from equimesh_client import (
-    ArcLength,
-    BadArgument,
-)
+from equimesh_client import ArcLength, BadArgument
 from equimesh_client.spec.mesh import DEFAULTS, MeshOptions, mesh_spec, points_per_side
 
 

@@ -6,14 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_client import (
-    ArcLength,
-    BadArgument,
-    Curvature,
-    Intersection,
-    Tensor,
-    Weight,
-)
+from equimesh_client import ArcLength, BadArgument, Curvature, Intersection, Tensor, Weight
 from equimesh_client.spec.monitors import monitor_json
 
 

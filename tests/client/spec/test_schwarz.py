@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_client import (
-    BadArgument,
-    Classical,
-    LinearRobin,
-    Optimized,
-    Schwarz,
-)
+from equimesh_client import BadArgument, Classical, LinearRobin, Optimized, Schwarz
 from equimesh_client.spec.mesh import mesh_spec
 from equimesh_client.spec.schwarz import transmission
 

@@ -6,10 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_client import (
-    BadArgument,
-    ProblemError,
-)
+from equimesh_client import BadArgument, ProblemError
 from equimesh_client.wire.key import headers_with_key
 
 

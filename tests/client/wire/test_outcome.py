@@ -6,10 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_client import (
-    MeshCanceled,
-    MeshFailed,
-)
+from equimesh_client import MeshCanceled, MeshFailed
 
 
 def spec(**more: Any) -> dict[str, Any]:

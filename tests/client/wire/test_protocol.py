@@ -77,11 +77,7 @@ def test_an_id_stays_inside_its_segment() -> None:
 def test_the_calls_of_a_create() -> None:
     request = MeshRequest(spec={"a": 1}, uploads=(), key="k")
     call = create_mesh(request, wait=0)
-    assert call.headers == {
-        "Accept": "application/json",
-        "Idempotency-Key": "k",
-        "Content-Type": "application/json",
-    }
+    assert call.headers == {"Accept": "application/json", "Idempotency-Key": "k", "Content-Type": "application/json"}
     assert create_mesh(request, wait=5).headers["Prefer"] == "wait=5"
     assert check_expression("x", {"c": 1.0}, 2.0).sent == {"expression": "x", "parameters": {"c": 1.0}, "t": 2.0}
     with pytest.raises(BadArgument, match="svg or png"):

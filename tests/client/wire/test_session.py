@@ -7,13 +7,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_client import (
-    DeadlineExceeded,
-    NotFound,
-    RateLimited,
-    RetryPolicy,
-    ServiceUnreachable,
-)
+from equimesh_client import DeadlineExceeded, NotFound, RateLimited, RetryPolicy, ServiceUnreachable
 
 
 def spec(**more: Any) -> dict[str, Any]:

@@ -6,9 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_client import (
-    BadArgument,
-)
+from equimesh_client import BadArgument
 
 
 def spec(**more: Any) -> dict[str, Any]:
