@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh_cli import main
 from equimesh_cli.benchmark import newton, peers, solves
 from equimesh_cli.benchmark.quadrature import l2_error
 from equimesh_cli.benchmark.rows import Row, lines
@@ -115,28 +114,6 @@ def test_peers_make_as_many_vertices(library: str) -> None:
     work = peers.mmg if library == "mmgpy" else peers.gmsh
     found = work("ring", em.Expression(peers.FUNCTIONS["ring"]), 33)
     assert abs(found.vertices / 33**2 - 1.0) <= peers.NEAR
-
-
-def test_the_command_prints_and_writes(
-    tiny: dict[str, Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """What was measured once for the tests above; the sizes asked for are those of ``--quick``."""
-    monkeypatch.setattr(bench, "QUICK", TINY)
-    monkeypatch.setattr(bench, "_rows", {TINY: list(tiny.values())}.__getitem__)
-    monkeypatch.setattr(bench, "QUICK_PEERS", (17,))
-    file = tmp_path / "bench.json"
-    assert main(["bench", "--quick", "--json", str(file)]) == 0
-    printed = capsys.readouterr().out
-    assert "n = 65, tight" in printed
-    assert ("not installed" in printed) != newton.has_pardiso()
-    written = json.loads(file.read_text())
-    assert {row["what"] for row in written["rows"]} >= {"n = 65, tight"}
-    assert written["peers"] == []
-
-
-def test_a_folder_that_is_not_there_is_told_before_any_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "--json", str(tmp_path / "none" / "bench.json")]) == 2
-    assert "there is no such folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from equimesh_client import errors
 def test_a_failed_mesh_is_1(generate: Any) -> None:
     code, _, err = generate("x", "-n", "5", "--label", "fail")
     assert code == 1
-    assert err == "equimesh: mesh m0 failed: The mesh folded. At cell 3. Lower a\n"
+    assert err == "equimesh: mesh m0 failed: Mesh folded. At cell 3. Lower a\n"
     code, out, _ = generate("x", "-n", "5", "--label", "fail", "--json")
     assert code == 1
     assert json.loads(out)["mesh"]["status"] == "failed"

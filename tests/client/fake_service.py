@@ -152,7 +152,7 @@ class _Handler(BaseHTTPRequestHandler):
         if fault is not None and fault.action == "drop":
             self._hang_up()
         elif fault is not None and fault.action == "status":
-            self._json(fault.status, fault.body or {"title": "Not now"}, fault.headers)
+            self._json(fault.status, fault.body or {"title": "Service unavailable"}, fault.headers)
         elif parts.path.endswith("/events"):
             self._events(request)
         else:
@@ -235,15 +235,15 @@ class _Handler(BaseHTTPRequestHandler):
             return _json(201, {"id": name, "shape": [3, 3]})
         if request.path.startswith("/v1/samples/"):
             if self.service.samples.pop(request.path.rsplit("/", 1)[1], None) is None:
-                return _problem(404, "There is nothing here")
+                return _problem(404, "Not found")
             return 204, {}, b""
         if found is None:
-            return _problem(404, "There is nothing here")
+            return _problem(404, "Not found")
         mesh_id, part = found.groups()
         if mesh_id is None:
             return self._create(request) if request.method == "POST" else self._list(request)
         if mesh_id not in self.service.meshes:
-            return _problem(404, "There is nothing here")
+            return _problem(404, "Not found")
         if request.method == "DELETE":
             del self.service.meshes[mesh_id]
             return 204, {}, b""
@@ -256,7 +256,7 @@ class _Handler(BaseHTTPRequestHandler):
             return _json(200, _public(mesh))
         if part == "cancel":
             if mesh["status"] in ("succeeded", "failed", "canceled"):
-                return _problem(409, "Not in this state")
+                return _problem(409, "Conflict")
             mesh["status"] = "canceled"
             return _json(200, _public(mesh))
         if part == "file":
@@ -275,7 +275,7 @@ class _Handler(BaseHTTPRequestHandler):
         if part == "plot":
             kind = request.query["format"]
             return 200, {"Content-Type": request.headers["accept"]}, b"<svg/>" if kind == "svg" else b"\x89PNG"
-        return _problem(404, "There is nothing here")
+        return _problem(404, "Not found")
 
     def _range(self, request: Request, data: bytes) -> tuple[int, dict[str, str], bytes]:
         etag = self.service.etags.format(hashlib.sha256(data).hexdigest())
@@ -285,7 +285,7 @@ class _Handler(BaseHTTPRequestHandler):
             return 200, headers, data
         start = int(asked[1])
         if start >= len(data):
-            return _problem(416, "The file ends before this range")
+            return _problem(416, "Range not satisfiable")
         extent = f"bytes {start}-{len(data) - 1}/{len(data)}"
         return 206, {**headers, "Content-Range": extent}, data[start:]
 
@@ -295,7 +295,7 @@ class _Handler(BaseHTTPRequestHandler):
         if "foo" in text:
             place = {"offset": text.index("foo"), "line": 1, "column": text.index("foo") + 1}
             errors = [{"pointer": "/monitor/u/expression", "message": "unknown name 'foo'", "position": place}]
-            return _problem(422, "The input cannot be used", errors=errors)
+            return _problem(422, "Invalid input", errors=errors)
         if key not in self.service.keys:
             mesh_id = f"m{len(self.service.keys)}"
             self.service.keys[key] = mesh_id
@@ -317,7 +317,7 @@ class _Handler(BaseHTTPRequestHandler):
         if label == "fail":
             mesh["status"] = "failed"
             mesh["partial"] = True
-            mesh["error"] = {"title": "The mesh folded", "detail": "At cell 3.", "remedy": "Lower a."}
+            mesh["error"] = {"title": "Mesh folded", "detail": "At cell 3.", "remedy": "Lower a."}
         elif label != "hang" and (label != "slow" or looks >= 3):
             mesh["status"] = "succeeded"
         if mesh["status"] == "succeeded":
@@ -337,7 +337,7 @@ class _Handler(BaseHTTPRequestHandler):
         if "foo" in text:
             place = {"offset": text.index("foo"), "line": 1, "column": text.index("foo") + 1}
             errors = [{"pointer": "/expression", "message": "unknown name 'foo'", "position": place}]
-            return _problem(422, "The input cannot be used", errors=errors)
+            return _problem(422, "Invalid input", errors=errors)
         box = [[0, 1], [0, 1]] if "domain" not in sent else [[2, 4], [-1, 3]]
         return _json(200, {"names": ["x", "y"], "domain": {"box": box, "area": 1.0}})
 

@@ -34,10 +34,10 @@ def add_parser(commands: Any) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     current = actions.add_parser("current", help="show its revision, and that of this release")
     current.set_defaults(run=_current)
-    upgrade = actions.add_parser("upgrade", help="make its tables, or bring them up to date")
+    upgrade = actions.add_parser("upgrade", help="create its tables, or upgrade them to this release")
     upgrade.set_defaults(run=_upgrade)
     backup = actions.add_parser("backup", help="copy it to a new file while it is in use (SQLite)")
-    backup.add_argument("file", metavar="FILE", type=Path, help="the copy, which must not be there yet")
+    backup.add_argument("file", metavar="FILE", type=Path, help="the copy, which must not exist yet")
     backup.set_defaults(run=_backup)
     for action in (current, upgrade, backup):
         add_database_options(action)
@@ -54,7 +54,7 @@ def _current(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps({"current": found, "latest": LATEST}))
     elif found is None:
-        print(f"there are no tables yet; this release makes those of revision {LATEST}")
+        print(f"no tables yet; this release creates those of revision {LATEST}")
     else:
         print(found if found == LATEST else f"{found}; this release upgrades it to {LATEST}")
     return Exit.DONE
@@ -70,7 +70,7 @@ def _upgrade(options: argparse.Namespace) -> int:
         file.parent.mkdir(parents=True, exist_ok=True)
     with refusing_database_errors():
         revision = upgrade(settings.database)
-    print(json.dumps({"current": revision}) if options.json else f"the database is of revision {revision}")
+    print(json.dumps({"current": revision}) if options.json else f"the database has revision {revision}")
     return Exit.DONE
 
 

@@ -1,4 +1,4 @@
-"""`equimesh keys`: make, list and revoke the API keys of a service."""
+"""`equimesh keys`: creates, lists and revokes the API keys of a service."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def add_parser(commands: Any) -> None:
     parser = add_command(
         commands,
         "keys",
-        help="make, list and revoke API keys",
+        help="create, list and revoke API keys",
         description="API keys of a service, in its database.",
         examples=EXAMPLES,
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    create = actions.add_parser("create", help="make a key, and print its secret this once")
-    create.add_argument("--name", required=True, help="whose key it is, or what for; shown in the list")
+    create = actions.add_parser("create", help="create a key, and print its secret this once")
+    create.add_argument("--name", required=True, help="owner or purpose of the key; shown in the list")
     create.add_argument(
         "--scope",
         action="append",
@@ -82,7 +82,7 @@ def _list(options: argparse.Namespace) -> int:
         print(json.dumps([_plain(row) for row in rows]))
         return Exit.DONE
     if not rows:
-        print("There are no keys: requests need none.")
+        print("No key exists: requests need none.")
         return Exit.DONE
     print(f"{'id':<14}{'scopes':<14}{'created':<22}{'revoked':<22}name")
     for row in rows:
@@ -95,9 +95,9 @@ def _revoke(options: argparse.Namespace) -> int:
     with _open_keys(options) as keys:
         row = keys.get(options.id)
         if row is None:
-            raise Refused(f"there is no key with the id {options.id}; `equimesh keys list` shows them")
+            raise Refused(f"no key has the id {options.id}; `equimesh keys list` shows all keys")
         if not keys.revoke(options.id):
-            raise Refused(f"the key {options.id} ({row.name}) was revoked before")
+            raise Refused(f"the key {options.id} ({row.name}) was revoked already")
     print(json.dumps({"id": row.id, "revoked": True}) if options.json else f"Key {row.id} ({row.name}) is revoked.")
     return Exit.DONE
 
@@ -112,7 +112,7 @@ def _open_keys(options: argparse.Namespace, *, create: bool = False) -> Iterator
     if is_in_folder and create:
         settings.data_dir.mkdir(parents=True, exist_ok=True)
     elif is_in_folder and not (settings.data_dir / "equimesh.sqlite3").exists():
-        raise Refused(f"there is no database in {settings.data_dir}; name the data folder with --data-dir")
+        raise Refused(f"there is no database in {settings.data_dir}; name its folder with --data-dir")
     with refusing_database_errors(), closing(Store(settings.database)) as store:
         store.prepare()
         yield store.keys

@@ -16,7 +16,7 @@ def spec(**more: Any) -> dict[str, Any]:
 def test_a_failed_mesh_says_why(connect: Any, service: Any) -> None:
     with pytest.raises(MeshFailed) as caught:
         connect(service.url).generate("x", 5, label="fail")
-    assert str(caught.value) == "mesh m0 failed: The mesh folded. At cell 3. Lower a"
+    assert str(caught.value) == "mesh m0 failed: Mesh folded. At cell 3. Lower a"
     assert caught.value.mesh.status == "failed"
 
 

@@ -1,0 +1,46 @@
+"""The state and the progress of a mesh, read from its resource."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from equimesh_client import Progress
+from equimesh_client.records.state import MeshState, progress_of
+
+
+@pytest.mark.parametrize(
+    ("record", "expected"),
+    [
+        ({"status": "queued"}, Progress(stage="queued")),
+        ({"status": "running", "progress": "lost"}, Progress(stage="running")),
+        (
+            {"status": "running", "progress": {"stage": "schwarz", "iteration": 3, "residual": 1e-4, "fraction": 0.5}},
+            Progress(stage="schwarz", iteration=3, residual=1e-4, fraction=0.5),
+        ),
+        ({"status": "running", "progress": {"iteration": "3", "fraction": 7}}, Progress(stage="running", fraction=1.0)),
+        ({"status": "succeeded", "progress": {"fraction": 0.9}}, Progress(stage="succeeded", fraction=1.0)),
+    ],
+)
+def test_progress_of_a_record(record: dict[str, Any], expected: Progress) -> None:
+    assert progress_of(record) == expected
+
+
+def test_a_record_without_optional_keys() -> None:
+    state = MeshState({"id": "m-1"})
+    assert (state.id, state.status, state.is_finished, state.attempts) == ("m-1", "queued", False, 0)
+    assert (state.label, state.error, state.reused_from, state.certificate) == (None, None, None, None)
+    assert (state.relaxed, state.warnings, state.timings) == (False, (), {})
+    assert repr(state) == "<MeshState m-1 queued>"
+
+
+def test_the_certificate_of_a_finished_mesh() -> None:
+    certificate = {
+        "status": "relaxed",
+        "warnings": ["coarse"],
+        "relaxed": [{"what": "a", "asked": 0.9, "reached": 0.5}],
+    }
+    state = MeshState({"id": "m-1", "status": "succeeded", "reused_from": "m-0", "certificate": certificate})
+    assert (state.is_finished, state.relaxed, state.warnings, state.reused_from) == (True, True, ("coarse",), "m-0")
+    assert [part.reached for part in state.certificate.relaxed] == [0.5] if state.certificate else False
