@@ -26,7 +26,7 @@ CERTIFICATE: dict[str, Any] = {
     "algebraic_error": 1e-4,
     "min_jacobian": 0.25,
     "relaxed": [{"what": "a", "asked": 0.7, "reached": 0.35}],
-    "warnings": ["The mesh adapts less than asked."],
+    "warnings": ["The mesh adapts less than requested."],
     "interpolation_gain": {"l2": 5.4, "h1": 2.4},
 }
 SIDES = ("left", "right", "bottom", "top")
@@ -37,8 +37,8 @@ class Fault:
     """What goes wrong with the next request that matches, ``times`` times."""
 
     pattern: str
-    # drop: no answer; lose: done, but no answer; status; half: body cut; cut: after so many bytes; damage: wrong bytes;
-    # longer, shorter: a lie about the length; elsewhere: a 206 of other bytes than those asked for
+    # drop: no answer; lose: done, but no answer; status; half: body cut; cut: after some bytes; damage: wrong bytes;
+    # longer, shorter: a wrong length; elsewhere: a 206 of other bytes than requested
     action: str = "drop"
     status: int = 503
     headers: dict[str, str] = field(default_factory=dict)
@@ -100,7 +100,7 @@ class FakeService:
             ("progress", {"fraction": 0.5}),
         ]
         self.events += [("progress", {"fraction": 0.75, "word": "größer"}), ("done", {"status": "succeeded"})]
-        self.cuts: list[int] = []  # after so many bytes, the k-th event stream is cut
+        self.cuts: list[int] = []  # the k-th event stream is cut after this number of bytes
         self.file: bytes | None = None  # the file of every mesh, in place of its own
         self.ranges = True  # whether Range is heeded
         self.etags = '"{}"'  # how an ETag is written
@@ -280,10 +280,10 @@ class _Handler(BaseHTTPRequestHandler):
     def _range(self, request: Request, data: bytes) -> tuple[int, dict[str, str], bytes]:
         etag = self.service.etags.format(hashlib.sha256(data).hexdigest())
         headers = {"Content-Type": "x/y", "ETag": etag}
-        asked = re.fullmatch(r"bytes=(\d+)-", request.headers.get("range", ""))
-        if asked is None or not self.service.ranges or request.headers.get("if-range") != etag:
+        range_header = re.fullmatch(r"bytes=(\d+)-", request.headers.get("range", ""))
+        if range_header is None or not self.service.ranges or request.headers.get("if-range") != etag:
             return 200, headers, data
-        start = int(asked[1])
+        start = int(range_header[1])
         if start >= len(data):
             return _problem(416, "Range not satisfiable")
         extent = f"bytes {start}-{len(data) - 1}/{len(data)}"

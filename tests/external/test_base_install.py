@@ -48,5 +48,5 @@ def test_the_client_imports(bin_folder: Path) -> None:
 def test_the_command_runs(bin_folder: Path) -> None:
     assert "--samples FILE" in run(str(bin_folder / "equimesh"), "generate", "--help")
     assert "pip install 'equimesh[solver]'" in run(str(bin_folder / "equimesh"), "solve", "x", code=2)
-    nobody = run(str(bin_folder / "equimesh"), "generate", "x", "--url", "http://127.0.0.1:9", code=3)
-    assert nobody.startswith("equimesh: no equimesh service answers at http://127.0.0.1:9")
+    message = run(str(bin_folder / "equimesh"), "generate", "x", "--url", "http://127.0.0.1:9", code=3)
+    assert message.startswith("equimesh: no equimesh service answers at http://127.0.0.1:9")

@@ -91,9 +91,9 @@ def test_a_damaged_database(made: Settings) -> None:
 
 
 def test_a_database_that_does_not_answer() -> None:
-    with socket.socket() as nobody:
-        nobody.bind(("127.0.0.1", 0))
-        port = nobody.getsockname()[1]
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
         settings = Settings(database_url=f"postgresql://ada:hidden@127.0.0.1:{port}/meshes")
         for check in (storage.database, storage.clock):
             found = look(check, settings)

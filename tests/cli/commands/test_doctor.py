@@ -49,20 +49,20 @@ def test_a_service_that_runs(
 ) -> None:
     """It alone is looked at, and not this machine."""
 
-    def ask(url: str, key: str = "") -> tuple[int, dict[str, str]]:
+    def check(url: str, key: str = "") -> tuple[int, dict[str, str]]:
         code = main(["doctor", "--json", "--url", url, "--key", key])
         return code, {check["check"]: check["level"] for check in json.loads(capsys.readouterr().out)["checks"]}
 
-    assert ask(url) == (0, dict.fromkeys(doctor.THERE, "ok"))
+    assert check(url) == (0, dict.fromkeys(doctor.THERE, "ok"))
     with Client(url, key="") as client:
         assert not [mesh for mesh in client.meshes.list() if mesh.record["label"] == "doctor"]
     well = {"ready": "ok", "version": "ok"}
-    assert ask(guarded_service.url, guarded_service.key("write")[1])[0] == 0
-    assert ask(guarded_service.url) == (1, {**well, "key": "failed", "round trip": "warning"})
-    reader = ask(guarded_service.url, guarded_service.key("read")[1])
+    assert check(guarded_service.url, guarded_service.key("write")[1])[0] == 0
+    assert check(guarded_service.url) == (1, {**well, "key": "failed", "round trip": "warning"})
+    reader = check(guarded_service.url, guarded_service.key("read")[1])
     assert reader == (0, {**well, "key": "ok", "round trip": "warning"})
     monkeypatch.setattr(reach.importlib.metadata, "version", lambda _: "9.9")
-    assert ask(url)[1]["version"] == "warning"
+    assert check(url)[1]["version"] == "warning"
 
 
 @pytest.mark.parametrize("words", [["--stored"], ["--workers", "2"]])
@@ -72,7 +72,7 @@ def test_a_service_elsewhere_or_this_machine(words: list[str], capsys: pytest.Ca
 
 
 def test_a_service_that_does_not_run(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket() as nobody:
-        nobody.bind(("127.0.0.1", 0))
-        assert main(["doctor", "--url", f"http://127.0.0.1:{nobody.getsockname()[1]}"]) == 1
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        assert main(["doctor", "--url", f"http://127.0.0.1:{unused.getsockname()[1]}"]) == 1
     assert "does not answer (ConnectError)\n" in capsys.readouterr().out

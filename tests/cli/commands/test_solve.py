@@ -41,8 +41,8 @@ def test_solve_writes_the_partial_mesh_too(capsys: pytest.CaptureFixture[str], t
 def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     mesh, picture = tmp_path / "m.npz", tmp_path / "m.png"
-    asked = "-n 12 --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --compare --plot-kind convergence"
-    assert main(["solve", "x*y", *asked.split(), "-o", str(mesh), "--plot", str(picture)]) == 0
+    words = "-n 12 --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --compare --plot-kind convergence"
+    assert main(["solve", "x*y", *words.split(), "-o", str(mesh), "--plot", str(picture)]) == 0
     out = capsys.readouterr().out
     assert "q_eq" in out
     assert "observed rate" in out
@@ -71,7 +71,7 @@ def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str]
     assert main(["solve", "x*y", "-n", "9"]) == 0
     assert capsys.readouterr().out.splitlines()[1] == "certificate: converged, mode discretization"
     (tmp_path / "d.json").write_text(json.dumps({**CURVED, "left": {"x": "0", "y": "foo*t"}}))
-    for words, told in (
+    for words, message in (
         ("x --domain annulus:2,1,0,90", "radii"),
         ("1/x --domain rectangle:-1,1,0,1", "    1/x\n"),
         ("--monitor weight --rho -1", "positive"),
@@ -79,7 +79,7 @@ def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str]
         (f"--samples {tmp_path / 'rho.npz'} --domain rectangle:0,4,0,1", "cover"),
     ):
         assert main(["solve", "-n", "9", *words.split()]) == 2, words
-        assert told in capsys.readouterr().err
+        assert message in capsys.readouterr().err
 
 
 def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

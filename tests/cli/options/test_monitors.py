@@ -18,8 +18,8 @@ CURVED: dict[str, Any] = {
 
 
 def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp_path: Path) -> None:
-    asked = "-n 9 --monitor tensor --m11 1+c --m12 0 --m22 2 --smoothing 0.1 --parameter c=2 --quiet"
-    assert generate(*asked.split(), "--domain", "annulus:1,3,-30,45", "--mode", "tight", "--no-relax")[0] == 0
+    words = "-n 9 --monitor tensor --m11 1+c --m12 0 --m22 2 --smoothing 0.1 --parameter c=2 --quiet"
+    assert generate(*words.split(), "--domain", "annulus:1,3,-30,45", "--mode", "tight", "--no-relax")[0] == 0
     sent = json.loads(service.seen("POST", "meshes")[-1].body)
     assert sent["monitor"] == {
         "kind": "tensor",

@@ -53,7 +53,7 @@ def test_bad_input_is_shown_with_a_caret(connect: Any, service: Any) -> None:
     with pytest.raises(InvalidInput) as caught:
         connect(service.url).generate("1 + foo*x", 5)
     assert str(caught.value).splitlines() == [
-        "The input cannot be used (HTTP 422)",
+        "Invalid input (HTTP 422)",
         "  /monitor/u/expression: unknown name 'foo'",
         "      1 + foo*x",
         "          ^",

@@ -105,6 +105,6 @@ def test_the_suffix_chooses_the_format(connect: Any, service: Any, tmp_path: Any
     for name in ("a.vtu", "b.VTK", "c.zip", "d.xdmf", "e.msh"):
         mesh.download(tmp_path / name)
     mesh.download(tmp_path / "f", "npz", partial=True)
-    asked = [request.query for request in service.seen("GET", "file")]
-    assert [query["format"] for query in asked] == ["vtu", "vtk", "xdmf", "xdmf", "msh", "npz"]
-    assert asked[-1]["partial"] == "true"
+    requested = [request.query for request in service.seen("GET", "file")]
+    assert [query["format"] for query in requested] == ["vtu", "vtk", "xdmf", "xdmf", "msh", "npz"]
+    assert requested[-1]["partial"] == "true"

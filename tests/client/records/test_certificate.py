@@ -11,7 +11,7 @@ def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
     assert (plain.certificate, plain.relaxed, plain.warnings) == (None, False, ())
     mesh = client.generate("x", 8, label="relaxed")
     assert mesh.relaxed
-    assert mesh.warnings == ("The mesh adapts less than asked.",)
+    assert mesh.warnings == ("The mesh adapts less than requested.",)
     assert mesh.certificate.interpolation_gain == {"l2": 5.4, "h1": 2.4}
     assert (mesh.certificate.relaxed[0].what, mesh.certificate.relaxed[0].reached) == ("a", 0.35)
     said = str(mesh.certificate)

@@ -84,6 +84,6 @@ def test_functions_are_sampled_on_the_box_of_the_domain(connect: Any, service: A
         client.generate(np.ones((3, 2)), 8, domain=domain)
         grid = client.meshes.list(limit=1).__next__().spec()["monitor"]["u"]["grid"]
         assert (grid["x"], grid["y"]) == ([2, 3, 4], [-1, 3])
-    asked = len(service.seen("POST", "check"))
+    requested = len(service.seen("POST", "check"))
     client.generate("x", 8, domain=around)
-    assert len(service.seen("POST", "check")) == asked == 2
+    assert len(service.seen("POST", "check")) == requested == 2

@@ -27,8 +27,8 @@ def part(folder: Path, data: bytes = DATA, name: str = "m.vtu") -> Path:
     return folder / f".{name}.{hashlib.sha256(data).hexdigest()}.part"
 
 
-def asked(service: Any) -> list[str | None]:
-    """The ranges that were asked for."""
+def requested_ranges(service: Any) -> list[str | None]:
+    """The requested ranges, one for each request."""
     return [request.headers.get("range") for request in service.seen("GET", "file")]
 
 
@@ -40,7 +40,7 @@ def test_every_attempt_asks_for_the_rest_only(mesh: Any, service: Any, fault: An
     # five breaks and two retries: an attempt that brings something is none of the failures in a row
     service.faults = [fault("file", "cut", cut=cut) for cut in (1000, 1, 20_000, 7, 70_000)]
     assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
-    assert asked(service) == [None, *(f"bytes={at}-" for at in (1000, 1001, 21_001, 21_008, 91_008))]
+    assert requested_ranges(service) == [None, *(f"bytes={at}-" for at in (1000, 1001, 21_001, 21_008, 91_008))]
     etag = f'"{hashlib.sha256(DATA).hexdigest()}"'
     assert [r.headers.get("if-range") for r in service.seen("GET", "file")] == [None, *[etag] * 5]
     assert {r.headers["accept-encoding"] for r in service.seen("GET", "file")} == {"identity"}
@@ -51,7 +51,7 @@ def test_arrays_go_on_in_memory(connect: Any, service: Any, fault: Any) -> None:
     mesh = connect(service.url).generate("x", 5)
     service.faults = [fault("file", "cut", cut=100), fault("file", "cut", cut=200)]
     assert mesh.x.shape == (5, 5)
-    assert asked(service) == [None, "bytes=100-", "bytes=300-"]
+    assert requested_ranges(service) == [None, "bytes=100-", "bytes=300-"]
 
 
 def test_a_file_that_changes_in_between_begins_anew(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_a_file_that_changes_in_between_begins_anew(mesh: Any, service: Any, fau
 
     service.fault = change
     assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA[::-1]
-    assert asked(service) == [None, "bytes=5000-", "bytes=5000-"]
+    assert requested_ranges(service) == [None, "bytes=5000-", "bytes=5000-"]
     assert names(tmp_path) == ["m.vtu"]
 
 
@@ -74,7 +74,7 @@ def test_a_file_that_changes_in_between_begins_anew(mesh: Any, service: Any, fau
     ("action", "ranges"),
     [
         ("longer", [None]),  # all bytes are there, by the checksum, when the line breaks
-        ("shorter", [None, None]),  # seems whole, and is not: what is there cannot be told from damage
+        ("shorter", [None, None]),  # seems complete but is not: the rest cannot be distinguished from damage
         ("elsewhere", [None, None]),
         ("damage", [None, None]),
     ],
@@ -84,14 +84,14 @@ def test_a_lie_does_not_get_into_the_file(
 ) -> None:
     service.faults = [fault("file", action)]
     assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
-    assert asked(service) == ranges
+    assert requested_ranges(service) == ranges
     assert names(tmp_path) == ["m.vtu"]
 
 
 def test_a_206_of_other_bytes_is_not_appended(mesh: Any, service: Any, fault: Any, tmp_path: Path) -> None:
     service.faults = [fault("file", "cut", cut=5000), fault("file", "elsewhere")]
     assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
-    assert asked(service) == [None, "bytes=5000-", None]
+    assert requested_ranges(service) == [None, "bytes=5000-", None]
 
 
 @pytest.mark.parametrize(("ranges", "etags"), [(False, '"{}"'), (True, 'W/"{}"')])
@@ -115,12 +115,12 @@ def test_what_an_earlier_program_left_is_gone_on_with(mesh: Any, service: Any, f
     assert names(tmp_path) == [part(tmp_path).name]
     service.faults, service.requests[:] = [], []
     assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
-    assert asked(service) == ["bytes=5000-"]
+    assert requested_ranges(service) == ["bytes=5000-"]
     assert names(tmp_path) == ["m.vtu"]
     # one that is whole needs no request; one of other bytes, or longer than the file, is thrown away
     part(tmp_path).write_bytes(DATA)
     assert mesh.download(tmp_path / "m.vtu").read_bytes() == DATA
-    assert len(asked(service)) == 1
+    assert len(requested_ranges(service)) == 1
     for wrong in (DATA + b"more", b"wrong" * 1000):
         part(tmp_path).write_bytes(wrong)
         part(tmp_path, b"another").write_bytes(b"old")
@@ -158,16 +158,16 @@ def test_a_killed_program_and_two_at_the_same_time(service: Any, fault: Any, tmp
         service.faults = [fault("file", "cut", cut=60_000), fault("file", "late")]
         with subprocess.Popen([sys.executable, "-c", code]) as other:
             try:
-                while len(asked(service)) < 2:
+                while len(requested_ranges(service)) < 2:
                     assert other.poll() is None
                     time.sleep(0.02)
                 # the other program holds its part: this one fetches all of it, and leaves that part alone
                 assert mesh.download(path).read_bytes() == DATA
-                assert asked(service)[-1] is None
+                assert requested_ranges(service)[-1] is None
                 assert names(tmp_path) == [part(tmp_path).name, "m.vtu"]
             finally:
                 other.kill()
         path.unlink()
         assert mesh.download(path).read_bytes() == DATA
-        assert str(asked(service)[-1]).startswith("bytes=")
+        assert str(requested_ranges(service)[-1]).startswith("bytes=")
         assert names(tmp_path) == ["m.vtu"]

@@ -121,7 +121,7 @@ def test_nobody_there(connect: Any) -> None:
 
 def test_somebody_else_there(connect: Any, service: Any, fault: Any) -> None:
     service.faults = [fault("capabilities", "status", status=200, body=["nothing"])]  # type: ignore[arg-type]
-    with pytest.raises(ServiceUnreachable, match="not as an equimesh service"):
+    with pytest.raises(ServiceUnreachable, match="not one of an equimesh service"):
         connect(service.url).capabilities()
 
 

@@ -20,12 +20,12 @@ def test_the_key_goes_with_every_request_and_nowhere_else(
     monkeypatch.setenv("EQUIMESH_KEY", " em_1_environment\n")
     connect(service.url).generate("x", 5)
     assert {request.headers["authorization"] for request in service.requests} == {"Bearer em_1_environment"}
-    asked = [
+    requested = [
         ({"key": "em_2_given"}, "Bearer em_2_given"),
         ({"key": ""}, None),
         ({"headers": {"authorization": "Basic me"}}, "Basic me"),
     ]
-    for options, header in asked:
+    for options, header in requested:
         connect(service.url, **options).capabilities()
         assert service.requests[-1].headers.get("authorization") == header
     for options in ({"key": "em_2", "headers": {"AUTHORIZATION": "x"}}, {"key": "em 2"}, {"key": "em_\u00e4"}):

@@ -165,7 +165,7 @@ def test_the_client_for_asyncio_is_punctual(url: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kinds", [(Client, Mesh), (AsyncClient, AsyncMesh)])
 def test_everything_that_waits_takes_a_deadline(kinds: tuple[type, type]) -> None:
     client = kinds[0]("http://127.0.0.1:9")
-    told = calls(client, kinds[1](client._session, RECORD), Path())
+    offered = calls(client, kinds[1](client._session, RECORD), Path())
     for prefix, owner in (("", client), ("meshes.", client.meshes), ("samples.", client.samples), ("", kinds[1])):
         for name, member in inspect.getmembers(owner, inspect.isroutine):
             if name.startswith("_") or name == "close":
@@ -173,4 +173,4 @@ def test_everything_that_waits_takes_a_deadline(kinds: tuple[type, type]) -> Non
             kind = inspect.signature(member).parameters["deadline"]
             assert kind.kind is inspect.Parameter.KEYWORD_ONLY, name
             assert kind.annotation in ("float", "float | None"), name
-            assert prefix + name in {*told, "quality", "convergence"}, name
+            assert prefix + name in {*offered, "quality", "convergence"}, name

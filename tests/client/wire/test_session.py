@@ -21,9 +21,9 @@ def test_events_come_once_each_over_dropped_connections(connect: Any, service: A
     assert [event.id for event in events] == [1, 2, 3, 4, 5]
     assert [event.kind for event in events] == [kind for kind, _ in service.events]
     assert [event.data for event in events] == [data for _, data in service.events]
-    asked = [request.headers.get("last-event-id") for request in service.seen("GET", "events")]
-    assert asked[0] is None
-    assert len(asked) == 4
+    requested = [request.headers.get("last-event-id") for request in service.seen("GET", "events")]
+    assert requested[0] is None
+    assert len(requested) == 4
 
 
 @pytest.mark.parametrize("cut", range(0, 420, 29))
