@@ -1,4 +1,4 @@
-"""The functions that benchmarks and tests adapt to, by name, with what each is hard for."""
+"""The functions that benchmarks and tests adapt to, by name, with the difficulty of each."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Function(NamedTuple):
-    """An expression of x and y, and what makes it hard, or easy."""
+    """An expression of x and y, and its difficulty."""
 
     u: str
     hard: str

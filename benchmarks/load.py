@@ -1,9 +1,8 @@
-"""A service under load, as a time-stepping caller feels it and as many do. Needs `wrk` (Debian: apt install wrk).
+"""A service under load, from one time-stepping caller and from many. Needs `wrk` (Debian: apt install wrk).
 
 The load comes from another program, over real connections, while the service runs in a process of its own. Every
-request asks for a mesh that is not there yet, of other samples than the last, and waits for its file: nothing is
-answered from an earlier mesh. `probe` is the same machine's time for a fixed piece of arithmetic: where it is far above
-its usual value, the machine was busy.
+request is for a new mesh, of other samples than the last, and waits for its file: no answer comes from an earlier mesh.
+`probe` is the time of this machine for a fixed calculation: a value far above the usual one means a busy machine.
 
     python benchmarks/load.py
     python benchmarks/load.py --seconds 30 --workers 2
@@ -34,7 +33,7 @@ MULTIPART = f"multipart/form-data; boundary={BOUNDARY}"
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """What is asked for, and by how many at once."""
+    """A kind of request, and the number of connections."""
 
     name: str
     points: int
@@ -50,7 +49,7 @@ LOADS = (
 
 
 def body(points: int, number: int) -> bytes:
-    """The multipart request for a mesh of the ``number``-th step of a front that moves."""
+    """The multipart request for a mesh of step ``number`` of a moving front."""
     axis = np.linspace(0.0, 1.0, points)
     x, y = np.meshgrid(axis, axis, indexing="ij")
     samples = io.BytesIO()
@@ -71,7 +70,9 @@ def service(folder: Path, workers: int) -> Iterator[tuple[str, int]]:
     try:
         said = next(line for line in process.stderr if "listening on" in line)
         url = said.split()[-1]
-        log = subprocess.Popen(["cat"], stdin=process.stderr, stdout=subprocess.DEVNULL)  # somebody has to read it
+        log = subprocess.Popen(
+            ["cat"], stdin=process.stderr, stdout=subprocess.DEVNULL
+        )  # a full pipe would block the service
         wait_until_ready(url, time.monotonic() + 300.0)
         yield url, process.pid
     finally:
@@ -87,13 +88,13 @@ def wait_until_ready(url: str, end: float) -> None:
             if httpx.get(f"{url}/readyz").status_code == 200:
                 return
         except httpx.TransportError:
-            pass  # it is not there yet
+            pass  # not started yet
         time.sleep(0.2)
     raise SystemExit("the service did not become ready")
 
 
 def measure(url: str, load: Load, seconds: float, *, warm_up: float = 2.0) -> dict[str, Any]:
-    """What the load generator says of ``seconds`` of a load, after so many of ``warm_up``; times in milliseconds."""
+    """The report of the load generator on ``seconds`` of a load, after ``warm_up`` seconds; times in milliseconds."""
     with tempfile.TemporaryDirectory() as folder:
         for number in range(BODIES):
             (Path(folder) / str(number)).write_bytes(body(load.points, number))
@@ -108,7 +109,7 @@ def measure(url: str, load: Load, seconds: float, *, warm_up: float = 2.0) -> di
 
 
 def probe() -> float:
-    """Milliseconds that a fixed piece of arithmetic takes now, the least of ten times."""
+    """Milliseconds of a fixed calculation, the shortest of ten."""
     matrix, least = np.random.default_rng(1).standard_normal((192, 192)), np.inf
     for _ in range(10):
         began = time.perf_counter()
@@ -118,13 +119,13 @@ def probe() -> float:
 
 
 def memory(pid: int) -> float:
-    """MiB that a process holds."""
+    """Resident memory of a process, in MiB."""
     status = Path(f"/proc/{pid}/status").read_text()
     return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
 
 def large(url: str, pid: int, points: int) -> dict[str, Any]:
-    """How long after its solve the file of a large mesh is there, and what sending it costs the process in memory."""
+    """Time from the solve of a large mesh to its file, and the memory that the process needs to send it."""
     spec = {"monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}}, "grid": {"n_xi": points, "n_eta": points}}
     with httpx.Client(base_url=url, timeout=600.0) as http:
         mesh = http.post("/v1/meshes?format=vtu&reuse=false", json=spec).raise_for_status().json()

@@ -40,7 +40,7 @@ def smoothed(monitor: em.Monitor, radius: float) -> em.Monitor:
 
 
 def entry(monitor: em.Monitor, points: int) -> str:
-    """What a solve with the monitor gains, what was relaxed for it, and its time."""
+    """The gain of a solve with the monitor, its relaxations, and its time."""
     start = time.process_time()
     problem = em.Problem(monitor=monitor, grid=em.Grid(n_xi=points, n_eta=points))
     solution = em.solve(problem, threads=1, check=False)

@@ -1,6 +1,6 @@
-"""The sweeps against guarded Newton with sparse direct solvers, up the same nested grids to the same mesh.
+"""The sweeps compared with guarded Newton and sparse direct solvers, over the same nested grids to the same mesh.
 
-CPU time of the finest level from one start, and of the whole solve. MKL PARDISO takes part where pypardiso is
+CPU time of the finest level from one start, and of the whole solve. MKL PARDISO is included where pypardiso is
 installed.
 
     python benchmarks/newton.py --points 65 129 257

@@ -1,4 +1,4 @@
-"""Our meshes beside those of Mmg2d and Gmsh: vertices a second, and the interpolation error of as many vertices.
+"""Our meshes compared with those of Mmg2d and Gmsh: vertices a second, and the error with equal numbers of vertices.
 
 pip install mmgpy gmsh
 python benchmarks/peers.py --points 65 129 --functions paper ring
@@ -17,7 +17,7 @@ def main() -> None:
     from equimesh_cli.benchmark import peers
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, nargs="+", default=[65], help="points a side; others take as many")
+    parser.add_argument("--points", type=int, nargs="+", default=[65], help="points a side, for all meshers")
     parser.add_argument("--functions", nargs="+", choices=peers.FUNCTIONS, default=list(peers.FUNCTIONS))
     options = parser.parse_args()
     for n in options.points:

@@ -1,4 +1,4 @@
-"""How far the asked mesh is reached, over functions, parameters and grids; what the certificates say.
+"""How well requested meshes are reached, over functions, parameters and grids, by their certificates.
 
 Every cell is one solve with default settings and one thread. Results go to a file of JSON lines, one a cell; cells that
 it holds already are not run again. With ``--write`` the file is turned into docs/robustness.md and
@@ -26,7 +26,7 @@ import equimesh as em
 
 PARAMETERS = ((0.7, 0.05), (1.0, 0.05), (0.7, 0.005), (1.0, 0.0))
 POINTS = (33, 65, 129, 257)
-LONGEST = 300.0  # CPU seconds
+MAX_CPU_SECONDS = 300.0
 
 
 class Cell(NamedTuple):
@@ -48,7 +48,7 @@ def run(cell: Cell) -> dict[str, Any]:
 
     result: dict[str, Any] = cell._asdict()
     signal.signal(signal.SIGPROF, _too_long)
-    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    signal.setitimer(signal.ITIMER_PROF, MAX_CPU_SECONDS)
     start = time.process_time()
     try:
         monitor = em.ArcLength(u=em.Expression(FUNCTIONS[cell.name].u), a=cell.a, b=cell.b)
@@ -63,7 +63,7 @@ def run(cell: Cell) -> dict[str, Any]:
 
 
 def measures(solution: em.Solution) -> dict[str, Any]:
-    """What of a solution goes into the table."""
+    """The numbers of a solution for the table."""
     certificate = solution.certificate.summary()
     relaxed = {one["what"]: one["reached"] for one in certificate["relaxed"]}
     quality, gain = solution.quality, certificate["interpolation_gain"]
@@ -83,17 +83,17 @@ def _short(number: float | None) -> float | None:
 
 
 def _too_long(*_: object) -> None:
-    raise TimeoutError(f"more than {LONGEST:g} CPU seconds")
+    raise TimeoutError(f"more than {MAX_CPU_SECONDS:g} CPU seconds")
 
 
 def known(path: Path) -> Iterator[dict[str, Any]]:
-    """The results in a file of JSON lines, which need not be there."""
+    """The results in a file of JSON lines; none without the file."""
     if path.exists():
         yield from map(json.loads, path.read_text().splitlines())
 
 
 def run_missing(path: Path, points: list[int], names: list[str], processes: int) -> None:
-    """Run the cells that the file does not hold, coarse grids first, and append their results."""
+    """Run the cells that the file lacks, coarse grids first, and append their results."""
     done = {Cell(*(result[field] for field in Cell._fields)) for result in known(path)}
     wanted = [Cell(name, a, b, n) for n, (a, b), name in product(sorted(points), PARAMETERS, names)]
     with ProcessPoolExecutor(processes, initializer=run, initargs=(Cell("paper", 0.7, 0.05, 33),)) as pool:
@@ -107,7 +107,7 @@ def run_missing(path: Path, points: list[int], names: list[str], processes: int)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("results", type=Path, help="file of JSON lines, made or continued")
+    parser.add_argument("results", type=Path, help="file of JSON lines, new or continued")
     parser.add_argument("--points", type=int, nargs="*", default=list(POINTS), help="points a side")
     parser.add_argument("--functions", nargs="+", default=list(FUNCTIONS), choices=FUNCTIONS, help="names of functions")
     parser.add_argument("--processes", type=int, default=2)

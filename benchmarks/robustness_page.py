@@ -1,6 +1,6 @@
-"""The page docs/robustness.md from the results of benchmarks/robustness.py, kept in benchmarks/robustness.json.
+"""The page docs/robustness.md from the results of benchmarks/robustness.py, which are in benchmarks/robustness.json.
 
-python benchmarks/robustness_page.py writes the page from the results kept.
+python benchmarks/robustness_page.py writes the page.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ INTRODUCTION = """\
 {cells} solves with the arc-length monitor and otherwise default settings, each on one thread.
 `benchmarks/robustness.py` runs them and writes this page; the numbers are in `benchmarks/robustness.json`.
 {missing}\
-Results are added cell by cell: 342 of them are older than the last changes of the solver, which now takes less of the
-cross-line term where `a` had to be lowered, and gives up sooner on fine grids.
+Results are added cell by cell. 342 of them are older than the last changes of the solver, which now adds less of the
+cross-line term where `a` is reduced, and ends sooner on fine grids where no mesh is valid.
 
 ## Summary
 """
 
 HONESTY = """
-"`a` reached" allows a [cross-line term](relaxed.md#what-a-weight-costs): the mesh adapts to all of the monitor, but by
-equations that also ask its lines to be straight. The weight says how much: 0.01 costs a few percent of what the mesh
-gains, 0.1 up to 40 %; with 3 often little is left of it. "Without any relaxation" is the strict count: the asked
-equations themselves, to the accuracy of the grid. What was needed, in numbers of solves:
+"`a` reached" allows a [cross-line term](relaxed.md#what-a-weight-costs): the mesh adapts to the whole monitor, but its
+equations also make its lines straighter. The weight says how much: 0.01 costs a few percent of the gain of the mesh,
+0.1 up to 40 %, and 3 often most of it. "Without any relaxation" is the strict count: the requested equations are solved
+to the accuracy of the grid. The relaxations, in numbers of solves:
 """
 
 READING = """
@@ -46,25 +46,24 @@ READING = """
 An entry reads `J · Q · ×gain · steps · time`: the smallest corner Jacobian (1 on the uniform mesh, not positive on a
 folded one); the largest Q_eq (1 where cells have equal shares of the metric); how many times smaller the L2 error of
 interpolation is than on the uniform mesh (below 1 it is larger: arc length follows gradients, not errors); sweeps and
-Newton steps on the finest grid, those of attempts that led nowhere included; CPU seconds of the whole solve. In bold
-what was relaxed: **c** the weight of the cross-line term, **a** the strength reached where it is less than asked, **n**
-the points a side of the grid that was solved on where it is coarser. All entries without bold satisfy the asked
-equations.
+Newton steps on the finest grid, including those of failed attempts; CPU seconds of the whole solve. Relaxations are in
+bold: **c** the weight of the cross-line term, **a** the reached strength where it is less than requested, **n** the
+points a side of the solved grid where it is coarser. All entries without bold satisfy the requested equations.
 """
 
 
 def reached(result: Result) -> bool:
-    """Whether the mesh is valid, on its own grid, and adapted with all of the asked a."""
+    """Whether the mesh is valid, on its own grid, and adapted with the requested a."""
     return result.get("status") in SUCCEEDED and not {"a", "points"} & result["relaxed"].keys()
 
 
 def exact(result: Result) -> bool:
-    """Whether the mesh satisfies the asked equations."""
+    """Whether the mesh satisfies the requested equations."""
     return result.get("status") == "converged"
 
 
 def lightly(result: Result) -> bool:
-    """Whether all of a is reached with a light cross-line term, or none."""
+    """Whether the requested a is reached with a light cross-line term, or none."""
     return reached(result) and result["relaxed"].get("cross_line", 0.0) <= LIGHT
 
 
@@ -74,7 +73,7 @@ def gains(result: Result) -> bool:
 
 
 def render(results: Sequence[Result]) -> str:
-    """The page."""
+    """The text of the page."""
     points = sorted({result["n"] for result in results})
     settings = sorted({(result["a"], result["b"]) for result in results}, key=lambda one: (-one[1], one[0]))
     functions = {result["name"] for result in results}
@@ -95,15 +94,15 @@ def render(results: Sequence[Result]) -> str:
 
 def _summary(results: Sequence[Result]) -> Iterator[str]:
     mild = [result for result in results if result["b"] >= MILD_B]
-    yield "| | goal | found |"
+    yield "| | goal | measured |"
     yield "|---|---|---|"
     yield f"| folded meshes | 0 | {sum(bool(r.get('folded')) for r in results)} |"
     yield f"| exceptions | 0 | {sum('exception' in r for r in results)} |"
     yield f"| solves without a valid mesh | | {sum(r.get('status') not in SUCCEEDED for r in results)} |"
     rows = (
-        ("asked `a` reached", reached, "95 %", "85 %"),
+        ("requested `a` reached", reached, "95 %", "85 %"),
         (f"the same, with a cross-line weight of at most {LIGHT:g}", lightly, "", ""),
-        ("asked equations satisfied, without any relaxation", exact, "", ""),
+        ("requested equations satisfied, without any relaxation", exact, "", ""),
         ("u interpolated better than on the uniform mesh", gains, "", ""),
     )
     for what, holds, mild_goal, goal in rows:
@@ -117,7 +116,7 @@ def _share(holds: Callable[[Result], bool], results: Sequence[Result]) -> str:
 
 
 def _need(result: Result) -> str:
-    """What had to be relaxed, in a word."""
+    """The relaxation of a result, in a word."""
     relaxed = result.get("relaxed", {})
     if result.get("status") not in SUCCEEDED:
         return "no mesh"
@@ -140,7 +139,7 @@ def _relaxations(results: Sequence[Result], points: Sequence[int]) -> Iterator[s
 
 
 def _worst(results: Sequence[Result]) -> Iterator[str]:
-    """The cells that are farthest from what was asked."""
+    """The cells that are farthest from the request."""
 
     def distance(result: Result) -> tuple[bool, float, bool, float, float]:
         relaxed = result.get("relaxed", {})
@@ -148,7 +147,7 @@ def _worst(results: Sequence[Result]) -> Iterator[str]:
         failed = result.get("status") not in SUCCEEDED
         return failed, lost, "points" in relaxed, relaxed.get("cross_line", 0.0), result.get("q_eq") or 0.0
 
-    yield "The cells farthest from what was asked, worst first:"
+    yield "The cells farthest from the request, worst first:"
     yield ""
     yield "| function | a, b | n | entry |"
     yield "|---|---|---|---|"
@@ -182,13 +181,13 @@ MARKS = {"a": "a", "cross_line": "c", "points": "n"}
 
 
 def read() -> list[Result]:
-    """The results kept."""
+    """The stored results."""
     results: list[Result] = json.loads(DATA.read_text())
     return results
 
 
 def write(results: Sequence[Result]) -> None:
-    """Keep the results, sorted, one a line, and write the page."""
+    """Store the results, sorted, one a line, and write the page."""
     names = list(FUNCTIONS)
     key = [(-r["b"], r["a"], names.index(r["name"]), r["n"]) for r in results]
     ordered = [results[k] for k in sorted(range(len(results)), key=key.__getitem__)]

@@ -1,9 +1,10 @@
-"""The slowest errors of a Schwarz iteration with yielding interfaces: those that alternate from line to line.
+"""The slowest errors of a Schwarz iteration with the optimized condition: those that alternate from line to line.
 
-If the nodes of neighbouring xi-lines move to and fro, no eta-edge may change its length, and every xi-line is alone:
-its errors P obey ``P_xi + d P = constant``, d what the metric makes of a line that bends. d is measured here on the
-single-domain mesh, by moving its nodes so; what one iteration then does to P is a small matrix for every line. Printed
-is the eigenvalue of the worst line, beside that of the iteration itself, strips in parallel, without acceleration.
+If the nodes of neighbouring xi-lines move in opposite directions, no eta-edge changes its length, and the xi-lines are
+independent. The errors P of a line obey ``P_xi + d P = constant``; d is the effect of the metric on a line that bends.
+It is measured here on the single-domain mesh, by such moves of its nodes. One iteration then is a small matrix on P for
+every line. The eigenvalue of the worst line is printed next to the observed factor of the iteration, with strips in
+parallel and without acceleration.
 
     python benchmarks/schwarz_modes.py --points 65
 """
@@ -25,7 +26,7 @@ STRIPS, STEP = (2, 4, 8), 1e-7
 
 
 def squared_lengths(metric: Any, x: Array, y: Array) -> tuple[Array, Array]:
-    """Of the xi-edges on all lines inside, shape ``(n_xi - 1, n_eta - 2)``; and the metric of the cells."""
+    """Values of the xi-edges on all inner lines, shape ``(n_xi - 1, n_eta - 2)``, and the metric of the cells."""
     from equimesh.sweeps.sweep import cell_metrics
 
     cells = np.empty((3, x.shape[0] - 1, x.shape[1] - 1))
@@ -36,7 +37,7 @@ def squared_lengths(metric: Any, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def moves(cells: Array, x: Array, y: Array) -> tuple[Array, Array]:
-    """How the nodes inside move for P = 1 and Q = 0."""
+    """The moves of the inner nodes for P = 1 and Q = 0."""
     inside = (slice(1, -1), slice(1, -1))
     m11, m12, m22 = 0.25 * (cells[:, 1:, 1:] + cells[:, 1:, :-1] + cells[:, :-1, 1:] + cells[:, :-1, :-1])
     (x_xi, x_eta), (y_xi, y_eta) = ([q[inside] for q in np.gradient(z)] for z in (x, y))
@@ -53,7 +54,7 @@ def responses(metric: Any, x: Array, y: Array) -> Array:
     along_x, along_y = moves(cells, x, y)
     sign = (-1.0) ** np.arange(x.shape[1])
     found = np.zeros((2, x.shape[0] - 1, x.shape[1] - 2))
-    for parity in (0, 1):  # every other node, so that the two of an edge are told apart
+    for parity in (0, 1):  # every other node, so that the two nodes of an edge stay apart
         p = STEP * sign * (np.arange(x.shape[0]) % 2 == parity)[:, None]
         up, _ = squared_lengths(metric, x + p * along_x, y + p * along_y)
         down, _ = squared_lengths(metric, x - p * along_x, y - p * along_y)
@@ -73,7 +74,7 @@ def lengths(response: Array) -> Array:
 
 
 def iteration(changed: Array, spans: Sequence[Any], kind: str) -> Array:
-    """One parallel iteration of strips on the P of one line, their interfaces yielding, or held (classical)."""
+    """One parallel iteration of strips on the P of one line, with the optimized or the classical condition."""
     edges = len(changed)
     found = np.zeros((edges + 1, edges + 1))
     for span in spans:

@@ -27,7 +27,7 @@ from functions import FUNCTIONS
 NAMES = ("paper", "sine", "ring", "tanh20", "tanh60", "wave")
 CUTS = ((2, 1), (4, 1), (8, 1), (16, 1), (32, 1), (2, 2), (4, 4), (8, 8), (3, 5))
 KINDS = ("optimized", "local", "classical", "nonlinear_robin", "linear_robin")
-# Fewer cuts where many iterations or a factorisation in every step take long, and no longer than this in seconds.
+# Fewer cuts for kinds that need many iterations, or a factorisation in every step; and the limit in seconds.
 FEW_CUTS, LONGEST = ((2, 1), (8, 1), (4, 4)), 6.0
 GOAL, MOST = 1e-6, 30
 
@@ -62,7 +62,7 @@ def case(name: str, n: int) -> tuple[Any, Any, Any]:
 
 
 def measure(name: str, n: int, settings: Any) -> dict[str, Any]:
-    """The errors of one iteration, how many it takes to :data:`GOAL`, and the two rates."""
+    """The errors of the iterations, their number to :data:`GOAL`, and the two rates."""
     import equimesh as em
     from equimesh.schwarz.rates import predicted_rate, steps_to_exact
     from equimesh.schwarz.records import observed_rate
@@ -121,7 +121,7 @@ def rows(kinds: Sequence[str], n: int, overlap: int) -> Iterator[dict[str, Any]]
 
 
 def shown(row: dict[str, Any] | None) -> str:
-    """How many iterations a measurement took, or why there is no number."""
+    """The number of iterations of a measurement, or the reason why there is none."""
     if row is None:
         return ""
     if row["iterations"] is not None:
@@ -130,7 +130,7 @@ def shown(row: dict[str, Any] | None) -> str:
 
 
 def tables(path: Path) -> Iterator[str]:
-    """Markdown tables: of every kind, its iterations by function and subdomains."""
+    """Markdown tables of the iterations of every kind, by function and subdomains."""
     found = [json.loads(line) for line in path.read_text().splitlines()]
     key = ("kind", "corrections", "acceleration", "u")
     by = {(*(row[k] for k in key), tuple(row["subdomains"])): row for row in found}

@@ -1,11 +1,11 @@
 """From a function to a PDE solved on its mesh, in five minutes: service, client, scikit-fem.
 
 -Laplace(v) = f on the unit square, with f and the boundary values of a wave front: v = arctan(60 (r - 0.7)), r the
-distance from (-0.05, -0.05). The same elements on the adapted and on uniform meshes; v itself tells their errors.
+distance from (-0.05, -0.05). The same elements on the adapted and on uniform meshes; v gives their errors.
 
     pip install 'equimesh[service]' scikit-fem
-    python 02_poisson_on_the_mesh.py                               # starts a service of its own
-    python 02_poisson_on_the_mesh.py --url http://127.0.0.1:8000   # takes yours
+    python 02_poisson_on_the_mesh.py                               # starts its own service
+    python 02_poisson_on_the_mesh.py --url http://127.0.0.1:8000   # uses a running one
 """
 
 import argparse
@@ -38,7 +38,7 @@ def solve(mesh: skfem.MeshQuad):
     basis = skfem.Basis(mesh, skfem.ElementQuad1(), intorder=8)
     matrix = skfem.BilinearForm(lambda v, w, _: dot(grad(v), grad(w))).assemble(basis)
     load = skfem.LinearForm(lambda w, at: front(*at.x)[3] * w).assemble(basis)
-    fixed = basis.get_dofs(["left", "right", "bottom", "top"])  # the sides have names in the file
+    fixed = basis.get_dofs(["left", "right", "bottom", "top"])  # the file names the sides
     v = skfem.solve(*skfem.condense(matrix, load, x=front(*basis.doflocs)[0], D=fixed))
     l2 = skfem.Functional(lambda at: (at["found"] - front(*at.x)[0]) ** 2)
     h1 = skfem.Functional(lambda at: sum((at["found"].grad[k] - front(*at.x)[1 + k]) ** 2 for k in (0, 1)))

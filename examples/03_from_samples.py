@@ -1,7 +1,7 @@
-"""A mesh from nothing but numbers: the solution of a PDE on a coarse grid, sent to a service as an array.
+"""A mesh from samples: the solution of a PDE on a coarse grid, sent to a service as an array.
 
 Two drops merge by the Allen-Cahn equation w_t = Laplace(w) + (w - w^3) / eps^2. A few explicit steps on a uniform grid
-give the samples; the mesh that comes back has its points where the interface is, ready for the next, finer solve.
+give the samples. The mesh has its points at the interface, for the next, finer solve.
 
     pip install 'equimesh[service]'
     python 03_from_samples.py [--url http://127.0.0.1:8000]

@@ -1,4 +1,4 @@
-"""A mesh from a Python function: the client samples it here, so that any code may compute it.
+"""A mesh from a Python function, which the client samples in this process: any code may compute it.
 
 pip install 'equimesh[service]'
 python 04_from_a_callable.py [--url http://127.0.0.1:8000]
@@ -33,7 +33,7 @@ def main(url: str | None, output: Path) -> None:
 
         print(mesh.quality)
         largest = abs(mesh.u - clover(mesh.x, mesh.y)).max()
-        print(f"at the nodes, the service's spline of the samples is off by at most {largest:.1e}")
+        print(f"at the nodes, the service's spline of the samples differs by at most {largest:.1e}")
         mesh.plot(output / "clover.png")
         print(f"wrote {mesh.download(output / 'clover.xdmf')} and {output / 'clover.png'}")
 

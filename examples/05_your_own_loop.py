@@ -1,7 +1,7 @@
-"""The Schwarz iteration in your own hands: your start, your progress, your deadline, your reason to stop.
+"""Your own loop over the Schwarz iteration: your start, your progress, your deadline, your reason to stop.
 
-`equimesh.iterate` yields one record per iteration, without end; whoever holds the loop decides. Here a front grows, and
-the mesh of every moment starts from that of the moment before.
+`equimesh.iterate` yields one record per iteration, without end; your loop decides when to stop. Here a front grows, and
+every mesh starts from the mesh of the time before.
 
     pip install 'equimesh[solver,plot]'
     python 05_your_own_loop.py
@@ -34,7 +34,7 @@ def follow(t: float, start: em.Mesh) -> list[em.Iteration]:
         if record.iteration:
             steps = "+".join(str(part.newton_steps) for part in record.subdomains)
             print(f"  iteration {record.iteration}: nodes moved by {record.change:.1e}, Newton steps {steps}")
-        if record.meets(TOLERANCE):  # also asks that every subdomain was solved, and that nothing is folded
+        if record.meets(TOLERANCE):  # also requires that every subdomain is solved and no cell is folded
             return records
         if record.failed or time.monotonic() > deadline:
             raise SystemExit(f"t = {t}: no mesh after {record.iteration} iterations")

@@ -33,7 +33,7 @@ def main(output: Path) -> None:
     print("figure1.png  the two subdomains, [0, beta] and [alpha, 1] in xi")
     print("figure2.png  the mesh: subdomain 1 red, subdomain 2 blue, the overlap purple")
     print("figure3.png  u on the mesh: its points gather where u falls to zero, at the right side")
-    print(f"wrote them to {output}")
+    print(f"wrote the figures to {output}")
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ def errors(solution: em.Solution, subdomain: int, component: str) -> list[float]
 
 
 def rate(history: list[float]) -> float:
-    """Mean factor by which the error falls in one iteration, first iterations and rounding left aside."""
+    """Mean factor by which the error falls in one iteration, without the first iterations and rounding."""
     usable = [error for error in history if error > 1e-10][2:]
     return (usable[-1] / usable[0]) ** (1 / (len(usable) - 1))
 
@@ -50,7 +50,7 @@ def main(output: Path) -> None:
     draw_histories(components, output / "figure4.png", title=title, ylabel="largest error")
     found = ", ".join(f"{label.strip('$')[:3]} {rate(history):.3f}" for label, history in components.items())
     print(f"figure4.png  error per iteration falls by {found}")
-    print("             paper: all components converge at about the same rate; so it is here")
+    print("             paper: all components converge at about the same rate; the same here")
 
     print("figure5.png  overlap   rate of x_1   predicted")
     overlaps = {}
@@ -58,7 +58,7 @@ def main(output: Path) -> None:
         solution = classical(overlap, iterations=24)
         overlaps[f"{overlap} points"] = history = [e for e in errors(solution, 0, "x") if e > 1e-11]
         print(f"             {overlap:>7}   {rate(history):11.3f}   {solution.predicted_rate:9.3f}")
-    print("             paper: the rate improves as the overlap increases; so it does here")
+    print("             paper: the rate improves as the overlap increases; the same here")
     title = "Classical Schwarz: points of overlap"
     draw_histories(overlaps, output / "figure5.png", title=title, ylabel="largest error of $x_1^n$")
     print(f"wrote figure4.png and figure5.png to {output}")

@@ -56,10 +56,10 @@ def main(output: Path) -> None:
         print(f"{p:>3g}  {linear[p][4]:>9.1e}  {nonlinear[p][4]:>9.1e}")
     best = [min(WHOLE, key=lambda p, found=found: found[p][4]) for found in (linear, nonlinear)]
     print(f"figure6.png, figure7.png: the best whole p is {best[0]} (linear), {best[1]} (nonlinear)")
-    print("  paper: p = 2 for both; so it is here, and the closed form p = 11/5 is better still")
-    ahead = [f"{p:g}" for p in sweep if nonlinear[p][4] < linear[p][4]]
-    behind = [f"{p:g}" for p in sweep if nonlinear[p][4] > linear[p][4]]
-    print(f"figure8.png: the nonlinear condition is ahead for p = {', '.join(ahead)}; behind for {', '.join(behind)}")
+    print("  paper: p = 2 for both; the same here, and the closed form p = 11/5 is better still")
+    better = [f"{p:g}" for p in sweep if nonlinear[p][4] < linear[p][4]]
+    worse = [f"{p:g}" for p in sweep if nonlinear[p][4] > linear[p][4]]
+    print(f"figure8.png: nonlinear is better for p = {', '.join(better)}, linear for p = {', '.join(worse)}")
     print("  paper: nonlinear is consistently better for p = 1, 2, 3; here it is not for p = 3. Differences are small")
     print(f"wrote figure6.png, figure7.png and figure8.png to {output}")
 

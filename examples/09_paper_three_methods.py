@@ -1,4 +1,4 @@
-"""Haynes and Howse, Table 1 and Figure 9: the three Schwarz iterations side by side.
+"""Haynes and Howse, Table 1 and Figure 9: the three Schwarz iterations compared.
 
 12 x 12 points, a = 0.7, b = 0.05, two strips with 2 points of overlap, from the uniform mesh. All numbers of the table
 come out with p = 2.3, classical subdomains that both read the previous iteration, and Robin subdomains that take turns.
@@ -53,7 +53,7 @@ def main(output: Path) -> None:
     title = "Three Schwarz iterations, 2 points of overlap"
     draw_histories(histories, output / "figure9.png", title=title, ylabel="largest error of $x_1^n$")
     print("figure9.png  error of x_1 after 4 iterations: " + ", ".join(f"{n} {h[4]:.1e}" for n, h in histories.items()))
-    print("  paper: both Robin kinds are vastly better than classical, the nonlinear slightly the best; so it is here")
+    print("  paper: both Robin kinds are vastly better than classical, the nonlinear slightly the best; the same here")
     turns = em.solve(PAPER, replace(METHODS["Classical"], ordering=em.Ordering.ALTERNATING), initial=em.Initial.UNIFORM)
     rates = solutions["Classical"].rate, turns.rate
     print(f"  classical error falls by {rates[0]:.2f} per iteration; by {rates[1]:.2f} when the subdomains take turns")

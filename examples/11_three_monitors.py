@@ -1,4 +1,4 @@
-"""One function, three monitors: arc length, curvature, and both at once, smoothed; what each mesh gains.
+"""One function, three monitors: arc length, curvature, and both at once, smoothed; the gain of each mesh.
 
 pip install 'equimesh[solver,plot]'
 python 11_three_monitors.py --output ../docs/images
@@ -32,7 +32,7 @@ def report(name: str, solution: em.Solution) -> str:
 
 
 def draw(solutions: dict[str, em.Solution], path: Path) -> None:
-    """The meshes side by side."""
+    """The meshes next to each other."""
     with figure_file(path, 10.5, 3.8) as figure:
         panels = figure.subplots(1, len(solutions))
         for axes, (name, solution) in zip(panels, solutions.items(), strict=True):

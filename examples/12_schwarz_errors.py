@@ -1,4 +1,4 @@
-"""Schwarz iterations on four strips: the error of every subdomain, for four ways to iterate side by side.
+"""Schwarz iterations on four strips: the error of every subdomain, for four ways to iterate.
 
 33 x 33 points, 2 points of overlap, a = 0.7, b = 0.05, from the mesh of a grid half as fine. Nothing takes over where a
 condition fails: what one sees is the condition itself. Without --full, only the paper's u is shown.
@@ -32,7 +32,7 @@ FUNCTIONS = {"paper's u": "(1 - exp(15*(x - 1))) * sin(pi*y)", "wave": "tanh(50*
 
 
 def remark(solution: em.Solution) -> str:
-    """How often positions took the place of the asked data."""
+    """How often positions replaced the requested data."""
     rescued = sum(any(part.classical for part in record.subdomains) for record in solution.iterations)
     return f"classical data in {rescued} of {solution.iterations[-1].iteration} iterations" if rescued else ""
 

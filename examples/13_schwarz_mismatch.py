@@ -1,4 +1,4 @@
-"""What subdomains disagree by, iteration by iteration, and what makes their number matter, or not.
+"""The mismatch of subdomains, iteration by iteration, and how it depends on their number.
 
 The paper's u, 65 x 65 points, 4 of overlap, a = 0.7, b = 0.05, from the mesh of a grid half as fine. The optimized
 condition takes local data, or sums along whole grid lines; line corrections and acceleration would hide which.

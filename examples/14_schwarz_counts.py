@@ -1,4 +1,4 @@
-"""How many Schwarz iterations it takes: transmission conditions, functions and subdomains, as a table and a picture.
+"""Numbers of Schwarz iterations by transmission condition, function and subdomains, as a table and a picture.
 
 Counted are iterations until the error against the single-domain mesh is a millionth of the start's, on 33 x 33 points
 with 2 points of overlap, a = 0.7, b = 0.05, from the mesh of a grid half as fine. Robin's take turns as in the paper,
@@ -46,7 +46,7 @@ GOAL, MOST, PATIENCE = 1e-6, 30, 10
 
 
 def count(problem: em.Problem, start: em.Mesh, single: em.Mesh, settings: em.Schwarz) -> str:
-    """The number of iterations to :data:`GOAL`, or what became of them."""
+    """The number of iterations to :data:`GOAL`, or the reason why there is none."""
     errors: list[float] = []
     for record in em.iterate(problem, settings, start, single):
         errors.append(record.error)
@@ -59,7 +59,7 @@ def count(problem: em.Problem, start: em.Mesh, single: em.Mesh, settings: em.Sch
 
 
 def shade(word: str) -> float:
-    """What a count is drawn as: more than all where it is not reached, not a number where the iteration failed."""
+    """The value that is drawn for a count: the largest where it is not reached, nan where the iteration failed."""
     return {">": 2.0 * MOST, "f": np.nan}.get(word[0]) or float(word)
 
 
@@ -72,7 +72,7 @@ def draw(counts: dict[tuple[str, str], dict[str, str]], names: list[str], path: 
             words = [list(counts[kind, name].values()) for name in names]
             shades = [[shade(word) for word in row] for row in words]
             axes.pcolormesh(shades, cmap=colours, norm=LogNorm(2, MOST), edgecolors="white", linewidth=1.5)
-            axes.patch.set(hatch="////", edgecolor="#bbbbbb")  # seen where an iteration failed
+            axes.patch.set(hatch="////", edgecolor="#bbbbbb")  # visible where an iteration failed
             for (row, column), number in np.ndenumerate(shades):
                 ink, box = "white" if number > 9 else "black", None if number > 0 else {"color": "white", "pad": 1}
                 axes.text(column + 0.5, row + 0.5, words[row][column], color=ink, bbox=box, ha="center", va="center")
@@ -81,7 +81,7 @@ def draw(counts: dict[tuple[str, str], dict[str, str]], names: list[str], path: 
             axes.set_yticks(np.arange(len(names)) + 0.5, names)
             axes.tick_params(length=0)
         panels[0, 0].invert_yaxis()
-        figure.supxlabel("subdomains along xi × eta; >10, >30: not reached in so many iterations", fontsize=10)
+        figure.supxlabel("subdomains along xi × eta; >10, >30: not reached in this number of iterations", fontsize=10)
         figure.suptitle("Iterations until the error is 1e-6 of the start's; 33 × 33 points, overlap 2", fontsize=12)
     Image.open(path).convert("RGB").quantize(64).save(path, optimize=True)
 

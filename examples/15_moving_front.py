@@ -1,7 +1,7 @@
 """A mesh that follows a front: an advection solver, and a sequence of meshes at a service that moves with it.
 
-u_t + u_x = 0 with a wavy front, by semi-Lagrangian steps: u at a node is u at the place where it came from. The same
-scheme on a fixed uniform mesh of as many nodes goes along.
+u_t + u_x = 0 with a wavy front, by semi-Lagrangian steps: u at a node is the u at the point that moves there. The
+same scheme on a fixed uniform mesh with the same number of nodes is the comparison.
 
     pip install 'equimesh[service]' && python 15_moving_front.py
 """
