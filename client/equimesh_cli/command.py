@@ -14,11 +14,11 @@ examples:
   equimesh demo                                           see it work, from nothing to files
   equimesh serve --port 8000                              run a service
   equimesh keys create --name ada --scope write           an API key for it
-  equimesh doctor                                         whether it will work, and what to do
+  equimesh doctor                                         check this installation
   equimesh generate 'tanh(20*(x-y))' -n 65 -o mesh.vtu    a mesh from a service
   equimesh solve 'tanh(20*(x-y))' -n 65 -o mesh.vtu       a mesh without a service
-  equimesh check 'sin(pi*x'                               what is wrong with an expression
-  equimesh bench --quick                                  what a mesh costs on this machine
+  equimesh check 'sin(pi*x'                               the faults of an expression
+  equimesh bench --quick                                  the cost of a mesh on this machine
 
 `equimesh COMMAND --help` shows the options of a command.
 

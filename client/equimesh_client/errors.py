@@ -8,7 +8,7 @@
     ├── DeadlineExceeded     the deadline of the caller has passed (also a TimeoutError)
     ├── DownloadDamaged      a file that does not have the checksum the service announced
     ├── ProblemError         the service answered with an error: status, type, title, detail, errors
-    │   ├── InvalidInput     422: something in the request cannot be used; says where
+    │   ├── InvalidInput     422: a fault in the request; says where
     │   ├── Unauthorized     401: the service needs a key that it knows
     │   ├── Forbidden        403: the key does not allow this
     │   ├── NotFound         404: no such mesh, file or samples

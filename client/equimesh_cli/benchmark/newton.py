@@ -1,4 +1,4 @@
-"""The sweeps compared with guarded Newton with a sparse direct solver, up the same grids and from the same start."""
+"""The sweeps compared with guarded Newton and a sparse direct solver, on the same grids from the same start."""
 
 import importlib
 import time
@@ -21,17 +21,19 @@ Array: TypeAlias = npt.NDArray[np.float64]
 Factorise: TypeAlias = Callable[[Any], newton.Solver]
 
 LARGE = 513
-SUPERLU_GOAL, PARDISO_GOAL = 200.0, 30.0
-MOST_SWEEPS = 100
+"""Points a side for which the goals are."""
+SUPERLU_GOAL = 200.0
+"""CPU time with SuperLU over that of the sweeps, at least."""
+PARDISO_GOAL = 30.0
+"""The same with MKL PARDISO."""
+MAX_SWEEPS = 100
+"""Sweeps of one level."""
 PARDISO = "MKL PARDISO"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Solver:
-    """A way to solve the linear systems of Newton's method, for systems of one grid.
-
-    ``reuse`` keeps a factorisation for as long as it serves.
-    """
+    """A solver for the linear systems of Newton's method on one grid; ``reuse`` keeps useful factorisations."""
 
     name: str
     factorise: Callable[[tuple[int, int]], Factorise]
@@ -41,7 +43,7 @@ class Solver:
 
 @dataclass(frozen=True, kw_only=True)
 class Solved:
-    """What Newton's method took on every grid: CPU seconds and steps; and the finest mesh."""
+    """CPU seconds and steps of Newton's method on every grid, and the finest mesh."""
 
     seconds: list[float]
     steps: list[int]
@@ -57,13 +59,8 @@ def compare(n: int) -> Iterator[Row]:
     whole, _ = cpu_seconds(lambda: em.solve(problem, mode=em.Mode.TIGHT, threads=1))
     note = f"{finest:.3f} s, the whole solve {whole:.3f} s"
     counts = {"sweeps": count}
-    yield Row(
-        what=f"n = {n}, sweeps on the finest level",
-        value=1e9 * finest / n**2,
-        unit="ns/point",
-        note=note,
-        counts=counts,
-    )
+    what = f"n = {n}, sweeps on the finest level"
+    yield Row(what=what, value=1e9 * finest / n**2, unit="ns/point", note=note, counts=counts)
     for solver in solvers():
         solved = solve(problem, solver)
         goal = solver.goal if n == LARGE else None
@@ -78,7 +75,7 @@ def compare(n: int) -> Iterator[Row]:
 
 
 def solvers() -> list[Solver]:
-    """SuperLU and, where pypardiso is installed, MKL PARDISO; each as plain Newton and with factors kept."""
+    """SuperLU and, where pypardiso is installed, MKL PARDISO; each with and without kept factors."""
 
     def nested(shape: tuple[int, int]) -> Factorise:
         return lambda matrix: dissection.factorise(matrix, shape)
@@ -94,7 +91,7 @@ def solvers() -> list[Solver]:
 
 
 def has_pardiso() -> bool:
-    """Whether pypardiso is installed, with the library that it needs."""
+    """Whether pypardiso and the library that it needs are installed."""
     try:
         importlib.import_module("pypardiso")
     except ImportError:
@@ -103,13 +100,13 @@ def has_pardiso() -> bool:
 
 
 def pardiso() -> Factorise:
-    """MKL PARDISO for systems of one pattern, which it orders once only."""
+    """MKL PARDISO for systems of one pattern, which it orders only once."""
     library = importlib.import_module("pypardiso").PyPardisoSolver(mtype=11)
     is_ordered = False
 
     def factorise(matrix: Any) -> newton.Solver:
         nonlocal is_ordered
-        rows = matrix.tocsr()  # columns make it solve the transposed system, and wrongly
+        rows = matrix.tocsr()  # with columns it solves the transposed system, and wrongly
         library._check_A(rows)
         library.set_phase(22 if is_ordered else 12)
         library._call_pardiso(rows, np.zeros((rows.shape[0], 1)))
@@ -125,20 +122,20 @@ def pardiso() -> Factorise:
 
 
 def sweep(problem: em.Problem, start: em.Mesh) -> tuple[int, em.Mesh]:
-    """Sweeps from ``start`` to the tolerance of tight mode: how many, and the mesh."""
+    """The number of sweeps from ``start`` to the tolerance of tight mode, and the mesh."""
     memory = np.empty(memory_needed(problem.grid.shape))
     sweeps = Sweep(problem.metric, problem.boundary, problem.grid.shape, memory, 1)
     x, y = start.x.copy(), start.y.copy()
-    for count in range(1, MOST_SWEEPS + 1):
-        found = sweeps.correct(x, y)
+    for count in range(1, MAX_SWEEPS + 1):
+        correction = sweeps.correct(x, y)
         x, y = sweeps.swap(x, y)
-        if found.deviation <= TIGHT_DEVIATION:
+        if correction.deviation <= TIGHT_DEVIATION:
             return count, em.Mesh(x, y)
-    raise RuntimeError(f"{MOST_SWEEPS} sweeps do not reach {TIGHT_DEVIATION}")
+    raise RuntimeError(f"{MAX_SWEEPS} sweeps do not reach {TIGHT_DEVIATION}")
 
 
 def solve(problem: em.Problem, solver: Solver) -> Solved:
-    """Guarded Newton on every nested grid, from where the sweeps start there, to the tolerance of tight mode."""
+    """Guarded Newton on every nested grid, from the start of the sweeps to the tolerance of tight mode."""
     meshes: list[em.Mesh] = []
     seconds, steps = [], []
     for grid in nested_grids(problem.grid):

@@ -1,14 +1,14 @@
-"""Our meshes compared with those of Mmg2d and Gmsh, for the same functions and as many vertices.
+"""Our meshes compared with those of Mmg2d and Gmsh, for the same functions and numbers of vertices.
 
 Mmg gets the tensors of our curvature monitor at its vertices and adapts in several passes; Gmsh gets an isotropic size
-from the same curvature. What is scaled to reach the number of vertices is found beforehand and not counted.
+from the same curvature. The time for finding the scale that gives the number of vertices is not counted.
 """
 
 import importlib
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -28,16 +28,19 @@ FUNCTIONS = {
     "ring": "tanh(20*((x - 0.5)**2 + (y - 0.5)**2 - 0.09))",
     "wave": "tanh(50*(y - 0.5 - 0.25*sin(2*pi*x)))",
 }
-# A number of vertices within this share of the requested one is accepted; the second number is the limit of attempts.
-NEAR, MOST_ATTEMPTS = 0.03, 8
-# After this many passes the error of Mmg no longer falls.
+MAX_VERTEX_DEVIATION_SHARE = 0.03
+"""Accepted difference from the requested number of vertices, relative."""
+MAX_ATTEMPTS = 8
+"""Attempts at the number of vertices."""
 PASSES = 3
-SIZES = 257  # points a side of the table of sizes that Gmsh interpolates in
+"""Passes of Mmg, after which its error no longer falls."""
+SIZES = 257
+"""Points a side of the table of sizes for Gmsh."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Meshed:
-    """One mesh: of which function, by what, how large, what it cost, how well it interpolates u."""
+    """One measured mesh: its function and mesher, its size, its CPU time and its interpolation error."""
 
     function: str
     mesher: str
@@ -53,7 +56,7 @@ class Meshed:
 
     @property
     def in_one_second(self) -> float:
-        """The error after one second of CPU time, if time grows and the error falls like the number of vertices."""
+        """The error after one second of CPU time, if time grows and the error falls with the number of vertices."""
         return self.l2 * self.cpu
 
     def plain(self) -> dict[str, Any]:
@@ -63,7 +66,7 @@ class Meshed:
 
 
 def compare(n: int, functions: Sequence[str] = tuple(FUNCTIONS)) -> Iterator[Meshed]:
-    """All meshes of about ``n`` x ``n`` vertices, by whatever is installed."""
+    """All meshes of about ``n`` x ``n`` vertices, by every installed mesher."""
     for name in functions:
         u = em.Expression(FUNCTIONS[name])
         yield from ours(name, u, n)
@@ -74,7 +77,7 @@ def compare(n: int, functions: Sequence[str] = tuple(FUNCTIONS)) -> Iterator[Mes
 
 
 def lines(meshes: Iterable[Meshed]) -> Iterator[str]:
-    """The lines of a table, below a heading; each as soon as its mesh is there."""
+    """The lines of a table with a heading, each as soon as its mesh is measured."""
     yield f"{'u':<8}{'mesher':<22}{'vertices':>9}{'CPU [s]':>10}{'vertices/s':>12}{'L2 error':>11}{'in 1 s':>10}"
     for m in meshes:
         rate = f"{m.rate:.0f}" if m.cpu > 0.0 else "-"
@@ -84,7 +87,7 @@ def lines(meshes: Iterable[Meshed]) -> Iterator[str]:
 
 
 def is_installed(name: str) -> bool:
-    """Whether a library can be imported, with what it needs of the system."""
+    """Whether a library and the libraries of the system that it needs can be imported."""
     try:
         importlib.import_module(name)
     except (ImportError, OSError):
@@ -96,23 +99,18 @@ def ours(name: str, u: em.Expression, n: int) -> Iterator[Meshed]:
     """The uniform mesh, and those of the arc-length and the curvature monitor."""
     grid = em.Grid(n_xi=n, n_eta=n)
     uniform = em.Mesh.uniform(grid)
-    yield _measured(name, u, "uniform", 0.0, (uniform.points, uniform.cells))
+    yield _measure(name, u, "uniform", 0.0, (uniform.points, uniform.cells))
     monitors: dict[str, em.Monitor] = {"ArcLength": em.ArcLength(u=u), "Curvature": em.Curvature(u=u)}
     for kind, monitor in monitors.items():
         problem = em.Problem(monitor=monitor, grid=grid)
-        em.solve(replace_grid(problem, 17), threads=1, check=False)  # loads the kernels
+        em.solve(replace(problem, grid=em.Grid(n_xi=17, n_eta=17)), threads=1, check=False)  # loads the kernels
         begun = time.process_time()
         solution = em.solve(problem, threads=1, check=False)
         seconds = time.process_time() - begun
         relaxed = ", ".join(f"{r.what} {r.reached:.2g}" for r in solution.relaxed)
         note = f"{solution.status}: {relaxed}" if relaxed else str(solution.status)
         mesh = solution.mesh
-        yield _measured(name, u, f"equimesh {kind}", seconds, (mesh.points, mesh.cells), note)
-
-
-def replace_grid(problem: em.Problem, n: int) -> em.Problem:
-    """The problem on ``n`` x ``n`` points."""
-    return em.Problem(monitor=problem.monitor, grid=em.Grid(n_xi=n, n_eta=n), domain=problem.domain)
+        yield _measure(name, u, f"equimesh {kind}", seconds, (mesh.points, mesh.cells), note)
 
 
 def mmg(name: str, u: em.Expression, n: int) -> Meshed:
@@ -131,8 +129,8 @@ def mmg(name: str, u: em.Expression, n: int) -> Meshed:
         return points, triangles
 
     # The metric has an area of 2; an equilateral triangle of unit edges has 0.43 for each half vertex.
-    seconds, found = _sized(adapt, 0.43 * n**2, n**2)
-    return _measured(name, u, "Mmg2d, Hessian", seconds, found, f"{PASSES} passes")
+    seconds, found = _scale(adapt, 0.43 * n**2, n**2)
+    return _measure(name, u, "Mmg2d, Hessian", seconds, found, f"{PASSES} passes")
 
 
 def gmsh(name: str, u: em.Expression, n: int) -> Meshed:
@@ -150,10 +148,10 @@ def gmsh(name: str, u: em.Expression, n: int) -> Meshed:
 
         library.initialize(interruptible=False)
         try:
-            seconds, found = _sized(generate, 0.43 * n**2, n**2)
+            seconds, found = _scale(generate, 0.43 * n**2, n**2)
         finally:
             library.finalize()
-    return _measured(name, u, "Gmsh, size field", seconds, found, "isotropic")
+    return _measure(name, u, "Gmsh, size field", seconds, found, "isotropic")
 
 
 def _gmsh_mesh(library: Any, table: Path) -> Triangles:
@@ -186,13 +184,13 @@ def _write_sizes(table: Path, size: Array) -> None:
         layers.tofile(file)
 
 
-def _sized(make: Callable[[float], Triangles], scale: float, vertices: int) -> tuple[float, Triangles]:
-    """CPU time and mesh of the scale that gives about this many vertices."""
-    for _ in range(MOST_ATTEMPTS):
+def _scale(make: Callable[[float], Triangles], scale: float, vertices: int) -> tuple[float, Triangles]:
+    """CPU time and mesh for the scale that gives about this number of vertices."""
+    for _ in range(MAX_ATTEMPTS):
         begun = time.process_time()
         found = make(scale)
         seconds = time.process_time() - begun
-        if abs(len(found[0]) / vertices - 1.0) <= NEAR:
+        if abs(len(found[0]) / vertices - 1.0) <= MAX_VERTEX_DEVIATION_SHARE:
             break
         scale *= vertices / len(found[0])
     return seconds, found
@@ -203,7 +201,7 @@ def _uniform_triangles(n: int) -> Triangles:
     return mesh.points, np.concatenate([mesh.cells[:, [0, 1, 2]], mesh.cells[:, [0, 2, 3]]])
 
 
-def _measured(name: str, u: em.Expression, mesher: str, seconds: float, found: Triangles, note: str = "") -> Meshed:
+def _measure(name: str, u: em.Expression, mesher: str, seconds: float, found: Triangles, note: str = "") -> Meshed:
     points, cells = found
     error = l2_error(points, cells, lambda x, y: u.evaluate(x, y)[0])
     return Meshed(function=name, mesher=mesher, vertices=len(points), cpu=seconds, l2=error, note=note)

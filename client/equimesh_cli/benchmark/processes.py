@@ -1,4 +1,4 @@
-"""What only a fresh process shows: memory, and the time of compiling and loading."""
+"""Measurements in a new process: memory, and the time of compiling and loading."""
 
 import json
 import os
@@ -17,7 +17,7 @@ HUGE, LARGE_RUNS, HUGE_RUNS = 4097, 5, 3
 
 
 def memory(n: int, smaller: int) -> Iterator[Row]:
-    """Memory a point at ``n`` points a side, and its cost a point compared with that at ``smaller``."""
+    """Memory per point at ``n`` points a side, and the cost of a point compared with that at ``smaller``."""
     found = _fresh("solve_large", n, smaller)
     goals = (MEMORY_GOAL, GROWTH_GOAL) if n == HUGE else (None, None)
     note = f"peak above that of the import: {found['bytes'] / 1e6:.0f} MB"
@@ -30,26 +30,20 @@ def memory(n: int, smaller: int) -> Iterator[Row]:
 
 
 def kernels() -> Iterator[Row]:
-    """CPU time of compiling all kernels, and of importing and loading what was compiled."""
+    """CPU time of compiling all kernels, and of importing and loading them."""
     with tempfile.TemporaryDirectory() as folder:
         first, again = (_fresh("use_all_kernels", NUMBA_CACHE_DIR=folder) for _ in range(2))
     note = f"{first['total']:.1f} s in an empty cache, {again['total']:.1f} s the next time"
-    yield Row(
-        what="compile the kernels, once on a machine",
-        value=first["total"] - again["total"],
-        unit="s",
-        goal=COMPILE_GOAL,
-        note=note,
-        counts={"kernels": first["compiled"], "left out": first["kernels"] - first["compiled"]},
-    )
+    what, value = "compile the kernels, once on a machine", first["total"] - again["total"]
+    counts = {"kernels": first["compiled"], "left out": first["kernels"] - first["compiled"]}
+    yield Row(what=what, value=value, unit="s", goal=COMPILE_GOAL, note=note, counts=counts)
     yield Row(what="import, CPU time", value=again["import"], unit="s", note="numba and scipy are most of it")
-    yield Row(
-        what="first mesh of a process, n = 33, CPU time", value=again["first"], unit="s", note="loads the kernels"
-    )
+    what = "first mesh of a process, n = 33, CPU time"
+    yield Row(what=what, value=again["first"], unit="s", note="loads the kernels")
 
 
 def _fresh(function: str, *arguments: int, **variables: str) -> dict[str, Any]:
-    """What a function of this module returns in a process of its own."""
+    """The result of a function of this module in a process of its own."""
     code = f"from {__name__} import {function} as work; import json; print(json.dumps(work{arguments!r}))"
     environment = {**os.environ, **variables}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)
@@ -113,9 +107,9 @@ def use_all_kernels() -> dict[str, Any]:
 
 
 def _peak() -> int:
-    """The most memory that this process has held, in bytes.
+    """The peak memory of this process, in bytes.
 
-    Linux counts in ``ru_maxrss`` what the parent held when it started the process, and in ``VmHWM`` it does not.
+    On Linux ``ru_maxrss`` includes the memory of the parent when it started the process; ``VmHWM`` does not.
     """
     status = Path("/proc/self/status")
     if status.exists():

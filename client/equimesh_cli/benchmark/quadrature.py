@@ -1,4 +1,4 @@
-"""The L2 norm of an interpolation error on any mesh of triangles or quadrilaterals. Knows nothing of the solver."""
+"""The L2 norm of an interpolation error on any mesh of triangles or quadrilaterals. Independent of the solver."""
 
 import math
 from collections.abc import Callable
@@ -18,8 +18,8 @@ def l2_error(points: Array, cells: IntArray, u: Function, count: int = POINTS) -
     """The L2 norm of u minus its interpolant at the vertices, linear on triangles and bilinear on quadrilaterals.
 
     ``points`` has shape ``(v, 2)``, ``cells`` ``(c, 3)`` or ``(c, 4)``, counter-clockwise; ``count`` Gauss points a
-    direction. A triangle is a quadrilateral whose last two vertices are one: the bilinear map is then Duffy's, and the
-    interpolant the linear one.
+    direction. A triangle is a quadrilateral whose last two vertices coincide: the bilinear map is then Duffy's, and the
+    interpolant linear.
     """
     corners = cells[:, [0, 1, 2, 2]] if cells.shape[1] == 3 else cells
     values, nodes, total = u(points[:, 0], points[:, 1])[corners], points[corners], 0.0

@@ -1,4 +1,4 @@
-"""One line of the table: what was measured, how it came out, and what it should be."""
+"""The lines of the table: measured numbers and their goals."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -13,9 +13,9 @@ RUNS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One measured number. ``goal`` is what it should not exceed or, with ``at_least``, not stay below.
+    """One measured number. ``goal`` is its upper limit, or with ``at_least`` its lower limit.
 
-    ``counts`` hold what does not depend on the machine: sweeps by grid, Newton steps.
+    ``counts`` do not depend on the machine: sweeps by grid, Newton steps.
     """
 
     what: str
@@ -43,7 +43,7 @@ HEADING = ("", "measured", "goal (of the developers, on an idle machine)")
 
 
 def lines(rows: Iterable[Row]) -> Iterator[str]:
-    """The lines of a table, below a heading; each as soon as its row is there."""
+    """The lines of a table with a heading, each as soon as its row is measured."""
     yield _line(HEADING)
     for row in rows:
         goal = "" if row.goal is None else f"{'>=' if row.at_least else '<='} {row.goal:g}"
@@ -59,7 +59,7 @@ def _line(cells: tuple[str, ...]) -> str:
 
 
 def cpu_seconds(work: Callable[[], T], runs: int = RUNS) -> tuple[float, T]:
-    """Median CPU time of ``work`` on this process, all its threads included, and its last result."""
+    """Median CPU time of ``work`` in all threads of this process, and its last result."""
     times = []
     for _ in range(runs):
         start = time.process_time()

@@ -1,4 +1,4 @@
-"""How long a mesh takes in this process: a large one, on two threads, and a small one."""
+"""Times of solves in this process: a large mesh, two threads, a small mesh."""
 
 import math
 import time
@@ -11,7 +11,7 @@ import equimesh as em
 from equimesh.meshes.nested import distance, refinement
 from equimesh_cli.benchmark.rows import Row, cpu_seconds
 
-# As steep as tanh, at half the price: about 10 ns a point.
+# As steep as tanh at half the cost: about 10 ns per point.
 CHEAP = "20*(x + y/2 - 0.75) / sqrt(1 + (20*(x + y/2 - 0.75))**2)"
 TANH = "tanh(20*(x + y/2 - 0.75))"
 # Goals are for this many points a side, and for these.
@@ -19,8 +19,8 @@ LARGE = 1025
 CPU_GOALS = {em.Mode.DISCRETIZATION: 220.0, em.Mode.TIGHT: 400.0}
 WALL_GOALS = {33: 2.0, 65: 5.0}
 SPEEDUP_GOAL = 1.7
-# The algebraic error that is requested, as a share of the discretisation error.
-SHARE = 0.2
+ERROR_SHARE = 0.2
+"""Goal of the algebraic error, as a share of the discretisation error."""
 THREAD_RUNS, SMALL_RUNS = 7, 50
 
 
@@ -31,7 +31,7 @@ def front(n: int, u: em.Field | None = None) -> em.Problem:
 
 
 def sweeps(problem: em.Problem, mode: em.Mode = em.Mode.DISCRETIZATION) -> dict[str, int]:
-    """How many sweeps (or Newton steps) the solve takes on every grid, by points a side."""
+    """The sweeps (or Newton steps) of a solve on every grid, by points a side."""
     steps: dict[str, int] = {}
 
     def observe(event: em.Event) -> None:
@@ -43,14 +43,14 @@ def sweeps(problem: em.Problem, mode: em.Mode = em.Mode.DISCRETIZATION) -> dict[
 
 
 def cost_of(u: em.Field) -> Row:
-    """What a value of u costs, on the points that a sweep evaluates at a time."""
+    """The cost of a value of u, on as many points as a sweep evaluates at once."""
     x, y = np.random.default_rng(0).random((2, 32, 1024))
     seconds, _ = cpu_seconds(lambda: u.evaluate(x, y), runs=50)
     return Row(what="a value of u", value=1e9 * seconds / x.size, unit="ns/point", note=f"u = {getattr(u, 'text', u)}")
 
 
 def large(n: int, u: em.Field | None = None, name: str = "") -> Iterator[Row]:
-    """CPU time a point in both modes, and what errors the first leaves."""
+    """CPU time per point in both modes, and the errors of the first mode."""
     problem = front(n, u)
     found = {}
     for mode in em.Mode:
@@ -72,13 +72,12 @@ def errors(solution: em.Solution, tight: em.Solution) -> Row:
     real = distance(finer.reference, tight.reference) / share
     estimated = (solution.algebraic_error or math.nan, solution.discretization_error or math.nan)
     note = f"real {algebraic:.1e} of {real:.1e}; estimated {estimated[0]:.1e} of {estimated[1]:.1e}"
-    return Row(
-        what=f"n = {n}, algebraic over discretisation error", value=algebraic / real, unit="", goal=SHARE, note=note
-    )
+    what = f"n = {n}, algebraic over discretisation error"
+    return Row(what=what, value=algebraic / real, unit="", goal=ERROR_SHARE, note=note)
 
 
 def threads(n: int) -> Iterator[Row]:
-    """Wall time on one thread over that on two: the best of runs in turn, as others use the machine, too."""
+    """Wall time on one thread over that on two: the best of alternating runs, since machines are shared."""
     problem = front(n)
     for mode in em.Mode:
         best = {1: math.inf, 2: math.inf}
@@ -103,13 +102,13 @@ def small(n: int) -> Iterator[Row]:
     for name, u in (("expression", expression), ("65 x 65 samples", samples)):
         problem = front(n, u)
         counts = sweeps(problem)
-        seconds, cpu, best = _spent(problem, SMALL_RUNS)
+        seconds, cpu, best = _call_times(problem, SMALL_RUNS)
         what = f"n = {n}, {name}, the whole call"
         note = f"best {1e3 * best:.1f} ms, CPU time {1e3 * cpu:.1f} ms"
         yield Row(what=what, value=1e3 * seconds, unit="ms", goal=WALL_GOALS.get(n), counts=counts, note=note)
 
 
-def _spent(problem: em.Problem, runs: int) -> tuple[float, float, float]:
+def _call_times(problem: em.Problem, runs: int) -> tuple[float, float, float]:
     """Median wall time of a call, its median CPU time, and the shortest wall time."""
     walls, cpus = [], []
     for _ in range(runs):

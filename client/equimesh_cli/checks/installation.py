@@ -1,4 +1,4 @@
-"""Checks of what is installed: Python, packages, settings, compiled loops, and a mesh that is known."""
+"""Checks of what is installed: Python, packages, settings, compiled loops, and the mesh of the paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of where a service keeps its data: folder, database, clock, files. They leave nothing behind."""
+"""Checks of the data of a service: folder, database, clock, files. They leave nothing behind."""
 
 from __future__ import annotations
 
@@ -99,14 +99,14 @@ def files(settings: Settings) -> Finding:
     from equimesh_service.files.folder import FolderFiles
 
     address = files_address(settings)
-    kept = address.open()
-    if isinstance(kept, FolderFiles):
+    storage = address.open()
+    if isinstance(storage, FolderFiles):
         try:
-            there = _try_writing(kept.folder)
+            there = _try_writing(storage.folder)
         except OSError as error:
-            message = f"the folder {kept.folder} cannot be written: {error.strerror}"
+            message = f"the folder {storage.folder} cannot be written: {error.strerror}"
             return failed(message, "let the user of the service write it, or choose another with EQUIMESH_FILES_URL")
-        return ok(f"{kept.folder}" if there == kept.folder else f"{kept.folder} can be created")
+        return ok(f"{storage.folder}" if there == storage.folder else f"{storage.folder} can be created")
     with tempfile.TemporaryDirectory() as here:  # so that the check leaves no folder behind
         replace(address, folder=Path(here) / "files").open().prepare(alone=False)
     return ok("an object can be written to the bucket, read and deleted")
@@ -121,9 +121,9 @@ def stored_files(settings: Settings) -> Finding | None:
         return None
     with open_inspection(settings) as inspection:
         named = inspection.named_files()
-    kept = files_address(settings).open()
-    none = isinstance(kept, FolderFiles) and not kept.folder.is_dir()
-    present = {} if none else {file.sha256: file.size for file in kept.listing()}
+    storage = files_address(settings).open()
+    none = isinstance(storage, FolderFiles) and not storage.folder.is_dir()
+    present = {} if none else {file.sha256: file.size for file in storage.listing()}
     lost = sorted(name for name in named if name not in present)
     damaged = sorted(name for name, size in named.items() if present.get(name, size) != size)
     if lost or damaged:

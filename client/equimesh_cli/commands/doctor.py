@@ -1,4 +1,4 @@
-"""`equimesh doctor`: whether an installation works, and what to do where it does not."""
+"""`equimesh doctor`: checks an installation and prints remedies."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ examples:
   equimesh doctor --data-dir /var/lib/equimesh --stored
   equimesh doctor --url https://meshes.example.org
 
-It takes the options of `equimesh serve`, and looks at what a service with them would find. It makes no folder and
-changes no data. With --url (or EQUIMESH_URL) it looks at the service there instead, and at nothing here. The exit code
+It takes the options of `equimesh serve` and checks a service with them on this machine. It creates no folder and
+changes no data. With --url (or EQUIMESH_URL) it checks the service there instead, and nothing here. The exit code
 is 1 when a check failed; warnings do not count.
 
-needs the service, but for --url: pip install 'equimesh[service]'
+needs the service, except with --url: pip install 'equimesh[service]'
 
 """
 HERE: dict[str, Callable[[Settings], Finding | None]] = {
@@ -64,7 +64,7 @@ def add_parser(commands: Any, *, full: bool) -> None:
         commands,
         "doctor",
         help="check an installation",
-        description="Check what a service needs on this machine, or with --url one that runs; say what to do.",
+        description="Check what a service needs on this machine, or with --url a running service; print the remedies.",
         examples=EXAMPLES,
     )
     add_url(parser, default=None)

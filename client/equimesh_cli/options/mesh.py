@@ -120,7 +120,7 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
     schwarz.add_argument(
         "--acceleration",
         choices=("auto", "none", "anderson", "newton"),
-        help="what is made of several iterations (auto: anderson for optimized, else none)",
+        help="combines several iterations (auto: anderson for optimized, else none)",
     )
     schwarz.add_argument("--local-solver", choices=("sweeps", "newton"), help="how a subdomain is solved (sweeps)")
     schwarz.add_argument(

@@ -1,4 +1,4 @@
-"""The client for asyncio: the twin of ``equimesh_client.blocking.client``, with the same flows behind it."""
+"""The client for asyncio: the twin of ``equimesh_client.blocking.client``, with the same flows."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from equimesh_client.wire.transport import base_url
 class AsyncClient:
     """A service of adaptive meshes; an asynchronous context manager. Arguments are those of :class:`Client`.
 
-    Every method awaits what the method of that name of :class:`Client` does, and raises the same exceptions.
+    Every method does what the method of that name of :class:`Client` does, and raises the same exceptions.
     """
 
     def __init__(
@@ -150,7 +150,7 @@ class AsyncMeshes:
 
 
 class AsyncSamplesStore:
-    """The samples that a service keeps: ``client.samples``."""
+    """The stored samples of a service: ``client.samples``."""
 
     def __init__(self, session: AsyncSession) -> None:
         self._session = session

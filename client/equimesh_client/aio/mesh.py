@@ -23,7 +23,7 @@ from equimesh_client.wire.stream import Event, StreamPosition
 
 
 class AsyncMesh(MeshState):
-    """A mesh at the service. Arrays, quality and convergence are fetched when they are first used, and kept."""
+    """A mesh at the service. Arrays, quality and convergence are fetched on first use, and stored."""
 
     def __init__(self, session: AsyncSession, record: Mapping[str, Any]) -> None:
         super().__init__(record)
@@ -49,7 +49,7 @@ class AsyncMesh(MeshState):
         return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
 
     async def cancel(self, *, deadline: float | None = None) -> AsyncMesh:
-        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it was finished before."""
+        """The mesh itself, canceled or about to be; raises :class:`Conflict` for a finished mesh."""
         settings = self._session.settings
         self.record = await self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
         return self

@@ -6,22 +6,20 @@ from typing import Any, Unpack
 import numpy.typing as npt
 
 from equimesh_client.aio.mesh import AsyncMesh
-from equimesh_client.records.tables import Array
 from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire import protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.session import AsyncSession
-from equimesh_client.wire.steps import SequenceStep
+from equimesh_client.wire.steps import SequenceState, SequenceStep
 
 
-class AsyncSequence:
+class AsyncSequence(SequenceState):
     """A mesh that moves with u. ``current`` is its last step, with the arrays of that mesh."""
 
     def __init__(self, session: AsyncSession, record: Mapping[str, Any], current: SequenceStep) -> None:
+        super().__init__(record, current)
         self._session = session
-        self.id = str(record["id"])
-        self.current = current
 
     async def step(
         self,
@@ -36,16 +34,6 @@ class AsyncSequence:
         call = steps.step_call(self.id, self.current, u, fields, parameters, t)
         self.current = await self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
         return self.current
-
-    @property
-    def x(self) -> Array:
-        """The x coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
-        return self.current.x
-
-    @property
-    def y(self) -> Array:
-        """The y coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
-        return self.current.y
 
     async def mesh(self, *, deadline: float | None = None) -> AsyncMesh:
         """The current mesh, with its quality, its files and its pictures."""

@@ -26,11 +26,11 @@ class Client:
     """A service of adaptive meshes; a context manager.
 
     ``timeout``: seconds that a single answer may take. ``retries``: further attempts after a lost connection, 429,
-    502, 503 or 504, or a :class:`RetryPolicy`. ``key``: the API key; that of the environment variable EQUIMESH_KEY
-    unless given, ``""`` for none. ``headers``: sent with every request.
+    502, 503 or 504, or a :class:`RetryPolicy`. ``key``: the API key; by default that of the environment variable
+    EQUIMESH_KEY, ``""`` for none. ``headers``: sent with every request.
 
     Every method that waits for the service takes a ``deadline`` in seconds, after which it raises
-    :class:`DeadlineExceeded`. Where its default is None, there is time for all attempts of ``timeout`` seconds.
+    :class:`DeadlineExceeded`. A default of None allows all attempts of ``timeout`` seconds.
     """
 
     def __init__(
@@ -72,9 +72,9 @@ class Client:
         ``pathlib.Path`` of a file of samples; or stored samples. :class:`Weight` and :class:`Tensor` need no u.
 
         ``options`` are those of :class:`MeshOptions`. ``initial`` is the first mesh, ``"nested"`` or ``"uniform"``.
-        ``cells`` of files and arrays are ``"quad"`` or ``"triangle"``. With ``reuse`` the service may answer at once
-        with an earlier mesh of the same request, which ``mesh.reused_from`` names. ``progress`` is whether a bar is
-        shown; with None it is shown on a terminal only.
+        ``cells`` of files and arrays are ``"quad"`` or ``"triangle"``. With ``reuse`` the service may answer with an
+        earlier mesh of the same request, which ``mesh.reused_from`` names. ``progress`` shows a bar; None shows it on
+        a terminal only.
 
         When the deadline (seconds) passes or the wait is interrupted, the mesh is canceled. Raises
         :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
@@ -105,7 +105,7 @@ class Client:
         domain: Domain | Mapping[str, Any] | None = None,
         deadline: float | None = None,
     ) -> dict[str, Any]:
-        """The service's report on an expression on ``domain``, the unit square unless given.
+        """The service's report on an expression on ``domain``, by default the unit square.
 
         Raises :class:`InvalidInput` with the position of a fault.
         """
@@ -175,7 +175,7 @@ class Meshes:
 
 
 class SamplesStore:
-    """The samples that a service keeps: ``client.samples``."""
+    """The stored samples of a service: ``client.samples``."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -190,7 +190,7 @@ class SamplesStore:
     ) -> StoredSamples:
         """Samples stored once, for any number of meshes: arrays, a callable, or a ``pathlib.Path`` of a file.
 
-        A callable, or an array of values alone, is taken on the box of ``domain``, the unit square unless given.
+        A callable, or an array of values alone, lies on the box of ``domain``, by default the unit square.
         """
         settings = self._session.settings
         flow = flows.upload(u, n_samples, domain, settings, settings.deadline(deadline))

@@ -24,7 +24,7 @@ from equimesh_client.wire.stream import Event, StreamPosition
 
 
 class Mesh(MeshState):
-    """A mesh at the service. Arrays, quality and convergence are fetched when they are first used, and kept."""
+    """A mesh at the service. Arrays, quality and convergence are fetched on first use, and stored."""
 
     def __init__(self, session: Session, record: Mapping[str, Any]) -> None:
         super().__init__(record)
@@ -52,12 +52,12 @@ class Mesh(MeshState):
     def events(self, *, after: int = 0, deadline: float = DEADLINE_SECONDS) -> Iterator[Event]:
         """The events of the mesh after number ``after``, up to ``done``, as they happen.
 
-        A dropped connection is opened again where it ended: no event is lost or repeated.
+        After a dropped connection the stream continues where it ended: no event is lost or repeated.
         """
         return self._session.follow(self.id, StreamPosition(last=after), Deadline.after(deadline))
 
     def cancel(self, *, deadline: float | None = None) -> Mesh:
-        """The mesh itself, canceled or about to be; raises :class:`Conflict` when it was finished before."""
+        """The mesh itself, canceled or about to be; raises :class:`Conflict` for a finished mesh."""
         settings = self._session.settings
         self.record = self._session.run(flows.cancel(self.id, settings, settings.deadline(deadline)))
         return self
@@ -102,13 +102,12 @@ class Mesh(MeshState):
     ) -> Path:
         """Write the mesh to ``path`` and return it; the format follows from the suffix.
 
-        A name in ``.xdmf`` gets its three companion files next to it; one in ``.xdmf.zip`` holds all four.
+        A ``.xdmf`` file comes with three others next to it; a ``.xdmf.zip`` file holds all four.
 
-        The file is complete and has the checksum that the service announced, or does not appear at all. A broken
-        transfer continues where it ended. The next download to this name does so, too: until then the part that has
-        arrived stays next to the file, as ``.NAME.SHA256.part``.
-        ``cells``, ``"quad"`` or ``"triangle"``, overrides the cells of the request.
-        ``partial`` also takes the mesh of a failed solve, if it is not folded.
+        A complete file with the announced checksum is written, or none. An interrupted transfer continues where it
+        ended, also in the next download to this name: until then the part stays next to the file, as
+        ``.NAME.SHA256.part``. ``cells``, ``"quad"`` or ``"triangle"``, overrides the cells of the request.
+        ``partial`` also accepts the mesh of a failed solve, unless it is folded.
         """
         call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         settings, limit = self._session.settings, Deadline.after(deadline)

@@ -6,22 +6,20 @@ from typing import Any, Unpack
 import numpy.typing as npt
 
 from equimesh_client.blocking.mesh import Mesh
-from equimesh_client.records.tables import Array
 from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire import protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.session import Session
-from equimesh_client.wire.steps import SequenceStep
+from equimesh_client.wire.steps import SequenceState, SequenceStep
 
 
-class Sequence:
+class Sequence(SequenceState):
     """A mesh that moves with u. ``current`` is its last step, with the arrays of that mesh."""
 
     def __init__(self, session: Session, record: Mapping[str, Any], current: SequenceStep) -> None:
+        super().__init__(record, current)
         self._session = session
-        self.id = str(record["id"])
-        self.current = current
 
     def step(
         self,
@@ -32,28 +30,18 @@ class Sequence:
         t: float | None = None,
         deadline: float = DEADLINE_SECONDS,
     ) -> SequenceStep:
-        """The next step, which becomes ``current``: a mesh for u, with u and the fields carried to its nodes.
+        """The next step, which becomes ``current``: a mesh for u, with u and the fields at its nodes.
 
         ``u`` is an array of values at the current nodes, shape ``(n_xi, n_eta)``; a callable ``u(x, y)``, evaluated
         there; or an expression, with ``parameters`` and the time ``t``. ``fields`` are arrays like u, by names.
 
-        An interrupted call may be repeated: with the same arguments it is the same step. Raises :class:`Conflict` when
-        another program has taken the step, :class:`MeshFailed` when it has no mesh (another step can then be taken in
-        its place), and :class:`InvalidInput`.
+        An interrupted call may be repeated: the same arguments are the same step. Raises :class:`Conflict` when another
+        program has taken the step, :class:`MeshFailed` when it has no mesh (another step may then replace it), and
+        :class:`InvalidInput`.
         """
         call = steps.step_call(self.id, self.current, u, fields, parameters, t)
         self.current = self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
         return self.current
-
-    @property
-    def x(self) -> Array:
-        """The x coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
-        return self.current.x
-
-    @property
-    def y(self) -> Array:
-        """The y coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
-        return self.current.y
 
     def mesh(self, *, deadline: float | None = None) -> Mesh:
         """The current mesh, with its quality, its files and its pictures."""

@@ -39,11 +39,11 @@ class Certificate:
     """How well a mesh solves the requested equations; nan for what is not known.
 
     ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is the largest
-    relative difference of a squared metric length from the mean of its grid line; ``discretization_error`` and
-    ``algebraic_error`` estimate errors of the nodes in units of the reference square, ``min_jacobian`` is 1 for the
-    uniform mesh. ``relaxed`` lists what was weakened, ``warnings`` are sentences;
-    ``interpolation_gain`` holds under ``"l2"`` and ``"h1"`` how many times smaller the error is than on the uniform
-    mesh, None without a u. ``record`` is the JSON it comes from.
+    relative difference of a squared metric length from the mean of its grid line. ``discretization_error`` and
+    ``algebraic_error`` estimate errors of the nodes in units of the reference square. ``min_jacobian`` is 1 for the
+    uniform mesh. ``relaxed`` lists the relaxed requirements, ``warnings`` are sentences. ``interpolation_gain`` is the
+    error on the uniform mesh over that on this one, in the norms ``"l2"`` and ``"h1"``; None without a u. ``record``
+    is the JSON of the service.
     """
 
     status: str

@@ -13,7 +13,7 @@ from equimesh_client.records.tables import Array, align, number, real_or_nan
 COUNTS = ("newton_steps", "sweeps")
 """Counts of each subdomain that the table shows."""
 MAX_TERMS = 4
-"""With more subdomains than this the table shows their counts in sum."""
+"""With more subdomains the table shows the sum of their counts."""
 REMARKS = {"accelerated": "accelerated", "global_step": "global step"}
 
 

@@ -27,7 +27,7 @@ class Measure:
 class Quality:
     """The quality of a mesh, dimensionless; nan for what the service does not report.
 
-    Each of ``measures`` is an attribute, too: ``quality.q_eq.max``. ``record`` is the JSON it comes from.
+    Each of ``measures`` is also an attribute: ``quality.q_eq.max``. ``record`` is the JSON of the service.
     """
 
     measures: Mapping[str, Measure]

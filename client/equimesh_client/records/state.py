@@ -13,7 +13,7 @@ FINISHED = frozenset({"succeeded", "failed", "canceled"})
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """The progress of a mesh: ``stage`` in a word, ``fraction`` from 0 to 1, and the latest figures."""
+    """The progress of a mesh: ``stage`` in a word, ``fraction`` from 0 to 1, and the latest numbers."""
 
     stage: str = ""
     iteration: int | None = None
@@ -72,13 +72,13 @@ class MeshState:
 
     @property
     def reused_from(self) -> str | None:
-        """The mesh that this one has its files from, when the service had computed the same before; else None."""
+        """The earlier mesh of an equal request, whose files this one shares; None for a computed mesh."""
         found = self.record.get("reused_from")
         return None if found is None else str(found)
 
     @property
     def certificate(self) -> Certificate | None:
-        """How well it solves the requested equations, once it is finished: ``print(mesh.certificate)``."""
+        """How well a finished mesh solves the requested equations: ``print(mesh.certificate)``."""
         found = self.record.get("certificate")
         return Certificate.from_json(found) if isinstance(found, dict) else None
 
@@ -90,7 +90,7 @@ class MeshState:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What its user should know, in sentences; empty when there is nothing."""
+        """Warnings for the user of the mesh, in sentences; empty without any."""
         certificate = self.certificate
         return () if certificate is None else certificate.warnings
 
@@ -101,7 +101,7 @@ class MeshState:
 
     @property
     def attempts(self) -> int:
-        """How often a worker has started on it."""
+        """How often a worker has started to solve it."""
         return int(self.record.get("attempts") or 0)
 
     def __repr__(self) -> str:

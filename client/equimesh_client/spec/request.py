@@ -1,4 +1,4 @@
-"""A request for a mesh, ready to send: what `generate` and `meshes.create` of both clients share."""
+"""A complete request for a mesh, for `generate` and `meshes.create` of both clients."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from equimesh_client.spec.monitors import ArcLength, Json, Read, monitor_json
 from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
 
 UPLOAD = "upload"
-"""Name, in a spec, of the one file of samples that goes with the request."""
+"""Name in a spec of the one file of samples that is sent with the request."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshRequest:
     """One logical request for a mesh.
 
-    ``uploads`` are the files that go with it. The spec refers to a single one as ``{"samples": "upload"}``, and to
-    several as ``"upload:0"``, ``"upload:1"`` and so on. ``key`` stays the same over all retries, so that they make
-    one mesh. Without ``reuse`` the mesh is computed even if the service has the same one.
+    ``uploads`` are its files. The spec refers to a single one as ``{"samples": "upload"}``, and to several as
+    ``"upload:0"``, ``"upload:1"`` and so on. ``key`` is the same in all retries, which therefore give one mesh. Without
+    ``reuse`` the mesh is computed even if the service has an equal one.
     """
 
     spec: dict[str, Any]
@@ -32,7 +32,7 @@ class MeshRequest:
     reuse: bool = True
 
     def with_stored_samples(self, ids: Sequence[str]) -> MeshRequest:
-        """The same request, with samples that the service keeps under ``ids`` in place of its uploads."""
+        """The same request, with stored samples of these ``ids`` in place of its uploads."""
         names = {f"upload:{number}": samples_id for number, samples_id in enumerate(ids)}
         return replace(self, spec={**self.spec, "monitor": _rename_samples(self.spec["monitor"], names)}, uploads=())
 
@@ -98,9 +98,9 @@ class GenerateArguments:
 
 
 def request_of_spec(spec: Mapping[str, Any], samples: object, key: str | None, *, reuse: bool = True) -> MeshRequest:
-    """The request for a complete spec; ``samples`` go with ``{"samples": "upload"}`` in its monitor.
+    """The request for a complete spec; ``samples`` belong to ``{"samples": "upload"}`` in its monitor.
 
-    Raises :class:`BadArgument` when one of the two is missing.
+    Raises :class:`BadArgument` for one without the other.
     """
     if not isinstance(spec, Mapping):
         raise BadArgument(f"a spec is a mapping, as in the HTTP interface, not {type(spec).__name__}")

@@ -1,4 +1,4 @@
-"""Functions that a mesh adapts to, ready to send: expressions, samples, callables and files."""
+"""Functions of x and y as the JSON of a spec: expressions, samples, callables and files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MEDIA_TYPES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Upload:
-    """A file to send: its name (the suffix tells the format), bytes and media type."""
+    """A file to send: its name (the suffix gives the format), bytes and media type."""
 
     filename: str
     data: bytes
@@ -38,7 +38,7 @@ class Upload:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredSamples:
-    """Samples that the service keeps, from ``client.samples.upload``; ``u`` of any number of meshes."""
+    """Stored samples of the service, from ``client.samples.upload``; ``u`` of any number of meshes."""
 
     id: str
     record: Mapping[str, Any]
@@ -51,7 +51,7 @@ class StoredSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """``u`` of the spec, and the file that goes with it when the samples are too big for the spec."""
+    """``u`` of the spec, and the file of samples that are too large for the spec."""
 
     json: dict[str, Any]
     upload: Upload | None = None
@@ -65,14 +65,13 @@ def source_of(
     n_samples: int = 129,
     box: Box = UNIT_BOX,
 ) -> Source:
-    """``u`` ready to send.
+    """The JSON and the file of ``u``, of any kind.
 
-    ``u`` is an expression in x and y (a string); a 2-D array or list of values on the uniform grid of the
-    ``box`` of the domain, the unit square unless given, first index along x; ``(x, y, values)`` or a mapping
-    with these keys: a rectilinear grid when ``values`` is 2-D, scattered points when all three are 1-D;
-    ``(points, values)`` or such a mapping: scattered; a callable ``u(x, y)``, called once with arrays of
-    shape ``(n_samples, n_samples)``; a path of a file; or :class:`StoredSamples`. ``parameters`` and ``t``
-    belong to an expression only.
+    ``u`` is an expression in x and y (a string); a 2-D array or list of values on the uniform grid of the ``box``,
+    first index along x; ``(x, y, values)`` or a mapping with these keys: a rectilinear grid when ``values`` is
+    2-D, scattered points when all three are 1-D; scattered ``(points, values)`` or such a mapping; a callable
+    ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path of a file; or
+    :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
 
     Raises :class:`BadArgument` when ``u`` is none of these, or has a value that is not finite.
     """
@@ -97,7 +96,7 @@ def source_of(
 
 
 def needs_box(u: object) -> bool:
-    """Whether it depends on the domain where the samples of ``u`` lie: a callable, or an array of values alone."""
+    """Whether samples of ``u`` depend on the box of the domain: a callable, or an array of values alone."""
     return callable(u) or isinstance(u, np.ndarray | list)
 
 
@@ -114,7 +113,7 @@ def read_upload(path: str | Path) -> Upload:
 
 
 def upload_of(u: object, *, n_samples: int = 129, box: Box = UNIT_BOX) -> Upload:
-    """Samples of any kind that :func:`source_of` takes as a file to upload."""
+    """Samples of any kind that :func:`source_of` accepts, as a file to upload."""
     if isinstance(u, Upload):
         return u
     if isinstance(u, Path):

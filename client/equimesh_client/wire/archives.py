@@ -1,4 +1,4 @@
-"""XDMF meshes: the service sends four files in a zip; here they are put side by side."""
+"""XDMF meshes: unpacks the four files of a zip into one folder."""
 
 import io
 import zipfile
@@ -13,7 +13,7 @@ PARTS = ("mesh", "facets")
 def unpack_xdmf(data: bytes, path: str | Path) -> Path:
     """Write the four files of a zipped XDMF mesh and return ``path``, the one to open.
 
-    ``m.xdmf`` comes with ``m.h5``, ``m_facets.xdmf`` and ``m_facets.h5``. Heavy data is written before what refers
+    ``m.xdmf`` comes with ``m.h5``, ``m_facets.xdmf`` and ``m_facets.h5``. Data is written before the files that refer
     to it. Raises :class:`DownloadDamaged` when the zip does not hold these files.
     """
     path = Path(path)

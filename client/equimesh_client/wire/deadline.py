@@ -25,9 +25,9 @@ class Deadline:
 
     @classmethod
     def after(cls, seconds: float, clock: Callable[[], float] = time.monotonic) -> Deadline:
-        """The moment ``seconds`` from now. Raises :class:`BadArgument` when that is no positive number."""
+        """The moment ``seconds`` from now. Raises :class:`BadArgument` unless it is positive."""
         if not seconds > 0:
-            raise BadArgument(f"deadline = {seconds}: a deadline is a positive number of seconds")
+            raise BadArgument(f"deadline = {seconds}: must be a positive number of seconds")
         return cls(seconds=seconds, end=clock() + seconds, clock=clock)
 
     @property
@@ -54,5 +54,5 @@ class Settings:
         return self.timeout * (self.policy.retries + 1)
 
     def deadline(self, seconds: float | None = None) -> Deadline:
-        """The deadline of a plain request, ``seconds`` from now; unless given, with time for all attempts."""
+        """The deadline of a plain request, ``seconds`` from now; by default with time for all attempts."""
         return Deadline.after(self.attempts if seconds is None else seconds)

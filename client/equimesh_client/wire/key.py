@@ -10,11 +10,11 @@ HEADER = "Authorization"
 
 
 def headers_with_key(headers: Mapping[str, str] | None, key: str | None) -> dict[str, str]:
-    """The headers of every request. Unless given, ``key`` is that of the environment variable; an empty one is none.
-    Headers with their own authorisation take precedence over the environment.
+    """The headers of every request, with the API key.
 
-    Raises :class:`BadArgument` when there are two, or the key has a character that no key has. The message does not
-    hold the key.
+    ``key`` is by default that of the environment variable; an empty one is none. Headers with their own authorisation
+    take precedence over the environment. Raises :class:`BadArgument` for two keys, and for a character that keys do not
+    have; the message does not contain the key.
     """
     merged = dict(headers or {})
     own = any(name.lower() == HEADER.lower() for name in merged)

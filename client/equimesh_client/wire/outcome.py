@@ -1,4 +1,4 @@
-"""The outcome of a request: an exception, or a mesh for another library."""
+"""The outcome of a request, as an exception or as a mesh of another library."""
 
 import importlib
 from typing import Any
@@ -33,7 +33,7 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
     kind, parts = ("triangle", 2) if arrays.cells.shape[1] == 3 else ("quad", 1)
     along_xi, along_eta = (np.linspace(0.0, 1.0, n) for n in arrays.x.shape)
     xi, eta = np.meshgrid(along_xi, along_eta, indexing="ij")
-    of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # the second is the value on sides
+    of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # each with its value on sides
     return meshio.Mesh(
         arrays.points,
         [(kind, arrays.cells), *(("line", edges) for _, edges in sides)],

@@ -1,4 +1,4 @@
-"""A picture of a mesh, as the service drew it."""
+"""A picture of a mesh, drawn by the service."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +25,7 @@ class Plot:
 
 
 def plot_format(path: str | Path | None, format: str | None) -> str:
-    """``format``, or what the suffix of ``path`` says, or svg."""
+    """``format``, or that of the suffix of ``path``, or svg."""
     if format is not None:
         return format
     suffix = Path(path).suffix.lower().lstrip(".") if path is not None else ""

@@ -16,7 +16,7 @@ from equimesh_client.spec.sources import Upload
 from equimesh_client.wire.retry import retry_after_of
 from equimesh_client.wire.stream import StreamPosition
 
-FORMATS = ("vtu", "vtk", "xdmf", "msh", "su2", "npz")  # those whose suffix is their name
+FORMATS = ("vtu", "vtk", "xdmf", "msh", "su2", "npz")  # whose suffix is their name
 SUFFIXES: Mapping[str, str] = {
     ".xdmf.zip": "xdmf",
     ".zip": "xdmf",
@@ -30,8 +30,8 @@ PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
 class Call:
     """One request.
 
-    ``body`` is complete, so that a repeated call sends the same bytes. ``sent`` is the JSON in it, from which error
-    messages quote. ``patience`` is the time in seconds that the service may hold its answer back.
+    ``body`` is complete, so that a repeated call sends the same bytes. ``sent`` is the JSON in it, which error messages
+    quote. ``patience`` is the time in seconds for which the service may hold its answer back.
     """
 
     method: str
@@ -163,7 +163,7 @@ def stored_samples(samples_id: str, *, method: str = "GET") -> Call:
 def check_expression(
     expression: str, parameters: Mapping[str, float] | None, t: float | None, domain: Mapping[str, Any] | None = None
 ) -> Call:
-    """Parse and evaluate an expression on ``domain``, the unit square unless given."""
+    """Parse and evaluate an expression on ``domain``, by default the unit square."""
     sent: dict[str, Any] = {"expression": expression}
     if parameters:
         sent["parameters"] = dict(parameters)
@@ -189,7 +189,7 @@ def json_bytes(value: object) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    """A number or list for numpy's scalars and arrays."""
+    """The number or list of a scalar or array of numpy."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{value!r} is no JSON value")
@@ -204,14 +204,14 @@ def multipart(parts: Mapping[str, Upload]) -> tuple[str, bytes]:
         if part.filename:
             safe = part.filename.replace("\\", "_").replace('"', "%22").replace("\r", "%0D").replace("\n", "%0A")
             disposition += f'; filename="{safe}"'
-        lines += [b"--" + boundary.encode(), disposition.encode(), f"Content-Type: {part.media_type}".encode(), b""]
-        lines += [part.data]
+        head = ["--" + boundary, disposition, f"Content-Type: {part.media_type}", ""]
+        lines += [*(line.encode() for line in head), part.data]
     lines += [b"--" + boundary.encode() + b"--", b""]
     return f"multipart/form-data; boundary={boundary}", b"\r\n".join(lines)
 
 
 def json_of(reply: Reply) -> dict[str, Any]:
-    """The JSON object of an answer. Raises :class:`ServiceUnreachable` when it is none: another program answered."""
+    """The JSON object of an answer; raises :class:`ServiceUnreachable` for the answer of another program."""
     try:
         value = json.loads(reply.body)
     except ValueError:
@@ -219,7 +219,7 @@ def json_of(reply: Reply) -> dict[str, Any]:
     if not isinstance(value, dict):
         kind = reply.headers.get("content-type", "no content type")
         raise ServiceUnreachable(
-            f"something answered (HTTP {reply.status}, {kind}), but not as an equimesh service does; check the URL"
+            f"the answer (HTTP {reply.status}, {kind}) is not one of an equimesh service; check the URL"
         )
     return value
 
@@ -247,14 +247,14 @@ def box_of(reply: Reply) -> Box:
 
 
 def raise_for_status(reply: Reply, call: Call) -> Reply:
-    """The reply itself when it is a success; otherwise raises the :class:`ProblemError` that it holds."""
+    """The reply itself if it is a success; otherwise raises its :class:`ProblemError`."""
     if 200 <= reply.status < 300:
         return reply
     raise problem_of(reply, call)
 
 
 def problem_of(reply: Reply, call: Call) -> ProblemError:
-    """The exception for an answer that is no success, with any body."""
+    """The exception for an unsuccessful answer with any body."""
     try:
         document = json.loads(reply.body)
     except ValueError:
@@ -264,7 +264,7 @@ def problem_of(reply: Reply, call: Call) -> ProblemError:
     phrase = next((s.phrase for s in HTTPStatus if s.value == reply.status), "unexpected answer")
     detail = document.get("detail", "")
     if not detail and 300 <= reply.status < 400:
-        detail = f"the service is at another address: {reply.headers.get('location', 'not named')}"
+        detail = f"the service has another address: {reply.headers.get('location', 'not named')}"
     kind = str(document.get("type", "about:blank"))
     return error_class(reply.status, kind)(
         status=reply.status,
@@ -297,7 +297,7 @@ def _input_problem(error: Mapping[str, Any], sent: Any) -> InputProblem:
 
 
 def at_pointer(document: Any, pointer: str) -> Any:
-    """The value at a JSON pointer (RFC 6901), None when there is none."""
+    """The value at a JSON pointer (RFC 6901), or None."""
     value = document
     for token in pointer.removeprefix("#").split("/")[1:]:
         key = unquote(token).replace("~1", "/").replace("~0", "~")
@@ -311,7 +311,7 @@ def at_pointer(document: Any, pointer: str) -> Any:
 
 
 def sha256_of(headers: Mapping[str, str]) -> str | None:
-    """The sha256 in the ETag of a file, None when the ETag holds none."""
+    """The sha256 in the ETag of a file, or None."""
     found = re.search(r"(?<![0-9a-f])[0-9a-f]{64}(?![0-9a-f])", headers.get("etag", "").lower())
     return found.group() if found else None
 
@@ -331,7 +331,7 @@ def resumable(reply: Reply) -> bool:
 def format_of(path: str, format: str | None = None) -> str:
     """The mesh format: ``format`` itself, or that of the suffix of ``path``.
 
-    Raises :class:`BadArgument` when there is neither.
+    Raises :class:`BadArgument` for a suffix of no format.
     """
     if format is not None:
         return format

@@ -11,7 +11,7 @@ import httpcore
 from equimesh_client.wire.deadline import Deadline
 
 WRITE_BYTES = 65_536
-"""Size of one write: a slow reader could prolong a larger one past the deadline."""
+"""Size of one write. A larger one could last beyond the deadline with a slow reader."""
 
 
 class Punctual:
@@ -30,7 +30,7 @@ class Punctual:
             self._of_thread.deadline = None
 
     def left(self, timeout: float | None) -> float | None:
-        """Seconds that the next read or write may take; raises ``httpcore.ReadTimeout`` when there are none left."""
+        """Seconds for the next read or write; raises ``httpcore.ReadTimeout`` after the deadline."""
         deadline: Deadline | None = getattr(self._of_thread, "deadline", None)
         if deadline is None:
             return timeout
@@ -40,7 +40,7 @@ class Punctual:
         return left if timeout is None else min(timeout, left)
 
     def over(self, backend: httpcore.NetworkBackend) -> httpcore.NetworkBackend:
-        """The same backend, whose connections then keep the deadline."""
+        """The backend, with connections that keep the deadline."""
         return _Backend(backend, self)
 
 

@@ -1,4 +1,4 @@
-"""Whether, and when, a request is sent again: plain decisions, no I/O."""
+"""Decisions on retries: whether and when a request is sent again; no I/O."""
 
 import random
 from collections.abc import Callable, Mapping
@@ -16,8 +16,8 @@ class RetryPolicy:
     """Exponential backoff with jitter.
 
     ``retries`` further attempts follow a failed first one; the pause before the k-th is ``first * 2**(k-1)``
-    seconds, at most ``longest``, times a random factor from 1/2 to 1. A ``Retry-After`` of the service counts
-    when it is longer; one above ``patience`` ends the retries at once.
+    seconds, at most ``longest``, times a random factor from 1/2 to 1. A longer ``Retry-After`` of the service replaces
+    it; one above ``patience`` ends the retries at once.
     """
 
     retries: int = 5

@@ -47,8 +47,26 @@ class SequenceStep:
 
     @property
     def fields(self) -> Mapping[str, Array]:
-        """The fields of the step, carried to the nodes of its own mesh."""
+        """The fields at the nodes of the mesh of the step."""
         return self.arrays.fields
+
+
+class SequenceState:
+    """The state of a sequence: its ``id`` and its last step ``current``, with the arrays of that mesh."""
+
+    def __init__(self, record: Mapping[str, Any], current: SequenceStep) -> None:
+        self.id = str(record["id"])
+        self.current = current
+
+    @property
+    def x(self) -> Array:
+        """The x coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
+        return self.current.x
+
+    @property
+    def y(self) -> Array:
+        """The y coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
+        return self.current.y
 
 
 def begin(
@@ -80,7 +98,7 @@ def advance(call: Call, settings: Settings, deadline: Deadline) -> Flow[Sequence
         sha256 = protocol.sha256_of(reply.headers)
         if sha256 is None or hashlib.sha256(reply.body).hexdigest() == sha256:
             return SequenceStep(number=int(number), mesh_id=mesh_id, arrays=arrays_of(reply.body))
-    # It failed, is not finished, or arrived damaged: the resource of the mesh says which.
+    # The mesh failed, is not finished, or arrived damaged: its resource says which.
     record = yield from flows.fetch(protocol.get_mesh(mesh_id), settings, deadline)
     return (yield from _wait_for_step(record, int(number), settings, deadline))
 
@@ -93,7 +111,7 @@ def step_call(
     parameters: Mapping[str, float] | None,
     t: float | None,
 ) -> Call:
-    """The request for the step after ``current``. Equal content makes equal requests: repeating one is safe."""
+    """The request for the step after ``current``. Equal arguments give equal requests, which are safe to repeat."""
     carried = {name: np.asarray(values, dtype=np.float64) for name, values in (fields or {}).items()}
     if isinstance(u, str):
         source: dict[str, Any] = {"expression": u}
@@ -115,7 +133,7 @@ def step_call(
 def _wait_for_step(
     record: Mapping[str, Any], number: int, settings: Settings, deadline: Deadline
 ) -> Flow[SequenceStep]:
-    """The step of a mesh, once that is finished."""
+    """The step of a mesh, once the mesh is finished."""
     now = yield from flows.wait(record, settings, deadline, watched=False)
     mesh = MeshState(now)
     raise_unless_succeeded(mesh)

@@ -26,8 +26,8 @@ class RawEvent:
 class EventParser:
     """Splits the bytes of ``text/event-stream`` into events, in pieces of any size.
 
-    Follows the HTML standard: lines end in CR, LF or CRLF, comments start with a colon, an event ends at an
-    empty line, an unfinished event at the end of the stream is dropped.
+    By the HTML standard lines end in CR, LF or CRLF, comments start with a colon, and an event ends at an empty line.
+    An unfinished event at the end of the stream is dropped.
     """
 
     def __init__(self) -> None:
@@ -80,10 +80,10 @@ class EventParser:
 
 @dataclass
 class StreamPosition:
-    """How far a stream of events has been read, over any number of connections.
+    """The position in a stream of events, over any number of connections.
 
-    ``last`` is the number of the last event given out, 0 before the first. A connection that ends or drops is
-    followed by another, which requests the events after ``last``; an event that comes twice is given out once.
+    ``last`` is the number of the last returned event, 0 before the first. After a connection that ends or drops the
+    next one requests the events after ``last``. An event that arrives twice is returned once.
     """
 
     last: int = 0
@@ -92,7 +92,7 @@ class StreamPosition:
     _parser: EventParser = field(default_factory=EventParser)
 
     def connected(self) -> None:
-        """Forget what an earlier connection left unfinished."""
+        """Discard the unfinished event of an earlier connection."""
         self._parser = EventParser()
 
     def feed(self, chunk: bytes) -> list[Event]:
@@ -120,7 +120,7 @@ class StreamPosition:
 
 
 def interpret(raw: RawEvent) -> Event | None:
-    """The event of one block, or None for a message without a number (a keep-alive)."""
+    """The event of one block; None for a message without a number (a keep-alive)."""
     if raw.id is None or not (raw.id.isascii() and raw.id.isdigit()):
         return None
     try:

@@ -32,7 +32,7 @@ def base_url(url: str) -> str:
     except (httpx.InvalidURL, TypeError) as error:
         raise BadArgument(f"{url!r} is not a URL: {error}") from error
     if parsed.scheme not in ("http", "https") or not parsed.host:
-        raise BadArgument(f"{url!r} is not the URL of a service; write e.g. http://127.0.0.1:8000")
+        raise BadArgument(f"{url!r} is not the URL of a service, such as http://127.0.0.1:8000")
     return url.rstrip("/")
 
 
@@ -70,7 +70,7 @@ def _reason(error: Exception) -> str:
 
 
 class _Body:
-    """Collects a body, into memory or the sink of a successful answer, as long as the deadline allows."""
+    """Collects a body, in memory or in the sink of a successful answer, until the deadline."""
 
     def __init__(self, step: Send, head: Reply) -> None:
         self._step = step
@@ -98,13 +98,13 @@ class SyncTransport:
     def __init__(self, url: str, headers: Mapping[str, str]) -> None:
         self._client = httpx.Client(**_options(url, headers))
         self._punctual = Punctual()
-        # httpx has no way to say it: its transports, that of a proxy among them, each have a pool of httpcore.
+        # httpx has no option for it: each of its transports, also that of a proxy, has a pool of httpcore.
         for transport in (self._client._transport, *self._client._mounts.values()):
             if isinstance(transport, httpx.HTTPTransport):
                 transport._pool._network_backend = self._punctual.over(transport._pool._network_backend)
 
     def send(self, step: Send) -> Reply | Disconnected:
-        """The answer, or why there is none."""
+        """The answer, or the reason why there is none."""
         try:
             with self._punctual.until(step.deadline):
                 response = self._client.send(_request(self._client, step.call, step.timeout), stream=True)
@@ -155,7 +155,7 @@ class AsyncTransport:
         self._client = httpx.AsyncClient(**_options(url, headers))
 
     async def send(self, step: Send) -> Reply | Disconnected:
-        """The answer, or why there is none."""
+        """The answer, or the reason why there is none."""
         try:
             async with asyncio.timeout(step.deadline.left):
                 response = await self._client.send(_request(self._client, step.call, step.timeout), stream=True)
