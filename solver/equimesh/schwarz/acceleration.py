@@ -1,4 +1,4 @@
-"""What is made of several iterations: nothing, Anderson's combination, or a Newton step for their fixed point."""
+"""Acceleration of the iteration: none, Anderson's combination, or a Newton step for the fixed point."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,13 +11,13 @@ from equimesh.schwarz.raspen import Raspen
 from equimesh.schwarz.settings import Acceleration, Schwarz
 
 # Largest deviation of a squared metric length from the mean of its line, as a share of the mean, near the solution.
-# Farther away, earlier changes say nothing of later ones.
+# Farther away, earlier changes do not predict later ones.
 MAX_LINEAR_DEVIATION = 0.1
 
 
 @dataclass(frozen=True)
 class AccelerationResult:
-    """A mesh, and whether it is a combination. ``products`` counts those with the derivative of the iteration."""
+    """A mesh, and whether it is a combination. ``products`` counts products with the derivative of the iteration."""
 
     mesh: Mesh
     is_combined: bool = False
@@ -25,9 +25,9 @@ class AccelerationResult:
 
 
 class Accelerator(Protocol):
-    """Makes a mesh of the results of several iterations.
+    """Combines the results of several iterations to one mesh.
 
-    ``maps_merged_meshes`` says that it knows the iteration as a map of merged meshes: all data is to come from one.
+    With ``maps_merged_meshes`` the iteration must be a map of merged meshes: all data comes from one merged mesh.
     """
 
     maps_merged_meshes: bool
@@ -42,19 +42,19 @@ class Accelerator(Protocol):
         ...
 
     def forget(self) -> None:
-        """Forget the iterations so far: what follows does not continue them."""
+        """Forget the iterations so far: later ones do not continue them."""
         ...
 
 
 def accelerator(settings: Schwarz, subdomains: Subdomains, rounding: float, threads: int) -> Accelerator:
-    """The accelerator that the settings ask for."""
+    """The accelerator of the settings."""
     if settings.accelerated_by is Acceleration.NEWTON:
         return ByNewton(Raspen(subdomains, rounding, threads))
     return ByAnderson() if settings.accelerated_by is Acceleration.ANDERSON else Unaccelerated()
 
 
 class Unaccelerated:
-    """Every iteration as it is."""
+    """No acceleration."""
 
     maps_merged_meshes = False
 
@@ -70,7 +70,7 @@ class Unaccelerated:
 
 
 class ByAnderson:
-    """Anderson's combination, near the solution and as long as it is needed."""
+    """Anderson's combination, near the solution and while it is needed."""
 
     maps_merged_meshes = False
 
@@ -84,18 +84,18 @@ class ByAnderson:
         del solved
         if corrected.estimate <= enough or corrected.deviation > MAX_LINEAR_DEVIATION:
             return AccelerationResult(corrected.mesh)
-        combined = self._anderson.combined(before, corrected.mesh)
+        combined = self._anderson.combine(before, corrected.mesh)
         return (
             AccelerationResult(corrected.mesh) if combined is None else AccelerationResult(combined, is_combined=True)
         )
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all iterations."""
         self._anderson = Anderson()
 
 
 class ByNewton:
-    """Newton steps for the fixed point, where all subdomains have solved what was requested."""
+    """Newton steps for the fixed point, where all subdomains were solved with the requested condition."""
 
     maps_merged_meshes = True
 
@@ -109,7 +109,7 @@ class ByNewton:
         del enough
         if solved.has_stalled or solved.is_rescued:
             return AccelerationResult(corrected.mesh)
-        combined = self._raspen.combined(before, corrected.mesh, solved.states)
+        combined = self._raspen.combine(before, corrected.mesh, solved.states)
         products = self._raspen.products
         if combined is None:
             return AccelerationResult(corrected.mesh, products=products)

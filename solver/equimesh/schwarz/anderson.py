@@ -10,7 +10,7 @@ from equimesh.numerics.types import Array
 
 # Iterations that are combined with the last one.
 MAX_COMBINED = 5
-# Singular values below this share of the largest are taken for zero: nearly equal changes say nothing new.
+# Singular values below this share of the largest count as zero: nearly equal changes add nothing.
 MIN_SINGULAR_SHARE = 1e-12
 
 
@@ -22,10 +22,10 @@ class Anderson:
         self._results: deque[Array] = deque(maxlen=depth)
         self._last: tuple[Array, Array] | None = None
 
-    def combined(self, start: Mesh, result: Mesh) -> Mesh | None:
-        """A mesh nearer to the fixed point than ``result``, which the iteration made of ``start``.
+    def combine(self, start: Mesh, result: Mesh) -> Mesh | None:
+        """A mesh nearer to the fixed point than ``result``, the result of one iteration from ``start``.
 
-        ``None`` where nothing is known yet, and where the combination would fold.
+        ``None`` at the first call, where nothing changed, and where the combination would fold.
         """
         result_now = np.concatenate([result.x.ravel(), result.y.ravel()])
         change = result_now - np.concatenate([start.x.ravel(), start.y.ravel()])

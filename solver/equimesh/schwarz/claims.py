@@ -1,4 +1,4 @@
-"""The test of slow claims: an iteration that took long is not believed before a Newton step agrees."""
+"""The check of convergence after a slow iteration: a Newton step on the whole grid has to confirm it."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from equimesh.schwarz.rescue import newton_step
 
 @dataclass(frozen=True)
 class Claim:
-    """The mesh of an iteration, and the error that is estimated to be left in it.
+    """The mesh of an iteration, and the estimate of its error.
 
-    ``change`` is how far the iteration moved the nodes of the mesh ``before`` it. ``is_refuted`` says that the test
-    moved the mesh by more than the tolerance. All lengths are in units of the reference square.
+    ``change`` is the largest move of a coordinate from the mesh ``before`` the iteration. ``is_refuted`` is set where
+    the check moved the mesh by more than the tolerance. All lengths are in units of the reference square.
     """
 
     mesh: Mesh

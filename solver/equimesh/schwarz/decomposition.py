@@ -33,8 +33,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Subdomain:
-    """One rectangle of grid points: ``columns`` along xi, ``rows`` along eta, at ``place`` (column, row) of the
-    decomposition."""
+    """One rectangle of grid points; ``place`` is its (column, row) in the decomposition."""
 
     number: int
     place: tuple[int, int]
@@ -52,7 +51,7 @@ class Subdomain:
 
     @property
     def owned(self) -> tuple[slice, slice]:
-        """The nodes that the subdomain gives to the merged mesh."""
+        """The nodes that the merged mesh takes from the subdomain."""
         xi, eta = self.spans
         return slice(xi.owned_first, xi.owned_last + 1), slice(eta.owned_first, eta.owned_last + 1)
 
@@ -99,7 +98,7 @@ class Decomposition:
         return self.parts[column * self.subdomains[1] + row]
 
     def owner_of_cells(self) -> IntArray:
-        """Number of the subdomain that owns each cell's first corner, shape ``(n_xi - 1, n_eta - 1)``."""
+        """The number of the subdomain that owns each cell's first corner, shape ``(n_xi - 1, n_eta - 1)``."""
         owner = np.empty(self.grid.shape, dtype=np.int64)
         for part in self.parts:
             owner[part.owned] = part.number
@@ -109,7 +108,7 @@ class Decomposition:
 def _check(direction: str, lines: str, points: int, count: int, overlap: int) -> None:
     if count < 1:
         raise DecompositionError(f"{count} subdomains in {direction}: at least 1 is needed", field="subdomains")
-    # Every subdomain is wider than the overlap exactly when their number and the overlap make up the grid at most.
+    # Every subdomain is wider than the overlap exactly when their number plus the overlap is at most the grid.
     if count == 1 or count + overlap <= points:
         return
     widest = points - count

@@ -1,4 +1,4 @@
-"""The family of subdomains that a transmission condition asks for."""
+"""The family of subdomains of a transmission condition."""
 
 from equimesh.equations.problem import Problem
 from equimesh.schwarz.conditions import Optimized
@@ -13,9 +13,9 @@ from equimesh.schwarz.settings import Schwarz
 def subdomains_of(
     problem: Problem, decomposition: Decomposition, settings: Schwarz, *, enough: float, threads: int
 ) -> Subdomains:
-    """The subdomains of a decomposition, closed by the transmission condition of the settings.
+    """The subdomains of a decomposition, with the transmission condition of the settings.
 
-    Local solves may end where they move their nodes by no more than ``enough``.
+    Local solves may end when they move their nodes by no more than ``enough``.
     """
     condition = settings.transmission
     if not isinstance(condition, Optimized):

@@ -1,8 +1,8 @@
 """The nonlinear Schwarz iteration of Haynes and Howse (section 3).
 
-Every subdomain is solved with data from its neighbours, the solutions are merged to one mesh, and so on until they
-agree. What makes it faster, and what guards it, stands in modules of its own: :mod:`~equimesh.schwarz.rescue`,
-:mod:`~equimesh.schwarz.line_corrections`, :mod:`~equimesh.schwarz.acceleration`, :mod:`~equimesh.schwarz.claims`,
+Every subdomain is solved with data from its neighbours, and the solutions are merged to one mesh. This is repeated
+until the subdomains agree. Other modules make the iteration faster or guard it: :mod:`~equimesh.schwarz.rescue`,
+:mod:`~equimesh.schwarz.line_corrections`, :mod:`~equimesh.schwarz.acceleration`, :mod:`~equimesh.schwarz.claims` and
 :mod:`~equimesh.schwarz.stalls`.
 """
 
@@ -40,19 +40,19 @@ def schwarz_iterations(
     """Schwarz iterations from ``start``, without end unless a subdomain stalls for good.
 
     One record per iteration; the caller owns the loop, and with it tolerance, limit and deadline. ``start`` and
-    ``reference`` are meshes of the reference square, of shape ``(n_xi, n_eta)``. ``reference`` is the single-domain
-    solution against which errors are recorded. ``threads`` share the subdomains; the meshes do not depend on their
+    ``reference`` are meshes of the reference square, of shape ``(n_xi, n_eta)``. Errors are recorded against
+    ``reference``, the single-domain solution. ``threads`` share the subdomains; the meshes do not depend on their
     number. Haynes and Howse, section 3. Raises :class:`~equimesh.errors.DecompositionError` where the subdomains do not
     fit the grid.
 
     Where a condition of the paper stalls, the optimized condition takes over from ``start``, if the settings allow it.
-    The records say so.
+    The records name the condition in use.
     """
     run = SchwarzRun(problem, settings, start, threads)
     yield run.first(reference)
     for number in itertools.count(1):
         if run.stalls.call_for_another_condition(run.rescue):
-            run = SchwarzRun(problem, settings.fallen_back(), start, threads)
+            run = SchwarzRun(problem, settings.after_fallback(), start, threads)
         record = run.next(number, reference)
         yield record
         if record.failed:
@@ -60,7 +60,7 @@ def schwarz_iterations(
 
 
 class SchwarzRun:
-    """The iteration with one transmission condition: the mesh that it has reached, and what guards it."""
+    """The iteration with one transmission condition: its current mesh, and the guards."""
 
     def __init__(self, problem: Problem, settings: Schwarz, start: Mesh, threads: int) -> None:
         self.problem, self.settings, self.mesh, self.threads = problem, settings, start, threads
@@ -74,7 +74,7 @@ class SchwarzRun:
         self.rescue, self.stalls = Rescue(problem), Stalls(settings, rounding)
 
     def next(self, number: int, reference: Mesh | None) -> Iteration:
-        """One iteration of the paper, and what makes it faster and safe."""
+        """One iteration of the paper, with acceleration and guards."""
         before = self.mesh
         solutions = self._solve_subdomains()
         rescued = self.rescue.apply(solutions, before)
@@ -138,7 +138,7 @@ class SchwarzRun:
         return self.corrections.apply(mesh, self.settings.line_corrections, self.enough)
 
     def _claim(self, before: Mesh, corrected: CorrectionResult, accelerated: AccelerationResult) -> Claim:
-        """The mesh that was reached and the error that is left in it; where that is doubtful, after an examination."""
+        """The reached mesh and the estimate of its error; where that is doubtful, after an examination."""
         change, estimate = accelerated.mesh.distance(before), corrected.estimate
         if accelerated.is_combined or math.isnan(estimate):
             estimate = self.stalls.estimate(change)
@@ -159,7 +159,7 @@ class SchwarzRun:
         self.stalls.note(solutions, claim.change)
 
     def _record(self, number: int, reference: Mesh | None, **values: Any) -> Iteration:
-        """The record of the mesh that was reached; ``values`` are its fields that say how."""
+        """The record of the current mesh; ``values`` are the fields that depend on how it was computed."""
         physical = map_mesh(self.mesh, self.problem.domain)
         records = [self._with_error(record, reference) for record in values.pop("subdomains")]
         return Iteration(

@@ -1,4 +1,4 @@
-"""Corrections of all lines of a mesh as a whole: what makes up for interfaces that see only their neighbours."""
+"""Corrections of all grid lines of a mesh as a whole, which pass information across all interfaces at once."""
 
 import itertools
 import math
@@ -12,14 +12,17 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.sweeps.contraction import error_left
 from equimesh.sweeps.sweep import Sweep, memory_needed
 
-# The least factor by which later corrections are taken to shrink the moves: errors that last show last.
+# Later corrections are not assumed to reduce the moves by a smaller factor: slow errors show late.
 MIN_CONTRACTION = 0.5
 
 
 @dataclass(frozen=True)
 class CorrectionResult:
-    """A mesh after line corrections: ``deviation`` is what the last one found, ``estimate`` the error that is left by
-    the contraction of several, NaN where that is not known; ``count`` how many there were."""
+    """A mesh after ``count`` line corrections.
+
+    ``deviation`` is that before the last correction, ``estimate`` the remaining error by the contraction of the moves.
+    Both are NaN where not known.
+    """
 
     mesh: Mesh
     deviation: float = math.nan
@@ -28,8 +31,7 @@ class CorrectionResult:
 
 
 class LineCorrections:
-    """De Boor's correction of every line by its equidistributing parameter, for both families of lines at once: full
-    sweeps of :mod:`equimesh.sweeps.sweep` on the whole grid."""
+    """De Boor's correction of all lines of both families at once: full sweeps on the whole grid."""
 
     def __init__(self, problem: Problem, threads: int) -> None:
         shape = problem.grid.shape
@@ -37,9 +39,9 @@ class LineCorrections:
         self._floor = smallest_move(shape)
 
     def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> CorrectionResult:
-        """So many corrections of a valid mesh; fewer where one would fold it, or the error left is small ``enough``.
+        """``count`` corrections of a valid mesh; fewer where one would fold it, or the error is at most ``enough``.
 
-        ``mesh`` is used up: the corrections work in its memory.
+        ``mesh`` is overwritten.
         """
         x, y, done, moves = mesh.x, mesh.y, 0, []
         deviation = math.nan

@@ -18,7 +18,7 @@ Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class SubdomainSweeps:
-    """Sweeps of line corrections on a window, with the memory that they need."""
+    """Sweeps of line corrections on a window, with their working memory."""
 
     def __init__(self, problem: Problem, shape: tuple[int, int], frame: Frame) -> None:
         self._sweep = Sweep(
@@ -31,9 +31,9 @@ class SubdomainSweeps:
     ) -> NewtonSolution:
         """Sweep from ``start``, whose nodes on interfaces are held, until moves are ``accuracy`` times the first one.
 
-        The sweeps also end with moves of at most ``enough``, in units of the reference square, and after ``most`` of
-        them. They overwrite ``start``, in whose memory they work. ``rest`` gives what lies beyond yielding sides.
-        The solution has ``converged`` set where the moves fell; its residual is the deviation before the last sweep.
+        The sweeps also end with moves of at most ``enough``, in units of the reference square, and after ``most``
+        sweeps. They overwrite ``start``. ``rest`` returns sums of metric lengths beyond yielding sides. The solution
+        is ``converged`` where the moves fell; its residual is the deviation before the last sweep.
         """
         x, y, moves = start.x, start.y, [math.inf]
         for count in range(1, most + 1):

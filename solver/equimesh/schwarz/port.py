@@ -1,4 +1,4 @@
-"""What the Schwarz iteration knows of its subdomains: one port for every family of transmission conditions."""
+"""The interface between the Schwarz iteration and its subdomains, for every family of transmission conditions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.records import SubdomainRecord
 from equimesh.schwarz.window import SubdomainWindow
 
-# Newton steps of one subdomain solve: it starts near its solution, or has none near by.
+# Newton steps of one subdomain solve. A start near a solution needs fewer.
 MAX_LOCAL_STEPS = 25
 
 
@@ -23,7 +23,7 @@ class Outcome:
     classical: bool = False
 
     def record(self, k: int, earlier: SubdomainRecord | None) -> SubdomainRecord:
-        """The record of subdomain ``k``, added to what it did ``earlier`` in the same iteration."""
+        """The record of subdomain ``k``, added to an ``earlier`` one of the same iteration."""
         solution = self.solution
         steps, sweeps = (0, solution.steps) if solution.swept else (solution.steps, 0)
         record = SubdomainRecord(
@@ -47,7 +47,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class MergedSolutions:
-    """All subdomains after their solves of one iteration, and the mesh that they merge to.
+    """All subdomains after their solves of one iteration, and the merged mesh.
 
     ``mismatch`` is the largest difference between a subdomain and the merged mesh.
     """
@@ -59,7 +59,7 @@ class MergedSolutions:
 
     @property
     def has_stalled(self) -> bool:
-        """Whether a subdomain found no solution."""
+        """Whether no solution was found in a subdomain."""
         return any(record.stalled for record in self.records)
 
     @property
@@ -69,7 +69,7 @@ class MergedSolutions:
 
 
 class Slopes(Protocol):
-    """How what subdomains receive changes with the merged mesh that they read."""
+    """The derivative of the data of all subdomains by the merged mesh that they read."""
 
     def received(self, change: Pair) -> list[Array]:
         """The change of the right side of every subdomain's equations, when the merged mesh moves by ``change``."""
@@ -82,11 +82,11 @@ class Subdomains(Protocol):
     windows: list[SubdomainWindow]
 
     def restart(self, mesh: Mesh) -> None:
-        """Continue from ``mesh``, which is not the one that the last solutions merged to."""
+        """Continue from ``mesh``, which is not the mesh that was merged last."""
         ...
 
     def begin(self, mesh: Mesh) -> None:
-        """Exchange data: the solves to come read the merged mesh ``mesh`` and the solutions of the neighbours."""
+        """Exchange data: the next solves read the merged mesh ``mesh`` and the solutions of the neighbours."""
         ...
 
     def solve(self, k: int) -> Outcome:
@@ -98,7 +98,7 @@ class Subdomains(Protocol):
         ...
 
     def state(self, k: int, mesh: Mesh) -> Mesh:
-        """What a subdomain has for its solution once the iteration has made ``mesh``."""
+        """The solution of a subdomain after an iteration with the result ``mesh``."""
         ...
 
     def sent(self, k: int) -> int:

@@ -1,9 +1,9 @@
 """Newton's method for the fixed point of a parallel Schwarz iteration (RASPEN; Dolean, Gander, Kheriji, Kwok, Masson).
 
-One iteration makes of a merged mesh ``z`` another, ``G(z)``: every subdomain is solved with data from ``z``, and gives
-the nodes that it owns. Newton's method for ``G(z) = z`` asks for ``(I - G'(z)) d = G(z) - z``. A product with
-``G'(z)`` costs one solve with the factors of every subdomain's Jacobian: the subdomain's solution changes as its data
-does.
+One iteration maps a merged mesh ``z`` to another, ``G(z)``: every subdomain is solved with data from ``z``, and the
+result takes from each the nodes that it owns. Newton's method for ``G(z) = z`` solves ``(I - G'(z)) d = G(z) - z``. A
+product with ``G'(z)`` takes one solve with the factors of every subdomain's Jacobian, whose right side is the change of
+the subdomain's data.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,8 +19,8 @@ from equimesh.schwarz.port import Subdomains
 
 # Products with the derivative of the iteration in one Newton step.
 MAX_PRODUCTS = 50
-# The error of a step, as a share of the change: as large as the change itself, for quadratic convergence, but between
-# these two. The smaller one is the default of scipy in all versions.
+# Limits of the relative error of a step. Between them it equals the change, for quadratic convergence. The lower one is
+# the default of SciPy in all versions.
 MAX_STEP_ERROR = 1e-2
 MIN_STEP_ERROR = 1e-5
 # A step that would fold the mesh is halved down to this share.
@@ -28,7 +28,7 @@ MIN_STEP_SHARE = 1 / 16
 
 
 class Slope:
-    """``G'(z)`` at a mesh ``z`` of which the subdomains made ``states``, merged by ownership.
+    """``G'(z)`` at a mesh ``z``, from which the subdomains have the solutions ``states``.
 
     Raises ``RuntimeError`` where a subdomain's Jacobian is singular.
     """
@@ -58,16 +58,16 @@ class Slope:
 
 
 class Raspen:
-    """Newton steps for the fixed point; ``products`` counts those with ``G'`` in the last one."""
+    """Newton steps for the fixed point; ``products`` counts the products with ``G'`` in the last step."""
 
     def __init__(self, subdomains: Subdomains, rounding: float, threads: int = 1) -> None:
         self._subdomains, self._rounding, self._threads = subdomains, rounding, threads
         self.products = 0
 
-    def combined(self, start: Mesh, result: Mesh, states: Sequence[Mesh]) -> Mesh | None:
-        """The mesh after a Newton step from ``start``, of which the iteration made ``states`` merged to ``result``.
+    def combine(self, start: Mesh, result: Mesh, states: Sequence[Mesh]) -> Mesh | None:
+        """The mesh after a Newton step from ``start``, from which one iteration led to ``states`` and ``result``.
 
-        ``None`` where the iteration has arrived to rounding, and where no part of the step is free of folds.
+        ``None`` where the iteration has converged to rounding, and where every share of the step would fold.
         """
         self.products = 0
         change = _vector((result.x, result.y)) - _vector((start.x, start.y))

@@ -1,12 +1,12 @@
 """Predicted rates of the Schwarz iteration, from the leading part of the equations.
 
 The leading part of the mesh equations is a family of independent one-dimensional problems ``P_xixi = 0`` along the grid
-lines, ``P = M r_xi . dr`` the move of a node in the metric, whatever the spacing. The error of one subdomain on a line
-therefore is a straight line, two numbers, and an iteration on N subdomains a matrix of 2N columns, whose spectral
-radius is the rate. Of a straight line we keep what it extrapolates to at the two ends of the whole grid line: in these
-numbers a Robin condition with the automatic p hands over one of them as it is.
+lines. ``P = M r_xi . dr`` is the move of a node in the metric, for any spacing. The error of one subdomain on a line is
+therefore a straight line: two numbers. An iteration on N subdomains is a matrix of 2N columns, whose spectral radius is
+the rate. The two numbers here are the extrapolated values at both ends of the whole grid line: a Robin condition with
+the automatic p passes on one of them unchanged.
 
-What is left out is how the two families of grid lines are coupled; it decides where the leading part has no error left.
+The coupling of the two families of grid lines is left out. It determines the rate where the leading part has no error.
 """
 
 from dataclasses import replace
@@ -31,12 +31,12 @@ def predicted_rate(decomposition: Decomposition, settings: Schwarz) -> float | N
     """Factor by which the error of the leading part falls in one iteration, for large iteration numbers.
 
     For classical Schwarz with two subdomains this is ``alpha (1 - beta) / (beta (1 - alpha))`` for one alternating, or
-    two parallel, iterations, for any metric. Of the Robin conditions with a number for ``p`` it is exact where the
-    metric does not vary across the interfaces, and for the nonlinear one is 1 there, since ``p`` is then compared with
-    a metric length. 0 where the leading part is exact after some iterations (:func:`steps_to_exact`): with the
-    automatic ``p``, the optimized condition, or line corrections; what is observed then is the coupling of the two
-    families of grid lines. More than 1 where the iteration diverges. Anderson's acceleration is not taken into account.
-    ``None`` for one subdomain.
+    two parallel, iterations, for any metric. For Robin conditions with a number for ``p`` it is exact where the metric
+    does not vary across the interfaces; for the nonlinear one that metric must also be 1, since ``p`` is compared with
+    a metric length. The rate is 0 where the leading part is exact after some iterations (:func:`steps_to_exact`): with
+    the automatic ``p``, the optimized condition, or line corrections. The observed rate is then due to the coupling of
+    the two families of grid lines. It is more than 1 where the iteration diverges. Anderson's acceleration is not taken
+    into account. ``None`` for one subdomain.
     """
     matrices = _matrices(decomposition, settings)
     if matrices is None:
@@ -47,10 +47,10 @@ def predicted_rate(decomposition: Decomposition, settings: Schwarz) -> float | N
 
 
 def steps_to_exact(decomposition: Decomposition, settings: Schwarz) -> int | None:
-    """After how many iterations the leading part has no error left, from any start; ``None`` where there always is one.
+    """The number of iterations after which the leading part is exact, from any start; ``None`` if it never is.
 
-    1 with line corrections, with line sums and for one subdomain. With the automatic ``p`` or local data it is how long
-    data takes from one end of the grid lines to the other: the number of strips for parallel iterations.
+    1 with line corrections, with line sums and for one subdomain. With the automatic ``p`` or local data it is the
+    number of iterations in which data crosses the whole grid: the number of strips for parallel iterations.
     """
     found = [_index_of_nilpotency(m) for m in _matrices(decomposition, settings) or []]
     known = [steps for steps in found if steps is not None]
@@ -58,10 +58,10 @@ def steps_to_exact(decomposition: Decomposition, settings: Schwarz) -> int | Non
 
 
 def _matrices(decomposition: Decomposition, settings: Schwarz) -> list[Array] | None:
-    """One iteration on a xi-line, and on an eta-line, as far as they are cut; ``None`` for one subdomain.
+    """One iteration on a xi-line, and on an eta-line, where these are cut; ``None`` for one subdomain.
 
-    On blocks a line belongs to one row of them alone, whose subdomains take their turns as strips would. (Not so where
-    two rows overlap, if blocks take turns and read local data: they find there what both have written, and can stall.)
+    On blocks a line belongs to one row of blocks, whose subdomains take turns as strips do. (This does not hold where
+    two rows overlap, if blocks take turns and read local data: they read there what both have written, and can stall.)
     """
     columns, rows = decomposition.subdomains
     cut = [(axis, strips) for axis, strips in enumerate(((columns, 1), (1, rows))) if strips != (1, 1)]
@@ -90,15 +90,17 @@ def _index_of_nilpotency(matrix: Array) -> int | None:
 
 
 class _Line:
-    """A grid line across strips, and the errors of the subdomains on it: arrays of the ends of straight lines, at the
-    first and at the last node of the grid line, shape ``(strips, 2, any)``."""
+    """A grid line across strips, and the errors of the subdomains on it, of shape ``(strips, 2, any)``.
+
+    An error is a straight line, given by its values at the first and last node of the grid line.
+    """
 
     def __init__(self, strips: Decomposition, axis: int, settings: Schwarz) -> None:
         self._spans = strips.spans[axis]
         self._edges = strips.grid.shape[axis] - 1
         self._turns = turns(strips, settings.ordering)
         self._condition: TransmissionCondition = settings.transmission
-        # As the iteration does: subdomains that take turns write all of their points into the merged mesh.
+        # As in the iteration: subdomains that take turns write all of their points into the merged mesh.
         self._whole = settings.ordering is not Ordering.PARALLEL
 
     def iteration(self) -> Array:
@@ -116,7 +118,7 @@ class _Line:
         return np.asarray(errors.reshape(2 * count, 2 * count))
 
     def _write(self, turn: list[int], owners: IntArray) -> None:
-        """Note who wrote the nodes of the merged mesh."""
+        """Note the subdomains that wrote the nodes of the merged mesh."""
         for k in turn:
             span = self._spans[k]
             first, last = (span.first, span.last) if self._whole else (span.owned_first, span.owned_last)
@@ -131,9 +133,9 @@ class _Line:
         return np.asarray(np.linalg.solve(rows, given), dtype=np.float64)
 
     def _interface(self, k: int, end: int, errors: Array, owners: IntArray) -> tuple[Array, Array]:
-        """The condition at one end of a subdomain: what it asks of the ends of a straight line, and what is given.
+        """The condition at one end of a subdomain: its row for the ends of a straight line, and its right side.
 
-        In units of one edge, and times the number of edges, so that integers stay integers.
+        In units of one edge, times the number of edges, so that integers stay integers.
         """
         span, side = self._spans[k], 2 * end - 1
         node = span.last if end else span.first

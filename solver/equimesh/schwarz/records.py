@@ -1,4 +1,4 @@
-"""The records of Schwarz iterations, and what they say together."""
+"""The records of Schwarz iterations, and the rates and errors that follow from them."""
 
 import math
 from collections.abc import Sequence
@@ -16,18 +16,18 @@ from equimesh.sweeps.contraction import error_left
 
 @dataclass(frozen=True, kw_only=True)
 class SubdomainRecord:
-    """What one subdomain did in one iteration."""
+    """The record of one subdomain in one iteration."""
 
     subdomain: int
     """Its number, from 0."""
     newton_steps: int
     """Newton steps of its solve; 0 where it was solved by sweeps."""
     residual: float
-    """Of the local equations: relative to the mean flux, or the largest relative deviation before the last sweep."""
+    """Residual of the local equations: relative to the mean flux, or the relative deviation before the last sweep."""
     sweeps: int = 0
     """Line corrections of its solve; 0 where it was solved by Newton's method."""
     stalled: bool = False
-    """Whether nothing led to a solution; the previous one is kept then."""
+    """Whether no solution was found; the previous one is then kept."""
     classical: bool = False
     """Whether it took its neighbours' positions, since Newton's method stalled with the requested condition."""
     error_x: float | None = None
@@ -53,14 +53,14 @@ class Iteration:
     change: float
     """The largest move of a coordinate in this iteration, NaN at the start."""
     estimate: float
-    """The error that is left, NaN where not known: as line corrections contract, or as the changes fall."""
+    """The estimated error, from the contraction of line corrections or from the changes; NaN where not known."""
     mismatch: float
     """The largest difference between subdomains at nodes that they share.
 
     A fixed point without mismatch is the single-domain solution; one with a mismatch is not.
     """
     subdomains: tuple[SubdomainRecord, ...]
-    """What the subdomains did."""
+    """The records of the subdomains."""
     transmission: str
     """The name of the condition that was used: after a fallback, not the requested one."""
     deviation: float = math.nan
@@ -77,7 +77,7 @@ class Iteration:
     failed: bool = False
     """Whether a subdomain has stalled for good, which ends the iteration."""
     work: int = 0
-    """How many nodes were corrected, counted as often as they were."""
+    """How many corrections of nodes there were."""
     traffic: int = 0
     """Bytes that the subdomains would send each other if each had a machine of its own."""
     products: int = 0
@@ -94,8 +94,8 @@ class Iteration:
     def meets(self, tolerance: float | None) -> bool:
         """Whether the error is known to be at most ``tolerance``, or what rounding leaves where that is more.
 
-        The estimate says so, and none is folded. Where no line corrections have tested the equations on the whole mesh,
-        the subdomains must all have been solved, and agree as two meshes with such errors must.
+        The estimate must be small enough, and the mesh must not be folded. Without line corrections, which test the
+        equations on the whole mesh, all subdomains must also be solved, and differ by no more than such errors allow.
         """
         if tolerance is None:
             return False
@@ -106,11 +106,11 @@ class Iteration:
         return agreed or math.isfinite(self.deviation)
 
 
-def estimated(changes: Sequence[float], rounding: float) -> float:
-    """The error left after changes that continue to shrink at the rate of the last ones; never less than the last one.
+def estimate_error(changes: Sequence[float], rounding: float) -> float:
+    """The remaining error if the changes continue to fall at the rate of the last ones; at least the last change.
 
-    The rate is that over two iterations where three changes are known, as data crosses a subdomain and comes back in
-    two. Changes below ``rounding`` shrink no more, and say nothing of a rate.
+    Where three changes are known the rate is taken over two iterations, in which data crosses a subdomain and comes
+    back. Changes below ``rounding`` fall no more, so they have no rate.
     """
     change = changes[-1]
     if len(changes) < 3 or change <= rounding:
@@ -134,7 +134,7 @@ def observed_rate(errors: Sequence[float], floor: float) -> float | None:
 
 
 def plain(iterations: Sequence[Iteration], rate: float | None, predicted_rate: float | None) -> dict[str, Any]:
-    """All iterations, and the two rates, as JSON has them: ``None`` where a number is not known."""
+    """All iterations and the two rates as plain data for JSON: ``None`` where a number is not known."""
     return {
         "iterations": [_iteration(record) for record in iterations],
         "rate": rate,

@@ -9,9 +9,9 @@ from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.port import MergedSolutions
 
-# Steps in a row after which another condition takes over, or the iteration ends.
+# After this many steps in a row another condition takes over, or the iteration ends.
 MAX_STEPS_IN_A_ROW = 3
-# The residual after that many steps over the one after the first. Above this factor they lead nowhere.
+# The residual after that many steps, over the one after the first. Above this factor the steps are no progress.
 MIN_PROGRESS = 0.9
 
 
@@ -24,9 +24,9 @@ class RescueResult:
 
 
 class Rescue:
-    """Takes steps where they are needed, and remembers how far the last ones in a row led.
+    """Newton steps on the whole grid where they are needed, and the residuals after the last ones in a row.
 
-    ``residuals`` are those after the last steps in a row, infinite where the grid is too large for a factorisation.
+    ``residuals`` are infinite where the grid is too large for a factorisation.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -54,12 +54,12 @@ class Rescue:
 
     @property
     def has_failed(self) -> bool:
-        """Whether so many steps in a row were needed that the condition leads nowhere."""
+        """Whether the limit of steps in a row is reached."""
         return len(self.residuals) >= MAX_STEPS_IN_A_ROW
 
     @property
     def is_stuck(self) -> bool:
-        """Whether the last steps in a row did not lower the residual, either."""
+        """Whether the last steps in a row did not reduce the residual."""
         recent = self.residuals[-MAX_STEPS_IN_A_ROW:]
         return len(recent) == MAX_STEPS_IN_A_ROW and not recent[-1] < MIN_PROGRESS * recent[0]
 

@@ -1,4 +1,4 @@
-"""Settings of the Schwarz iteration: the subdomains, what they exchange, and what speeds the iteration up."""
+"""Settings of the Schwarz iteration: the subdomains, their exchange of data, and the acceleration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from equimesh.schwarz.ordering import Ordering
 
 # Line corrections after every iteration of the optimized condition, unless the settings say otherwise.
 DEFAULT_LINE_CORRECTIONS = 3
-# More line corrections than this would make a single-domain solve of the iteration.
+# More line corrections than this would turn the iteration into a single-domain solve.
 MAX_LINE_CORRECTIONS = 10
 
 Auto: TypeAlias = Literal["auto"]
@@ -25,9 +25,9 @@ Discretization: TypeAlias = Literal["discretization"]
 
 
 class Acceleration(StrEnum):
-    """What is made of several iterations.
+    """The acceleration of the iteration.
 
-    ``NONE``: the last one is taken as it is. ``ANDERSON``: the combination of the last ones whose changes nearly
+    ``NONE``: the last iteration is taken unchanged. ``ANDERSON``: the combination of the last ones whose changes nearly
     cancel, where it does not fold. ``NEWTON``: Newton's method for the fixed point of the parallel iteration (RASPEN):
     few iterations and many sparse solves; subdomains are solved by Newton's method, too.
     """
@@ -38,8 +38,11 @@ class Acceleration(StrEnum):
 
 
 class LocalSolver(StrEnum):
-    """How a subdomain is solved: ``SWEEPS``, by line corrections as far as an iteration needs, Newton's method where
-    they fail, or where a condition knows no other; ``NEWTON``, to rounding, by sparse factorisations: the reference."""
+    """The solver of a subdomain.
+
+    ``SWEEPS``: line corrections, as accurate as an iteration needs; Newton's method where they fail, and for conditions
+    without sweeps. ``NEWTON``: Newton's method with sparse factorisations, to rounding: the reference.
+    """
 
     SWEEPS = "sweeps"
     NEWTON = "newton"
@@ -56,8 +59,8 @@ class Schwarz:
     ``fallback`` lets the optimized condition take over where another stalls, and a single domain where all do.
 
     The iteration ends when the estimated error of the merged mesh (max norm of node positions, in units of the
-    reference square) is at most ``tolerance``; ``tolerance="discretization"`` is a fifth of the error that the grid
-    makes anyway; with ``tolerance=None`` it runs exactly ``max_iterations``. ``compare_single_domain`` solves the
+    reference square) is at most ``tolerance``; ``tolerance="discretization"`` is a fifth of the error of the grid;
+    with ``tolerance=None`` it runs exactly ``max_iterations``. ``compare_single_domain`` solves the
     single-domain problem first and records the error against it.
     """
 
@@ -104,7 +107,7 @@ class Schwarz:
             )
 
     def _check_newton(self) -> None:
-        """Newton's method knows the derivative of a parallel iteration without line corrections, and of no other."""
+        """Refuse Newton's method for iterations of which it does not know the derivative."""
         if self.acceleration != Acceleration.NEWTON:
             return
         if self.ordering is not Ordering.PARALLEL:
@@ -134,7 +137,7 @@ class Schwarz:
 
     @property
     def is_optimized(self) -> bool:
-        """Whether interfaces yield, in place of the paper's exchange of functionals."""
+        """Whether interfaces yield; the paper's conditions exchange functionals instead."""
         return isinstance(self.transmission, Optimized)
 
     @property
@@ -153,7 +156,7 @@ class Schwarz:
 
     @property
     def solved_by(self) -> LocalSolver:
-        """How subdomains are solved: Newton's method for the iteration needs solutions to rounding."""
+        """The solver of the subdomains: acceleration by Newton's method needs solutions to rounding."""
         return LocalSolver.NEWTON if self.accelerated_by is Acceleration.NEWTON else self.local_solver
 
     @property
@@ -161,7 +164,7 @@ class Schwarz:
         """Whether the optimized condition may take over where this one stalls."""
         return self.fallback and self.transmission != Optimized()
 
-    def fallen_back(self) -> Schwarz:
+    def after_fallback(self) -> Schwarz:
         """The settings that take over where these stall."""
         return replace(
             self,

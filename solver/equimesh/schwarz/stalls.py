@@ -1,31 +1,31 @@
-"""What says that an iteration leads nowhere, and that another transmission condition is to take over."""
+"""Signs that an iteration stalls, so that another transmission condition takes over."""
 
 import math
 
 from equimesh.schwarz.conditions import Classical
 from equimesh.schwarz.port import MergedSolutions
-from equimesh.schwarz.records import estimated
+from equimesh.schwarz.records import estimate_error
 from equimesh.schwarz.rescue import Rescue
 from equimesh.schwarz.settings import Schwarz
 
-# Iterations in which some subdomain had to take classical data. After this many another condition takes over.
+# After this many iterations in which some subdomain took classical data, another condition takes over.
 MAX_CLASSICAL_ITERATIONS = 3
 # The change of the mesh over the mismatch of the subdomains, at a fixed point that is not the solution.
 MAX_FALSE_CHANGE = 1e-3
-# The mismatch over what rounding leaves, from which on it is one.
+# A smaller mismatch, in units of the smallest tolerance, is rounding.
 MIN_MISMATCH = 100.0
 # Iterations over which changes have to fall.
 STALL_WINDOW = 8
-# The mean factor by which changes have to fall in one iteration. Above it, the iteration has stalled.
+# The mean factor by which changes have to fall in one iteration. Above it the iteration has stalled.
 MAX_RATE = 0.75
-# The same with classical data, slow by nature.
+# The same for the classical condition, which is slow by nature.
 MAX_CLASSICAL_RATE = 1.0
 # An iteration that took more than this many is slow.
 MAX_TRUSTED_ITERATIONS = 8
 
 
 class Stalls:
-    """The changes of an iteration with one transmission condition, and what they say.
+    """The changes of an iteration with one transmission condition, and the signs of a stall.
 
     ``changes`` are the largest moves of a coordinate, iteration by iteration, in units of the reference square.
     """
@@ -42,16 +42,16 @@ class Stalls:
         self._mismatch = solved.mismatch
 
     def estimate(self, change: float) -> float:
-        """The error left after an iteration that moved the mesh by ``change``; NaN where it is not known."""
-        return estimated([math.nan, *self.changes, change], self._rounding)
+        """The remaining error after an iteration that moved the mesh by ``change``; NaN where not known."""
+        return estimate_error([math.nan, *self.changes, change], self._rounding)
 
     @property
     def was_slow(self) -> bool:
-        """Whether the iteration that follows the noted ones is one of a slow iteration."""
+        """Whether more iterations were needed than a fast iteration takes."""
         return len(self.changes) + 1 > MAX_TRUSTED_ITERATIONS
 
     def call_for_another_condition(self, rescue: Rescue) -> bool:
-        """Whether the optimized condition is to take over, where the settings allow it."""
+        """Whether the optimized condition takes over; never where the settings do not allow it."""
         if not self._settings.may_fall_back:
             return False
         if rescue.has_failed or self._classical_iterations >= MAX_CLASSICAL_ITERATIONS:

@@ -8,13 +8,13 @@ from equimesh.schwarz.records import SubdomainRecord
 from equimesh.schwarz.settings import Schwarz
 
 BYTES_PER_NUMBER = 8
-# Numbers that one line correction sends over a cut, for every line that crosses it: both neighbours' nodes next to the
-# cut, and the sum of the line there and back.
+# Numbers that one line correction sends over a cut for every line that crosses it: the nodes next to the cut on both
+# sides, and the sum of the line in both directions.
 NUMBERS_PER_CROSSING = 6
 
 
 def work(grid: Grid, subdomains: Subdomains, records: Sequence[SubdomainRecord], corrections: int) -> int:
-    """How many nodes were corrected, counted as often as they were."""
+    """How many corrections of nodes there were."""
     nodes = [window.shape[0] * window.shape[1] for window in subdomains.windows]
     local = sum(nodes[r.subdomain] * max(r.sweeps, r.newton_steps) for r in records)
     return local + corrections * grid.points

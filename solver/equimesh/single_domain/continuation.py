@@ -1,7 +1,7 @@
-"""What is done where the equations have no solution near the start: Newton's method, then weaker problems.
+"""Continuation, where sweeps find no solution: Newton's method, then weaker problems.
 
-The weaker problems are those with a cross-line term, of which as little is taken as helps, and, where no amount of it
-does, those with less of the monitor, too. Either way leads from a problem that is easy to solve towards the asked one.
+A weaker problem has a cross-line term with the smallest weight that helps. Where no weight helps, the strength of the
+monitor is lowered, too. Both ways lead from an easy problem towards the requested one.
 """
 
 from collections.abc import Generator
@@ -26,8 +26,8 @@ MIN_ADVANCE = 1.0 / 64.0
 MAX_STEPS = 30
 # An attempt whose residual is not halved in this many steps leads nowhere.
 MAX_STEPS_TO_HALVE = 14
-# Less of the cross-line term and more of the monitor are tried on grids of up to this many points. Finer ones keep what
-# the coarser ones needed.
+# On grids of up to this many points smaller weights and stronger monitors are tried. Finer grids keep the relaxation of
+# the coarser ones.
 MAX_TRIED_POINTS = 65 * 65
 # Residual of a solution, relative to the mean flux.
 TOLERANCE = 1e-10
@@ -37,10 +37,10 @@ MAX_SCALE_POINTS = 33
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxation:
-    """What the solved equations differ by from the asked ones.
+    """The difference between the requested equations and the solved ones.
 
-    ``strength`` in [0, 1] is that of the monitor; ``cross_line`` the weight of the cross-line term in units of the
-    metric, the geometric mean of ``sqrt(det M)`` over the reference square.
+    ``strength`` in [0, 1] is that of the monitor. ``cross_line`` is the weight of the cross-line term in units of the
+    metric: of the geometric mean of ``sqrt(det M)`` over the reference square.
     """
 
     strength: float = 1.0
@@ -48,7 +48,7 @@ class Relaxation:
 
     @property
     def is_none(self) -> bool:
-        """Whether the equations are the asked ones."""
+        """Whether the equations are the requested ones."""
         return self.strength == 1.0 and self.cross_line == 0.0
 
 
@@ -57,7 +57,7 @@ NONE = Relaxation()
 
 @dataclass(frozen=True)
 class Attempt:
-    """One Newton step on the way: what it solves for, the mesh, and how far it is."""
+    """The record of one Newton step: the relaxation of its equations, the mesh, and the residual."""
 
     relaxation: Relaxation
     mesh: Mesh
@@ -70,11 +70,11 @@ Attempts: TypeAlias = Generator[Attempt, None, Attempt | None]
 
 
 def attempts(problem: Problem, start: Mesh, before: Relaxation) -> Attempts:
-    """Newton steps to a solution that is as near the asked one as can be found; returns the last of it.
+    """Newton steps to a solution as near to the requested one as can be found; returns the last attempt.
 
-    ``start`` is a valid mesh, ``before`` what the solution that it comes from was relaxed by. The returned attempt is
-    not ``converged`` only if not even the problem without any monitor has a solution: then its mesh is uniform. On fine
-    grids a weaker monitor is not strengthened any more, and nothing is returned where it has no solution there.
+    ``start`` is a valid mesh, and ``before`` the relaxation of the solution that it comes from. The returned attempt is
+    not ``converged`` only if even the problem without any monitor has no solution: then its mesh is uniform. On fine
+    grids a weaker monitor is not strengthened any more. ``None`` is returned where it has no solution there.
     """
     found = None
     if before.is_none:
@@ -120,7 +120,7 @@ def _descend(problem: Problem, found: Attempt) -> Generator[Attempt, None, Attem
 
 
 def _strengthen(problem: Problem, known: Attempt | None, uniform: Mesh) -> Generator[Attempt, None, Attempt]:
-    """From a solution for a weaker monitor, with the most of the cross-line term, in adaptive steps to the asked."""
+    """From a weaker monitor with the largest cross-line term in adaptive steps to the requested monitor."""
     if known is None:
         known = yield from _newton(problem, Relaxation(strength=0.0, cross_line=CROSS_LINE_WEIGHTS[-1]), uniform)
     if known is None:

@@ -1,8 +1,8 @@
-"""The single-domain mesh, in nested iteration from the uniform mesh on a coarse grid up.
+"""The single-domain mesh, by nested iteration from the uniform mesh on a coarse grid to the finest grid.
 
-Every level is solved by the chord iteration, the coarsest from the uniform mesh, finer ones from the coarser solution.
-Where the coarsest does not converge from there, half the monitor leads up to it; where that does not either, Newton's
-method and continuation take over.
+Every level is solved by the chord iteration. The coarsest level starts from the uniform mesh, a finer one from the
+coarser solution. Where the coarsest level does not converge, a solve for half the monitor gives a better start. Where
+that fails, Newton's method and continuation take over.
 """
 
 import math
@@ -23,9 +23,9 @@ from equimesh.single_domain.level import Level
 from equimesh.single_domain.steps import Mode, Step, Steps
 from equimesh.sweeps.sweep import deviation, memory_needed
 
-# The strength of the monitor whose mesh is a start where the sweeps do not converge from the uniform mesh.
+# The strength of the monitor that gives a start where the sweeps do not converge from the uniform mesh.
 LEADING_STRENGTH = 0.5
-# A mesh of at most this relative deviation satisfies the requested equations, whichever were solved.
+# A mesh of at most this relative deviation satisfies the requested equations, even if relaxed ones were solved.
 MAX_EXACT_DEVIATION = 1e-8
 
 
@@ -48,7 +48,7 @@ def single_domain_steps(
         before = solved[-1] if solved else None
         last: Step | None = None
         if sweeps and start is None and (before is None or before.relaxation.is_none):
-            known = before is not None and is_refined(grid, before.grid)  # the error of the discretisation can be told
+            known = before is not None and is_refined(grid, before.grid)  # then the grid's error can be estimated
             tight = level + 1 == len(grids) and (mode is Mode.TIGHT or not known)
             last = yield from Level(here, label, before, tight, memory, threads).steps()
             if last is None and before is None:
@@ -59,7 +59,7 @@ def single_domain_steps(
         if last is None:
             plain = not sweeps or start is not None
             if start is None and solved:
-                label = replace(label, mesh=guess_on(grid, solved))  # sweeps have worked in the memory of the first
+                label = replace(label, mesh=guess_on(grid, solved))  # sweeps have overwritten the first guess
             elif start is None:
                 label = replace(label, mesh=Mesh.uniform(grid))
             last = yield from _factorised(here, label, before, plain=plain)
@@ -70,9 +70,9 @@ def single_domain_steps(
 
 
 def _weaker(problem: Problem, label: Step, memory: Array, threads: int) -> Steps:
-    """Sweeps from the uniform mesh for half the monitor; ``None`` where they do not converge, either.
+    """Sweeps from the uniform mesh for half the monitor; ``None`` where these do not converge, either.
 
-    From the uniform mesh a sweep for a steep front overshoots; from the mesh of half the front it seldom does.
+    A sweep for a steep front overshoots from the uniform mesh, but seldom from the mesh of half the monitor.
     """
     weak = replace(problem, monitor=problem.monitor.weakened(LEADING_STRENGTH))
     label = replace(label, relaxation=continuation.Relaxation(strength=LEADING_STRENGTH))
@@ -80,9 +80,9 @@ def _weaker(problem: Problem, label: Step, memory: Array, threads: int) -> Steps
 
 
 def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[Step]:
-    """Sweeps from a mesh near the solution, as that of a monitor a time step earlier, to a tight tolerance.
+    """Sweeps to a tight tolerance from a mesh near the solution, such as that of a monitor a time step earlier.
 
-    Where they do not converge, what :func:`single_domain_steps` does without a start.
+    Where they do not converge, the steps of :func:`single_domain_steps` without a start.
     """
     own = Mesh(start.x.copy(), start.y.copy())
     label = Step(level=0, levels=1, grid=problem.grid, step=0, residual=math.nan, mesh=own)
@@ -119,10 +119,10 @@ def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bo
         solved = before.solved or before.grid
         return replace(label, relaxation=relaxation, residual=math.nan, converged=True, solved=solved)
     if found is None:
-        raise AssertionError("on the first level there is always something left to try")
+        raise AssertionError("on the first level continuation always returns an attempt")
     step = replace(label, step=found.steps, residual=found.residual, mesh=found.mesh, relaxation=found.relaxation)
     if not step.relaxation.is_none and deviation(problem.metric, problem.boundary, found.mesh) < MAX_EXACT_DEVIATION:
-        step = replace(step, relaxation=NONE)  # a term that vanishes on a mesh of straight lines has relaxed nothing
+        step = replace(step, relaxation=NONE)  # the cross-line term vanishes on straight lines
     return _with_errors(replace(step, converged=found.converged, failed=not found.converged), before)
 
 
@@ -137,7 +137,7 @@ def _labelled(attempts: continuation.Attempts, label: Step) -> Generator[Step, N
 
 
 def _with_errors(step: Step, before: Step | None) -> Step:
-    """The step with error estimates, for a mesh that Newton's method has solved to rounding."""
+    """The step with error estimates, for a mesh that Newton's method solved to rounding."""
     if not step.converged:
         return step
     if before is None or before.relaxation != step.relaxation or not is_refined(step.grid, before.grid):

@@ -13,20 +13,20 @@ from equimesh.single_domain.steps import ALGEBRAIC_SHARE, TIGHT_DEVIATION, Step,
 from equimesh.sweeps.contraction import error_left
 from equimesh.sweeps.sweep import Sweep
 
-# Algebraic error left on a coarsest level that only serves as a start, in units of its spacing.
+# Algebraic error on a coarsest level that only serves as a start, in units of its spacing.
 MAX_START_ERROR = 0.01
 # Sweeps of one level, from a coarser solution and from the uniform mesh.
 MAX_SWEEPS = 100
 MAX_COLD_SWEEPS = 40
-# A sweep is slow if it does not lower the moves by this factor.
+# A sweep is slow if it does not reduce the moves by this factor.
 MAX_SLOW_CONTRACTION = 0.9
 # After more slow sweeps than this, half sweeps are tried, and then another method.
 MAX_SLOW_SWEEPS = 3
-# The first sweeps from a coarser solution shrink the moves faster than those after them, which shrink them by this.
+# The first sweeps from a coarser solution reduce the moves faster than later ones, which reduce them by this factor.
 MIN_CONTRACTION = 0.25
 # Moves that would fold the mesh are halved, but not below this share.
 MIN_MOVE_SHARE = 1 / 128
-# No sweep from the uniform mesh may shrink the smallest Jacobian by more than this factor.
+# A sweep from the uniform mesh keeps at least this share of the smallest Jacobian.
 MIN_JACOBIAN_SHARE = 0.2
 
 
@@ -77,17 +77,17 @@ class Level:
         return None
 
     def _floor(self, smallest: float) -> float:
-        """The smallest Jacobian that a sweep may leave: from the uniform mesh, a share of the last ``smallest``."""
+        """The lower bound of the smallest Jacobian after a sweep."""
         return MIN_JACOBIAN_SHARE * smallest if self.coarse is None else 0.0
 
     def _contraction(self, moves: list[float]) -> float:
-        """What the next sweeps shrink the moves by: as the last two moves did, or those on the coarser level."""
+        """The factor by which the next sweeps reduce the moves: from the last two moves, or from the coarser level."""
         if math.isfinite(moves[-2]) and moves[-2] > 0.0:
             return max(MIN_CONTRACTION, moves[-1] / moves[-2])
         return 1.0 if self.coarse is None else self.coarse.contraction
 
     def _is_near(self, step: Step) -> bool:
-        """Whether the algebraic error is small beside that of the discretisation, or serves for a first level."""
+        """Whether the algebraic error is small compared with that of the grid, or enough for a first level."""
         if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
             return step.algebraic_error <= MAX_START_ERROR * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
         return math.isfinite(step.algebraic_error) and step.algebraic_error <= ALGEBRAIC_SHARE * self._discretization(
@@ -95,13 +95,13 @@ class Level:
         )
 
     def _discretization(self, mesh: Mesh) -> float:
-        """The error that an error of second order leaves on this grid, from the difference to the coarser one."""
+        """The error of the grid, if of second order: from the difference to the coarser solution."""
         if self.coarse is None or not is_refined(mesh.grid, self.coarse.grid):
             return math.nan
         return distance(mesh, self.coarse.mesh) / (refinement(mesh.grid, self.coarse.grid) - 1.0)
 
     def _finished(self, step: Step, own: tuple[Array, Array]) -> Step:
-        """The step with its mesh outside the working memory."""
+        """The last step, with its mesh outside the working memory."""
         mesh = step.mesh
         if mesh.x is not own[0]:
             own[0][:], own[1][:] = mesh.x, mesh.y

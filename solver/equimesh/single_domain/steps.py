@@ -1,4 +1,4 @@
-"""Steps of a single-domain solve: the records, and how exact it is."""
+"""The records of the steps of a single-domain solve, and its modes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ ALGEBRAIC_SHARE = 0.2
 
 
 class Mode(StrEnum):
-    """When a solve is done.
+    """When a single-domain solve ends.
 
-    ``DISCRETIZATION``: when what iterating on would change is a fifth of the error that the grid makes anyway.
-    ``TIGHT``: when squared metric lengths differ from the mean of their line by 1e-10 of it; for studies, and for
-    references to compare with.
+    ``DISCRETIZATION``: when further iterations would change the mesh by no more than a fifth of the error of the grid.
+    ``TIGHT``: when squared metric lengths differ from the mean of their line by at most 1e-10 of it; for studies and
+    references.
     """
 
     DISCRETIZATION = "discretization"
@@ -32,48 +32,53 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One sweep or Newton step of a single-domain solve.
-
-    ``level`` of ``levels`` is the grid of the nested iteration (0 the coarsest). ``relaxation`` is what the equations
-    that the step solves differ by from the asked ones. ``residual`` is relative: of a sweep, the largest deviation of a
-    squared metric length from the mean of its line; of a Newton step, the largest defect over the mean flux.
-    ``mesh`` is that of the reference square.
-
-    ``converged`` is set by the last step of every level, and says that the mesh solves the equations of ``relaxation``
-    there; ``failed`` where no mesh was found that solves any. ``algebraic_error`` and ``discretization_error`` are
-    estimates in units of the reference square, NaN where not known. ``solved`` is the grid on which the equations were
-    solved, coarser than ``grid`` where relaxed ones would have been too costly on that; ``contraction`` the factor by
-    which sweeps shrank their moves, 1 where it is not known.
-    """
+    """The record of one sweep or Newton step of a single-domain solve. Lengths are in units of the reference square."""
 
     level: int
+    """The number of the nested grid, 0 for the coarsest."""
     levels: int
+    """How many nested grids there are."""
     grid: Grid
+    """The grid of the level."""
     step: int
+    """The number of the step on its level."""
     residual: float
+    """A relative residual before a sweep or after a Newton step.
+
+    For a sweep it is the largest deviation of a squared metric length from the mean of its line. For a Newton step it
+    is the largest defect over the mean flux.
+    """
     mesh: Mesh
+    """The mesh of the reference square."""
     relaxation: Relaxation = NONE
+    """The difference between the requested equations and those that the step solves."""
     converged: bool = False
+    """Whether this is the last step of its level, and the mesh solves the equations of ``relaxation``."""
     failed: bool = False
+    """Whether the solve ended without a mesh that solves any of the equations tried."""
     algebraic_error: float = math.nan
+    """Estimated error from stopping the iteration, NaN where not known."""
     discretization_error: float = math.nan
+    """Estimated error of the grid, NaN where not known."""
     solved: Grid | None = None
+    """The coarser grid on which the equations were solved, where ``grid`` was too fine for relaxed ones."""
     contraction: float = 1.0
+    """The factor by which sweeps reduce their moves, 1 where not known."""
 
     def snapshot(self) -> Step:
-        """The step with a mesh of its own: sweeps that follow overwrite the mesh of one that does not end a level."""
+        """The step with its own copy of the mesh, which later sweeps of the level would overwrite."""
         if self.converged or self.failed:
             return self
         return replace(self, mesh=Mesh(self.mesh.x.copy(), self.mesh.y.copy()))
 
     @property
     def is_exact(self) -> bool:
-        """Whether the mesh solves the asked equations on its own grid."""
+        """Whether the mesh solves the requested equations on its own grid."""
         return self.converged and self.relaxation.is_none and self.solved is None
 
     @property
     def strength(self) -> float:
-        """The strength of the monitor, 1 for the asked one."""
+        """The strength of the monitor, 1 for the requested one."""
         return self.relaxation.strength
 
 

@@ -1,4 +1,4 @@
-"""The certificate of a mesh: the requested equations, the solved ones, and what to know before using it."""
+"""The certificate of a mesh: how well it solves the requested equations, and warnings."""
 
 import math
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ UNKNOWN = "not known"
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxed:
-    """One thing that was relaxed: ``what`` it is, the value ``asked`` for and the value ``reached``.
+    """One relaxed quantity: its name ``what``, the requested value ``asked`` and the value ``reached``.
 
-    ``"a"``, or ``"strength"`` for other monitors than arc length, is the strength of the adaptation; ``"cross_line"``
-    the weight of the cross-line term that was added to the equations; ``"points"`` the points a side of the grid that
-    the equations were solved on, before the mesh was interpolated to the requested one.
+    ``"a"`` is the strength of the arc length, ``"strength"`` that of any other monitor. ``"cross_line"`` is the weight
+    of the cross-line term that was added to the equations. ``"points"`` is the number of points a side of the grid on
+    which the equations were solved, before the mesh was interpolated to the requested grid.
     """
 
     what: str
@@ -43,11 +43,12 @@ class Certificate:
     status: Status
     """How the solve ended."""
     mode: Mode | None
-    """When a single-domain solve was done; ``None`` for a Schwarz iteration."""
+    """When a single-domain solve ends; ``None`` for a Schwarz iteration."""
     equation_residual: float
     """The largest relative difference of a squared metric length from the mean of its grid line.
 
-    It is that of the requested equations, also where ``relaxed`` ones were solved: 0 on their exact solution.
+    It is the residual of the requested equations, also where relaxed ones were solved. It is 0 on their exact
+    solution.
     """
     min_jacobian: float
     """The smallest corner Jacobian: positive on every valid mesh, 1 on the uniform mesh of a rectangle."""
@@ -57,9 +58,9 @@ class Certificate:
     ``None`` where it is not known.
     """
     algebraic_error: float | None = None
-    """The same for stopping the iteration."""
+    """The same for the error from stopping the iteration."""
     relaxed: tuple[Relaxed, ...] = ()
-    """What differs between the requested and the solved equations; empty where nothing does."""
+    """The differences between the requested and the solved equations; empty where there are none."""
     warnings: tuple[str, ...] = ()
     """Sentences to read before using the mesh."""
     interpolation: InterpolationErrors | None = None

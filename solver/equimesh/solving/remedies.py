@@ -1,4 +1,4 @@
-"""Warnings about a mesh, and what to try after a solve that did not reach the requested mesh."""
+"""Warnings about a mesh, and remedies after a solve that did not reach the requested mesh."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ MIN_GAIN = 0.99
 
 
 def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationErrors | None) -> Iterator[str]:
-    """What to know of a mesh before using it."""
+    """Sentences to read before using a mesh."""
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
         yield f"The mesh solves relaxed equations, not the requested ones: {what}."
@@ -41,7 +41,7 @@ def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationEr
 
 
 def after_newton(problem: Problem, *, nested: bool, reached: float = 1.0) -> str:
-    """For equations that no valid mesh satisfies; ``reached`` is the strength to which continuation came."""
+    """The remedy where no valid mesh was found; continuation ``reached`` this strength of the monitor."""
     if reached == 0.0:
         return _sentence(
             "replace a jump of u, or a change too fast for this grid, by a steep tanh",
@@ -52,7 +52,7 @@ def after_newton(problem: Problem, *, nested: bool, reached: float = 1.0) -> str
 
 
 def _weaker(problem: Problem, reached: float) -> list[str]:
-    """How to request less adaptation."""
+    """Ways to request less adaptation."""
     monitor = problem.monitor
     if isinstance(monitor, ArcLength):
         lower = f"lower a to {reached * monitor.a:.2g} or less" if 0.0 < reached < 1.0 else "lower a"
@@ -61,18 +61,21 @@ def _weaker(problem: Problem, reached: float) -> list[str]:
 
 
 def after_mapping() -> str:
-    """For a valid mesh of the reference square that folds on the domain."""
-    return _sentence("add grid points: the sides curve too much for so few")
+    """The remedy for a valid mesh of the reference square that folds on the domain."""
+    return _sentence("add grid points: the sides curve too much for this grid")
 
 
 def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) -> str:
-    """For a solve that ended with an inverted cell."""
+    """The remedy for a solve that ended with an inverted cell."""
     more = ["run more iterations"] if schwarz is not None and schwarz.tolerance is None else []
     return _sentence(*more, *_weaker(problem, 1.0), *_settings(problem, nested=nested))
 
 
 def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, tolerance: float) -> str:
-    """For a Schwarz iteration that did not reach its ``tolerance``, at a ``rate`` observed, or predicted if slower."""
+    """The remedy for a Schwarz iteration that did not reach its ``tolerance``.
+
+    ``rate`` is the observed rate, or the predicted one if that is slower.
+    """
     ideas = []
     left = max(last.estimate, last.mismatch / 2) / max(tolerance, smallest_tolerance(problem))
     if rate is None or last.iteration < MIN_RECORDED_ITERATIONS:

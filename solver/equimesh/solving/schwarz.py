@@ -1,4 +1,4 @@
-"""The solution of a Schwarz iteration: its start, its end, and what took its place where there was none."""
+"""The solution of a Schwarz iteration: its start, its end, and the single-domain solve that may replace it."""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ MAX_POLISHED_POINTS = 129 * 129
 
 
 def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions) -> Solution:
-    """The mesh of a Schwarz iteration or, where it stalls for good and may be replaced, of a single-domain solve."""
+    """The mesh of a Schwarz iteration; where it stalls for good and may fall back, of a single-domain solve."""
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
     start, tolerance, expected = _start(problem, schwarz, initial, options)
     reference = _reference(problem, options) if schwarz.compare_single_domain else None
@@ -50,7 +50,7 @@ def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh
 def _start(
     problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions
 ) -> tuple[Mesh, float | None, float]:
-    """The mesh to start from, the tolerance as a number, and the error of the discretisation, NaN where not known."""
+    """The start, the tolerance as a number, and the expected error of the discretisation, NaN where not known."""
     start, expected = initial if isinstance(initial, Mesh) else Mesh.uniform(problem.grid), math.nan
     to_discretization = schwarz.tolerance == "discretization"
     if initial is Initial.NESTED or to_discretization:
@@ -66,7 +66,7 @@ def _start(
 
 
 def _rescued(failed: Solution, options: SolveOptions) -> Solution:
-    """The mesh of a single-domain solve, in place of that of a Schwarz iteration that stalled for good."""
+    """A single-domain solve in place of a Schwarz iteration that stalled for good."""
     single = solve_single_domain(failed.problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
     last = failed.iterations[-1]
     stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
@@ -84,7 +84,7 @@ def _rescued(failed: Solution, options: SolveOptions) -> Solution:
 
 
 def _reference(problem: Problem, options: SolveOptions) -> Step:
-    """The single-domain solution to rounding, as far as that is affordable: errors are measured against it."""
+    """The single-domain solution against which errors are measured: to rounding, if the grid is small enough."""
     step = last_step(problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
     if step.is_exact and problem.grid.points <= MAX_POLISHED_POINTS:
         return last_of(iteration.single_domain_steps(problem, step.mesh), options.observe)
@@ -92,8 +92,7 @@ def _reference(problem: Problem, options: SolveOptions) -> Step:
 
 
 def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]:
-    """The mesh that a single-domain solve would start from on the finest grid, and the error of the discretisation
-    that is to be expected there."""
+    """The start of a single-domain solve on the finest grid, and the error of the discretisation expected there."""
     coarser = nested_grids(problem.grid)[-2:][0]
     if coarser == problem.grid:
         coarser = halved(problem.grid)
@@ -112,7 +111,7 @@ def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]
 
 
 def _first_error(problem: Problem, step: Step, options: SolveOptions) -> float:
-    """The error of the discretisation on a grid that has no coarser one, from one made for the purpose."""
+    """The error of the discretisation on the coarsest grid, from an additional solve on a still coarser one."""
     coarser = halved(problem.grid)
     other = last_step(replace(problem, grid=coarser), Initial.NESTED, replace(options, mode=Mode.TIGHT))
     if not (step.is_exact and other.is_exact and is_refined(problem.grid, coarser)):
@@ -165,20 +164,20 @@ def _finished(
 
 
 def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
-    """Sentences about what the iteration did instead of what was requested."""
-    asked, found = label(schwarz.transmission), []
+    """Sentences about deviations of the iteration from the request."""
+    requested, found = label(schwarz.transmission), []
     rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
     if rescued:
         found.append(
-            f"The {asked} condition did not lead to a solution; classical data took its place in {len(rescued)} of"
+            f"The {requested} condition did not lead to a solution; classical data took its place in {len(rescued)} of"
             f" {records[-1].iteration} iterations, first in iteration {rescued[0]}."
         )
-    others = [record for record in records if record.transmission != asked]
+    others = [record for record in records if record.transmission != requested]
     if others:
         first = others[0]
         found.append(
-            f"The {asked} condition stalled; from iteration {first.iteration} on the {first.transmission} one took its"
-            " place, from the start."
+            f"The {requested} condition stalled; from iteration {first.iteration} on the {first.transmission} one took"
+            " its place, from the start."
         )
     globally = [record.iteration for record in records if record.global_step]
     if globally:
@@ -190,7 +189,7 @@ def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
 
 
 def _remedy(solution: Solution, tolerance: float | None, *, nested: bool) -> str:
-    """What to try after a Schwarz iteration."""
+    """The remedy after a Schwarz iteration; empty where none is needed."""
     problem, schwarz, last = solution.problem, solution.schwarz, solution.iterations[-1]
     if schwarz is not None and solution.status is Status.NOT_CONVERGED:
         rates = [rate for rate in (solution.rate, solution.predicted_rate) if rate is not None]

@@ -53,7 +53,7 @@ def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) 
 
 
 def last_of(steps: Iterable[Step], observe: Observer) -> Step:
-    """The last of some steps, all of which are reported to the observer."""
+    """The last step, after all steps were reported to the observer."""
     step = None
     for step in steps:
         observe(step)
@@ -77,11 +77,11 @@ def _status(step: Step, options: SolveOptions) -> Status:
 
 
 def _relaxed(step: Step, problem: Problem) -> tuple[Relaxed, ...]:
-    """What the equations that the mesh satisfies differ by from the requested ones."""
+    """The differences between the requested equations and those that the mesh satisfies."""
     found, monitor = [], problem.monitor
     if step.strength < 1.0:
-        what, asked = ("a", monitor.a) if isinstance(monitor, ArcLength) else ("strength", 1.0)
-        found.append(Relaxed(what=what, asked=asked, reached=step.strength * asked))
+        what, requested = ("a", monitor.a) if isinstance(monitor, ArcLength) else ("strength", 1.0)
+        found.append(Relaxed(what=what, asked=requested, reached=step.strength * requested))
     if step.relaxation.cross_line > 0.0:
         found.append(Relaxed(what="cross_line", asked=0.0, reached=step.relaxation.cross_line))
     if step.solved is not None and step.solved != problem.grid:
@@ -90,19 +90,19 @@ def _relaxed(step: Step, problem: Problem) -> tuple[Relaxed, ...]:
 
 
 def _on_grid(mesh: Mesh, problem: Problem) -> Mesh:
-    """The mesh on the problem's own grid, also where the solve ended on a coarser one."""
+    """The mesh on the problem's grid, also where the solve ended on a coarser one."""
     return mesh if mesh.x.shape == problem.grid.shape else prolong(mesh, problem.grid)
 
 
 def what_was_found(step: Step, problem: Problem) -> str:
-    """The equations that the mesh satisfies, of a solve that did not reach the requested ones."""
-    asked, name = (problem.monitor.a, "a") if isinstance(problem.monitor, ArcLength) else (1.0, "strength")
+    """A sentence about the equations that the mesh satisfies, where these are not the requested ones."""
+    requested, name = (problem.monitor.a, "a") if isinstance(problem.monitor, ArcLength) else (1.0, "strength")
     where = "" if step.grid == problem.grid else f" on the {step.grid} grid"
     if step.failed or step.strength == 0.0:
         slopes = problem.metric.u_with_gradient(step.mesh.x, step.mesh.y)
         reason = "" if np.isfinite(slopes).all() else " The gradient of u is not finite everywhere on the domain."
         return f"No mesh was found{where} that satisfies any of the equations tried, down to {name} = 0.{reason}"
-    found = [f"{name} = {step.strength * asked:.3g} of {asked:.3g}"] if step.strength < 1.0 else []
+    found = [f"{name} = {step.strength * requested:.3g} of {requested:.3g}"] if step.strength < 1.0 else []
     if step.relaxation.cross_line > 0.0:
         found.append(f"a cross-line term of weight {step.relaxation.cross_line:g}")
     added = f" with {' and '.join(found)}" if found else ""

@@ -1,4 +1,4 @@
-"""The result of a solve: a mesh, how it came about, and whether it is the requested one."""
+"""The result of a solve: a mesh, the record of its computation, and whether it is the requested one."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +27,7 @@ from equimesh.sweeps import sweep
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Solution:
-    """A mesh of the physical domain, how it came about, and whether it is the requested one."""
+    """A mesh of the physical domain, the record of its computation, and whether it is the requested one."""
 
     problem: Problem
     """The problem that was solved."""
@@ -42,19 +42,19 @@ class Solution:
     newton_steps: int
     """Newton steps or sweeps on the finest grid; of a Schwarz iteration, summed over iterations and subdomains."""
     residual: float
-    """The largest residual left, of a Schwarz iteration over all subdomains; dimensionless.
+    """The largest residual at the end; of a Schwarz iteration, over all subdomains. Dimensionless.
 
-    Of a sweep it is the largest relative deviation of a squared metric length from the mean of its line, of Newton's
-    method the residual relative to the mean flux.
+    For sweeps it is the largest relative deviation of a squared metric length from the mean of its line. For Newton's
+    method it is the residual relative to the mean flux.
     """
     mode: Mode | None = None
-    """When a single-domain solve was done."""
+    """When a single-domain solve ends; ``None`` for a Schwarz iteration."""
     iterations: tuple[Iteration, ...] = ()
     """One record for each Schwarz iteration; empty for a single-domain solve."""
     detours: tuple[str, ...] = ()
-    """Sentences about what the solve did instead of what was requested."""
+    """Sentences about deviations of the solve from the request."""
     note: str = ""
-    """More about what happened."""
+    """Details of the status."""
     remedy: str = ""
     """What to try; empty when nothing is wrong."""
     relaxed: tuple[Relaxed, ...] = ()
@@ -69,7 +69,7 @@ class Solution:
 
     @property
     def message(self) -> str:
-        """What happened, and what to try."""
+        """The status in a sentence, its details, and the remedy."""
         return " ".join(text for text in (self.status.sentence, self.note, self.remedy) if text)
 
     @cached_property
@@ -110,7 +110,7 @@ class Solution:
 
     @property
     def rate(self) -> float | None:
-        """Observed factor by which the error (else the change) falls in one iteration, of the condition used last."""
+        """Observed factor by which the error, or else the change, falls in one iteration of the last condition."""
         floor = smallest_tolerance(self.problem)
         same = [i for i in self.iterations if i.transmission == self.iterations[-1].transmission]
         return observed_rate([i.change if i.error is None else i.error for i in same], floor)

@@ -1,10 +1,10 @@
-"""How a solve ended: one status, with a sentence."""
+"""The status of a solve: one word, with a sentence."""
 
 from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How a solve ended. :attr:`sentence` says what happened.
+    """The end of a solve. :attr:`sentence` describes it.
 
     A folded mesh never counts as one of the first three.
     """
@@ -12,11 +12,11 @@ class Status(StrEnum):
     CONVERGED = "converged"
     """The mesh satisfies the equations to the tolerance: success."""
     RELAXED = "relaxed"
-    """The mesh is valid and satisfies weaker equations, which the certificate lists: success, if it was allowed."""
+    """The mesh is valid and satisfies weaker equations, which the certificate lists: success, if allowed."""
     COMPLETED = "completed"
     """A Schwarz iteration without a tolerance has run its number of iterations: success."""
     NOT_CONVERGED = "not_converged"
-    """A Schwarz iteration has used up its iterations before it met the tolerance."""
+    """A Schwarz iteration reached its limit of iterations before its tolerance."""
     NEWTON_FAILED = "newton_failed"
     """The solve stalled, also with relaxed equations, or these were not allowed."""
     FOLDED = "folded"
@@ -24,12 +24,12 @@ class Status(StrEnum):
 
     @property
     def succeeded(self) -> bool:
-        """Whether the mesh is the requested one, or as near to it as was allowed."""
+        """Whether the mesh is the requested one, or an allowed approximation of it."""
         return self in (Status.CONVERGED, Status.RELAXED, Status.COMPLETED)
 
     @property
     def sentence(self) -> str:
-        """What happened."""
+        """The status in a sentence."""
         return _SENTENCES[self]
 
 

@@ -1,12 +1,12 @@
-"""The error that is left where every move is a fixed factor smaller than the one before it."""
+"""The error that remains when every move is smaller than the one before it by a fixed factor."""
 
 import math
 
 
 def error_left(move: float, contraction: float) -> float:
-    """The distance still to go after a ``move``, if those to come shrink by the factor ``contraction`` each.
+    """The remaining distance after a ``move``, if each later move is smaller by the factor ``contraction``.
 
-    The sum of a geometric series, in the unit of ``move``; infinite where the moves do not shrink.
+    The sum of a geometric series, in the unit of ``move``; infinite where the moves do not get smaller.
     """
     if contraction < 1.0:
         return move * contraction / (1.0 - contraction)

@@ -1,4 +1,4 @@
-"""How the four sides of a window of the grid are closed, for the line corrections."""
+"""The kind of the four sides of a window of the grid, for the line corrections."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 class Frame:
     """The kind of the four sides of a window, by direction (0 across xi, 1 across eta) and end.
 
-    A side is ``physical``, or its outermost grid line is held where it is. Of the latter, one with edges of the whole
-    grid ``beyond`` it *yields*: the lines that cross it end on the line before it, and what lies outside takes up
-    metric length with them, as a whole, so that the lines' ends move. One with none beyond is fixed.
+    A side is ``physical``, or its outermost grid line is held in place. A held side *yields* if edges of the whole grid
+    lie ``beyond`` it: the lines that cross it then end on the line before it, and these ends move, since the edges
+    outside share the metric length of the line. A held side without edges beyond is fixed.
     """
 
     physical: tuple[tuple[bool, bool], tuple[bool, bool]] = ((True, True), (True, True))

@@ -30,10 +30,10 @@ class Strip(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Grid lines of one direction, from node ``first`` to ``last``, and what lies beyond them outside the window.
+    """Grid lines of one direction, from node ``first`` to ``last``, and their continuation outside the window.
 
-    There, ``beyond`` edges follow at the lower and the upper end. Their squared metric lengths sum to ``rest``, of
-    shape ``(2, lines)``.
+    Outside, ``beyond`` edges follow at the lower and the upper end. ``rest`` of shape ``(2, lines)`` holds the sums of
+    their squared metric lengths.
     """
 
     first: int
@@ -45,7 +45,7 @@ class Lines(NamedTuple):
 class Levels(NamedTuple):
     """For each xi-line, ``(n_eta,)``: the ``mean`` squared metric length of its edges, and the ``shift``.
 
-    By the shift ``-2 P`` grows from row to row, because the sides move.
+    ``-2 P`` grows by the shift from row to row, because the sides move.
     """
 
     mean: Array
@@ -66,7 +66,7 @@ class SidePair(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """What a sweep makes of the nodes: their new positions ``x`` and ``y``, and what the xi-lines need.
+    """The results of a sweep: the new positions ``x`` and ``y``, and data for the corrections of the xi-lines.
 
     ``along_p`` of shape ``(2, n_xi, n_eta)`` is the move per ``-2 P``, ``squares[i]`` the squared metric lengths of the
     xi-edges from row i.
@@ -99,7 +99,7 @@ def arc_length_cells(x: Array, y: Array, u: Array, a2: float, b: float, m: Array
 
 @vectorised
 def arc_length_cells_on(x: Array, y: Array, u: Array, a2: float, b: float, m: Array) -> None:
-    """As :func:`arc_length_cells` on a domain: ``m`` holds the metric of its map, and then the sum of both."""
+    """As :func:`arc_length_cells` on a domain: ``m`` first holds the metric of its map, then the sum of both."""
     rows, n_eta = x.shape
     for i in range(rows - 1):
         x0, x1, y0, y1, u0, u1 = x[i], x[i + 1], y[i], y[i + 1], u[i], u[i + 1]
@@ -166,8 +166,8 @@ def side_moves(
 def end_edges(x: Array, y: Array, m: Array, row: int, moved: Array, push: Array, squares: Array) -> None:
     """The row of xi-edges at one end of the mesh: its first (``row`` 0) or last (``row`` -1) cells.
 
-    ``squares`` receives the squared metric lengths of the first edges only. ``push`` becomes ``-2 P`` on the side
-    whose nodes are to move by ``moved`` along it.
+    ``squares`` receives the squared metric lengths of the first edges only. ``push`` receives ``-2 P`` on the side,
+    whose nodes move by ``moved`` along it.
     """
     n_eta = x.shape[1]
     node = 0 if row == 0 else x.shape[0] - 2
@@ -182,11 +182,11 @@ def end_edges(x: Array, y: Array, m: Array, row: int, moved: Array, push: Array,
 
 @vectorised
 def eta_corrections(nodes: Nodes, m: Array, strip: Strip, moved: Array, lines: Lines, out: Moved, sums: Array) -> float:
-    """The node rows of a strip with the corrections of their eta-lines, and what the xi-lines need of them.
+    """Correct the eta-lines of a strip of node rows, and prepare the corrections of the xi-lines.
 
     ``m`` holds the cell rows from ``strip.first - 1`` on, ``moved`` of shape ``(2, n_xi)`` the moves of the bottom and
-    top nodes along xi. ``out`` receives the nodes moved by the part of the correction that Q makes, ``sums`` the sums
-    of ``out.squares`` over the rows below ``strip.summed``. Returns the largest relative deviation along the lines.
+    top nodes along xi. ``out`` receives the nodes moved by the part of the correction due to Q, ``sums`` the sums of
+    ``out.squares`` over the rows below ``strip.summed``. Returns the largest relative deviation along the lines.
     """
     x, y = nodes
     first, last, summed = strip
@@ -260,7 +260,7 @@ def move_row(nodes: Nodes, m: Array, i: int, c: int, running: Array, out: Moved)
 def line_sums(
     first: Array, sums: Array, rows: IntArray, pushes: Array, lines: Lines, levels: Levels, starts: Array
 ) -> float:
-    """What the xi-lines need to be corrected strip by strip, from the sums of each strip of rows.
+    """Prepare the corrections of the xi-lines strip by strip, from the sums of each strip of rows.
 
     ``first`` holds the squared metric lengths of the first edges, which belong to lines from node 0, ``sums`` of shape
     ``(strips, n_eta)`` those summed over the ``rows`` edges of each strip, ``pushes`` of shape ``(2, n_eta)`` ``-2 P``
@@ -299,7 +299,7 @@ def line_sums(
 def xi_corrections(nodes: Nodes, strip: Strip, levels: Levels, running: Array, out: Moved, largest: Array) -> None:
     """Add the corrections of the xi-lines to the node rows of a strip in ``out``.
 
-    ``running`` is ``-2 P`` at the first row, and is carried on. ``largest`` receives the largest relative deviation
+    ``running`` is ``-2 P`` at the first row, and is continued. ``largest`` receives the largest relative deviation
     from the mean in the rows below ``strip.summed``, and the largest move of a coordinate.
     """
     x, y = nodes
@@ -326,7 +326,7 @@ def xi_corrections(nodes: Nodes, strip: Strip, levels: Levels, running: Array, o
 def segment_sums(
     nodes: Nodes, m: Array, rows: tuple[int, int], cuts: IntArray, along_xi: Array, along_eta: Array
 ) -> None:
-    """Sums of the squared metric lengths of edges, those from node rows ``rows[0]`` to ``rows[1] - 1``.
+    """Sums of the squared metric lengths of the edges from node rows ``rows[0]`` to ``rows[1] - 1``.
 
     ``m`` holds the cell rows that meet in these node rows. ``along_xi[j]`` receives the sum of the xi-edges that begin
     in the rows, ``along_eta[s, i]`` that of the eta-edges of row i between the nodes ``cuts[s]`` and ``cuts[s + 1]``.

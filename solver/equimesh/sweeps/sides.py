@@ -13,12 +13,12 @@ from equimesh.sweeps.kernels import Lines, SidePair, side_moves
 
 
 def finite_or_infinite(number: float) -> float:
-    """The number. Infinite where it is not a number."""
+    """The number, or infinity where it is NaN or infinite."""
     return number if math.isfinite(number) else math.inf
 
 
 class Sides:
-    """The nodes on the physical sides: how far they have to move along them."""
+    """The moves of the nodes on the physical sides, along them."""
 
     def __init__(
         self, metric: ReferenceMetric, boundary: Boundary, shape: tuple[int, int], frame: Frame = WHOLE
@@ -35,11 +35,11 @@ class Sides:
     def moves(
         self, x: Array, y: Array, nodal: Tensor | None = None, rest: tuple[Array, Array] | None = None
     ) -> tuple[float, float, Array, Array]:
-        """The largest deviation and move, the moves along eta of left and right nodes, those along xi of others.
+        """The largest deviation and move, then the moves along eta (left, right) and along xi (bottom, top).
 
-        Of shapes ``(2, n_eta)`` and ``(2, n_xi)``, zero on sides that are not physical. ``nodal`` is u with its
-        gradient at all nodes, where it is known, ``rest`` as in :meth:`Sweep.correct`.
-        :attr:`fluxes` are then the squared metric lengths of the edges, of shape ``(2, n_eta - 1)`` on the left and
+        The moves have the shapes ``(2, n_eta)`` and ``(2, n_xi)`` and are zero on sides that are not physical.
+        ``nodal`` is u with its gradient at all nodes, where it is known; ``rest`` as in :meth:`Sweep.correct`.
+        :attr:`fluxes` then holds the squared metric lengths of the edges, of shape ``(2, n_eta - 1)`` on the left and
         right side and ``(2, n_xi - 1)`` on the others.
         """
         n_xi, n_eta = self.shape
@@ -63,7 +63,7 @@ class Sides:
         return deviation, largest, *moves
 
     def _pairs(self, x: Array, y: Array, nodal: Tensor | None) -> Iterator[SidePair]:
-        """The left and right side, then the bottom and top one; ``u_n`` is what the boundary condition sees of it."""
+        """The left and right side, then the bottom and top one; ``u_n`` is zero where the condition ignores it."""
         n_xi, n_eta = self.shape
         t_eta, t_xi = y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy()
         if nodal is None:
@@ -86,9 +86,9 @@ class Sides:
     def place(
         self, x: Array, y: Array, along_eta: Array, along_xi: Array, new_x: Array, new_y: Array
     ) -> tuple[float, float]:
-        """Give the nodes of the sides their new positions in ``new_x`` and ``new_y``.
+        """Write the new positions of the nodes of the sides to ``new_x`` and ``new_y``.
 
-        Returns the largest move and deviation of nodes that follow the interior, zero where they do not.
+        Returns the largest move and deviation of the nodes that follow the interior, zero if there are none.
         """
         change, lag = 0.0, 0.0
         for axis, (old, q, fixed, moved) in enumerate(
@@ -116,7 +116,7 @@ class Sides:
             fixed = np.repeat([[0.0], [1.0]], middles.shape[1], axis=1)
             b11, b12, b22 = self.metric.base(*((fixed, middles) if axis == 0 else (middles, fixed)))
             tensor = np.stack([b22, b12, b11] if axis == 0 else [b11, b12, b22])
-            if self.boundary is Boundary.EQUIDISTRIBUTED_1D:  # sees the side alone: no metric but along it
+            if self.boundary is Boundary.EQUIDISTRIBUTED_1D:  # only the metric along the side counts
                 tensor[1], tensor[2] = 0.0, 1.0
             found.append(tensor)
         return found[0], found[1]

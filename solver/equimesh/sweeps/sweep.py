@@ -2,12 +2,13 @@
 
 The equations are two families of one-dimensional problems, coupled through the metric. To leading order the squared
 metric length of a xi-edge depends on the nodes through ``P = A dx + B dy`` alone, ``(A, B) = M r_xi``, and that of an
-eta-edge through ``Q = C dx + D dy``, ``(C, D) = M r_eta``: equal lengths along a line ask for a P that is a running sum
-of the line's defects, and a Q likewise; the nodes follow from a 2 x 2 system each, whose determinant ``det(M) J`` is
-positive on a valid mesh. The error falls by a factor that does not depend on the number of points.
+eta-edge through ``Q = C dx + D dy``, ``(C, D) = M r_eta``: lengths along a xi-line become equal if
+P is the running sum of the line's defects; the same holds for Q along an eta-line. The move of each node then follows
+from a 2 x 2 system, whose determinant ``det(M) J`` is positive on a valid mesh. The error falls by a factor that does
+not depend on the number of points.
 
-The nodes on the sides move by the same rule, at the same time. The iteration is local: it wants a start near the
-solution, from a coarser grid, or damping.
+The nodes on the sides move by the same rule, at the same time. The iteration is local: it needs a start near the
+solution, for instance from a coarser grid, or damping.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ STRIP_NODES = 32_768
 MIN_STRIP_ROWS = 16
 # Fewer nodes are not worth a second thread.
 MIN_THREADED_NODES = 16_384
-# On at most this many nodes u and its gradient are evaluated everywhere at once, not apart on the sides.
+# On at most this many nodes u and its gradient are evaluated at all nodes at once, not separately on the sides.
 MAX_NODES_AT_ONCE = 1_024
 # The moves of a sweep that would fold the mesh are halved, but not below this share.
 MIN_MOVE_SHARE = 1 / 64
@@ -39,18 +40,21 @@ MIN_MOVE_SHARE = 1 / 64
 
 @dataclass(frozen=True)
 class Correction:
-    """What one sweep found: the largest relative deviation of a squared metric length from the mean of its line before
-    the sweep, and the largest move of a coordinate. Infinite where something is not a number."""
+    """The numbers of one sweep, infinite where something is not a number.
+
+    ``deviation`` is the largest relative deviation of a squared metric length from the mean of its line before the
+    sweep, ``move`` the largest move of a coordinate.
+    """
 
     deviation: float
     move: float
 
 
 class Sweep:
-    """Sweeps of line corrections on the whole grid or a window of it, with the memory that they need.
+    """Sweeps of line corrections on the whole grid or a window of it, with their working memory.
 
-    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. Rows are shared out among ``threads``; results
-    do not depend on their number.
+    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. The ``threads`` share the rows; results do not
+    depend on their number.
     """
 
     def __init__(
@@ -66,7 +70,7 @@ class Sweep:
         self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
         arrays = memory[: memory_needed(shape)].reshape(4, *shape)
         self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
-        self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # it only has to point the way
+        self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # single precision is enough
         n_xi, n_eta = shape
         rows = max(MIN_STRIP_ROWS, -(-STRIP_NODES // n_eta))
         summed = frame.span(0, n_xi)[1]
@@ -81,10 +85,10 @@ class Sweep:
         self._sides = Sides(metric, boundary, shape, frame)
 
     def correct(self, x: Array, y: Array, rest: tuple[Array, Array] | None = None) -> Correction:
-        """One full correction of the nodes ``x``, ``y``, left in ``new_x`` and ``new_y``; they themselves stay.
+        """One full correction of the nodes ``x``, ``y``; the result is in ``new_x`` and ``new_y``.
 
-        ``rest`` is what lies beyond the yielding sides: the sums of the squared metric lengths of the edges there, of
-        shape ``(2, n_eta)`` at the two ends of the xi-lines, ``(2, n_xi)`` at those of the eta-lines.
+        ``rest`` holds the sums of the squared metric lengths of the edges beyond the yielding sides, of shape
+        ``(2, n_eta)`` at the two ends of the xi-lines and ``(2, n_xi)`` at those of the eta-lines.
         """
         lines = (
             self._lines if rest is None else [k._replace(rest=sums) for k, sums in zip(self._lines, rest, strict=True)]
@@ -121,8 +125,8 @@ class Sweep:
     ) -> tuple[float, float]:
         """Halve the moves of the last :meth:`correct` until the smallest Jacobian is above ``floor``.
 
-        ``x`` and ``y`` are the nodes before the sweep. ``halve`` halves once in any case; no less than ``min_share`` of
-        the moves is tried. Returns the share that is left, and the smallest Jacobian: 0 where halving did not help.
+        ``x`` and ``y`` are the nodes before the sweep. ``halve`` halves at least once. Moves are not
+        reduced below ``min_share``. Returns the remaining share and the smallest Jacobian, 0 if halving did not help.
         """
         share, needed = 1.0, halve
         while True:
@@ -173,14 +177,14 @@ def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
 
 
 def memory_needed(shape: tuple[int, int]) -> int:
-    """Numbers of memory that a :class:`Sweep` works in."""
+    """The size of the working memory of a :class:`Sweep`, in numbers."""
     return 4 * shape[0] * shape[1]
 
 
 def cell_metrics(metric: ReferenceMetric, s: Array, t: Array, cells: Array, u: Array | None = None) -> None:
     """The metric of the cells between rows of nodes, in ``cells`` of shape ``(3, rows - 1, n_eta - 1)``.
 
-    ``u`` at the nodes may be given where it is known.
+    ``u`` is given at the nodes where it is known.
     """
     arc_length = metric.arc_length
     if arc_length is not None and metric.on_unit_square:

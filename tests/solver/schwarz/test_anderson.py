@@ -29,7 +29,7 @@ def test_a_linear_iteration_of_few_modes_ends_at_its_fixed_point() -> None:
             share = np.vdot(state.x - UNIFORM.x, mode) / np.vdot(mode, mode)
             result.x[:] += factor * share * mode
             result.y[:] -= 0.5 * factor * share * mode
-        combined = anderson.combined(state, result)
+        combined = anderson.combine(state, result)
         assert (combined is None) == (k == 0), "of one result nothing is known"
         state = result if combined is None else combined
     assert abs(state.x - UNIFORM.x).max() < 1e-9
@@ -38,16 +38,16 @@ def test_a_linear_iteration_of_few_modes_ends_at_its_fixed_point() -> None:
 
 def test_where_two_iterations_change_the_same_nothing_is_known() -> None:
     anderson, start, result = Anderson(), moved([0.01]), moved([0.02])
-    assert anderson.combined(start, result) is None
-    assert anderson.combined(start, result) is None
+    assert anderson.combine(start, result) is None
+    assert anderson.combine(start, result) is None
 
 
 @pytest.mark.parametrize(("second", "folds"), [(0.039, True), (0.03, False)])
 def test_a_combination_that_folds_is_left_out(second: float, folds: bool) -> None:
     """From a geometric sequence it goes to the limit: far outside where the changes hardly shrink."""
     anderson = Anderson()
-    assert anderson.combined(moved([0.0]), moved([0.02])) is None
-    combined = anderson.combined(moved([0.02]), moved([second]))
+    assert anderson.combine(moved([0.0]), moved([0.02])) is None
+    combined = anderson.combine(moved([0.02]), moved([second]))
     if folds:
         assert combined is None
     else:

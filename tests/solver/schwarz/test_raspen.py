@@ -77,7 +77,7 @@ def test_a_step_that_folds_is_halved_and_then_left_out(monkeypatch: pytest.Monke
     monkeypatch.setattr("equimesh.schwarz.raspen.Slope", lambda *_: None)
     for factor, share in ((1.0, 1.0), (8.0, 0.125), (1000.0, None)):
         monkeypatch.setattr(Raspen, "_step", lambda *_, factor=factor: factor * step)
-        found = raspen.combined(start, result, [])
+        found = raspen.combine(start, result, [])
         if share is None:
             assert found is None
         else:

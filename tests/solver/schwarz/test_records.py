@@ -8,21 +8,21 @@ from dataclasses import replace
 import pytest
 
 import equimesh as em
-from equimesh.schwarz.records import estimated, observed_rate
+from equimesh.schwarz.records import estimate_error, observed_rate
 from solver.schwarz.runs import PAPER
 
 
 def test_estimate_by_hand() -> None:
-    assert math.isnan(estimated([math.nan], 1e-15))
-    assert math.isnan(estimated([math.nan, 0.1], 1e-15))
-    assert estimated([math.nan, 0.0], 1e-15) == 0.0
-    assert estimated([math.nan, 0.1, 0.09], 1e-15) == pytest.approx(0.09 * 9)
-    assert estimated([math.nan, 0.1, 0.01, 0.001], 1e-15) == pytest.approx(0.001)  # never less than the change
-    assert estimated([math.nan, 0.1, 0.2], 1e-15) == math.inf
-    assert estimated([math.nan, 0.4, 0.0, 0.1], 1e-15) == pytest.approx(0.1)
-    assert estimated([math.nan, 1e-3, 1e-16, 2e-16], 1e-15) == 2e-16
-    assert estimated([math.nan, 0.0, 1e-3], 1e-15) == math.inf  # after an iteration in which all stalled
-    assert estimated([math.nan, 0.0, 1e-3, 1e-4], 1e-15) == math.inf
+    assert math.isnan(estimate_error([math.nan], 1e-15))
+    assert math.isnan(estimate_error([math.nan, 0.1], 1e-15))
+    assert estimate_error([math.nan, 0.0], 1e-15) == 0.0
+    assert estimate_error([math.nan, 0.1, 0.09], 1e-15) == pytest.approx(0.09 * 9)
+    assert estimate_error([math.nan, 0.1, 0.01, 0.001], 1e-15) == pytest.approx(0.001)  # never less than the change
+    assert estimate_error([math.nan, 0.1, 0.2], 1e-15) == math.inf
+    assert estimate_error([math.nan, 0.4, 0.0, 0.1], 1e-15) == pytest.approx(0.1)
+    assert estimate_error([math.nan, 1e-3, 1e-16, 2e-16], 1e-15) == 2e-16
+    assert estimate_error([math.nan, 0.0, 1e-3], 1e-15) == math.inf  # after an iteration in which all stalled
+    assert estimate_error([math.nan, 0.0, 1e-3, 1e-4], 1e-15) == math.inf
 
 
 def test_what_meets_a_tolerance() -> None:
