@@ -3,12 +3,12 @@
 ::
 
     EquimeshError
-    ├── InputError            the caller's data cannot be used; says where and what to do
+    ├── InputError            the caller's data cannot be used; the message names the place and a remedy
     │   ├── ExpressionError   ... at a position inside the expression
     │   ├── SamplesError      ... in an array of samples, names the first bad index
     │   └── DecompositionError ... subdomains, overlap and grid do not fit together
     └── SolveError            a solve ended without the requested mesh, and carries its partial solution;
-                              it stands in :mod:`equimesh.solving.solution`, next to the solution
+                              it is defined in :mod:`equimesh.solving.solution`, next to the solution
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class InputError(EquimeshError, ValueError):
     """Input that cannot be used.
 
     ``field`` names the offending option as a path of the problem's own names, e.g. ``"grid.n_xi"`` or
-    ``"a"``; the message says what is wrong and what would be right.
+    ``"a"``; the message describes the fault and the remedy.
     """
 
     def __init__(self, message: str, *, field: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Values that callers send, checked (arrays of numbers, choices), and numbers that are sent to them."""
+"""Checks of values from callers: arrays of numbers and choices; and numbers for JSON."""
 
 import math
 from collections.abc import Sequence
@@ -48,14 +48,16 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
 def _check_nested(value: object, path: str, ndim: int, *, field_name: str) -> None:
     """Refuse lists that are ragged, too shallow or too deep, or hold anything but real numbers."""
     if isinstance(value, np.ndarray):
-        return  # numpy judges its shape and type
+        return  # its shape and type are checked later
     if not isinstance(value, (list, tuple)):
-        raise SamplesError(f"{path} is {described(value)}: it must be a list of numbers", field=field_name)
+        raise SamplesError(f"{path} is {describe_value(value)}: it must be a list of numbers", field=field_name)
     if ndim == 1:
         if not set(map(type, value)) <= {int, float}:
             for i, entry in enumerate(value):
                 if isinstance(entry, bool) or not isinstance(entry, (int, float, np.integer, np.floating)):
-                    raise SamplesError(f"{path}[{i}] is {described(entry)}: it must be a real number", field=field_name)
+                    raise SamplesError(
+                        f"{path}[{i}] is {describe_value(entry)}: it must be a real number", field=field_name
+                    )
         return
     for i, row in enumerate(value):
         _check_nested(row, f"{path}[{i}]", ndim - 1, field_name=field_name)
@@ -76,8 +78,8 @@ def _brackets(index: Sequence[Any]) -> str:
     return "".join(f"[{int(i)}]" for i in index)
 
 
-def described(value: object) -> str:
-    """What a value is, for a message that refuses it."""
+def describe_value(value: object) -> str:
+    """The kind of a value, for the message of an error."""
     if value is None:
         return "null"
     if isinstance(value, (bool, np.bool_)):

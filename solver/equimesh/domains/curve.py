@@ -22,9 +22,9 @@ from equimesh.formulas.vocabulary import CURVE, LIMITS
 from equimesh.inputs import count_noun, real_array
 from equimesh.numerics.types import Array
 
-CHECK_POINTS = 257  # values of t at which formulas must be finite
+CHECK_POINTS = 257  # values of t at which a formula is checked to be finite
 POLE_SAMPLES = 33
-PANELS = 64  # parts of [0, 1] on each of which a formula is taken for smooth
+PANELS = 64  # equal parts of [0, 1]; a formula is assumed smooth on each
 MAX_POINTS = 10_000
 MIN_DISTANCE_SHARE = 1e-9  # distance of two points in a row, as a share of the length of the curve
 SEARCH_POINTS = 1025  # of the first search for the ends of the box
@@ -33,7 +33,7 @@ ZOOMS = 8  # closer searches
 
 
 class Path(Protocol):
-    """What a curve is made of: a point and its velocity as functions of t."""
+    """A point and its velocity as functions of t: the contents of a curve."""
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """``x, y, x_t, y_t`` at values of t of any shape; beyond [0, 1] they need not be finite."""
@@ -41,13 +41,13 @@ class Path(Protocol):
 
     @property
     def breaks(self) -> Array:
-        """Values of t from 0 to 1 between which the path is taken for smooth."""
+        """Values of t from 0 to 1; the path is assumed smooth between them."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """A curve of the plane, run through as t goes from 0 to 1. Made by :meth:`of_expressions` or :meth:`through`."""
+    """A curve of the plane, for t from 0 to 1. Build it by :meth:`of_expressions` or :meth:`through`."""
 
     path: Path
 
@@ -58,8 +58,8 @@ class Curve:
         """The curve of the points ``(x(t), y(t))``, given by two formulas in ``t`` such as ``"cos(pi*t/2)"``.
 
         Their language is that of :class:`~equimesh.fields.expression.Expression`, with the variable t alone. ``side``
-        says which side of a domain the curve is to be: errors then have the field ``domain.<side>.x`` and not ``x``.
-        Raises :class:`~equimesh.errors.ExpressionError`, with the position in the text, for what is not in the
+        names the side of a domain that the curve will be: errors then have the field ``domain.<side>.x``, not ``x``.
+        Raises :class:`~equimesh.errors.ExpressionError`, with the position in the text, for text that is not in the
         language, and where a coordinate or its slope is not finite on [0, 1].
         """
         with _pointing(side):
@@ -79,16 +79,16 @@ class Curve:
     def evaluate(self, t: npt.ArrayLike) -> tuple[Array, Array, Array, Array]:
         """``x, y, x_t, y_t`` at values of t of any shape.
 
-        Beyond [0, 1] formulas and splines go on as they are, and along the tangent where they have no finite value.
+        Beyond [0, 1] formulas and splines are continued; where they are not finite, along the tangent.
         """
-        given = np.asarray(t, dtype=np.float64)
-        parts = self.path.evaluate(given)
-        lost = ~np.isfinite(sum(parts)) & np.isfinite(given)
+        ts = np.asarray(t, dtype=np.float64)
+        parts = self.path.evaluate(ts)
+        lost = ~np.isfinite(sum(parts)) & np.isfinite(ts)
         if not lost.any():
             return parts
-        held = np.clip(given, 0.0, 1.0)
+        held = np.clip(ts, 0.0, 1.0)
         x, y, x_t, y_t = self.path.evaluate(held)
-        tangent = (x + (given - held) * x_t, y + (given - held) * y_t, x_t, y_t)
+        tangent = (x + (ts - held) * x_t, y + (ts - held) * y_t, x_t, y_t)
         first, second, third, fourth = (np.where(lost, a, b) for a, b in zip(tangent, parts, strict=True))
         return first, second, third, fourth
 
@@ -99,7 +99,7 @@ class Curve:
         return (ends[0][0], ends[0][1]), (ends[1][0], ends[1][1])
 
     def _furthest(self, axis: int, sign: float) -> float:
-        """The largest of ``sign`` times a coordinate: that of the best of many points, looked at ever closer."""
+        """The largest of ``sign`` times a coordinate: a search on many points, refined around the best one."""
         t = np.union1d(np.linspace(0.0, 1.0, SEARCH_POINTS), self.path.breaks)
         for _ in range(ZOOMS):
             values = sign * self.path.evaluate(t)[axis]
@@ -140,7 +140,7 @@ class FormulaPath:
 
     @property
     def breaks(self) -> Array:
-        """Equal parts: where a formula has its kinks is not known."""
+        """The ends of equal parts: the kinks of a formula are not known."""
         return np.linspace(0.0, 1.0, PANELS + 1)
 
 
@@ -208,7 +208,7 @@ def _check_finite(name: str, program: Program) -> None:
 
 
 def _spline_path(points: npt.ArrayLike) -> SplinePath:
-    """The path through points, after checks."""
+    """The path through points, which are checked."""
     places = real_array(points, "points", ndim=2)
     if places.shape[1] != 2:
         raise SamplesError(f"points has shape {places.shape}: it must be (n, 2), one row x, y each", field="points")
@@ -221,7 +221,7 @@ def _spline_path(points: npt.ArrayLike) -> SplinePath:
     if np.abs(places).max() > MAX_COORDINATE:
         i, k = np.argwhere(np.abs(places) > MAX_COORDINATE)[0]
         raise SamplesError(
-            f"points[{i}][{k}] = {places[i, k]:.6g}: a number of at most {MAX_COORDINATE:g} in size is wanted",
+            f"points[{i}][{k}] = {places[i, k]:.6g}: the largest size of a coordinate is {MAX_COORDINATE:g}",
             field="points",
         )
     chords = np.hypot(*np.diff(places, axis=0).T)

@@ -1,4 +1,4 @@
-"""Physical domains: one-to-one images of the reference square, on which everything is solved."""
+"""Physical domains: one-to-one images of the reference square, on which the equations are solved."""
 
 import math
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ Box: TypeAlias = tuple[Interval, Interval]
 
 UNIT: Interval = (0.0, 1.0)
 MAX_COORDINATE = 1e9  # size of a coordinate
-MIN_EXTENT = 1e-9  # extent of a domain, and its share of the coordinates: there, rounding would shape the cells
+MIN_EXTENT = 1e-9  # extent of a domain, and its share of the coordinates; below it rounding would deform the cells
 FULL_TURN = 360.0
 
 
 class Domain(Protocol):
     """A physical domain: the image of the points ``(s, t)`` of the unit square under a map with positive Jacobian.
 
-    Both functions take points of any shape, broadcast against each other, and hold a little (1e-5) beyond [0, 1], too.
-    Each point gets its value whatever the others are, and ``s`` and ``t`` are not written into.
+    Both functions take points of any shape, broadcast against each other, and hold slightly (1e-5) beyond [0, 1], too.
+    The value at a point does not depend on the other points, and ``s`` and ``t`` are not written into.
     The side ``left`` is the image of s = 0, ``right`` of s = 1, ``bottom`` of t = 0 and ``top`` of t = 1.
     :func:`equimesh.testing.check_domain` checks what is promised here.
     """
@@ -177,7 +177,7 @@ def points(s: npt.ArrayLike, t: npt.ArrayLike) -> tuple[Array, Array]:
 
 
 def pair(value: object, field: str) -> tuple[float, float]:
-    """``value`` as two finite floats of a size that can be computed with."""
+    """``value`` as two finite floats of at most ``MAX_COORDINATE`` in size."""
     entries = value.tolist() if isinstance(value, np.ndarray) else value
     name = field.rpartition(".")[2]
     if not isinstance(entries, (tuple, list)) or len(entries) != 2:
@@ -186,14 +186,14 @@ def pair(value: object, field: str) -> tuple[float, float]:
         is_number = isinstance(entry, (int, float, np.integer, np.floating)) and not isinstance(entry, bool)
         if not (is_number and abs(entry) <= MAX_COORDINATE):
             raise InputError(
-                f"{name}[{k}] = {str(entry)[:20]}: a number of at most {MAX_COORDINATE:g} in size is wanted",
+                f"{name}[{k}] = {str(entry)[:20]}: must be a number of at most {MAX_COORDINATE:g} in size",
                 field=field,
             )
     return float(entries[0]), float(entries[1])
 
 
 def check_extent(ends: Interval, name: str, field: str, *, among: tuple[float, ...] = ()) -> None:
-    """Refuse ends that do not increase, or lie too near together for coordinates of the size ``among``."""
+    """Refuse ends that do not increase, or are too close for coordinates of the size ``among``."""
     low, high = ends
     if not low < high:
         raise InputError(f"{name} = ({low:g}, {high:g}): the second end must be greater than the first", field=field)
@@ -206,7 +206,7 @@ def check_extent(ends: Interval, name: str, field: str, *, among: tuple[float, .
 
 
 def _between(ends: Interval, share: Array) -> Array:
-    """From the first of ``ends`` (at 0) to the second (at 1), both met exactly."""
+    """Linear interpolation from the first of ``ends`` (at 0) to the second (at 1), exact at both."""
     return np.asarray(ends[0] * (1.0 - share) + ends[1] * share)
 
 

@@ -22,9 +22,9 @@ CORNERS = {  # (s, t) of the corner, and the two sides that meet there, each wit
 }
 MAX_CORNER_GAP = 1e-9  # distance of sides at a corner, as a share of the size of the domain
 CHECK_POINTS = 257  # points a direction at which the Jacobian must be positive
-MIN_DETERMINANT_SHARE = 1e-6  # the least determinant there, as a share of the mean one
+MIN_DETERMINANT_SHARE = 1e-6  # the smallest determinant there, as a share of the mean one
 SIDE_SEGMENTS = 128  # of each side, in the search for crossings
-AREA_ROUNDING = 1e-13  # of an area, as a share of the square of the size: sides may touch, as where a ring is cut
+AREA_ROUNDING = 1e-13  # as a share of the square of the size: sides may touch, for instance where a ring is cut
 GAUSS = np.polynomial.legendre.leggauss(5)
 
 
@@ -33,9 +33,9 @@ class Quadrilateral:
     """The domain between four curves. ``bottom`` and ``top`` run from left to right, ``left`` and ``right`` upwards.
 
     Implements :class:`~equimesh.domains.domain.Domain`: s runs along bottom and top, t along left and right. A point is
-    the sum of what lies between the two pairs of opposite sides, less what lies between the four corners. Raises
-    :class:`~equimesh.errors.InputError` where sides do not meet at a corner (field ``"domain.<side>"``), cross each
-    other, or where the map folds (field ``"domain"``), and says at which place.
+    the sum of two linear blends, of bottom with top and of left with right, minus the bilinear blend of the corners.
+    Raises :class:`~equimesh.errors.InputError` where sides do not meet at a corner (field ``"domain.<side>"``), cross
+    each other, or where the map folds (field ``"domain"``); the message names the place.
     """
 
     bottom: Curve

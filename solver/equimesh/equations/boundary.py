@@ -1,4 +1,4 @@
-"""The physical boundary of the unit square: where its nodes lie, and what places them along each side."""
+"""The physical boundary of the unit square: the conditions that place its nodes along each side."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ S = TypeVar("S", bound=np.generic)
 
 
 class Boundary(StrEnum):
-    """What places the nodes along the four sides.
+    """The condition that places the nodes along the four sides.
 
     ``TRACE``: equal metric length with the full gradient of u, the trace of the interior equations (the default).
-    ``EQUIDISTRIBUTED_1D``: equal metric length of u along the side alone, the paper's choice, equation (7); folds
-    steep monitors on fine meshes. ``ORTHOGONAL``: coordinate lines meet the sides at right angles, equation (6);
-    on a domain, on the reference square: at the angles that the map makes of right ones.
+    ``EQUIDISTRIBUTED_1D``: equal metric length with the slope of u along the side alone, the paper's choice, equation
+    (7); on fine grids it leads to folds where u is steep. ``ORTHOGONAL``: coordinate lines meet the sides of the
+    reference square at right angles, equation (6); a domain's map may change these angles.
     """
 
     TRACE = "trace"
@@ -37,7 +37,7 @@ class Side:
     """A side of the unit square as the condition that closes a window there.
 
     ``axis`` is the coordinate that is fixed on the side (0: left and right, 1: bottom and top), ``end`` its fixed
-    value, 0 or 1. The tangential equations stand at the nodes between the window's corners.
+    value, 0 or 1. The tangential equations hold at the nodes between the window's corners.
     """
 
     axis: int
@@ -103,7 +103,7 @@ class Side:
 class SideLine:
     """u along one side of the reference square, at its nodes: position ``t``, value, tangential and normal derivative.
 
-    The normal derivative ``u_n`` is zero where the boundary condition does not see it.
+    The normal derivative ``u_n`` is zero where the boundary condition ignores it.
     """
 
     side: Side
@@ -146,7 +146,7 @@ class SideLine:
 
     @property
     def _gradient(self) -> Vector:
-        """The gradient of u seen by every edge, its tangential component first."""
+        """The gradient of u on every edge, its tangential component first."""
         return np.diff(self.u) / self._d, (self.u_n[1:] + self.u_n[:-1]) / 2
 
     @property
@@ -157,7 +157,7 @@ class SideLine:
     def _base(self) -> Tensor:
         """The pointwise part of the metric at the middles of the edges, its tangential entry first."""
         base = self._turned(self.metric.base(*self._middles))
-        if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:  # sees the side alone: no metric but along it
+        if self.side.kind is Boundary.EQUIDISTRIBUTED_1D:  # only the metric along the side counts
             return base[0], np.zeros(base[0].shape), np.ones(base[0].shape)
         return base
 

@@ -11,9 +11,9 @@ from equimesh.numerics.types import Array
 
 @dataclass(frozen=True)
 class SeenGradient:
-    """The gradient of u seen by difference stencils (Haynes and Howse, the vector w of section 4).
+    """The gradient of u by difference stencils (Haynes and Howse, the vector w of section 4).
 
-    All arrays share one shape, that of the places where the stencils sit.
+    All arrays have one shape, with one entry for each stencil.
     """
 
     x_xi: Array
@@ -44,7 +44,7 @@ class SeenGradient:
 
 @dataclass(frozen=True)
 class LocalMetric:
-    """The metric at some points, with the gradient of u that is seen there; all of one shape."""
+    """The metric at some points, with the gradient of u by the stencils there; all of one shape."""
 
     metric: ReferenceMetric
     point: Vector

@@ -1,7 +1,7 @@
 """The discrete local equidistribution equations on a window of the grid.
 
-The same class serves the whole grid and every subdomain: it holds the equations of the window's interior nodes, and
-is given the conditions that close the window's four sides (the physical boundary, or an interface).
+The same class is used for the whole grid and for every subdomain. It holds the equations of the window's interior
+nodes and the conditions that close the window's four sides: the physical boundary, or an interface.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ class Rows:
 
 
 class Condition(Protocol):
-    """What closes one side of a window: as many equations as the side has unknowns of its own.
+    """The condition that closes one side of a window: one equation for each unknown of the side.
 
-    Its equations take the place of those of the interior, and of conditions before it, for the same unknowns.
+    Its equations replace those of the interior, and of earlier conditions, for the same unknowns.
     """
 
     def rows(self, window: NodalState) -> Rows:
@@ -93,9 +93,9 @@ class MeshEquations:
     eta-edges (Haynes and Howse, equation (4), squared and differenced; edge metrics are means of the two adjacent
     cells). Second order in the spacing, 9-point stencil.
 
-    ``cross_line`` > 0 adds that many times ``x_etaeta`` to the first and ``y_xixi`` to the second equation. The
-    equations alone couple neighbouring lines through the metric only; with the term they are elliptic, and mostly have
-    valid solutions where they had none.
+    ``cross_line`` > 0 is the weight of an additional term: ``x_etaeta`` in the first and ``y_xixi`` in the second
+    equation. Without it neighbouring lines are coupled through the metric only. With it the equations are elliptic, and
+    often have a valid solution where they had none.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class MeshEquations:
         return np.concatenate([mesh.x.ravel(), mesh.y.ravel()])
 
     def mesh(self, z: Array) -> Mesh:
-        """The nodes that ``z`` stands for."""
+        """The mesh of the unknowns ``z``."""
         return Mesh(z[: self.size].reshape(self.shape).copy(), z[self.size :].reshape(self.shape).copy())
 
     def residual(self, z: Array) -> Array:
@@ -209,7 +209,7 @@ class MeshEquations:
 
 
 def _owned(part: Triplet, owner: IntArray, number: int) -> Triplet:
-    """The entries of some rows of the Jacobian without those of rows that another condition has taken over."""
+    """The entries of some rows of the Jacobian, without the rows that another condition replaces."""
     row, column, data = part[0].ravel(), part[1].ravel(), part[2].ravel()
     kept = owner[row] == number
     return (row, column, data) if kept.all() else (row[kept], column[kept], data[kept])
@@ -247,7 +247,7 @@ class Cells:
 
     @cached_property
     def gradient(self) -> Vector:
-        """The gradient of u seen by each cell."""
+        """The gradient of u in each cell."""
         return self.seen.gradient
 
     @cached_property

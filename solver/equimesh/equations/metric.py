@@ -1,14 +1,14 @@
-"""The discrete metric: the gradient of u that a stencil sees, and the squared metric length of a vector.
+"""The discrete metric: the gradient of u by a stencil, and the squared metric length of a vector.
 
-Every equation of the method is built of one quantity, half the squared metric length of a coordinate direction,
+Every equation of the method consists of one quantity, half the squared metric length of a coordinate direction,
 
     f = (d . B d + k (g . d)^2) / 2,    k = a^2 / (1 + b g . B^-1 g),
 
 on the reference square. ``d`` is the derivative of the position along xi or eta, ``B`` the pointwise part of the metric
-there, and ``g`` the gradient of u seen by the mesh (the paper's w). For the arc-length monitor ``B`` is the metric of
-the map to the physical domain, the identity on the unit square; for all others it is the whole metric, and ``k = 0``.
-Moving stencil node c by ``dr`` changes ``g`` by the rank-one term ``G_c ((grad u(c) - g) . dr)``, where ``G_c`` is
-the gradient of the node's weight in the stencil.
+there, and ``g`` the gradient of u by differences on the mesh (the paper's w). For the arc-length monitor ``B`` is the
+metric of the map to the physical domain, the identity on the unit square; for all others it is the whole metric, and
+``k = 0``. Moving stencil node c by ``dr`` changes ``g`` by the rank-one term ``G_c ((grad u(c) - g) . dr)``, where
+``G_c`` is the gradient of the node's weight in the stencil.
 """
 
 import math
@@ -47,7 +47,7 @@ class ReferenceMetric:
 
     @cached_property
     def arc_length(self) -> ArcLength | None:
-        """The monitor if it sees u through the mesh; all others are functions of the point."""
+        """The monitor if its gradient of u is taken on the mesh; all others are functions of the point."""
         return self.monitor if isinstance(self.monitor, ArcLength) else None
 
     @cached_property
@@ -57,7 +57,7 @@ class ReferenceMetric:
 
     @cached_property
     def cancellation(self) -> float:
-        """How many times larger u is than its variation, at least 1: its differences lose so much of their accuracy."""
+        """The size of u over its variation, at least 1: differences of u lose accuracy by this factor."""
         at = np.linspace(0.0, 1.0, SIZE_SAMPLES)
         u = self.u(*(q.copy() for q in np.meshgrid(at, at, indexing="ij")))
         variation, size = float(np.ptp(u)), float(np.abs(u).max())

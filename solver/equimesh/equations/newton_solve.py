@@ -8,17 +8,19 @@ from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics import dissection, newton
 
+# Newton steps of one solve.
 MAX_STEPS = 60
 # Grids and windows of up to this many points are factorised where sweeps fail. Larger ones would take minutes.
 MAX_FACTORISED_POINTS = 257 * 257
-TOLERANCE = 1e-12  # of the residual, relative to the mean flux
+# The residual of a solution, relative to the mean flux.
+TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
 class NewtonSolution:
-    """How a guarded Newton solve ended: residual relative to the mean flux, and whether it met the tolerance.
+    """The end of a guarded Newton solve: the residual relative to the mean flux, and whether it met the tolerance.
 
-    ``swept`` says that the steps were sweeps of line corrections.
+    ``swept`` is set where the steps were sweeps of line corrections.
     """
 
     mesh: Mesh
@@ -38,9 +40,9 @@ def newton_steps(
 ) -> Iterator[NewtonSolution]:
     """Guarded Newton steps for one set of mesh equations, never through a folded mesh.
 
-    ``tolerance`` is relative to the mean flux, and is raised to the rounding floor of the grid where it lies below.
-    ``fast`` eliminates the nodes by nested dissection and keeps a factorisation while it serves; without, every step
-    is a plain Newton step with SuperLU's default ordering.
+    ``tolerance`` is relative to the mean flux, and is raised to the rounding error of the grid where it is smaller.
+    ``fast`` eliminates the nodes by nested dissection and reuses a factorisation while it reduces the residual well.
+    Without it every step is a plain Newton step with SuperLU's default ordering.
     """
     z = equations.vector(start)
     unit = equations.mean_flux(z)

@@ -1,4 +1,4 @@
-"""The problem to solve: a monitor, a grid, a domain, and what places the nodes on the boundary."""
+"""The problem to solve: a monitor, a grid, a domain, and a boundary condition."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +30,7 @@ class Problem:
             raise InputError(f"grid = {self.grid!r}: give Grid(n_xi=..., n_eta=...)", field="grid")
         if not callable(getattr(self.monitor, "metric", None)):
             raise InputError(
-                f"monitor = {str(self.monitor)[:40]!r} is no monitor: give for instance ArcLength(u=...)",
+                f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as ArcLength(u=...)",
                 field="monitor",
             )
         object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))

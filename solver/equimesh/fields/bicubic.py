@@ -1,8 +1,8 @@
 """A bicubic spline and its partial derivatives at scattered points, as compiled loops.
 
-The spline itself is FITPACK's. What is here only evaluates it: FITPACK works out the B-splines anew for each value of
-each point, a microsecond every time, while on a piece of an axis the four that are not zero are four cubics, which can
-be written down once.
+FITPACK computes the spline; this module evaluates it. FITPACK recomputes the B-splines for each value at each point,
+which takes a microsecond. On a piece of an axis only four are not zero, and these are cubics: their coefficients are
+computed once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ORDER = 4  # B-splines that are not zero on a piece of an axis, and coefficients
 BUCKETS_PER_PIECE = 2
 MAX_CACHED_KNOTS = 2100  # knots of the longest axis whose B-splines are kept for the next samples
 COUNT = (1, 3, 6)
-"""How many values there are up to each order: u; u_x, u_y; u_xx, u_xy, u_yy."""
+"""The number of values up to each order: u; u_x, u_y; u_xx, u_xy, u_yy."""
 
 
 class Axis(NamedTuple):
@@ -45,7 +45,7 @@ class Axis(NamedTuple):
 
     @classmethod
     def of(cls, knots: Array) -> Axis:
-        """The same, worked out anew."""
+        """The same, without the cache."""
         breaks = np.ascontiguousarray(knots[ORDER - 1 : len(knots) - ORDER + 1])
         starts = np.linspace(breaks[0], breaks[-1], BUCKETS_PER_PIECE * (len(breaks) - 1) + 1)
         first = np.clip(np.searchsorted(breaks, starts, side="right") - 1, 0, len(breaks) - 2)
@@ -109,7 +109,7 @@ class Bicubic:
 
 @lru_cache(maxsize=64)
 def _between(knots: bytes) -> Axis:
-    """The pieces of an axis; who sends samples of every time step sends the same axes."""
+    """The pieces of an axis, cached: the samples of all time steps have the same axes."""
     return Axis.of(np.frombuffer(knots))
 
 

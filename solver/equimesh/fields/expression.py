@@ -2,7 +2,7 @@
 
 The language: numbers, ``x``, ``y``, ``t``, ``pi``, ``e``, declared parameters; ``+ - * / **``; the functions
 of :data:`FUNCTIONS`; comparisons with ``and``, ``or``, ``not`` as the first argument of ``where``.
-:mod:`equimesh.formulas.functions` says which derivatives hold at kinks.
+:mod:`equimesh.formulas.functions` defines the derivatives at kinks.
 """
 
 import math
@@ -29,7 +29,7 @@ class Expression:
     """The function of x and y that ``text`` describes; a :class:`~equimesh.fields.field.Field`.
 
     ``parameters`` gives values to further names, ``t`` (default 0) to the name t; both are constants.
-    Raises :class:`~equimesh.errors.ExpressionError`, with the position in the text, for what is not in the
+    Raises :class:`~equimesh.errors.ExpressionError`, with the position in the text, for text that is not in the
     language, and with ``field`` ``"parameters.<name>"`` or ``"t"`` for values that cannot be used.
     """
 
@@ -70,7 +70,7 @@ class Expression:
 
         Raises :class:`~equimesh.errors.ExpressionError` at the first point where one of them is not finite, or too
         large to square, or towards which the gradient grows without bound; its position is that of the innermost
-        part of the text that is to blame.
+        part of the text that causes it.
         """
         where = "unit square" if domain == UNIT_SQUARE else "domain"
         x, y = domain.map(*np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij"))

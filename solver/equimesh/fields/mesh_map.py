@@ -19,7 +19,7 @@ from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, Pair
 
 MAX_STEPS = 20  # of Newton's method
-POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from where its spline leads
+POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from the result of its spline
 MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in rounding
 MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
 
@@ -43,7 +43,7 @@ class MapSplines(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshMap:
-    """The bicubic splines through the node coordinates of ``mesh``, and where points lie in it.
+    """The bicubic splines through the node coordinates of ``mesh``, and their inverse.
 
     For a mesh that is the image of its grid under a smooth map, the spline differs from that by O(h^4). Raises
     :class:`~equimesh.errors.InputError` for a folded mesh, whose map has no inverse.
@@ -66,9 +66,9 @@ class MeshMap:
         return cls(mesh=mesh, x=through(mesh.x), y=through(mesh.y))
 
     def locate(self, x: Array, y: Array) -> Places:
-        """The grid coordinates of points, flat; of those outside the mesh, of the nearest point of its side.
+        """The grid coordinates of points, flat; for a point outside the mesh, those of the nearest point of its side.
 
-        At points that are not finite they are 0.
+        They are 0 for points that are not finite.
         """
         x, y = np.ravel(x), np.ravel(y)
         lost = ~(np.isfinite(x) & np.isfinite(y))
@@ -104,7 +104,7 @@ def through(values: Array) -> Bicubic:
 
 @compiled
 def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places) -> None:
-    """Fill in the grid coordinates of points, of which most lie near the one before them."""
+    """Fill in the grid coordinates of points. It is fast where each point is near the one before it."""
     (px, py), (x, y), (s, t, smooth) = points, nodes, places
     along_s, along_t, of_x, of_y = splines
     (breaks_s, cubics_s, _), (breaks_t, cubics_t, _) = along_s, along_t
@@ -155,7 +155,7 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places
 
 @compiled
 def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int, int]:
-    """The cell of a point, or one at a side nearest to which it lies; from cell to cell, beginning at (i, j)."""
+    """The cell of a point, or the nearest one at a side, found by steps from cell to cell from (i, j)."""
     rows, columns = x.shape[0] - 1, x.shape[1] - 1
     for _ in range(4 * (rows + columns)):
         worst, to_i, to_j = -1e-12, i, j
@@ -172,7 +172,7 @@ def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int,
         if to_i == i and to_j == j:
             return i, j
         i, j = to_i, to_j
-    for row in range(rows):  # it went in a circle
+    for row in range(rows):  # the walk was a circle: search all cells
         for column in range(columns):
             if holds(px, py, x, y, row, column):
                 return row, column

@@ -1,4 +1,4 @@
-"""u given at the nodes of a mesh, as a function of x and y; and fields carried from one mesh to the next."""
+"""u by values at the nodes of a mesh, as a function of x and y; and the transfer of fields to another mesh."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from equimesh.numerics.types import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
 class NodalField:
-    """u from ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, on which a time step was computed.
+    """u from ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``.
 
     u and the map of the mesh are bicubic splines over its grid, so that linear functions are exact on every mesh; for a
     smooth map and smooth u the values are accurate to O(h^4), the gradient to O(h^3), second derivatives to O(h^2).
@@ -62,7 +62,7 @@ class NodalField:
             return (u,)
         (_, *of_x), (_, *of_y) = (part.evaluate(places.s, places.t, order) for part in (self._map.x, self._map.y))
         (x_s, x_t), (y_s, y_t) = of_x[:2], of_y[:2]
-        with np.errstate(all="ignore"):  # where it is not smooth, other values take the place of these
+        with np.errstate(all="ignore"):  # where it is not smooth, these values are replaced
             per_det = 1.0 / (x_s * y_t - x_t * y_s)
             s_x, s_y, t_x, t_y = y_t * per_det, -x_t * per_det, -y_s * per_det, x_s * per_det
             u_x, u_y = of_u[0] * s_x + of_u[1] * t_x, of_u[0] * s_y + of_u[1] * t_y
@@ -81,13 +81,13 @@ def transfer(mesh: Mesh, fields: Mapping[str, npt.ArrayLike], new_mesh: Mesh) ->
     Each has the shape ``(n_xi, n_eta)`` of its mesh. As :class:`NodalField`: accurate to O(h^4), exact for linear
     functions; not monotone, so that an under-resolved front may overshoot by a few percent. Raises as it does.
     """
-    given = {name: nodal_values(values, mesh, name) for name, values in fields.items()}
-    if not given:
+    checked = {name: nodal_values(values, mesh, name) for name, values in fields.items()}
+    if not checked:
         return {}
     places = MeshMap.of(mesh).locate(new_mesh.x, new_mesh.y)
     rough = np.flatnonzero(~places.smooth)
     moved = {}
-    for name, values in given.items():
+    for name, values in checked.items():
         (found,) = through(values).evaluate(places.s, places.t)
         if rough.size:
             found[rough] = _in_cells(mesh, values, places, rough)[0]
@@ -116,7 +116,7 @@ def nodal_values(values: npt.ArrayLike, mesh: Mesh, name: str) -> Array:
 
 
 def _in_cells(mesh: Mesh, values: Array, places: Places, which: npt.NDArray[np.int64]) -> tuple[Array, ...]:
-    """u, u_x, u_y, and second derivatives that are taken for zero, of the bilinear cells."""
+    """u, u_x, u_y of the bilinear cells, and second derivatives, which are set to zero."""
     i = np.minimum(places.s[which].astype(int), mesh.x.shape[0] - 2)
     j = np.minimum(places.t[which].astype(int), mesh.x.shape[1] - 2)
     a, b = places.s[which] - i, places.t[which] - j

@@ -1,4 +1,4 @@
-"""u given by samples: values on a rectilinear grid, or at scattered points, made into a smooth function."""
+"""u as a smooth function through samples on a rectilinear grid."""
 
 from __future__ import annotations
 
@@ -16,9 +16,13 @@ from equimesh.inputs import count_noun, real_array
 from equimesh.numerics.types import Array
 
 UNIT_BOX: Box = (UNIT, UNIT)
-MIN_CUBIC = 4  # points that a cubic needs
-COVERAGE_TOLERANCE = 1e-9  # and what follows: in extents of the box
-MAX_BEYOND = 0.5  # a rim of ghost cells is welcome, another domain is a mistake
+# Points that a cubic needs.
+MIN_CUBIC = 4
+# Samples may end this far inside the box, in extents of the box.
+COVERAGE_TOLERANCE = 1e-9
+# Samples may reach this far beyond the box, in extents of the box: enough for ghost cells, too little for another
+# domain.
+MAX_BEYOND = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False, init=False)
@@ -41,7 +45,7 @@ class GridSamples:
     _spline: Bicubic = field(repr=False)
 
     def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike, box: Box | None = None) -> None:
-        asked = RequestedBox.of(box)
+        requested = RequestedBox.of(box)
         axes = {"x": _axis(x, "x"), "y": _axis(y, "y")}
         table = real_array(values, "values", ndim=2)
         shape = (axes["x"].size, axes["y"].size)
@@ -53,11 +57,11 @@ class GridSamples:
                 field="values",
             )
         for number, (name, axis) in enumerate(axes.items()):
-            _check_reach(axis, name, asked, number, ends_of(axes["x"], axes["y"]))
+            _check_reach(axis, name, requested, number, ends_of(axes["x"], axes["y"]))
         check_size(table)
         spline = Bicubic.of(_bicubic(axes["x"], axes["y"], table))
         _check_slopes(spline, axes)
-        for name, value in {**axes, "values": table, "box": asked.box, "_spline": spline}.items():
+        for name, value in {**axes, "values": table, "box": requested.box, "_spline": spline}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -112,36 +116,36 @@ def _require_box(box: object) -> Box:
 
 @dataclass(frozen=True)
 class RequestedBox:
-    """The box that samples must cover, and whether the caller gave it: a domain's, or the unit square by default."""
+    """The box that samples must cover: that of a domain given by the caller, or the unit square by default."""
 
     box: Box
-    given: bool
+    is_given: bool
 
     @classmethod
     def of(cls, box: Box | None) -> RequestedBox:
-        return cls(UNIT_BOX, given=False) if box is None else cls(_require_box(box), given=True)
+        return cls(UNIT_BOX, is_given=False) if box is None else cls(_require_box(box), is_given=True)
 
     @property
     def region(self) -> str:
         """The box in words."""
         (x0, x1), (y0, y1) = self.box
-        return f"box [{x0:.6g}, {x1:.6g}] x [{y0:.6g}, {y1:.6g}] of the domain" if self.given else "unit square"
+        return f"box [{x0:.6g}, {x1:.6g}] x [{y0:.6g}, {y1:.6g}] of the domain" if self.is_given else "unit square"
 
     @property
     def is_unit(self) -> bool:
-        """Whether no other domain can have been meant on purpose."""
+        """Whether the box is that of the default domain, so that another one may be meant."""
         return self.box == UNIT_BOX
 
-    def mapped(self, number: int, low: float, high: float) -> str:
-        """How to map an axis of the samples, the first or second, to the unit square."""
+    def mapping_advice(self, number: int, low: float, high: float) -> str:
+        """Advice to map an axis of the samples, the first or second, to the unit square."""
         return f"map the coordinates there, ({'xy'[number]} - {low:.6g}) / {high - low:.6g}"
 
-    def instead(self, covered: Box) -> str:
-        """The offer of another domain, the rectangle that the samples cover; empty where a domain was given."""
+    def rectangle_offer(self, covered: Box) -> str:
+        """Advice to use the rectangle that the samples cover; empty where another domain was given."""
         if not self.is_unit or any(low >= high for low, high in covered):
             return ""
         x, y = (f"({low:.6g}, {high:.6g})" for low, high in covered)
-        if self.given:
+        if self.is_given:
             return f", or give the domain that they cover, a rectangle with x={x}, y={y}"
         return f", or give the domain, e.g. box=({x}, {y}) here and domain=Rectangle(x={x}, y={y}) in the problem"
 
@@ -151,32 +155,32 @@ def ends_of(x: Array, y: Array) -> Box:
     return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))
 
 
-def _check_reach(axis: Array, name: str, asked: RequestedBox, number: int, covered: Box) -> None:
+def _check_reach(axis: Array, name: str, requested: RequestedBox, number: int, covered: Box) -> None:
     """Refuse an axis that leaves a part of the box without samples."""
-    low, high = asked.box[number]
+    low, high = requested.box[number]
     slack = COVERAGE_TOLERANCE * (high - low)
     if axis[0] > low + slack or axis[-1] < high - slack:
         remedy = f"add samples up to {low:.6g} and {high:.6g}"
-        if asked.is_unit:
-            remedy += f", or {asked.mapped(number, *covered[number])}" + asked.instead(covered)
-        region = f"domain, where {name} goes from {low:.6g} to {high:.6g}" if asked.given else asked.region
+        if requested.is_unit:
+            remedy += f", or {requested.mapping_advice(number, *covered[number])}" + requested.rectangle_offer(covered)
+        region = f"domain, where {name} goes from {low:.6g} to {high:.6g}" if requested.is_given else requested.region
         raise SamplesError(
             f"{name} reaches from {axis[0]:.6g} to {axis[-1]:.6g}, but the samples must cover the {region}: {remedy}",
             field=name,
         )
-    check_beyond(name, asked, number, covered)
+    check_beyond(name, requested, number, covered)
 
 
-def check_beyond(field: str, asked: RequestedBox, number: int, covered: Box) -> None:
-    """Refuse samples that go on far beyond the box: the mesh would see a corner of them only."""
-    ends, (low, high), name = asked.box[number], covered[number], "xy"[number]
+def check_beyond(field: str, requested: RequestedBox, number: int, covered: Box) -> None:
+    """Refuse samples that reach far beyond the box: the mesh would use only a part of them."""
+    ends, (low, high), name = requested.box[number], covered[number], "xy"[number]
     rim = MAX_BEYOND * (ends[1] - ends[0])
     if low < ends[0] - rim or high > ends[1] + rim:
-        remedy = f"{asked.mapped(number, low, high)}, or " if asked.is_unit else ""
+        remedy = f"{requested.mapping_advice(number, low, high)}, or " if requested.is_unit else ""
         raise SamplesError(
             f"the samples reach from {low:.6g} to {high:.6g} in {name}, far beyond the"
-            f" {'domain' if asked.given else asked.region} that is meshed: {remedy}send only the part in"
-            f" [{ends[0]:.6g}, {ends[1]:.6g}]{asked.instead(covered)}",
+            f" {'domain' if requested.is_given else requested.region} that is meshed: {remedy}send only the part in"
+            f" [{ends[0]:.6g}, {ends[1]:.6g}]{requested.rectangle_offer(covered)}",
             field=field,
         )
 
@@ -194,7 +198,7 @@ def check_size(values: Array) -> None:
 
 
 def _check_slopes(spline: Bicubic, axes: dict[str, Array]) -> None:
-    """Refuse samples so close that the slope between them is too large; coefficients of a spline bound it."""
+    """Refuse samples with too large a slope between them, which coefficients of the spline bound."""
     for name, bound in zip(axes, spline.steepest, strict=True):
         if not bound <= LIMITS.magnitude:
             i = int(np.diff(axes[name]).argmin())
@@ -206,9 +210,9 @@ def _check_slopes(spline: Bicubic, axes: dict[str, Array]) -> None:
 
 
 def _bicubic(x: Array, y: Array, values: Array) -> RectBivariateSpline:
-    """The interpolating bicubic spline; fewer than 4 points are first raised to 4 on their own polynomial."""
-    x, values = _raised(x, values)
-    y, transposed = _raised(y, values.T)
+    """The interpolating bicubic spline; 2 or 3 points are first increased to 4 on their polynomial."""
+    x, values = _at_least_four(x, values)
+    y, transposed = _at_least_four(y, values.T)
     try:
         with np.errstate(all="ignore"):
             spline = RectBivariateSpline(x, y, transposed.T, s=0)
@@ -219,7 +223,7 @@ def _bicubic(x: Array, y: Array, values: Array) -> RectBivariateSpline:
     return spline
 
 
-def _raised(axis: Array, values: Array) -> tuple[Array, Array]:
+def _at_least_four(axis: Array, values: Array) -> tuple[Array, Array]:
     """At least four points along the first axis, on the same polynomial, which a cubic then reproduces."""
     if axis.size >= MIN_CUBIC:
         return axis, values

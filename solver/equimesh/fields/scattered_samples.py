@@ -22,10 +22,13 @@ from equimesh.fields.samples import (
 from equimesh.inputs import count_noun, real_array
 from equimesh.numerics.types import Array
 
-MIN_RESAMPLING = 16  # points of the grid in a direction
+# Points of the grid in a direction.
+MIN_RESAMPLING = 16
 MAX_RESAMPLING = 1025
-MIN_EXTENDED_SAMPLES = 32  # fewer samples are not continued to the sides
-MIN_EXTENSION = 0.25  # distance of a side from the samples, as a multiple of their own distances
+# Fewer samples are not continued to the sides.
+MIN_EXTENDED_SAMPLES = 32
+# Samples are continued over distances between these two, in units of their own distances.
+MIN_EXTENSION = 0.25
 MAX_EXTENSION = 4.0
 
 
@@ -51,7 +54,7 @@ class ScatteredSamples:
     grid: GridSamples
 
     def __init__(self, *, points: npt.ArrayLike, values: npt.ArrayLike, box: Box | None = None) -> None:
-        asked = RequestedBox.of(box)
+        requested = RequestedBox.of(box)
         where = real_array(points, "points", ndim=2)
         if where.shape[1] != 2:
             raise SamplesError(f"points has shape {where.shape}: it must be (n, 2), one row x, y each", field="points")
@@ -64,11 +67,11 @@ class ScatteredSamples:
         check_size(u)
         if len(where):
             for number in range(2):
-                check_beyond("points", asked, number, ends_of(*where.T))
+                check_beyond("points", requested, number, ends_of(*where.T))
         if len(u) < MIN_CUBIC:
             raise SamplesError(f"{count_noun(len(u))}: scattered samples need at least {MIN_CUBIC}", field="points")
-        grid = _resample(*_distinct(where, u), asked)
-        for name, value in {"points": where, "values": u, "box": asked.box, "grid": grid}.items():
+        grid = _resample(*_distinct(where, u), requested)
+        for name, value in {"points": where, "values": u, "box": requested.box, "grid": grid}.items():
             object.__setattr__(self, name, value)
 
     def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
@@ -97,23 +100,23 @@ def _distinct(points: Array, values: Array) -> tuple[Array, Array]:
     return points[kept], values[kept]
 
 
-def _resample(points: Array, values: Array, asked: RequestedBox) -> GridSamples:
+def _resample(points: Array, values: Array, requested: RequestedBox) -> GridSamples:
     """Clough-Tocher interpolant of the samples on a uniform grid of the box."""
     if len(points) < MIN_CUBIC:
         raise SamplesError(f"{count_noun(len(points))} without repetitions: {MIN_CUBIC} are needed", field="points")
-    box = asked.box
+    box = requested.box
     low, high = np.array(box).T
     size = float((high - low).max())
     inside = int(np.count_nonzero(np.all((points >= low) & (points <= high), axis=1)))
     try:
-        points, values = _extended(points, values, box)
-        _check_hull(points, asked)
+        points, values = _extend(points, values, box)
+        _check_hull(points, requested)
         shift, scale = float(values.mean()), float(np.ptp(values)) or 1.0
         interpolant = CloughTocher2DInterpolator((points - low) / size, (values - shift) / scale)
     except QhullError as error:
         raise SamplesError(
             "the points lie on one line, or so near to it that they span no triangle: give samples all over"
-            f" the {asked.region}",
+            f" the {requested.region}",
             field="points",
         ) from error
     axes = [
@@ -122,7 +125,7 @@ def _resample(points: Array, values: Array, asked: RequestedBox) -> GridSamples:
     ]
     x, y = np.meshgrid(*((axis - start) / size for axis, start in zip(axes, low, strict=True)), indexing="ij")
     resampled = interpolant(x, y)
-    missed = np.isnan(resampled)  # rounding can put points of the hull's rim outside
+    missed = np.isnan(resampled)  # rounding can move points on the hull outside
     inwards, (middle_x, middle_y) = 1 - 10 * COVERAGE_TOLERANCE, 0.5 * (high - low) / size
     resampled[missed] = interpolant(
         middle_x + inwards * (x[missed] - middle_x), middle_y + inwards * (y[missed] - middle_y)
@@ -136,18 +139,18 @@ def _resample(points: Array, values: Array, asked: RequestedBox) -> GridSamples:
 
 
 def _shared(n: int, box: Box) -> tuple[float, float]:
-    """How many of ``n`` points lie along x and along y, when they are as dense in both directions."""
+    """The numbers of points along x and along y, when ``n`` points are equally dense in both directions."""
     (x0, x1), (y0, y1) = box
     aspect = math.sqrt((x1 - x0) / (y1 - y0))
     return math.sqrt(n) * aspect, math.sqrt(n) / aspect
 
 
-def _extended(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
-    """The samples, and more of them on the sides of the box where they come near but do not lie there.
+def _extend(points: Array, values: Array, box: Box) -> tuple[Array, Array]:
+    """The samples, continued to the sides of the box that they come near to.
 
-    Cell centres stop half a cell before the sides, and points strewn at random leave thin triangles along them. The
-    values added are those of a thin-plate spline through the nearest samples; where a side is further from the samples
-    than a few of their own distances, nothing is added.
+    Cell centres end half a cell before the sides, and random points leave thin triangles along them. The added values
+    are those of a thin-plate spline through the nearest samples. Nothing is added where a side is more than a few
+    distances of the samples away.
     """
     if len(points) < MIN_EXTENDED_SAMPLES:
         return points, values
@@ -182,20 +185,22 @@ def _rim(n: int, box: Box) -> Array:
     return np.unique(np.concatenate(sides), axis=0)
 
 
-def _check_hull(points: Array, asked: RequestedBox) -> None:
+def _check_hull(points: Array, requested: RequestedBox) -> None:
     """Refuse points whose convex hull leaves out a corner of the box."""
-    outside = _left_out(points, asked.box)
+    outside = _left_out(points, requested.box)
     if not outside:
         return
     covered = ends_of(*points.T)
     remedy = "add samples at these corners"
-    if asked.is_unit:
-        remedy += ", or map the coordinates there" + ("" if _left_out(points, covered) else asked.instead(covered))
+    if requested.is_unit:
+        remedy += ", or map the coordinates there" + (
+            "" if _left_out(points, covered) else requested.rectangle_offer(covered)
+        )
     (x0, x1), (y0, y1) = covered
     raise SamplesError(
         f"the samples reach from {x0:.6g} to {x1:.6g} in x and from {y0:.6g} to {y1:.6g} in y, and"
         f" {' '.join(outside)} {'lies' if len(outside) == 1 else 'lie'} outside their convex hull: the samples must"
-        f" cover the {asked.region}; {remedy}",
+        f" cover the {requested.region}; {remedy}",
         field="points",
     )
 

@@ -1,4 +1,4 @@
-"""Programs made of formulas as text: their parameters checked, and errors where they are not finite."""
+"""Programs of formulas in text: the check of their parameters, and errors where they are not finite."""
 
 import keyword
 import math
@@ -48,7 +48,7 @@ def compile_formula(text: object, parameters: Mapping[str, float], language: Lan
 def raise_culprit(program: Program, at: tuple[float, float], wrong: str, limit: float, *, where: str) -> NoReturn:
     """Raise an error that names the innermost part whose value or gradient at a point exceeds ``limit``.
 
-    ``wrong`` says what is wrong, ``where`` what the formula must be finite on, without an article.
+    ``wrong`` describes the fault. ``where`` names the set on which the formula must be finite, without an article.
     """
     operation = program.culprit(*at, min(limit, LIMITS.magnitude))
     part = shorten(program.text[operation.start : operation.end])
@@ -63,7 +63,7 @@ def raise_culprit(program: Program, at: tuple[float, float], wrong: str, limit: 
 
 
 def check_parameters(parameters: Mapping[str, float]) -> dict[str, float]:
-    """``parameters`` as floats; raises :class:`~equimesh.errors.ExpressionError` for names that cannot be taken."""
+    """``parameters`` as floats; raises :class:`~equimesh.errors.ExpressionError` for names that cannot be used."""
     if len(parameters) > LIMITS.parameters:
         message = f"{len(parameters)} parameters: at most {LIMITS.parameters} are allowed"
         raise ExpressionError(message, field="parameters")
@@ -82,7 +82,7 @@ def _check_name(name: object) -> str:
         raise ExpressionError(f"'{name}' is written in look-alike characters: write {plain}", field=where)
     if name in RESERVED or name in FUNCTIONS or keyword.iskeyword(name):
         remedy = f"rename it, for instance to {name}_1"
-        raise ExpressionError(f"'{name}' has a meaning of its own and cannot name a parameter: {remedy}", field=where)
+        raise ExpressionError(f"'{name}' has a fixed meaning and cannot name a parameter: {remedy}", field=where)
     return name
 
 
@@ -95,4 +95,4 @@ def require_finite(value: object, where: str) -> float:
             raise ExpressionError(f"{where} is too large: the largest is about 1.8e308", field=where) from None
         if math.isfinite(number):
             return number
-    raise ExpressionError(f"{where} = {shorten(repr(value))}: a finite number is wanted", field=where)
+    raise ExpressionError(f"{where} = {shorten(repr(value))}: must be a finite number", field=where)

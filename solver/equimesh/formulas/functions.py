@@ -28,7 +28,7 @@ from equimesh.formulas.jet import (
     subtract,
 )
 
-MAX_MULTIPLIED_POWER = 16  # integer powers up to here by multiplication, beyond by np.power
+MAX_MULTIPLIED_POWER = 16  # larger integer powers are left to np.power
 
 
 def _smooth_tip(a: Jet, f1: Component, f2: Component) -> tuple[Component, Component]:
@@ -127,7 +127,7 @@ def atan2(a: Jet, b: Jet, order: int) -> Jet:
 
 
 def where(condition: Jet, a: Jet, b: Jet, order: int) -> Jet:  # noqa: ARG001
-    """``a`` where the condition holds, else ``b``; nothing of the other branch, be it nan."""
+    """``a`` where the condition holds, else ``b``; the other branch has no influence, even if it is nan."""
 
     def pick(p: Component, q: Component) -> Component:
         if p is None and q is None:
@@ -214,7 +214,7 @@ def _pointwise(relation: Callable[..., Any]) -> Callable[..., Jet]:
     return lambda *arguments: Jet(relation(*(jet.value for jet in arguments[:-1])))
 
 
-#: Every operation by its sign or name, called with its jets and the order of derivatives wanted.
+#: Every operation by its sign or name, called with its jets and the requested order of derivatives.
 OPERATIONS: Mapping[str, Callable[..., Jet]] = MappingProxyType(
     {
         "+": add,

@@ -1,7 +1,7 @@
 """Second-order jets: a function of (x, y) at many points, with its gradient and Hessian.
 
-A component of a jet is an array over the points, a number when it is the same at all points, or ``None`` when
-it vanishes identically; the last two cost nothing. d/dy of x is ``None``, d/dx of ``15*x`` is ``15.0``.
+A component of a jet is an array over the points, a number when it is the same at all points, or ``None`` when it is
+zero everywhere; the last two take no time. d/dy of x is ``None``, d/dx of ``15*x`` is ``15.0``.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ class Jet:
 
     @property
     def is_flat(self) -> bool:
-        """Whether the derivatives vanish identically."""
+        """Whether the derivatives are zero everywhere."""
         return self.gradient[0] is None and self.gradient[1] is None
 
     @property

@@ -1,4 +1,4 @@
-"""Poles of a field: points of its domain that no sample hits, and near which its slope grows without bound."""
+"""Poles of a field: points near which its slope grows without bound, and which samples miss."""
 
 import math
 from collections.abc import Callable
@@ -9,13 +9,13 @@ import numpy as np
 
 from equimesh.numerics.types import Array
 
-BLOCKS = 8  # a direction: each block of sample points sends the search after its own steepest point
+BLOCKS = 8  # in a direction: the search starts from the steepest sample of every block
 HALF_WIDTH = 2  # points of the search pattern on each side of its middle
 ROUNDING = np.finfo(np.float64).eps
-MAX_HALVINGS = 40  # halvings of the pattern: from the spacing of the samples to about 1e-14, the spare digits included
-SPARE_HALVINGS = 5  # of them: a domain away from the origin loses these binary digits first
-TRIAL_HALVINGS = 12  # the first halvings, in which a pole may lie too near to a sample to show
-MIN_GROWTH = 2.0**0.25  # of the slope in a halving; r^alpha grows by 2^(1 - alpha), what is resolved by 1
+MAX_HALVINGS = 40  # of the pattern, with the spare ones: from the spacing of the samples to about 1e-14
+SPARE_HALVINGS = 5  # binary digits that a domain away from the origin may lose without fewer halvings
+TRIAL_HALVINGS = 12  # after these halvings the slope near a pole grows, even if a sample lies close to it
+MIN_GROWTH = 2.0**0.25  # of the slope in a halving: 2^(1 - alpha) for r^alpha, 1 for a resolved function
 
 
 Evaluate: TypeAlias = Callable[[Array, Array, int], tuple[Array, ...]]
@@ -33,7 +33,7 @@ def _identity(s: Array, t: Array) -> tuple[Array, Array]:
 class Pole:
     """A point near which ``slope``, the largest partial derivative, still grows at the finest resolution.
 
-    ``slope`` is infinite where the field is not finite at the very point.
+    ``slope`` is infinite where the field is not finite at the point itself.
     """
 
     x: float
@@ -45,9 +45,9 @@ def find_pole(evaluate: Evaluate, n: int, *, map: Map = _identity, box: Box = ((
     """A pole of a function; None where the search from ``n`` x ``n`` samples finds none.
 
     The function is searched on the closed image of the unit square under ``map``, which lies in ``box``.
-    The search climbs from the steepest samples to steeper points near by, on finer and finer patterns. A front is
-    climbed until it is resolved, a pole never is. It may miss a pole whose neighbourhood is as flat as the rest.
-    A sample where u would change by more than its range within the rounding of a coordinate sits on a pole itself.
+    The search moves from the steepest samples to steeper points near by, on finer and finer patterns. The slope of a
+    front stops growing when the front is resolved; that of a pole does not. A pole in a flat neighbourhood may be
+    missed. A sample is a pole if u would change by more than its range within the rounding of a coordinate.
     """
     s, t, height = _steepest(evaluate, n, map)
     offsets = np.linspace(-1.0, 1.0, 2 * HALF_WIDTH + 1)
@@ -89,7 +89,7 @@ def _levels(box: Box, size: float) -> int:
 
 
 def _steepest(evaluate: Evaluate, n: int, map: Map) -> tuple[Array, Array, float]:
-    """Where in the reference square the steepest sample of every block lies; the range of u over all samples."""
+    """The steepest sample of every block in the reference square, and the range of u over all samples."""
     axis = np.linspace(0.0, 1.0, n)
     x, y = map(*np.meshgrid(axis, axis, indexing="ij"))
     slopes, (u,) = _slope(evaluate, x, y), evaluate(x, y, 0)

@@ -1,4 +1,4 @@
-"""An expression made ready for many points: constants folded, equal parts merged, blocks of points."""
+"""An expression prepared for many points: constants folded, equal parts merged, points in blocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ class Step:
 class Program:
     """Evaluates the operations of one expression.
 
-    ``slots[i]`` is where the result of ``operations[i]`` is found: the first operation that gives the same.
-    The jets of constants are in ``constants``; ``steps`` are what is left to do, in order.
+    ``slots[i]`` is the slot with the result of ``operations[i]``: the first operation with the same result.
+    ``constants`` holds the jets of constants, ``steps`` the remaining operations, in order.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Program:
     def evaluate(self, x: Array, y: Array, order: int) -> tuple[Array, ...]:
         """Value and derivatives up to ``order`` at flat arrays of points, as :meth:`Field.evaluate`.
 
-        With a single variable ``y`` is not looked at, and the derivatives by it vanish.
+        With a single variable ``y`` is ignored, and the derivatives by it are zero.
         """
         outputs = tuple(np.zeros(x.shape) for _ in range((1, 3, 6)[order]))
         with np.errstate(all="ignore"):
@@ -86,7 +86,7 @@ class Program:
     def culprit(self, x: float, y: float, limit: float) -> Operation:
         """The innermost operation whose value or gradient at a point is not finite or larger than ``limit``.
 
-        The result itself must be such; of ``where`` only the branch taken counts.
+        The result itself must be such; for ``where`` only the branch that is taken counts.
         """
         with np.errstate(all="ignore"):
             jets = self._run(np.array([x]), np.array([y]), 1, keep=True)

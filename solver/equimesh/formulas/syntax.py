@@ -1,7 +1,7 @@
-"""From text to a list of operations: a whitelist over Python's syntax tree. Nothing of the text is run.
+"""From text to a list of operations: a whitelist over Python's syntax tree. The text is never run.
 
-The tree is that of the tokens, written out with one space between them, so that a node starts and ends where
-a token does. Thus every operation knows its place in the text, in characters.
+The tree is that of the tokens with one space between them, so that a node starts and ends where a token does. From this
+follows the place of every operation in the text, in characters.
 """
 
 import ast
@@ -32,7 +32,7 @@ _OPERATORS: dict[type[ast.AST], str] = {
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One step of an expression: what it does to the results of which earlier steps; its ``text[start:end]``.
+    """One step of an expression, applied to the results of earlier steps; its text is ``text[start:end]``.
 
     ``name`` is ``"number"`` (with ``value``), ``"name"`` (with ``symbol``), or an operation of
     :data:`~equimesh.formulas.functions.OPERATIONS`.
@@ -108,7 +108,7 @@ class _Walk:
             case ast.Call(func=ast.Name(id=name), keywords=[]) if name in FUNCTIONS:
                 return self.call(node, name, depth)
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
-                return self.refuse(node, "a comparison stands only in the first argument of where(condition, a, b)")
+                return self.refuse(node, "a comparison is allowed only in the first argument of where(condition, a, b)")
             case _:
                 variables = " and ".join(self.language.variables)
                 return self.refuse(node, f"this is not part of the language: write a formula in {variables}")
@@ -128,8 +128,8 @@ class _Walk:
         least, most = ARGUMENTS.get(name, (1, 1))
         count = len(node.args)
         if count < least or (most is not None and count > most):
-            wanted = f"{least} or more arguments" if most is None else f"{least} argument{'s' * (least > 1)}"
-            self.refuse(node, f"{name} takes {wanted}, not {count}: {FUNCTIONS[name]}")
+            right = f"{least} or more arguments" if most is None else f"{least} argument{'s' * (least > 1)}"
+            self.refuse(node, f"{name} takes {right}, not {count}: {FUNCTIONS[name]}")
         first = self.condition if name == "where" else self.quantity
         arguments = [first(node.args[0], depth + 1), *(self.quantity(a, depth + 1) for a in node.args[1:])]
         return self.append(node, name, *arguments)
@@ -156,7 +156,7 @@ class _Walk:
                 return self.append(node, "not", self.condition(node.operand, depth + 1))
             case _:
                 such = self.language.comparison
-                return self.refuse(node, f"a condition is wanted here, that is a comparison such as {such}")
+                return self.refuse(node, f"a condition is needed here: a comparison such as {such}")
 
     def append(self, node: ast.expr, name: str, *arguments: int, value: float = 0.0, symbol: str = "") -> int:
         if len(self.operations) >= LIMITS.nodes:

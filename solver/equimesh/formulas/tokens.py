@@ -1,7 +1,7 @@
-"""The tokens of an expression, each checked in its place: what people mistype is found here, and said.
+"""The tokens of an expression, each checked in its place: typing errors are found and explained here.
 
-What passes has balanced brackets, operands and operators in turn, and only known names, so that Python's own
-parser, which sees it next, has nothing left to refuse.
+Text that passes has balanced brackets, alternating operands and operators, and only known names. Python's own parser,
+which reads it next, then has nothing left to refuse.
 """
 
 import difflib
@@ -62,7 +62,7 @@ def tokenize(text: str, names: Collection[str], language: Language = PLANE) -> l
 
 
 def describe(character: str) -> str:
-    """How to name a character in a message: itself when it prints, and its Unicode name when not ASCII."""
+    """The name of a character in a message: itself when it can be printed, and its Unicode name when not ASCII."""
     if character.isascii() and character.isprintable():
         return f"'{character}'"
     shown = f"'{character}' " if character.isprintable() else ""
@@ -105,7 +105,7 @@ def _character_remedy(sign: str) -> str:
 
 
 class _Reader:
-    """Takes the tokens one by one; knows whether an operand must follow, and which brackets are open."""
+    """Reads the tokens one by one; tracks whether an operand must follow, and which brackets are open."""
 
     def __init__(self, text: str, names: Collection[str], language: Language) -> None:
         self.text, self.names, self.language = text, names, language
@@ -151,7 +151,7 @@ class _Reader:
             self._check_depth(token)
             return
         elif token.text == ")" and previous == "(" and self.open[-1][1]:
-            self.open.pop()  # no arguments: the parser says how many there must be
+            self.open.pop()  # no arguments: the parser refuses this with the right number
         elif previous == "":
             refuse(self.text, token.start, f"something is missing before '{token.text}'")
         else:

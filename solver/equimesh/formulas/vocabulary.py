@@ -1,10 +1,10 @@
-"""The language of expressions: its names, its limits, and what to write in place of what it does not have."""
+"""The language of expressions: its names, its limits, and advice for names and characters that it does not have."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-#: Every function of the language, and what it returns.
+#: Every function of the language, and its result.
 FUNCTIONS: Mapping[str, str] = MappingProxyType(
     {
         "sin": "sine of an angle in radians",
@@ -40,7 +40,7 @@ RESERVED = ("x", "y", "t", "pi", "e")
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What keeps one expression from holding up a solve."""
+    """The limits of one expression, so that it cannot delay a solve."""
 
     length: int = 4096  # characters of the text
     depth: int = 100  # brackets, signs and powers inside one another
@@ -56,10 +56,10 @@ LIMITS = Limits()
 
 @dataclass(frozen=True, kw_only=True)
 class Language:
-    """What the names of a formula mean: its ``variables``, and all ``names`` that it has in addition to its parameters.
+    """The names of a formula: its ``variables``, and all ``names`` that it has in addition to its parameters.
 
-    ``example`` and ``comparison`` show beginners a formula and a comparison; ``foreign`` says of names that belong to
-    another kind of formula what to write here.
+    ``example`` and ``comparison`` show a formula and a comparison in messages. ``foreign`` gives advice for names of
+    another kind of formula.
     """
 
     variables: tuple[str, ...]
@@ -69,7 +69,7 @@ class Language:
     foreign: Mapping[str, str] = field(default_factory=dict)
 
 
-#: A function of the plane; t is a number, given apart.
+#: A function of the plane; t is a constant.
 PLANE = Language(
     variables=("x", "y"), names=("x", "y", "t", "pi", "e"), example="tanh(20*(x - y))", comparison="x < 0.5"
 )
@@ -83,12 +83,12 @@ CURVE = Language(
     foreign=MappingProxyType({"x": _ALONG, "y": _ALONG}),
 )
 
-#: Least and greatest number of arguments where it is not one; None: any number.
+#: Smallest and largest number of arguments where it is not one; None: any number.
 ARGUMENTS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
     {"atan2": (2, 2), "hypot": (2, 2), "min": (2, None), "max": (2, None), "where": (3, 3)}
 )
 
-#: What to do about characters that do not belong to the language.
+#: Advice for characters that do not belong to the language.
 CHARACTER_REMEDIES: Mapping[str, str] = MappingProxyType(
     {
         "^": "use ** for powers",
@@ -131,7 +131,7 @@ CHARACTER_REMEDIES: Mapping[str, str] = MappingProxyType(
     }
 )
 
-#: Names used elsewhere, and what they are called here.
+#: Names of other languages, and the names here.
 OTHER_NAMES: Mapping[str, str] = MappingProxyType(
     {
         "π": "pi",

@@ -16,7 +16,7 @@ LINE, TRIANGLE, QUADRILATERAL = 3, 5, 9  # VTK's numbers of the element types, w
 def su2_text(points: Array, cells: IntArray, sides: Mapping[str, IntArray]) -> str:
     """The file's text: the cells, the points, and a marker with the edges of each side.
 
-    ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, counter-clockwise as SU2 wants them, each side
+    ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, counter-clockwise as SU2 needs them, each side
     ``(k, 2)``; numbering starts at 0, as in the file.
     """
     shape = TRIANGLE if cells.shape[1] == 3 else QUADRILATERAL

@@ -36,7 +36,7 @@ def write_vtu(
 ) -> None:
     """Write ``points`` of shape ``(n, 2)``, in the plane z = 0, and ``cells`` ``(m, 3)`` or ``(m, 4)`` with their data.
 
-    Data are flat arrays of numbers, by name. Raises ``OSError`` as it comes.
+    Data are flat arrays of numbers, by name. Raises ``OSError`` where the file cannot be written.
     """
     index = np.int32 if cells.size <= np.iinfo(np.int32).max else np.int64
     count, corners = cells.shape
@@ -63,12 +63,12 @@ def _section(file: BinaryIO, name: str, arrays: Mapping[str, Array]) -> None:
         components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
         file.write(f'<DataArray type="{kind}" Name={quoteattr(label)}{components} format="binary">'.encode())
         native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
-        _encoded(file, native.reshape(-1).view(np.uint8))
+        _encode_bytes(file, native.reshape(-1).view(np.uint8))
         file.write(b"</DataArray>\n")
     file.write(f"</{name}>\n".encode())
 
 
-def _encoded(file: BinaryIO, data: Bytes) -> None:
+def _encode_bytes(file: BinaryIO, data: Bytes) -> None:
     """Write the number of bytes and the bytes, as one base64 text."""
     head = np.frombuffer(np.uint64(data.size).tobytes(), np.uint8)
     text = np.empty(min(PIECE, head.size + data.size) // 3 * 2, np.uint16)

@@ -1,7 +1,4 @@
-"""Files: meshes out in the formats that solvers read, results in and out as npz.
-
-This is the only module that imports meshio.
-"""
+"""Mesh files in the formats that solvers read. This is the only module that imports meshio."""
 
 import os
 import zipfile
@@ -31,7 +28,7 @@ ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same mesh gives the same bytes
 
 @dataclass(frozen=True, kw_only=True)
 class MeshFormat:
-    """A file format: its short ``name``, file name ``suffix``, ``media_type``, and who reads it."""
+    """A file format: its short ``name``, file name ``suffix``, ``media_type``, and the programs that read it."""
 
     name: str
     suffix: str
@@ -106,7 +103,7 @@ def write_mesh(
 
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
     :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
-    does not exist, and ``OSError`` as it comes.
+    does not exist, and ``OSError`` where a file cannot be written.
     """
     path = Path(path)
     unpacked = format is None and path.suffix == ".xdmf"
@@ -119,7 +116,7 @@ def write_mesh(
         raise InputError(f"{path}: there is no folder {path.parent}; make it first", field="path")
     with TemporaryDirectory(dir=path.parent, prefix=".equimesh-") as folder:
         if unpacked:
-            # the heavy data before what refers to it
+            # the data before the files that refer to it
             written = tuple(reversed(_write_xdmf(Path(folder), data, cells, path.stem, f"{path.stem}_facets")))
         else:
             written = (Path(folder) / path.name,)
@@ -186,7 +183,7 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
 
 
 def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: str) -> tuple[Path, ...]:
-    """The cells and, apart, the boundary edges with tags 1 to 4: dolfinx reads one after the other."""
+    """The cells, and in separate files the boundary edges with tags 1 to 4: dolfinx reads one after the other."""
     sides = data.mesh.sides
     tags = np.repeat(np.arange(1, 5, dtype=np.int32), [len(sides[side]) for side in SIDES])
     edges = [("line", np.concatenate([sides[side] for side in SIDES]))]

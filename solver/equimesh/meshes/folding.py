@@ -1,4 +1,4 @@
-"""Loops over nodal values: the smallest corner Jacobian, which says whether a mesh is folded, and differences."""
+"""Loops over nodal values: the smallest corner Jacobian, which shows whether a mesh is folded, and differences."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from equimesh.numerics.types import Array
 def smallest_jacobian(x: Array, y: Array) -> float:
     """The smallest corner Jacobian of a mesh, not scaled by the spacing; NaN where a coordinate is not a number."""
     n_xi, n_eta = x.shape
-    # By columns, so that the compiler can use vector instructions. Minima pass over what is not a number, sums do not.
+    # By columns, so that the compiler can use vector instructions. Minima ignore NaN, sums do not.
     smallest, check = np.full(n_eta - 1, np.inf), np.zeros(n_eta - 1)
     for i in range(n_xi - 1):
         x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]

@@ -1,4 +1,4 @@
-"""A structured quadrilateral mesh: node coordinates and what geometry alone says of them."""
+"""A structured quadrilateral mesh: node coordinates, and properties of geometry alone."""
 
 from __future__ import annotations
 

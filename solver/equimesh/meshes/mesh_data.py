@@ -1,4 +1,4 @@
-"""A mesh with what was computed on it: what a file holds."""
+"""A mesh with values computed on it: the contents of a mesh file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,8 @@ from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 
-TIE_RADIANS = 1e-9  # radians below which both diagonals are equally good
+# Below this difference of angles both diagonals are equally good.
+TIE_RADIANS = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,8 +55,8 @@ class MeshData:
         """The cells cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
 
         Cell ``k`` gives the rows ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that
-        leaves the larger smallest angle. An inverted triangle has a negative angle, so a cut that keeps both
-        triangles positive is taken wherever there is one.
+        leaves the larger smallest angle. An inverted triangle has a negative angle, so a cut with two positive
+        triangles is taken wherever there is one.
         """
         cells = self.mesh.cells
         cuts = np.stack([cells[:, [0, 1, 2, 0, 2, 3]], cells[:, [0, 1, 3, 1, 2, 3]]]).reshape(2, -1, 2, 3)

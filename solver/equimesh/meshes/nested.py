@@ -1,4 +1,4 @@
-"""Nested grids, from coarse to fine, and the way of a mesh from one to the next."""
+"""Nested grids, from coarse to fine, and the interpolation of a mesh from one to the next."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def nested_grids(grid: Grid) -> list[Grid]:
 
 
 def halved(grid: Grid) -> Grid:
-    """The grid with about half the cells a side, as far as a direction has points to spare."""
+    """The grid with about half the cells a side, in directions with enough points."""
     n_xi, n_eta = (n // 2 + 1 if n >= 2 * MIN_POINTS else n for n in grid.shape)
     return Grid(n_xi=n_xi, n_eta=n_eta)
 
 
 def prolong(mesh: Mesh, grid: Grid, coarser: Mesh | None = None) -> Mesh:
-    """The mesh interpolated to another grid, cubically; linearly if that folds, and uniform if that folds, too.
+    """The mesh interpolated to another grid: cubic, else linear if that folds, else the uniform mesh.
 
-    With ``coarser``, the solution on the next coarser grid, the difference of the two is extrapolated: for a method of
-    second order that is nearer to the solution than the interpolant alone.
+    With ``coarser``, the solution on the next coarser grid, the difference of the two is extrapolated. For a method of
+    second order the result is nearer to the solution than the interpolant alone.
     """
     shape = grid.shape
     if coarser is not None:
@@ -63,7 +63,7 @@ def distance(mesh: Mesh, coarse: Mesh) -> float:
 
 
 def refinement(fine: Grid, coarse: Grid) -> float:
-    """The square of the ratio of the spacings: by that an error of second order falls."""
+    """The square of the ratio of the spacings: the factor by which an error of second order falls."""
     return max(coarse.d_xi / fine.d_xi, coarse.d_eta / fine.d_eta) ** 2
 
 
@@ -76,7 +76,7 @@ _CUBIC, _LINEAR = 4, 2
 
 
 def _extrapolated(mesh: Mesh, coarser: Mesh, grid: Grid) -> Mesh:
-    """The mesh plus the share of its difference to the ``coarser`` one that is still to come on the finer ``grid``."""
+    """The mesh plus the expected difference to the solution on the finer ``grid``."""
     here, before = refinement(grid, mesh.grid), refinement(mesh.grid, coarser.grid)
     share = (1.0 - 1.0 / here) / (before - 1.0)
     lifted = _interpolated(coarser, mesh.x.shape, _CUBIC)
@@ -94,7 +94,7 @@ def _interpolated(mesh: Mesh, shape: tuple[int, ...], width: int) -> Mesh:
 
 @dataclass(frozen=True)
 class _Points:
-    """Where the points of one uniform grid of [0, 1] lie on another: the cell, and the place in it."""
+    """The points of one uniform grid of [0, 1] on another: the cell, and the place in it."""
 
     cell: IntArray
     place: Array
@@ -135,7 +135,7 @@ def interpolate(
     """Nodal values on a finer grid, in ``fine``, by a product of one-dimensional rules.
 
     Row i of the fine grid takes ``xi_weights[i]`` of the coarse rows from ``xi_at[i]`` on, likewise in eta. Returns the
-    largest difference to the values that stood in ``fine`` before; with ``write`` false these stay.
+    largest difference to the previous values of ``fine``, which are kept if ``write`` is false.
     """
     rows, columns = fine.shape
     width = xi_weights.shape[1]

@@ -6,8 +6,8 @@ Moving Mesh Methods* (Springer, 2011), chapter 5. With the Hessian H of u, its m
     A = I + |H| / alpha,    L2: M = det(A)^(-1/6) A,    H1: M = (tr(A) / 2)^(1/2) det(A)^(-1/4) A,
 
 or, isotropic, with the Frobenius norm h of H: ``M = (1 + h / alpha)^(2/3) I`` and ``M = (1 + h / alpha) I``. alpha is
-such that the integral of ``sqrt(det M)`` over the domain is twice its area: half of the cells then go to where u is
-curved, and the metric does not depend on the size of u.
+such that the integral of ``sqrt(det M)`` over the domain is twice its area: half of the cells are then used where
+u is curved, and the metric does not depend on the size of u.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ class Curvature:
     """The metric of the curvature of u: small cells, thin ones along fronts, where u is far from linear.
 
     ``norm`` is that of the interpolation error to be made small: ``"l2"`` of u itself, ``"h1"`` of its gradient, which
-    gathers the nodes more. ``isotropic`` asks for small cells only, not for their shape. ``floor`` rounds off the
-    absolute value where an eigenvalue of H changes sign, ``sqrt(lambda^2 + (floor alpha)^2)``: the metric is a
+    concentrates the nodes more. ``isotropic`` ignores the shape of the cells. ``floor`` rounds off the absolute value
+    where an eigenvalue of H changes sign, ``sqrt(lambda^2 + (floor alpha)^2)``: the metric is a
     smooth function of H; raise it towards 0.1 if a solve has trouble there.
 
     A :class:`~equimesh.monitors.monitor.Monitor`; ``alpha`` is known once it is bound to a domain by :meth:`on`, which
     :class:`~equimesh.equations.problem.Problem` does, and is infinite for a linear u. Where u is steep over less than a
-    hundredth of the domain, its curvature is beyond what a coarse grid can follow: see
+    hundredth of the domain, a coarse grid cannot resolve its curvature: see
     :class:`~equimesh.monitors.smoothed.Smoothed`. Raises :class:`~equimesh.errors.InputError` for values outside these
     ranges.
     """
@@ -70,7 +70,9 @@ class Curvature:
         Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
         """
         if self.alpha is None:
-            raise InputError("the scale alpha of a curvature monitor depends on the domain: ask monitor.on(domain)")
+            raise InputError(
+                "the scale alpha of a curvature monitor depends on the domain: call monitor.on(domain) first"
+            )
         _, _, _, h11, h12, h22 = self.u.evaluate(x, y, order=2)
         shape, out = h11.shape, np.empty((3, h11.size))
         _metric(h11.ravel(), h12.ravel(), h22.ravel(), 1.0 / self.alpha, self.floor, self._kind, out)

@@ -21,8 +21,8 @@ class Intersection:
 
     By simultaneous reduction of two metrics at a time (:func:`equimesh.numerics.spd.intersection`), as in P. J. Frey
     and F. Alauzet, *Anisotropic mesh adaptation for CFD computations*, Comput. Methods Appl. Mech. Engrg. 194 (2005).
-    Of more than two metrics the result depends slightly on their order. The sizes of the metrics matter: a
-    :class:`~equimesh.monitors.tensor.Weight` of 100 outdoes an arc length of u. :attr:`u` is that of the first monitor
+    For more than two metrics the result depends slightly on their order. The sizes of the metrics matter: a
+    :class:`~equimesh.monitors.tensor.Weight` of 100 hides an arc length of u. :attr:`u` is that of the first monitor
     that has one.
 
     A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for fewer than 2 or more
@@ -41,7 +41,7 @@ class Intersection:
 
     @property
     def u(self) -> Field | None:
-        """That of the first monitor that has one."""
+        """The u of the first monitor that has one."""
         return next((monitor.u for monitor in self.monitors if monitor.u is not None), None)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:

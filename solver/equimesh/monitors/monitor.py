@@ -25,8 +25,8 @@ class Monitor(Protocol):
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points of any shape; dimensionless, exact.
 
-        Each point gets its value whatever the others are, and ``x`` and ``y`` are not written into. Is also evaluated
-        slightly (1e-5 of its size) outside the domain. Values may be non-finite where the data are.
+        The value at a point does not depend on the other points, and ``x`` and ``y`` are not written into. It is also
+        evaluated slightly (1e-5 of its size) outside the domain. Values may be non-finite where the data are.
         """
         ...
 

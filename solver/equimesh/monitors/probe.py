@@ -14,15 +14,16 @@ from equimesh.numerics.types import Array
 
 T = TypeVar("T", bound=Any)
 
-CELLS = 256  # a direction: fronts of a hundredth of the domain are seen
+# Points in a direction: enough to detect fronts as thin as a hundredth of the domain.
+CELLS = 256
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Probe:
-    """Points ``x``, ``y`` of a domain, flat arrays, and ``shares``: the share of its area that each stands for.
+    """Points ``x``, ``y`` of a domain, flat arrays, and ``shares``: the share of its area that each represents.
 
     The images of the centres of a fine uniform grid of the reference square; their number does not depend on the
-    mesh that is to be made. ``diameter`` is the longer extent of the domain's box.
+    grid of the mesh. ``diameter`` is the longer extent of the domain's box.
     """
 
     x: Array
@@ -76,7 +77,7 @@ def is_bound_to(bound: Domain | None, domain: Domain) -> bool:
 
 
 def bound_copy(monitor: T, domain: Domain, /, **found: object) -> T:
-    """A copy of a frozen dataclass that remembers its ``domain``, and what was ``found`` there."""
+    """A copy of a frozen dataclass, bound to ``domain``, with further fields ``found`` there."""
     copy = replace(monitor)
     for name, value in {"_domain": domain, **found}.items():
         object.__setattr__(copy, name, value)

@@ -30,7 +30,7 @@ OWN_VARIANCE = 1 / 6 + 1 / 3  # of the table's hat functions and of the cubic B-
 
 
 class Lattice(NamedTuple):
-    """Where the points of a table lie: the first of them, and how many there are per unit of length."""
+    """The position of the points of a table: the first point, and the number of points per unit of length."""
 
     x0: float
     y0: float
@@ -62,15 +62,13 @@ class Smoothed:
     """The metric of ``monitor``, each entry averaged with a Gaussian over its physical neighbourhood in the domain.
 
     ``radius`` is the standard deviation of the Gaussian in units of the shorter extent of the domain's box, in
-    (0, 0.25]; below about 1/700 it acts as that. Steep fronts of the metric become at least as wide as the
+    (0, 0.25]; a smaller one than about 1/700 acts as 1/700. Steep fronts of the metric become at least as wide as the
     radius: raise it when a solve fails. A mean of positive definite matrices is positive definite, and a constant
-    metric does not change. Smoothing the monitor is standard practice: W. Huang and R. D. Russell, *Adaptive Moving
-    Mesh Methods*, Springer (2011).
+    metric does not change.
 
-    The mean is over the points of the domain only, with the weights of the part of the Gaussian that lies inside:
-    nothing is taken from beyond the sides. The monitor is sampled at 512 x 512 points, in :meth:`on`; from then on
-    a metric is a look-up in a table over the domain's box. Distances are straight: across a slit of a bent domain
-    that is narrower than the radius, its two banks see each other.
+    The mean is over the points of the domain only, with the weights of the part of the Gaussian that lies inside.
+    :meth:`on` samples the monitor at 512 x 512 points; the metric is then read from a table over the domain's box.
+    Distances are straight lines: if a bent domain has a slit narrower than the radius, values are averaged across it.
 
     A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for a radius outside its
     range.
@@ -91,7 +89,7 @@ class Smoothed:
 
     @property
     def u(self) -> Field | None:
-        """That of the monitor."""
+        """The u of the monitor."""
         return self.monitor.u
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
@@ -100,7 +98,7 @@ class Smoothed:
         Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
         """
         if self._table is None:
-            raise InputError("a smoothed monitor is an average over a domain: ask monitor.on(domain)")
+            raise InputError("a smoothed monitor is an average over a domain: call monitor.on(domain) first")
         return self._table.at(x, y)
 
     def on(self, domain: Domain) -> Smoothed:
@@ -119,7 +117,7 @@ class Smoothed:
 
 
 def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
-    """Samples of the metric spread on a grid over the box, weighted by area, filtered, and divided by the weights."""
+    """The averages on a grid: samples weighted by area, spread, filtered, and divided by the filtered weights."""
     (x0, x1), (y0, y1) = domain.box
     short, long = sorted((x1 - x0, y1 - y0))
     spacing = max(
@@ -170,7 +168,7 @@ def _look_up(entries: Array, lattice: Lattice, x: Array, y: Array, out: Array) -
     x0, y0, per_length = lattice
     n, m = entries.shape[0], entries.shape[1]
     for k in range(x.size):
-        if x[k] - x[k] != 0.0 or y[k] - y[k] != 0.0:  # not a number: it has no place in the table
+        if x[k] - x[k] != 0.0 or y[k] - y[k] != 0.0:  # NaN or infinite: not in the table
             out[0, k] = out[1, k] = out[2, k] = np.nan
             continue
         p, q = min(max((x[k] - x0) * per_length, 1.0), n - 2.0), min(max((y[k] - y0) * per_length, 1.0), m - 2.0)

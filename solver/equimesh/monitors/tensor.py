@@ -1,4 +1,4 @@
-"""Metrics that the user gives: a weight, or a whole tensor."""
+"""Metrics given by the user: a weight, or a whole tensor."""
 
 from __future__ import annotations
 

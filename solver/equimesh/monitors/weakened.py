@@ -27,7 +27,7 @@ class Weakened:
 
     @property
     def u(self) -> Field | None:
-        """That of the monitor."""
+        """The u of the monitor."""
         return self.monitor.u
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:

@@ -1,1 +1,1 @@
-"""Loops, threads and linear algebra that know no mesh."""
+"""Loops, threads and linear algebra, independent of meshes."""

@@ -1,4 +1,4 @@
-"""How the project's loops become machine code."""
+"""Compilation of the project's loops to machine code."""
 
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
@@ -9,12 +9,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-# What lets the compiler use vector instructions. Results still do not change from run to run.
+# Flags that let the compiler use vector instructions. Results still do not change from run to run.
 FAST_MATH = {"contract", "nsz", "arcp", "reassoc", "nnan", "ninf"}
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """The function as machine code, kept on disk where there is a folder to keep it in; holds no interpreter lock."""
+    """The function as machine code, cached on disk if a folder can be written; holds no interpreter lock."""
     return _compile(function, fastmath=False)
 
 

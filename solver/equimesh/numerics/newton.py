@@ -12,8 +12,10 @@ from equimesh.numerics.types import Array
 
 Solver: TypeAlias = Callable[[Array], Array]
 
+# A step is not damped below this share.
 MIN_DAMPING = 2.0**-12
-SUFFICIENT_DECREASE = 1e-4
+# A damped step must reduce the norm of the residual at least by this share of the damping.
+MIN_DECREASE_SHARE = 1e-4
 # A factorisation is used again after a full step that lowered the residual at least by this factor.
 MAX_REUSE_FACTOR = 0.25
 
@@ -23,7 +25,7 @@ class NewtonStep:
     """The state after ``step`` Newton steps; step 0 is the start.
 
     ``residual`` is the max norm of F, ``damping`` the accepted fraction of the last Newton correction.
-    ``stalled`` says that no admissible fraction of the next correction lowers the residual.
+    ``stalled`` is set where no admissible fraction of the next correction lowers the residual.
     """
 
     step: int
@@ -52,7 +54,7 @@ def newton_iterations(
     """Newton steps for ``residual(z) = 0`` from ``start``, until the tolerance is met or the search stalls.
 
     A step is halved until it **both** lowers the Euclidean norm of the residual and is ``admissible``: without the
-    second demand Newton's method converges to folded meshes. The caller owns the loop, and with it the limit on the
+    second condition Newton's method converges to folded meshes. The caller owns the loop, and with it the limit on the
     number of steps. With ``reuse`` a factorisation is kept for as long as full steps with it lower the residual well.
     The last record has ``residual <= tolerance`` or ``stalled``.
     """
@@ -64,14 +66,14 @@ def newton_iterations(
             yield NewtonStep(step=step, z=z, residual=largest, damping=damping)
             return
         accepted = None
-        if solve is not None:  # not worth a search: a step that is not good asks for a new factorisation
+        if solve is not None:  # no search: after a step that is not good, a new factorisation is made
             accepted = _search(residual, admissible, z, norm, solve(-value), smallest=1.0)
-            solve = solve if accepted is not None and _good(accepted, norm) else None
+            solve = solve if accepted is not None and _is_good(accepted, norm) else None
         if accepted is None:
-            solve = _factorised(factorise, jacobian(z))
+            solve = _try_factorise(factorise, jacobian(z))
             if solve is not None:
                 accepted = _search(residual, admissible, z, norm, solve(-value))
-            solve = solve if reuse and accepted is not None and _good(accepted, norm) else None
+            solve = solve if reuse and accepted is not None and _is_good(accepted, norm) else None
         yield NewtonStep(step=step, z=z, residual=largest, damping=damping, stalled=accepted is None)
         if accepted is None:
             return
@@ -79,14 +81,14 @@ def newton_iterations(
         step += 1
 
 
-def _factorised(factorise: Callable[[csc_array], Solver], matrix: csc_array) -> Solver | None:
+def _try_factorise(factorise: Callable[[csc_array], Solver], matrix: csc_array) -> Solver | None:
     try:
         return factorise(matrix) if np.isfinite(matrix.data).all() else None
     except RuntimeError:  # SuperLU: the matrix is exactly singular
         return None
 
 
-def _good(accepted: tuple[Array, Array, float], norm: float) -> bool:
+def _is_good(accepted: tuple[Array, Array, float], norm: float) -> bool:
     return accepted[2] == 1.0 and float(np.linalg.norm(accepted[1])) <= MAX_REUSE_FACTOR * norm
 
 
@@ -103,7 +105,7 @@ def _search(
         candidate = z + damping * correction
         if admissible(candidate):
             value = residual(candidate)
-            if np.linalg.norm(value) <= (1.0 - SUFFICIENT_DECREASE * damping) * norm:
+            if np.linalg.norm(value) <= (1.0 - MIN_DECREASE_SHARE * damping) * norm:
                 return candidate, value, damping
         damping /= 2
     return None

@@ -44,7 +44,7 @@ def intersection(first: Matrices, second: Matrices) -> Matrices:
 
     The intersection of metrics of P. J. Frey and F. Alauzet (Comput. Methods Appl. Mech. Engrg. 194, 2005). In the
     basis in which both are diagonal, with the first the identity and the second mu, it is
-    ``max(1, mu)``, rounded upwards where mu is about 1 (by half a percent at 1) so that it depends smoothly on both.
+    ``max(1, mu)``, rounded upwards near mu = 1 (by half a percent at 1) so that it depends smoothly on both.
     It has the form ``c1 first + c2 second``: no eigenvectors are computed. The order does not matter.
     """
     out = np.empty((3, np.size(first[0])))

@@ -1,4 +1,4 @@
-"""Threads that share the rows of a mesh."""
+"""Threads that share work on a mesh."""
 
 import os
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from equimesh.errors import InputError
 
+# Threads of one solve.
 MAX_THREADS = 64
 
 
@@ -28,7 +29,7 @@ def thread_count(threads: int | None) -> int:
 
 
 def run_on_threads(threads: int, work: Callable[[int], None]) -> None:
-    """Call ``work(k)`` for every k below ``threads``, each in a thread of its own, and wait for all."""
+    """Call ``work(k)`` for every k below ``threads``, each in its own thread, and wait for all."""
     others = [_pool(threads - 1).submit(work, k) for k in range(1, threads)] if threads > 1 else []
     work(0)
     for other in others:

@@ -27,12 +27,13 @@ WORDS = {
     "mismatch": "mismatch of the subdomains",
     "deviation": "deviation of the metric along lines (relative)",
 }
-"""What the picture of a Schwarz iteration shows: errors, else changes, and what is below them here."""
+"""The lines in the picture of a Schwarz iteration: errors, else changes, and the names below them here."""
 
 
 def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
-    """Draw a Schwarz iteration: its error, or its change where no error is known, with what else ``WORDS`` names, and
-    max ``Q_eq``; iterations that did something else than requested are marked.
+    """Draw a Schwarz iteration: its error or else its change, the other quantities of ``WORDS``, and max ``Q_eq``.
+
+    Iterations that deviated from the request are marked.
 
     ``convergence`` is the JSON object of ``GET /v1/meshes/{id}/convergence``. Where there are at most
     ``MAX_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse.
@@ -94,7 +95,7 @@ def _numbers(values: Iterable[float | None]) -> Array:
 
 
 def _series(records: Sequence[Mapping[str, Any]], at: Array) -> dict[str, tuple[Array, Array]]:
-    """What is drawn of the iterations on a logarithmic axis; of the start only its error."""
+    """The lines on a logarithmic axis, by label; of the start only its error."""
     kind = "error" if any(record.get("error") is not None for record in records) else "change"
     series = _components(records) if kind == "error" else {}
     for name, label in WORDS.items():

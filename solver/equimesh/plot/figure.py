@@ -23,7 +23,7 @@ METADATA: dict[str, dict[str, str | None]] = {
     ".png": {"Software": "equimesh"},
     ".svg": {"Creator": "equimesh", "Date": None},
 }
-"""The suffixes of pictures, and what is written into them: nothing that changes from one run to the next."""
+"""The suffixes of pictures, and their metadata: nothing that changes from one run to the next."""
 RESOLUTION = 150
 """Dots per inch of a PNG."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#333333")

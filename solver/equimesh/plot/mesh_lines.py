@@ -1,4 +1,4 @@
-"""The lines of a mesh as a picture shows them: all, or every k-th, and the subdomain of each edge."""
+"""The lines of a mesh in a picture: all, or every k-th, and the subdomain of each edge."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class MeshLines:
 
     @property
     def remark(self) -> str:
-        """What a title must say of lines that are left out; empty when there are none."""
+        """The remark of a title on lines that are left out; empty when there are none."""
         return f"\n(one line in {self.step} drawn)" if self.step > 1 else ""
 
     def owners(self, of_cell: IntArray, decomposition: Decomposition | None) -> tuple[IntArray, IntArray]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 MAX_LINES = 200
-"""A mesh with more lines than this in a direction is drawn by every k-th line, and the title says so."""
+"""A mesh with more lines than this in a direction is drawn by every k-th line, as its title states."""
 MAX_SURFACE_LINES = 80
 """The same for the surface in three dimensions."""
 MAX_CELLS_WITH_EDGES = 80
@@ -45,7 +45,7 @@ def draw_mesh(
     """Draw the lines of the mesh to ``path``, ``.png`` or ``.svg``.
 
     With a ``decomposition`` every subdomain has its colour, the first red and the second blue, and what they
-    share is purple, as in the 18 x 18 mesh of Haynes and Howse. Without one, the colours tell which subdomain
+    share is purple, as in the 18 x 18 mesh of Haynes and Howse. Without one, the colours show which subdomain
     the cells were taken from. ``show_subdomains=False`` draws all lines in one colour.
     """
     decomposition = decomposition if show_subdomains else None

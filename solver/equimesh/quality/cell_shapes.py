@@ -1,7 +1,7 @@
 """Compiled measures of the shape of every cell of a mesh.
 
 ``x`` and ``y`` are the nodes, C-contiguous, of shape ``(n_xi, n_eta)``; ``valid``, ``area`` and all results are flat
-arrays over the cells. :mod:`equimesh.quality.measures` says what each measure is.
+arrays over the cells. :mod:`equimesh.quality.measures` defines the measures.
 """
 
 import numpy as np
@@ -72,7 +72,7 @@ def angles_and_edges(x: Array, y: Array, valid: BoolArray, sine: Array, skewness
             cross, dot = px[c] * py[c + 1] - py[c] * px[c + 1], -(px[c] * px[c + 1] + py[c] * py[c + 1])
             product = length[c] * length[c + 1]
             here = cross / product if product > 0.0 else 0.0
-            if not here >= lowest:  # also what is not a number
+            if not here >= lowest:  # also NaN
                 lowest = here
             widest, narrowest = min(widest, dot / cross), max(narrowest, dot / cross)
         shortest, longest = min(length[1:]), max(length[1:])

@@ -76,7 +76,7 @@ class BilinearCells:
 
     @property
     def valid(self) -> BoolArray:
-        """Whether the map is one to one, shape ``(cells,)``: a cell with a corner that is not is folded."""
+        """Whether the map is one to one, shape ``(cells,)``; cells where it is not are folded."""
         return self._measured[1]
 
     @property
@@ -113,7 +113,7 @@ class BilinearCells:
         return CellMap(*out)
 
     def shares(self, points: CellPoints, cells: IntArray) -> tuple[Array, Array, Array]:
-        """x and y of ``points`` in ``cells``, and what part of its cell each stands for, ``(points, cells)``."""
+        """x and y of ``points`` in ``cells``, and the share of its cell that each represents, ``(points, cells)``."""
         corners, out = np.empty((8, cells.size)), np.empty((3, points.s.size, cells.size))
         gather_cells(*self.nodes, cells, corners)
         share_cells(corners, self.area[cells], points.s, points.t, points.weights, out)
@@ -134,7 +134,7 @@ class BilinearCells:
 @compiled
 def measure_cells(x: Array, y: Array, area: Array, valid: BoolArray) -> float:
     """The smallest determinant at a corner, NaN where a coordinate is not finite; area and validity of every cell."""
-    smallest, check = np.inf, 0.0  # min passes over what is not a number, a sum does not
+    smallest, check = np.inf, 0.0  # min ignores NaN, a sum does not
     columns = x.shape[1] - 1
     for i in range(x.shape[0] - 1):
         for j in range(columns):

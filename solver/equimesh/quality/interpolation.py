@@ -14,7 +14,7 @@ from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.quality.cells import BilinearCells, CellMap, CellPoints
 
 MIN_SAMPLED_CELLS = 30_000
-"""Cells that :func:`interpolation_errors` looks at, or up to three times as many; on smaller meshes all of them."""
+"""Cells that :func:`interpolation_errors` samples, or up to three times as many; on smaller meshes all cells."""
 SAMPLING = ((34, 13), (13, 5), (5, 2))  # one cell of this many; the shift from row to row
 ROUNDING_SHARE = 1e-13
 """Share of u that counts as rounding in its values."""
@@ -24,8 +24,9 @@ ROUNDING_SHARE = 1e-13
 class InterpolationErrors:
     """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
 
-    ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain, in the units
-    of u and of its gradient times a length. Infinite on a folded mesh. ``rounding`` is what of the two is rounding.
+    ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain, in the units of
+    u and of its gradient times a length. Infinite on a folded mesh. ``rounding`` is the part of the two that is due to
+    rounding.
     """
 
     l2: float
@@ -65,9 +66,9 @@ class ErrorRule:
         """The 2 x 2 Gauss rule, and the middles of the edges.
 
         The interpolation error is ``a s (1-s) + b t (1-t)`` to leading order. Its square has the integral
-        ``(a^2 + b^2)/30 + a b/18``, of which 2 x 2 points see ``(a + b)^2/36`` only, and four middles with weights of
-        2/45 add the rest: exact to leading order, as the 2 x 2 rule alone is for the gradient. What these weights
-        exceed 1 by belongs to the corners, where there is no error.
+        ``(a^2 + b^2)/30 + a b/18``, of which the 2 x 2 rule gives ``(a + b)^2/36``. Four middles with weights of
+        2/45 add the rest. The result is exact to leading order; for the gradient the 2 x 2 rule alone is. The weights
+        sum to more than 1: the corners, where there is no error, have the negative rest.
         """
         middles = CellPoints(
             np.array([0.5, 1.0, 0.5, 0.0]),
@@ -130,7 +131,7 @@ def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | 
 
 
 def sample(shape: tuple[int, int]) -> IntArray | None:
-    """Numbers of the cells to look at: those of a lattice that has the same share of every row and column."""
+    """Numbers of the sampled cells: a lattice with the same share of every row and column."""
     count = shape[0] * shape[1]
     for one_of, shift in SAMPLING:
         if count >= one_of * MIN_SAMPLED_CELLS:

@@ -28,7 +28,7 @@ from equimesh.quality.interpolation import ErrorRule, InterpolationErrors, error
 GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most this many cells: ``(cells, points)``."""
 GAUSS_POINTS_BEYOND = 2
-"""On larger meshes, whose cells see hardly any of the monitor's variation."""
+"""On larger meshes, where the monitor hardly varies within a cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Arra
 
     ``Q_ali = tr(F'^T M_K F') / (2 sqrt(det M_K) det F')`` (Huang and Russell, chapter 4), F' the Jacobian
     matrix of the bilinear map of the unit square onto the cell. F' varies over the cell: the value is the
-    largest, which is found at a corner. At least 1.
+    largest, which is that of a corner. At least 1.
     """
     return CellMetrics.of(mesh, monitor, gauss=gauss).q_ali()
 

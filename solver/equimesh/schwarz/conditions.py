@@ -1,9 +1,9 @@
-"""Transmission conditions: what neighbouring subdomains ask of each other on an interface.
+"""Transmission conditions: the equations of a subdomain on an interface, with data from its neighbour.
 
 Each of the paper's conditions is **one discrete functional** of a window. The receiver sets its own functional equal
 to the value that its neighbour's window has at the same grid line, so at the fixed point both windows agree with the
 single-domain solution to rounding. All functionals speak of an interface in xi; one in eta is the same for the turned
-window. :class:`Optimized` stands apart: see :mod:`equimesh.schwarz.optimized.sides`.
+window. :class:`Optimized` is of another kind: see :mod:`equimesh.schwarz.optimized.sides`.
 """
 
 import math
@@ -134,8 +134,11 @@ class NonlinearRobin:
 
 
 class LineData(StrEnum):
-    """What an optimized interface knows of the lines beyond it: ``LINE_SUMS``, the metric length of all of the rest;
-    ``LOCAL``, that of the first edge, as much as neighbours know of each other in classical Schwarz methods."""
+    """The data of an optimized interface about the lines beyond it.
+
+    ``LINE_SUMS``: the metric length of the whole rest of every line. ``LOCAL``: that of the first edge, which a
+    neighbour knows in classical Schwarz methods.
+    """
 
     LINE_SUMS = "line_sums"
     LOCAL = "local"
@@ -143,7 +146,7 @@ class LineData(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Optimized:
-    """An interface that yields as the rest of every grid line does; see :mod:`equimesh.schwarz.optimized.sides`.
+    """An interface that yields as the rest of every grid line would; see :mod:`equimesh.schwarz.optimized.sides`.
 
     A Robin condition for the squared metric length across the interface, whose weights come from the metric and whose
     parameter is the number of edges beyond: the Dirichlet-to-Neumann map of the leading part of the equations. With
@@ -162,7 +165,7 @@ TransmissionCondition: TypeAlias = Classical | LinearRobin | NonlinearRobin | Op
 
 
 def label(condition: TransmissionCondition) -> str:
-    """The condition's name, and whether it is the lesser form of it."""
+    """The condition's name, with a remark for local data."""
     is_local = isinstance(condition, Optimized) and condition.data is LineData.LOCAL
     return f"{condition.name} (local data)" if is_local else condition.name
 

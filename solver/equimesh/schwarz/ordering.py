@@ -27,10 +27,10 @@ def _colours(decomposition: Decomposition) -> list[list[int]]:
 
 
 class Ordering(StrEnum):
-    """Which subdomains are solved at the same time, and so which data they read.
+    """Which subdomains are solved at the same time; it determines the data that they read.
 
     ``PARALLEL``: all, with data of the previous iteration (the default). ``ALTERNATING``: one after the other, with the
-    newest data there is, as in the paper. ``SYMMETRIC``: so forward, and then backward. ``COLOURED``: every other
+    newest data, as in the paper. ``SYMMETRIC``: the same, first forward and then backward. ``COLOURED``: every other
     strip, or every other block in both directions, at the same time: two or four turns an iteration.
     """
 

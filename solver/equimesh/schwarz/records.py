@@ -79,7 +79,7 @@ class Iteration:
     work: int = 0
     """How many corrections of nodes there were."""
     traffic: int = 0
-    """Bytes that the subdomains would send each other if each had a machine of its own."""
+    """Bytes that the subdomains would send each other if each had its own machine."""
     products: int = 0
     """Products with the derivative of the iteration in a Newton step (RASPEN), each a solve in every subdomain.
 

@@ -15,7 +15,7 @@ from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.ordering import Ordering
 
-# Line corrections after every iteration of the optimized condition, unless the settings say otherwise.
+# Line corrections after every iteration of the optimized condition, unless the settings differ.
 DEFAULT_LINE_CORRECTIONS = 3
 # More line corrections than this would turn the iteration into a single-domain solve.
 MAX_LINE_CORRECTIONS = 10

@@ -1,4 +1,4 @@
-"""The window of the grid that a subdomain works on: its own points and the lines beyond its interfaces."""
+"""The window of the grid that a subdomain is solved on: its own points and the lines beyond its interfaces."""
 
 from equimesh.meshes.folding import largest_difference
 from equimesh.meshes.mesh import Mesh
@@ -11,8 +11,8 @@ ENDS = (0, 1)
 class SubdomainWindow:
     """The grid lines of a subdomain and ``ghosts`` more beyond every interface.
 
-    ``open`` says by (axis, end) which sides are interfaces; ``first`` is the window's lowest grid point, ``slices`` its
-    place in the grid, ``shape`` its size. A state is a :class:`~equimesh.meshes.mesh.Mesh` of this shape.
+    ``open`` tells by (axis, end) which sides are interfaces. ``first`` is the window's lowest grid point, ``slices``
+    its place in the grid, ``shape`` its size. A state is a :class:`~equimesh.meshes.mesh.Mesh` of this shape.
     """
 
     def __init__(self, decomposition: Decomposition, part: Subdomain, ghosts: int) -> None:
@@ -35,7 +35,7 @@ class SubdomainWindow:
 
     @property
     def covered(self) -> tuple[slice, slice]:
-        """The subdomain's own points in the grid, those of the overlap with them."""
+        """The subdomain's own points in the grid, with those of the overlap."""
         columns, rows = self.part.columns, self.part.rows
         return slice(columns.start, columns.stop), slice(rows.start, rows.stop)
 

@@ -23,7 +23,7 @@ def work(grid: Grid, subdomains: Subdomains, records: Sequence[SubdomainRecord],
 def traffic(
     grid: Grid, settings: Schwarz, subdomains: Subdomains, turns: Sequence[Sequence[int]], corrections: int
 ) -> int:
-    """Bytes that the subdomains would send each other if each had a machine of its own."""
+    """Bytes that the subdomains would send each other if each had its own machine."""
     columns, rows = settings.subdomains
     crossings = (columns - 1) * grid.n_eta + (rows - 1) * grid.n_xi
     exchanged = sum(subdomains.sent(k) for turn in turns for k in turn)

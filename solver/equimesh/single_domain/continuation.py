@@ -153,7 +153,7 @@ def _newton(problem: Problem, relaxation: Relaxation, start: Mesh) -> Attempts:
 
 
 def scale(problem: Problem) -> float:
-    """The geometric mean of ``sqrt(det M)`` over the reference square, M the metric that the uniform mesh sees."""
+    """The geometric mean of ``sqrt(det M)`` over the reference square, with M on the uniform mesh."""
     shape = (min(problem.grid.n_xi, MAX_SCALE_POINTS), min(problem.grid.n_eta, MAX_SCALE_POINTS))
     mesh = Mesh.uniform(Grid(n_xi=shape[0], n_eta=shape[1]))
     cells = np.empty((3, shape[0] - 1, shape[1] - 1))

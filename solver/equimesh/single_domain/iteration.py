@@ -62,7 +62,7 @@ def single_domain_steps(
                 label = replace(label, mesh=guess_on(grid, solved))  # sweeps have overwritten the first guess
             elif start is None:
                 label = replace(label, mesh=Mesh.uniform(grid))
-            last = yield from _factorised(here, label, before, plain=plain)
+            last = yield from _newton_level(here, label, before, plain=plain)
         yield last
         if last.failed:
             return
@@ -101,7 +101,7 @@ def guess_on(grid: Grid, solved: list[Step]) -> Mesh:
     return prolong(last.mesh, grid, solved[-2].mesh if same else None)
 
 
-def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bool) -> Generator[Step, None, Step]:
+def _newton_level(problem: Problem, label: Step, before: Step | None, *, plain: bool) -> Generator[Step, None, Step]:
     """Newton's method and continuation from the label's mesh."""
     relaxation = NONE if before is None else before.relaxation
     if plain and relaxation.is_none:
@@ -114,7 +114,7 @@ def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bo
             yield step
     found = None
     if before is None or problem.grid.points <= MAX_FACTORISED_POINTS:
-        found = yield from _labelled(continuation.attempts(problem, label.mesh, relaxation), label)
+        found = yield from _label_steps(continuation.attempts(problem, label.mesh, relaxation), label)
     if found is None and before is not None:
         solved = before.solved or before.grid
         return replace(label, relaxation=relaxation, residual=math.nan, converged=True, solved=solved)
@@ -126,7 +126,7 @@ def _factorised(problem: Problem, label: Step, before: Step | None, *, plain: bo
     return _with_errors(replace(step, converged=found.converged, failed=not found.converged), before)
 
 
-def _labelled(attempts: continuation.Attempts, label: Step) -> Generator[Step, None, continuation.Attempt | None]:
+def _label_steps(attempts: continuation.Attempts, label: Step) -> Generator[Step, None, continuation.Attempt | None]:
     while True:
         try:
             found = next(attempts)

@@ -17,10 +17,10 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.inputs import described
+from equimesh.inputs import describe_value
 
 Reader: TypeAlias = Callable[[object, str], Any]
-"""Takes a value and its path; returns what the value describes, or raises an InputError whose field is the path."""
+"""Takes a value and its path. Returns the described object, or raises an InputError whose field is the path."""
 T = TypeVar("T", covariant=True)
 
 
@@ -35,7 +35,7 @@ class Record(Generic[T]):
     keys: Mapping[str, Reader]
 
     def __call__(self, given: object, path: str = "") -> T:
-        """What ``make`` returns; raises :class:`~equimesh.errors.InputError`, whose field is a path."""
+        """The result of ``make``; raises :class:`~equimesh.errors.InputError`, whose field is a path."""
         document = mapping(given, path)
         for key in document:
             if key not in self.keys:
@@ -62,7 +62,7 @@ class ByKind(Generic[T]):
     default: str | None = None
 
     def __call__(self, given: object, path: str = "") -> T:
-        """What the record of that kind makes of the other keys."""
+        """The result of the record of that kind for the other keys."""
         members = dict(mapping(given, path))
         kind = members.pop("kind", self.default)
         if not isinstance(kind, str) or kind not in self.records:
@@ -79,7 +79,7 @@ class ByKey(Generic[T]):
     records: Mapping[str, Record[T]]
 
     def __call__(self, given: object, path: str = "") -> T:
-        """What that record makes of it."""
+        """The result of that record."""
         members = mapping(given, path) if isinstance(given, Mapping) else {}
         name = next((name for name in self.records if name in members), None)
         if name is None:
@@ -163,7 +163,7 @@ def joined(path: str, name: str) -> str:
 def within(path: str) -> Iterator[None]:
     """Errors raised inside get a field that is a path of the document.
 
-    The solver's fields begin at the object that it builds, ``a``, or with the name of that object, ``domain.x``.
+    A field of the solver begins at the object that is built, such as ``a``, or with its name, such as ``domain.x``.
     """
     try:
         yield
@@ -174,7 +174,7 @@ def within(path: str) -> Iterator[None]:
 
 
 def _wrong(value: object, path: str, needed: str) -> InputError:
-    return InputError(f"{_name(path)} is {described(value)}: {needed} is needed", field=path)
+    return InputError(f"{_name(path)} is {describe_value(value)}: {needed} is needed", field=path)
 
 
 def _name(path: str) -> str:

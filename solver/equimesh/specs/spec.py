@@ -27,9 +27,9 @@ from equimesh.specs.sources import FindSamples, no_samples, samples_in
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltSpec:
-    """What a document describes: the arguments of :func:`equimesh.solve`, and the ``cells`` of the file.
+    """The contents of a document: the arguments of :func:`equimesh.solve`, and the ``cells`` of the file.
 
-    ``schwarz`` is None for a single domain. ``label`` is free text for whoever sends the document.
+    ``schwarz`` is None for a single domain. ``label`` is free text of the sender.
     """
 
     problem: Problem
@@ -80,7 +80,7 @@ def load(path: str | os.PathLike[str]) -> BuiltSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class _Parts:
-    """The parts of a document, with the monitor as it was given: it is built on the domain."""
+    """The parts of a document. The monitor is not built yet, since it needs the domain."""
 
     monitor: object
     domain: Domain = UNIT_SQUARE

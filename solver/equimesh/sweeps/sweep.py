@@ -2,10 +2,10 @@
 
 The equations are two families of one-dimensional problems, coupled through the metric. To leading order the squared
 metric length of a xi-edge depends on the nodes through ``P = A dx + B dy`` alone, ``(A, B) = M r_xi``, and that of an
-eta-edge through ``Q = C dx + D dy``, ``(C, D) = M r_eta``: lengths along a xi-line become equal if
-P is the running sum of the line's defects; the same holds for Q along an eta-line. The move of each node then follows
-from a 2 x 2 system, whose determinant ``det(M) J`` is positive on a valid mesh. The error falls by a factor that does
-not depend on the number of points.
+eta-edge through ``Q = C dx + D dy``, ``(C, D) = M r_eta``: lengths along a xi-line become equal if P is the running sum
+of the line's defects; the same holds for Q along an eta-line. The move of each node then follows from a 2 x 2 system,
+whose determinant ``det(M) J`` is positive on a valid mesh. The error falls by a factor that does not depend on the
+number of points.
 
 The nodes on the sides move by the same rule, at the same time. The iteration is local: it needs a start near the
 solution, for instance from a coarser grid, or damping.

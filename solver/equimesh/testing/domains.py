@@ -9,7 +9,7 @@ from equimesh.testing.functions import check_derivative, check_function, place, 
 
 SLOPES = ("x_s", "x_t", "y_s", "y_t")
 UNIT_BOX = (UNIT, UNIT)
-BEYOND = 1e-5  # how far outside the unit square maps hold, too
+BEYOND = 1e-5  # distance outside the unit square at which maps must hold, too
 LINE = 257  # points a direction, or on a side
 PANELS = 64  # a direction, of the integral of the determinant
 AREA_ACCURACY = 1e-5  # relative

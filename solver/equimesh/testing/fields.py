@@ -9,7 +9,7 @@ from equimesh.testing.functions import check_derivative, check_function, require
 from equimesh.testing.taylor import STEP
 
 DERIVATIVES = ("u", "u_x", "u_y", "u_xx", "u_xy", "u_yy")
-COUNTS = (1, 3, 6)  # how many of them there are for each order
+COUNTS = (1, 3, 6)  # the number of them for each order
 POINTS = 200
 
 

@@ -1,4 +1,4 @@
-"""What fields, metrics and maps have in common: functions of two arrays of points."""
+"""Checks of functions of two arrays of points, which fields, metrics and maps are."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
@@ -32,7 +32,7 @@ def check_function(function: Function, name: str, parts: Sequence[str], points: 
         results = function(x[:count].reshape(shape), y[:count].reshape(shape))
         require(
             isinstance(results, tuple) and len(results) == len(parts),
-            f"{name} must return the tuple ({', '.join(parts)}), not {_described(results)}",
+            f"{name} must return the tuple ({', '.join(parts)}), not {_describe(results)}",
         )
         for part, result in zip(parts, results, strict=True):
             require(np.shape(result) == shape, f"{name}: {part} has shape {np.shape(result)} at points of {shape}")
@@ -98,5 +98,5 @@ def _require_equal(
         )
 
 
-def _described(results: object) -> str:
+def _describe(results: object) -> str:
     return f"{len(results)} values" if isinstance(results, tuple) else type(results).__name__

@@ -15,7 +15,7 @@ from equimesh.testing.fields import points_in
 from equimesh.testing.functions import check_function, place, require, require_finite
 
 ENTRIES = ("m11", "m12", "m22")
-BEYOND = 1e-5  # how far outside the domain a metric may be requested, as a share of the reference square
+BEYOND = 1e-5  # distance outside the reference square at which the metric must hold, too
 STRENGTHS = (0.0, 0.5, 0.5 + 1e-4, 1.0)
 CONTINUOUS = 0.01  # largest change of the logarithm of a metric for 1e-4 of the strength
 EQUAL = 1e-9  # of the size of a metric
@@ -50,7 +50,7 @@ def check_monitor(monitor: Monitor, domain: Domain = UNIT_SQUARE) -> None:
 def _pickled(monitor: Monitor) -> Monitor:
     try:
         copy: Monitor = pickle.loads(pickle.dumps(monitor))
-    except Exception as error:  # whatever the classes that it is made of raise
+    except Exception as error:  # any class may raise
         raise AssertionError(f"the bound monitor cannot be pickled: {error}") from error
     return copy
 

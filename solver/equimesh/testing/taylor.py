@@ -1,4 +1,4 @@
-"""Taylor remainders: whether a derivative is that of a function."""
+"""Taylor remainders: the check of a derivative."""
 
 from collections.abc import Callable
 
@@ -11,12 +11,12 @@ ACCURACY = 1e-6  # of a derivative, as a share of its scale
 
 
 def wrong_by(value: Callable[[float], Array], slope: Array, size: float = 1.0) -> Array:
-    """How far ``slope`` is from the derivative of ``value`` at 0, entry by entry; 0 where the two agree.
+    """The distance of ``slope`` from the derivative of ``value`` at 0, entry by entry; 0 where the two agree.
 
     Their difference is ``r(h) / h``, with ``r(h) = (value(h) - value(-h)) / 2 - h slope`` the odd part of the Taylor
     remainder. It falls at second order in h to the error of the slope. Two values of h, ``STEP * size`` and half of it,
-    say how large the part is that falls; what exceeds that part is reported. So a function that is steep, or has a kink
-    next to a point, is not blamed for it.
+    show how large the part is that falls. Only an excess over that part is reported, so that no error is reported for a
+    steep function, or one with a kink near a point.
     """
     coarse, fine = ((value(h) - value(-h)) / (2.0 * h) - slope for h in (STEP * size, 0.5 * STEP * size))
     scale = np.abs(slope).max(initial=0.0) + np.abs(value(0.0)).max(initial=0.0) / size

@@ -79,7 +79,7 @@ def _check_strength(condition: TransmissionCondition) -> None:
 
 def _check_equations(settings: Schwarz, exact: Mesh) -> None:
     """The single-domain mesh solves the equations of every subdomain, and their Jacobian is right nearby."""
-    case = _described(settings)
+    case = _describe(settings)
     decomposition, exactly = settings.decompose(PROBLEM.grid), replace(settings, local_solver=LocalSolver.NEWTON)
     subdomains = subdomains_of(PROBLEM, decomposition, exactly, enough=0.0, threads=1)
     subdomains.restart(exact)
@@ -110,7 +110,7 @@ def _check_equations(settings: Schwarz, exact: Mesh) -> None:
 
 
 def _check_limit(settings: Schwarz, exact: Mesh) -> None:
-    case, bump = _described(settings), AWAY * np.sin(np.pi * exact.x) * np.sin(np.pi * exact.y)
+    case, bump = _describe(settings), AWAY * np.sin(np.pi * exact.x) * np.sin(np.pi * exact.y)
     for record in schwarz_iterations(PROBLEM, settings, Mesh(exact.x + bump, exact.y - bump)):
         helped = [subdomain.subdomain for subdomain in record.subdomains if subdomain.classical]
         require(not helped, f"{case}, classical data took the place of the condition in subdomain {helped[:1]}")
@@ -125,7 +125,7 @@ def _check_limit(settings: Schwarz, exact: Mesh) -> None:
     require(apart <= LIMIT, f"{case}, the limit differs from the single-domain mesh by {apart:.3g}")
 
 
-def _described(settings: Schwarz) -> str:
+def _describe(settings: Schwarz) -> str:
     columns, rows = settings.subdomains
     return f"with {columns} x {rows} subdomains, an overlap of {settings.overlap} and {settings.ordering} ordering"
 

@@ -1,4 +1,4 @@
-"""Samples out of an uploaded file: npz, npy, csv, json, vtu, vtk or xdmf."""
+"""Samples from an uploaded file: npz, npy, csv, json, vtu, vtk or xdmf."""
 
 import json
 import math
@@ -37,7 +37,7 @@ NEEDED = "give x, y and values (a grid), or points and values (scattered samples
 
 
 def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box: Box | None = None) -> Samples:
-    """u from the contents ``data`` of a file; the suffix of ``filename`` says what it is.
+    """u from the contents ``data`` of a file; the suffix of ``filename`` determines the format.
 
     The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
 
@@ -52,16 +52,16 @@ def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box:
 
     The points of a csv, vtu, vtk or xdmf file that fill a rectilinear grid become :class:`GridSamples`, others
     :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
-    unpacked. Raises :class:`~equimesh.errors.SamplesError`, which says what to change.
+    unpacked. Raises :class:`~equimesh.errors.SamplesError`, whose message names the remedy.
     """
     return samples_of(read_arrays(data, filename, max_bytes=max_bytes), box=box)
 
 
 def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
-    """The arrays of a file, for :func:`samples_of`, as far as they are determined without the domain.
+    """The arrays of a file, for :func:`samples_of`; the domain is not needed yet.
 
-    Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), or ``values`` (2-D) alone. Raises what
-    :func:`read_samples` raises where the file cannot be read; the arrays themselves are not checked.
+    Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), or ``values`` (2-D) alone. Raises the
+    errors of :func:`read_samples` where the file cannot be read; the arrays themselves are not checked.
     """
     suffix = PurePath(filename).suffix.lower().removeprefix(".")
     if suffix not in READERS:
@@ -74,7 +74,7 @@ def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> di
 
 
 def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
-    """u out of arrays with the keys of :func:`read_arrays`."""
+    """u from arrays with the keys of :func:`read_arrays`."""
     if "points" in arrays:
         return ScatteredSamples(points=arrays["points"], values=arrays["values"], box=box)
     values = arrays["values"]
@@ -187,7 +187,7 @@ def _delimiter(lines: list[str]) -> str | None:
 
 
 def _columns(cells: list[str], number: int) -> list[int] | None:
-    """Where x, y and u stand according to a header; none when the line holds numbers."""
+    """The columns of x, y and u according to a header; none when the line holds numbers."""
     try:
         for cell in cells:
             float(cell)
@@ -238,7 +238,7 @@ def _from_points(points: Array, values: Array) -> dict[str, Any]:
 
 
 def _choose(found: list[str]) -> tuple[str, ...]:
-    """The keys to read of those found."""
+    """The keys to read."""
     for keys in (GRID_KEYS, SCATTERED_KEYS):
         if set(keys) <= set(found):
             return keys

@@ -1,7 +1,7 @@
 """Points and point data of VTK files that a caller sends: ``.vtu`` (XML) and legacy ``.vtk``.
 
-Only what samples need is decoded, and never more of it than ``max_bytes``: what a compressed block may expand
-to is known from the number of points before it is expanded. Cells are skipped.
+Only the data of samples is decoded, and at most ``max_bytes`` of it: the size of an expanded block is known from the
+number of points before it is expanded. Cells are skipped.
 """
 
 import base64

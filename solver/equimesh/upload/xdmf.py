@@ -1,7 +1,7 @@
 """Points and point data of an XDMF file that a caller sends: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone.
 
 Alone it holds its numbers as text. The XML names its arrays as ``mesh.h5:/data0``: the file must be a member of the
-zip, and the array a plain one inside it. Nothing outside is ever opened.
+zip, and the array a plain one inside it. No other file is ever opened.
 """
 
 import io
@@ -23,7 +23,7 @@ ReadMember: TypeAlias = Callable[[str], bytes]
 
 COMPONENTS: Final = {"XY": 2, "XYZ": 3}
 FILTERS: Final = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
-# MemoryError: the library believes sizes that a broken header gives.
+# MemoryError: the library trusts the sizes in a broken header.
 _BROKEN = (OSError, RuntimeError, LookupError, ValueError, TypeError, OverflowError, MemoryError, zlib.error)
 REMEDY = "send the zip of an .xdmf and its .h5 file, as GET /v1/meshes/{id}/file?format=xdmf gives it"
 AS_ARRAYS = "dolfinx writes such files; send the points and values of the function in an .npz file instead"
@@ -37,10 +37,10 @@ def read_xdmf(data: bytes, *, max_bytes: int) -> Cloud:
     if not data.startswith(b"PK"):
         return _XdmfReader(data, _no_member, max_bytes).read()
     with open_zip(data, "xdmf", max_bytes, REMEDY) as members:
-        described = [name for name in members.names if name.endswith(".xdmf")]
-        if not described:
+        descriptions = [name for name in members.names if name.endswith(".xdmf")]
+        if not descriptions:
             raise SamplesError(f"the zip file has no member that ends in .xdmf: {REMEDY}")
-        return _XdmfReader(members.read(described[0]), _member_of(members), max_bytes).read()
+        return _XdmfReader(members.read(descriptions[0]), _member_of(members), max_bytes).read()
 
 
 def _no_member(name: str) -> bytes:
@@ -184,4 +184,4 @@ def _check_chunks(dataset: Any, name: str, file_size: int) -> None:
         if mask:
             raise SamplesError(f"{name[:40]!r} of the xdmf file leaves out a step of its packing: save it again")
         if len(zlib.decompressobj().decompress(packed, size + 5)) > size + 4:  # 4: the sum of FLETCHER32
-            raise SamplesError(f"{name[:40]!r} of the xdmf file expands to more than it says")
+            raise SamplesError(f"{name[:40]!r} of the xdmf file expands to more than its stated size")

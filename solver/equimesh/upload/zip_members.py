@@ -41,7 +41,7 @@ class Members:
         self.names = self.archive.namelist()
 
     def read(self, name: str) -> bytes:
-        """The bytes of a member, which is never written anywhere, whatever its name is."""
+        """The bytes of a member, which are never written to a file."""
         member = self.archive.getinfo(name)
         if member.compress_type not in _METHODS:
             raise SamplesError(f"{name[:80]!r} in the {self.kind} file is packed in an unusual way: use deflate")
@@ -51,15 +51,15 @@ class Members:
         with self.archive.open(member) as stream:
             found = stream.read(member.file_size + 1)
         if len(found) != member.file_size:
-            raise SamplesError(f"{name[:80]!r} in the {self.kind} file is not as long as it says")
+            raise SamplesError(f"{name[:80]!r} in the {self.kind} file does not have its stated length")
         return found
 
 
 @contextmanager
 def open_zip(data: bytes, kind: str, max_bytes: int, remedy: str) -> Iterator[Members]:
-    """The members of the zip file ``data``; ``kind`` is what to call it in messages, ``remedy`` how to write one.
+    """The members of the zip file ``data``; ``kind`` is its name in messages, ``remedy`` the advice to write one.
 
-    Raises :class:`~equimesh.errors.SamplesError` for whatever is wrong with it, also where it is used.
+    Raises :class:`~equimesh.errors.SamplesError` for every fault of it, also where it is used.
     """
     if data.count(_ENTRY) > MAX_MEMBERS:  # before they are listed, which takes long
         raise SamplesError(f"the {kind} file has more than {MAX_MEMBERS} members")

@@ -103,7 +103,7 @@ class TestRectangle:
             ({"y": (2, 2)}, "domain.y", "y = (2, 2)"),
             ({"y": (0, math.nan)}, "domain.y", "y[1] = nan"),
             ({"x": (0, 1e10)}, "domain.x", "at most 1e+09"),
-            ({"x": (0, "1")}, "domain.x", "x[1] = 1: a number"),
+            ({"x": (0, "1")}, "domain.x", "x[1] = 1: must be a number"),
             ({"x": (False, 1)}, "domain.x", "x[0] = False"),
             ({"x": (0, 1, 2)}, "domain.x", "two numbers"),
             ({"x": 3}, "domain.x", "two numbers"),

@@ -48,7 +48,7 @@ def test_half_the_monitor_leads_up_to_one_on_which_sweeps_fail(u: str, monkeypat
         return sorted(set(seen))
 
     with monkeypatch.context() as patch:
-        patch.setattr(iteration, "_factorised", None)  # no Newton step is needed
+        patch.setattr(iteration, "_newton_level", None)  # no Newton step is needed
         assert strengths() == [0.5, 1.0]
         patch.setattr(iteration, "_weaker", lambda *_: iter(()))
         with pytest.raises(TypeError):  # but for what is tested here

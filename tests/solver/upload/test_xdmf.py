@@ -117,7 +117,7 @@ class TestXdmf:
                 made = file.create_dataset("g/points", (44, 2), "f8", chunks=(44, 2), compression="gzip")
                 made.id.write_direct_chunk((0, 0), packed)
 
-            refused(zipped(a_xdmf=IN_H5, a_h5=h5(expanding)), "u.zip", "expands to more than it says")
+            refused(zipped(a_xdmf=IN_H5, a_h5=h5(expanding)), "u.zip", "expands to more than its stated size")
             assert tracemalloc.get_traced_memory()[1] < 35_000_000  # what the test itself packs
         finally:
             tracemalloc.stop()

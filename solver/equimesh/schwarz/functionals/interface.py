@@ -22,7 +22,7 @@ class Interface:
     """An interface of one window, as the condition that closes it.
 
     ``axis`` is the direction across the interface, ``end`` the end (0 or 1) of the window where it lies, ``line`` the
-    grid line in the window on which the functionals stand. ``nodes`` are those on the line that belong to this
+    grid line of the window on which the functionals are evaluated. ``nodes`` are those on the line that belong to this
     interface, ``free`` those of them whose tangential coordinate no physical side fixes. ``p`` is signed.
     """
 

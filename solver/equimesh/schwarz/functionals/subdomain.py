@@ -1,4 +1,4 @@
-"""The mesh equations of one subdomain: its window of the grid, its interfaces, and what it sends and receives."""
+"""The mesh equations of one subdomain: its window of the grid, its interfaces, and the data that it exchanges."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -15,14 +15,13 @@ from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """One interface of a subdomain, seen from the subdomain that receives.
+    """One interface of the subdomain that receives data over it.
 
     ``axis`` is the direction across it, ``end`` the end of the subdomain where it lies, ``line`` its grid line in the
     whole grid, ``sender`` the number of the neighbour beyond, ``p`` the signed parameter of the ``condition``.
     """
 
     condition: PairOfFunctionals
-
     axis: int
     end: int
     line: int
@@ -39,7 +38,7 @@ class CornerLink:
 
 
 class Neighbours(Protocol):
-    """The other subdomains, as a receiver sees them."""
+    """The other subdomains, as the receiver reads them."""
 
     def functional(self, link: Link) -> InterfaceData:
         """The two functionals of the link's condition on its grid line, evaluated by the sender."""
@@ -72,14 +71,14 @@ class SubdomainProblem:
     def equations(self, neighbours: Neighbours, *, classical: bool = False) -> MeshEquations:
         """The subdomain's equations with data from its neighbours.
 
-        ``classical`` takes the positions on the outermost lines of the window instead of the own condition: a problem
-        with milder data, for when that one has no solution near by.
+        ``classical`` takes the neighbours' positions on the outermost lines of the window instead of the condition: a
+        problem that more often has a solution near by.
         """
         conditions = self._conditions(neighbours, classical)
         return MeshEquations(self.problem.metric, self.window.shape, self._spacing, conditions)
 
     def held(self, neighbours: Neighbours, state: Mesh) -> Mesh:
-        """The state with the outermost lines beyond interfaces where the neighbours have them: classical data."""
+        """The state with the neighbours' positions on the outermost lines beyond interfaces: classical data."""
         x, y = state.x.copy(), state.y.copy()
         for link in map(self._classical, self.links):
             data, edge, nodes = neighbours.functional(link), -1 if link.end else 0, self._nodes(link.axis)
@@ -92,12 +91,12 @@ class SubdomainProblem:
         return Mesh(x, y)
 
     def functional(self, state: Mesh, link: Link) -> InterfaceData:
-        """What this subdomain sends over a neighbour's ``link``: the functionals of its own window."""
+        """The data that this subdomain sends over a neighbour's ``link``: the functionals of its own window."""
         if isinstance(link.condition, Classical):
             return self._positions(state, link)
         equations = MeshEquations(self.problem.metric, self.window.shape, self._spacing, ())
-        seen = equations.window(equations.vector(state))
-        turned = seen if link.axis == 0 else seen.turned()
+        window = equations.window(equations.vector(state))
+        turned = window if link.axis == 0 else window.turned()
         line, nodes = link.line - self.window.first[link.axis], self._nodes(link.axis)
         return InterfaceData(
             normal=link.condition.normal(turned, line, link.p).values[nodes],
@@ -161,7 +160,7 @@ class SubdomainProblem:
         return replace(link, condition=Classical(), line=window.stop - 1 if link.end else window.start, p=0.0)
 
     def _interface(self, link: Link, data: InterfaceData) -> Interface:
-        # Where the interface ends on a physical side, or in a corner of interfaces, the tangential unknown is taken.
+        # Where the interface ends on a physical side or at another interface, the tangential unknown is fixed already.
         return Interface(
             condition=link.condition,
             axis=link.axis,

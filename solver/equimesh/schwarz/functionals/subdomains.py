@@ -1,4 +1,4 @@
-"""Subdomains that exchange the paper's functionals: each has a state of its own, and reads those of its neighbours."""
+"""Subdomains that exchange the paper's functionals: each has its own state, and reads those of its neighbours."""
 
 import math
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import SubdomainWindow
 from equimesh.sweeps.frame import Frame
 
-# Sweeps of a subdomain with classical data end when their moves are this share of the first: so accurate that the rate
-# of the paper's iteration shows.
+# Sweeps of a subdomain with classical data end when their moves are this share of the first. A larger share would
+# change the rate of the paper's iteration.
 SWEEP_ACCURACY = 1e-4
 MAX_SWEEPS = 40
 
@@ -30,7 +30,7 @@ MAX_SWEEPS = 40
 class FunctionalSlopes:
     """The derivative of the functionals that subdomains receive by the nodes of a merged mesh.
 
-    Sender and receiver take a functional on equal stencils: what the sender has of the mesh, the receiver's part has.
+    Sender and receiver evaluate a functional on equal stencils, so that the receiver's part of the mesh is enough.
     """
 
     def __init__(self, parts: Sequence[SubdomainProblem], equations: Sequence[MeshEquations], mesh: Mesh) -> None:
@@ -38,8 +38,8 @@ class FunctionalSlopes:
         self._rows, self._matrices = [], []
         for window, local in zip(self._windows, equations, strict=True):
             z = local.vector(window.restrict(mesh))
-            seen, conditions = local.window(z), local.conditions
-            rows = [c.rows(seen).rows for c in conditions if isinstance(c, Interface | InterfaceCorner)]
+            state, conditions = local.window(z), local.conditions
+            rows = [c.rows(state).rows for c in conditions if isinstance(c, Interface | InterfaceCorner)]
             self._rows.append(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
             self._matrices.append(local.jacobian(z).tocsr()[self._rows[-1]])
 
@@ -59,7 +59,7 @@ class FunctionalSlopes:
 
 @dataclass(frozen=True)
 class _Exchange:
-    """The subdomains as their neighbours see them, in the states they are read from."""
+    """The subdomains with the states that their neighbours read."""
 
     parts: Sequence[SubdomainProblem]
     states: Sequence[Mesh]
@@ -72,10 +72,7 @@ class _Exchange:
 
 
 class FunctionalSubdomains:
-    """All subdomains of a decomposition, with a transmission condition of the paper.
-
-    ``classical`` makes all of them take classical data in place of the condition.
-    """
+    """All subdomains of a decomposition, with a transmission condition of the paper."""
 
     def __init__(
         self, problem: Problem, decomposition: Decomposition, condition: PairOfFunctionals, solver: LocalSolver
@@ -89,11 +86,11 @@ class FunctionalSubdomains:
         self._read: tuple[list[Mesh], Mesh] = [], Mesh.uniform(problem.grid)
 
     def restart(self, mesh: Mesh) -> None:
-        """Take the parts of ``mesh`` for the solutions of the subdomains."""
+        """Set the states of the subdomains to their parts of ``mesh``."""
         self._states = [window.restrict(mesh) for window in self.windows]
 
     def begin(self, mesh: Mesh) -> None:
-        """Read the last solutions in the solves to come; ``mesh`` is what they merge to."""
+        """Read the last solutions in the next solves; ``mesh`` is the merged mesh."""
         self._read = list(self._states), mesh
 
     def solve(self, k: int) -> Outcome:
@@ -131,8 +128,8 @@ class FunctionalSubdomains:
         return self.parts[k].equations(_Exchange(self.parts, self._read[0]))
 
     def slopes(self, states: Sequence[Mesh]) -> FunctionalSlopes:
-        """How what the subdomains receive changes with the merged mesh, where the states are parts of it."""
-        del states  # the data enters the equations as it is, whatever the solution
+        """The derivative of the received data by the merged mesh, where the states are parts of it."""
+        del states  # the data enters the equations directly, for any solution
         return FunctionalSlopes(self.parts, [self.equations(k) for k in range(len(self.parts))], self._read[1])
 
     def sent(self, k: int) -> int:
@@ -142,7 +139,7 @@ class FunctionalSubdomains:
         return 2 * (lines + len(part.corner_links))
 
     def _swept(self, k: int, start: Mesh) -> NewtonSolution:
-        """The solution with the interfaces held as ``start`` has them; not converged where it folds."""
+        """The solution with the interfaces held at their positions in ``start``; not converged where it folds."""
         if start.is_folded:
             return NewtonSolution(start, 0, math.inf, converged=False)
         if k not in self._sweeps:

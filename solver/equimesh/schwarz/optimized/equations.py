@@ -1,7 +1,7 @@
-"""The equations of a subdomain whose interfaces yield, for Newton's method: what its sweeps solve, to rounding.
+"""The equations of a subdomain whose interfaces yield, for Newton's method. Sweeps solve the same equations.
 
-The window's outermost line beyond an interface is held. On the interface the equation across it says that the last edge
-inside has the metric length of those beyond, as :class:`equimesh.schwarz.optimized.sides.YieldingSide` tells it.
+The window's outermost line beyond an interface is held. By the equation across the interface, the last edge inside has
+the metric length of those beyond, which :class:`equimesh.schwarz.optimized.sides.YieldingSide` gives.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from equimesh.schwarz.window import ENDS, SubdomainWindow
 
 
 def equations(problem: Problem, window: SubdomainWindow, held: Mesh, yielding: Sides) -> MeshEquations:
-    """The equations of a window, with its outermost lines beyond interfaces where ``held`` has them."""
+    """The equations of a window, with its outermost lines beyond interfaces at their positions in ``held``."""
     physical = [side for place, side in sides(problem.boundary).items() if not window.open[place]]
     edges = tuple(
         (float(span.first), float(points - 1 - span.last))
@@ -28,7 +28,7 @@ def equations(problem: Problem, window: SubdomainWindow, held: Mesh, yielding: S
     for side in yielding.sides:
         beyond = edges[side.axis][side.end]
         conditions.append(YieldingLine(side=side, edges=beyond))
-        # What an orthogonal side has on an interface follows the interior, as everywhere on it.
+        # The node of an orthogonal side on an interface follows the interior, like all nodes of that side.
         if problem.boundary is not Boundary.ORTHOGONAL:
             ends = [end for end in ENDS if not window.open[1 - side.axis, end]]
             conditions += [YieldingEnd(side=side, edges=beyond, end=end, kind=problem.boundary) for end in ends]
@@ -38,7 +38,7 @@ def equations(problem: Problem, window: SubdomainWindow, held: Mesh, yielding: S
 
 @dataclass(frozen=True, kw_only=True)
 class HeldLine:
-    """The outermost line at one end of a window, where ``held`` has it; ``held`` is of the window's shape."""
+    """The outermost line at one end of a window, at its position in ``held``, a mesh of the window's shape."""
 
     axis: int
     end: int
@@ -55,7 +55,7 @@ class HeldLine:
 
 @dataclass(frozen=True, kw_only=True)
 class YieldingLine:
-    """A yielding interface without its ends, with so many ``edges`` of the grid beyond: the equation across it.
+    """A yielding interface without its ends, with ``edges`` of the grid beyond: the equation across it.
 
     The squared metric length of the last edge inside, minus the mean of those beyond as they yield.
     """

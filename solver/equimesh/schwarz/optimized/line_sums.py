@@ -1,4 +1,4 @@
-"""Sums of squared metric lengths along the lines of a mesh, up to any of a few of its cross lines."""
+"""Sums of squared metric lengths along the lines of a mesh, on both sides of some of its cross lines."""
 
 import numpy as np
 
@@ -14,9 +14,9 @@ MAX_ROWS = 64
 
 
 class LineSums:
-    """The metric length of every grid line on both sides of some grid points, in squared lengths of edges.
+    """Sums of the squared metric lengths of edges for every grid line, on both sides of some grid points.
 
-    ``at`` are these grid points, along xi and along eta. ``edges`` are the squared metric lengths of the edges of the
+    ``at`` holds these grid points, along xi and along eta. ``edges`` are the squared metric lengths of the edges of the
     four sides, of shape ``(2, n_eta - 1)`` left and right, ``(2, n_xi - 1)`` bottom and top.
     """
 
@@ -33,7 +33,7 @@ class LineSums:
         self.edges = self._sides.fluxes
 
     def read(self, mesh: Mesh) -> None:
-        """Take the sums of a mesh."""
+        """Compute the sums of a mesh."""
         run_on_threads(self._threads, lambda worker: self._interior(worker, mesh))
         self._sides.moves(mesh.x, mesh.y)
         along_xi, along_eta = self._sums

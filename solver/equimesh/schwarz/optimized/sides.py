@@ -1,12 +1,12 @@
-"""Interfaces that yield: the rest of every grid line takes up metric length with the window, as a whole.
+"""Interfaces that yield: the rest of every grid line outside the window shares the metric length of the line.
 
-Beyond an interface in ``beta`` a grid line goes on over ``N`` edges, whose squared metric lengths in the merged mesh
-sum to ``R``. If the interface node moves by ``dr`` and the rest of the line follows so that its lengths stay equal,
-each of them becomes ``(R - 2 w . dr) / N`` to first order, with ``w = M r_xi`` (in units of one edge): the sum of a
-line's lengths changes by what its ends move in the metric. The window's own edges along the line are to be of that
-length, too. In one dimension this is the Dirichlet-to-Neumann map of the rest, however many subdomains it has; N, w and
-R are the Robin parameter, its weights and its data. Along the interface the mesh equations stand as in the interior,
-with the grid line beyond held fixed.
+Beyond an interface in ``beta`` a grid line has ``N`` more edges, whose squared metric lengths in the merged mesh sum to
+``R``. Let the interface node move by ``dr``, and let the rest of the line follow so that its lengths stay equal. Each
+of them then becomes ``(R - 2 w . dr) / N`` to first order, with ``w = M r_xi`` (in units of one edge): the sum of a
+line's lengths changes by the moves of its ends in the metric. The window's own edges along the line must have that
+length, too. In one dimension this is the Dirichlet-to-Neumann map of the rest, for any number of subdomains; N, w and R
+are the Robin parameter, its weights and its data. Along the interface the mesh equations hold as in the interior, with
+the grid line beyond held fixed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from equimesh.sweeps.frame import Frame
 
 
 def frame(window: SubdomainWindow, points: tuple[int, int]) -> Frame:
-    """The frame of a window whose interfaces yield, in a grid of so many points."""
+    """The frame of a window whose interfaces yield, in a grid of this many ``points``."""
     beyond = tuple(
         (
             float(window.part.spans[axis].first) if window.open[axis, 0] else 0.0,
@@ -38,10 +38,10 @@ def frame(window: SubdomainWindow, points: tuple[int, int]) -> Frame:
 
 @dataclass(frozen=True, kw_only=True)
 class YieldingSide:
-    """One yielding interface with what its neighbours told: arrays over the lines that cross it.
+    """One yielding interface with its data from the merged mesh: arrays over the lines that cross it.
 
     ``total`` is the sum of the squared metric lengths beyond it, ``weights`` are w, ``x`` and ``y`` the nodes of the
-    interface, all in the merged mesh.
+    interface.
     """
 
     axis: int
@@ -60,9 +60,9 @@ class YieldingSide:
 
 
 def sides(metric: ReferenceMetric, window: SubdomainWindow, state: Mesh, sums: LineSums, *, local: bool) -> Sides:
-    """The yielding sides of a window, whose ``state`` is its part of the merged mesh, and of which ``sums`` were taken.
+    """The yielding sides of a window; ``state`` is its part of the merged mesh, ``sums`` those of the mesh.
 
-    ``local`` takes the length of the first edge beyond an interface for that of all edges there.
+    ``local`` takes the length of the first edge beyond an interface for all edges there.
     """
     found = []
     for (axis, end), is_open in window.open.items():
@@ -79,7 +79,7 @@ class Sides:
     shape: tuple[int, ...]
 
     def rest(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """What :meth:`equimesh.sweeps.sweep.Sweep.correct` is to know of the lines beyond the window."""
+        """The sums beyond the window, for :meth:`equimesh.sweeps.sweep.Sweep.correct`."""
         found = np.zeros((2, self.shape[1])), np.zeros((2, self.shape[0]))
         for side in self.sides:
             found[side.axis][side.end] = side.rest(x, y)

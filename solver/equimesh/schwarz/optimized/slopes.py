@@ -1,4 +1,4 @@
-"""How what subdomains with yielding interfaces receive changes with the merged mesh."""
+"""The derivative of the data of subdomains with yielding interfaces by the merged mesh."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ class YieldingSlopes:
     """The derivative of the right sides that all subdomains receive, where they have the solutions ``states``.
 
     Held lines and sums of metric lengths are differentiated exactly, the weights of an interface by a central
-    difference quotient. The latter are multiplied by moves of the interface, which are zero at the fixed point.
+    difference quotient. These weights are multiplied by moves of the interface, which are zero at the fixed point.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class YieldingSlopes:
         *,
         local: bool,
     ) -> None:
-        """``sums`` are read anew for other meshes, and for ``mesh`` at last."""
+        """``sums`` are recomputed for other meshes, and finally for ``mesh``."""
         self._problem, self._windows, self._sums, self._local = problem, windows, sums, local
         self._mesh, self._states, self._edges = mesh, states, EdgeSlopes(problem, mesh)
         self._sides = self._sides_of(mesh)
@@ -68,7 +68,7 @@ class YieldingSlopes:
         return found
 
     def _close(self, k: int, side: YieldingSide, right: Array, rest: Array) -> None:
-        """Put the change of what lies beyond an interface to the equations across it."""
+        """Add the change of the sums beyond an interface to the equations across it."""
         window, points = self._windows[k], self._problem.grid.shape[side.axis]
         span = window.part.spans[side.axis]
         edges = points - 1 - span.last if side.end else span.first
@@ -80,7 +80,7 @@ class YieldingSlopes:
         right[side.axis][place] = rest[nodes] / (edges * spacing**2)
 
     def _rest(self, k: int, side: YieldingSide, held: list[Array], slopes: list[Array], edges: Pair) -> Array:
-        """The change of the sum of the squared metric lengths beyond an interface, the state of the window held."""
+        """The change of the sum of squared metric lengths beyond an interface, with a fixed state of the window."""
         window, line = self._windows[k], -2 if side.end else 1
         place = (line, slice(None)) if side.axis == 0 else (slice(None), line)
         state = self._states[k]
@@ -110,14 +110,14 @@ class EdgeSlopes:
         self._cells = Cells(equations.window(equations.vector(mesh)))
         self._spacing = problem.grid.d_xi, problem.grid.d_eta
         self._sides = []
-        # An orthogonal side follows the interior: the lengths of its edges are nobody's data.
+        # An orthogonal side follows the interior: no subdomain receives the lengths of its edges.
         if problem.boundary is not Boundary.ORTHOGONAL:
             for side in physical_sides(problem.boundary).values():
                 line = SideLine.of(side, problem.metric, side.line((mesh.x, mesh.y)[1 - side.axis]))
                 self._sides.append((side, line.flux_derivatives))
 
     def along(self, change: Pair) -> Pair:
-        """Of the xi-edges, shape ``(n_xi - 1, n_eta)``, and of the eta-edges, when the nodes move by ``change``."""
+        """The change for the xi-edges, ``(n_xi - 1, n_eta)``, and the eta-edges, when the nodes move by ``change``."""
         n_xi, n_eta = change[0].shape
         found = np.zeros((n_xi - 1, n_eta)), np.zeros((n_xi, n_eta - 1))
         halves = [self._half(edge, change) for edge in range(len(EDGES))]

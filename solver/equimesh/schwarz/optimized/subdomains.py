@@ -1,4 +1,4 @@
-"""Subdomains whose interfaces yield: each reads the merged mesh, and the sums of metric lengths along its lines."""
+"""Subdomains whose interfaces yield: each reads the merged mesh and the sums of metric lengths along its lines."""
 
 import math
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from equimesh.schwarz.port import MAX_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
 from equimesh.schwarz.window import AXES, SubdomainWindow
 
-# Sweeps of a subdomain end when their moves are this share of the first: the interface data is no better. With ten
-# times the accuracy the numbers of iterations are the same.
+# Sweeps of a subdomain end when their moves are this share of the first: the interface data is no more accurate. A
+# tenth of it leads to the same numbers of iterations.
 SWEEP_ACCURACY = 0.1
 MAX_SWEEPS = 4
 
@@ -27,9 +27,8 @@ MAX_SWEEPS = 4
 class OptimizedSubdomains:
     """All subdomains of a decomposition, with the optimized condition.
 
-    Sweeps of a subdomain end where they move its nodes by no more than ``enough``. ``in_turns`` says that subdomains
-    are solved one turn after the other: then each writes its overlap into the merged mesh, too, for those of later
-    turns.
+    Sweeps of a subdomain end when they move its nodes by no more than ``enough``. With ``in_turns`` each subdomain also
+    writes its overlap into the merged mesh, for those of later turns.
     """
 
     def __init__(
@@ -55,17 +54,17 @@ class OptimizedSubdomains:
         self._mesh, self._in_turns = Mesh.uniform(problem.grid), in_turns
 
     def restart(self, mesh: Mesh) -> None:
-        """Nothing is kept: every solve reads the merged mesh."""
+        """Nothing to do: every solve reads the merged mesh."""
 
     def begin(self, mesh: Mesh) -> None:
-        """Read the merged mesh ``mesh`` in the solves to come."""
+        """Read the merged mesh ``mesh`` in the next solves."""
         self._mesh = mesh
         self._sums.read(mesh)
 
     def solve(self, k: int) -> Outcome:
         """The solution of a subdomain, from its part of the merged mesh.
 
-        By sweeps as far as an iteration needs; where they are not asked for, or fail, by Newton's method to rounding.
+        By sweeps, as accurate as an iteration needs. Where they fail or are not requested, by Newton's method.
         """
         start, sides = self.received(k)
         if self._by_sweeps:
@@ -91,21 +90,23 @@ class OptimizedSubdomains:
         return self.windows[k].restrict(mesh)
 
     def equations(self, k: int) -> MeshEquations:
-        """The equations of a subdomain, with the data that it has from the merged mesh."""
+        """The equations of a subdomain, with its data from the merged mesh."""
         start, sides = self.received(k)
         return yielding_equations.equations(self._problem, self.windows[k], start, sides)
 
     def slopes(self, states: Sequence[Mesh]) -> YieldingSlopes:
-        """How what the subdomains receive changes with the mesh that is read, at their solutions ``states``."""
+        """The derivative of the received data by the mesh that is read, at the solutions ``states``."""
         return YieldingSlopes(self._problem, self.windows, self._sums, self._mesh, states, local=self._local)
 
     def received(self, k: int) -> tuple[Mesh, yielding.Sides]:
-        """What a subdomain knows: its part of the merged mesh, and its yielding sides."""
+        """The data of a subdomain: its part of the merged mesh, and its yielding sides."""
         start = self.windows[k].restrict(self._mesh)
         return start, yielding.sides(self._problem.metric, self.windows[k], start, self._sums, local=self._local)
 
     def sent(self, k: int) -> int:
-        """Numbers that a subdomain receives in one iteration: the line beyond each interface, and a sum for each of
-        the lines that cross it."""
+        """Numbers that a subdomain receives in one iteration: three for each line that crosses an interface.
+
+        Two are the node beyond the interface, one is the sum.
+        """
         window = self.windows[k]
         return sum(3 * window.shape[1 - axis] for (axis, _), is_open in window.open.items() if is_open)
