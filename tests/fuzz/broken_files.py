@@ -26,22 +26,8 @@ from hypothesis import strategies as st
 from equimesh.errors import SamplesError
 from equimesh.upload.samples import READERS
 from equimesh_service.assembly.samples import convert
-from solver.upload.test_samples import (
-    CLOUD,
-    CLOUD_U,
-    IN_H5,
-    TABLE,
-    VTK_HEAD,
-    X,
-    Y,
-    csv,
-    h5,
-    npy,
-    npz,
-    vtu,
-    with_cloud,
-    zipped,
-)
+from solver.upload.files import CLOUD, CLOUD_U, TABLE, X, Y, csv, npy, npz
+from solver.upload.markup import IN_H5, VTK_HEAD, h5, vtu, with_cloud, zipped
 
 MEMORY = 256 * 2**20  # on top of what the readers need to start
 MOST_BYTES = 1_000_000

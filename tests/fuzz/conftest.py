@@ -31,7 +31,7 @@ def fuzz_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         max_iterations=5,
         max_queue=100_000,
         max_wait=0.5,
-        time_limit=3.0,
+        time_limit=30.0,
         log_level="error",
     )
 

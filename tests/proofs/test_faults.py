@@ -162,16 +162,20 @@ def _cpu_seconds(pid: int) -> float:
 
 
 @pytest.mark.parametrize(
-    ("function", "arguments", "name"),
-    [(allocate, (1000,), "memory-limit"), (time.sleep, (30,), "time-limit"), (add, (1, 1), "internal-error")],
+    ("function", "arguments", "seconds", "name"),
+    [
+        (allocate, (1000,), 60.0, "memory-limit"),
+        (time.sleep, (60,), 0.4, "time-limit"),
+        (add, (1, 1), 60.0, "internal-error"),
+    ],
 )
 def test_a_job_that_breaks_a_limit_fails_and_says_so(
-    tmp_path: Path, function: Any, arguments: tuple[Any, ...], name: str
+    tmp_path: Path, function: Any, arguments: tuple[Any, ...], seconds: float, name: str
 ) -> None:
     store = Store(f"sqlite:///{tmp_path / 'a.sqlite3'}")
     engine = PebbleEngine(1, memory_limit=64, preload=PRELOAD)
     store.prepare()
-    rules = Rules(time_limit=0.4, memory_limit=64)
+    rules = Rules(time_limit=seconds, memory_limit=64)
     dispatcher = Dispatcher("me", store, engine, lambda *_: (function, arguments), rules, lambda _: None)
     store.meshes.add(NewMesh(id="a", spec=SPEC))
     dispatcher.start(alone=True)

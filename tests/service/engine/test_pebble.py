@@ -41,7 +41,7 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
 # In a process of its own: the server is all engines', and there are those of other tests here.
 SERVER_DIES = """
 import os, signal, time
-from equimesh_service.engine.port import WorkerLostError
+from equimesh_service.errors import WorkerLostError
 from equimesh_service.engine.pebble import PebbleEngine
 
 engine = PebbleEngine(1, preload=["equimesh_service.engine.pebble"])

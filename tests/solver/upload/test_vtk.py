@@ -18,6 +18,7 @@ import pytest
 from equimesh.upload.samples import read_samples
 from solver.upload.bombs import check_bomb_is_refused
 from solver.upload.files import CLOUD, CLOUD_U, GRID_POINTS, TABLE, check_cloud, check_grid, refused
+from solver.upload.markup import VTK_HEAD, vtu
 
 
 def mesh_file(folder: Path, form: str, points: Any, data: dict[str, Any], **options: Any) -> bytes:
@@ -25,23 +26,6 @@ def mesh_file(folder: Path, form: str, points: Any, data: dict[str, Any], **opti
     mesh = meshio.Mesh(np.pad(points, ((0, 0), (0, 1))), [("vertex", [[0], [1]])], point_data=data)
     meshio.write(path, mesh, file_format=form, **options)
     return path.read_bytes()
-
-
-VTK_HEAD = "# vtk DataFile Version 3.0\ntitle POINTS 3 float\nASCII\nDATASET UNSTRUCTURED_GRID\n"
-
-
-def vtu(arrays: dict[str, Any], *, tail: str = "", **attributes: str) -> bytes:
-    """A vtu file around the given texts of its arrays: ``(attributes, text)`` each."""
-    root = "".join(f' {k}="{v}"' for k, v in attributes.items())
-    parts = {
-        name: f"<DataArray type='Float64' Name='{name}' {form}>{text}</DataArray>"
-        for name, (form, text) in arrays.items()
-    }
-    return (
-        f"<?xml version='1.0'?><VTKFile type='UnstructuredGrid' version='1.0'{root}><UnstructuredGrid>"
-        f"<Piece NumberOfPoints='{len(CLOUD)}' NumberOfCells='0'><PointData>{parts['u']}</PointData>"
-        f"<Points>{parts['Points']}</Points></Piece></UnstructuredGrid>{tail}</VTKFile>"
-    ).encode("latin-1")
 
 
 RAW = {"u": CLOUD_U.tobytes(), "Points": np.pad(CLOUD, ((0, 0), (0, 1))).tobytes()}

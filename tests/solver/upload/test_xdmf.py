@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import tracemalloc
-import zipfile
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,40 +15,7 @@ from equimesh.io.write import Cells, MeshData, write_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.upload.samples import read_samples
 from solver.upload.files import CLOUD, CLOUD_U, TABLE, X, Y, check_cloud, check_grid, refused
-
-XDMF = "<Xdmf><Domain><Grid><Geometry GeometryType='XY'>{points}</Geometry>{more}</Grid></Domain></Xdmf>"
-
-
-def item(reference: str, dimensions: str, form: str = "HDF") -> str:
-    return f"<DataItem Dimensions='{dimensions}' Format='{form}'>{reference}</DataItem>"
-
-
-def xdmf(points: str, u: str) -> bytes:
-    return XDMF.format(points=points, more=f"<Attribute Name='u' Center='Node'>{u}</Attribute>").encode()
-
-
-def zipped(**members: bytes) -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, data in members.items():
-            archive.writestr(name.replace("_", "."), data)
-    return stream.getvalue()
-
-
-def h5(fill: Callable[[h5py.File], Any]) -> bytes:
-    stream = io.BytesIO()
-    with h5py.File(stream, "w") as file:
-        fill(file)
-    return stream.getvalue()
-
-
-def with_cloud(file: h5py.File, **options: Any) -> None:
-    group = file.create_group("g")
-    group.create_dataset("points", data=CLOUD, **options)
-    group.create_dataset("u", data=CLOUD_U, **options)
-
-
-IN_H5 = xdmf(item("a.h5:/g/points", "44 2"), item(" a.h5:/g/u\n", "44"))
+from solver.upload.markup import IN_H5, XDMF, h5, item, with_cloud, xdmf, zipped
 
 
 class TestXdmf:
