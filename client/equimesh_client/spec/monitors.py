@@ -80,11 +80,14 @@ class Tensor:
         return _with_smoothing({"kind": "tensor", **entries, **_u_json(read, self.u, u)}, self.smoothing)
 
 
+PlainMonitor: TypeAlias = ArcLength | Curvature | Weight | Tensor
+
+
 @dataclass(frozen=True)
 class Intersection:
     """Cells as small as each of 2 to 8 ``monitors`` requires. Those that lack a u take that of `generate`."""
 
-    monitors: Sequence[ArcLength | Curvature | Weight | Tensor | Mapping[str, Any]]
+    monitors: Sequence[PlainMonitor | Mapping[str, Any]]
     smoothing: float = 0.0
 
     def json(self, read: Read, u: object) -> Json:
@@ -104,7 +107,7 @@ class Intersection:
         return _with_smoothing({"kind": "intersection", "monitors": members}, self.smoothing)
 
 
-Monitor: TypeAlias = ArcLength | Curvature | Weight | Tensor | Intersection
+Monitor: TypeAlias = PlainMonitor | Intersection
 
 
 def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) -> Json:
@@ -122,7 +125,7 @@ def _json(monitor: object, read: Read, u: object) -> Json:
         if u is not None and "u" in monitor:
             raise BadArgument("u is given twice: alone, and in the monitor")
         return {**monitor, **({} if u is None else {"u": read(u)})}
-    if isinstance(monitor, ArcLength | Curvature | Weight | Tensor):
+    if isinstance(monitor, PlainMonitor):
         return monitor.json(read, u)
     raise BadArgument(
         f"a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Intersection; not {monitor!r:.80}"
