@@ -1,4 +1,4 @@
-"""The equimesh REST service: :func:`run` serves, :func:`running` serves for the length of a ``with``."""
+"""The equimesh REST service: :func:`run` serves in the foreground, :func:`running` for the length of a ``with``."""
 
 from contextlib import AbstractContextManager
 
@@ -7,9 +7,9 @@ from equimesh_service.settings import Settings
 __all__ = ["Settings", "run", "running"]
 
 
-# The server is imported late: those who only need the settings do not load FastAPI, SQLAlchemy and the solver.
+# The server is imported late, so that the settings load without FastAPI, SQLAlchemy and the solver.
 def run(settings: Settings) -> None:
-    """Serve until the process is told to stop; see :func:`equimesh_service.server.run`."""
+    """Serve until the process gets SIGINT or SIGTERM; see :func:`equimesh_service.server.run`."""
     from equimesh_service import server
 
     server.run(settings)

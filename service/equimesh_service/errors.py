@@ -6,6 +6,7 @@
     ├── CannotServeError            the service cannot start; says why and what to do
     │   ├── ExposedError            other machines would reach it without an API key
     │   ├── FolderInUseError        another service uses the data folder
+    │   ├── NotStartedError         its parts did not start in time; also a RuntimeError
     │   ├── TracingMissingError     traces are requested and OpenTelemetry is not installed
     │   ├── FilesError              the storage of files cannot be used, now or later; also an OSError
     │   └── UnusableDatabaseError   the service cannot work with the database
@@ -39,6 +40,10 @@ class ExposedError(CannotServeError):
 
 class FolderInUseError(CannotServeError):
     """Another service uses the same data folder."""
+
+
+class NotStartedError(CannotServeError, RuntimeError):
+    """The parts of the service did not start in time; its log says why."""
 
 
 class TracingMissingError(CannotServeError):

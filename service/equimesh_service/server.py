@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import uvicorn
 
 from equimesh_service.api.app import create_app
+from equimesh_service.errors import NotStartedError
 from equimesh_service.opening import check_database, check_files, check_folder
 from equimesh_service.settings import Settings, describe_unknown, find_unknown
 from equimesh_service.telemetry import logs
@@ -21,16 +22,16 @@ from equimesh_service.upkeep.exposure import check_exposure
 _log = logging.getLogger(__name__)
 # The first start on a machine compiles the kernels.
 _MAX_START_SECONDS = 300.0
-# How long requests that run may take when the service stops.
+# Time that running requests have when the service stops.
 _GRACE_SECONDS = 5
-# Longer than proxies keep their connections to a service (nginx: 60), so that none is closed as they use it.
+# Longer than proxies keep their connections (nginx: 60), so that none is closed while they use it.
 _KEEP_ALIVE_SECONDS = 75
-# Request line and headers.
+# The most bytes of a request line and its headers.
 _MAX_HEADER_BYTES = 32 * 1024
 
 
 class _Server(uvicorn.Server):
-    """A uvicorn server that ends waits and streams first when it is to stop."""
+    """A uvicorn server that ends waits and streams before it stops."""
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         service = getattr(self.config.app.state, "service", None)  # type: ignore[union-attr]
@@ -40,19 +41,19 @@ class _Server(uvicorn.Server):
 
 
 def run(settings: Settings) -> None:
-    """Serve until the process is told to stop (SIGINT or SIGTERM).
+    """Serve until the process gets SIGINT or SIGTERM.
 
     Raises :class:`~equimesh_service.errors.FolderInUseError` when another service uses the data folder,
-    :class:`~equimesh_service.errors.UnusableDatabaseError` when the database cannot be worked with,
-    :class:`~equimesh_service.errors.ExposedError` when others could use it without a key, and OSError when the
-    address cannot be used.
+    :class:`~equimesh_service.errors.UnusableDatabaseError` when the database cannot be used,
+    :class:`~equimesh_service.errors.ExposedError` when other machines could use the service without a key, and OSError
+    when the address cannot be used.
     """
     logs.configure(settings.log_level, settings.log_format)
     for name, nearest in find_unknown(os.environ).items():
         _log.warning("%s", describe_unknown(name, nearest))
-    with _ending_well():
+    with _exit_cleanly():
         server = _server(settings)
-        listener = _opened(settings)
+        listener = _open(settings)
         _log.info("listening on %s", _url(settings, listener))
         server.run(sockets=[listener])
 
@@ -61,13 +62,11 @@ def run(settings: Settings) -> None:
 def running(settings: Settings) -> Iterator[str]:
     """A service in a thread of this process, ready to work, for the length of a ``with``; gives its URL.
 
-    The main module of a program that uses it must be guarded by ``if __name__ == "__main__"``, as worker
-    processes import it. Raises :class:`~equimesh_service.errors.FolderInUseError` when another service uses
-    the data folder, :class:`~equimesh_service.errors.ExposedError` when others could use it without a key, and
-    :class:`RuntimeError` when the service does not start.
+    Worker processes import the main module of the program: guard it by ``if __name__ == "__main__"``. Raises as
+    :func:`run`, and :class:`~equimesh_service.errors.NotStartedError` when the service does not start.
     """
     server = _server(settings)
-    listener = _opened(settings)
+    listener = _open(settings)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="equimesh-server", daemon=True)
     thread.start()
     try:
@@ -80,11 +79,11 @@ def running(settings: Settings) -> Iterator[str]:
 
 
 @contextmanager
-def _ending_well() -> Iterator[None]:
-    """Exit with 0 on SIGTERM, at once before the server runs and when it has closed after that.
+def _exit_cleanly() -> Iterator[None]:
+    """Exit with 0 on SIGTERM: at once before the server runs, later when it has closed.
 
-    The server sends itself the signal again at its end, which would count as a failure; and the first process of a
-    container hears no SIGTERM at all that it has no handler for.
+    The server sends itself the signal again at its end, which would count as a failure. The first process of a
+    container gets no SIGTERM without a handler.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -97,7 +96,7 @@ def _ending_well() -> Iterator[None]:
 
 
 def _server(settings: Settings) -> _Server:
-    logging.getLogger("uvicorn.access").disabled = True  # ours says more, and nothing of what a client put into a path
+    logging.getLogger("uvicorn.access").disabled = True  # ours says more, and leaves out what a client put into a path
     config = uvicorn.Config(
         create_app(settings),
         log_config=None,
@@ -115,8 +114,8 @@ def _server(settings: Settings) -> _Server:
     return _Server(config)
 
 
-def _opened(settings: Settings) -> socket.socket:
-    """The address, and then the folder: a service that cannot have its address leaves nothing behind."""
+def _open(settings: Settings) -> socket.socket:
+    """Take the address first: a service without an address leaves no files behind."""
     listener = _listen(settings)
     try:
         check_folder(settings)
@@ -154,4 +153,4 @@ def _wait_until_ready(server: _Server, thread: threading.Thread) -> None:
         if server.started and service is not None and service.is_ready:
             return
         time.sleep(0.02)
-    raise RuntimeError("the service did not start; its log says why")
+    raise NotStartedError("the service did not start; its log says why")

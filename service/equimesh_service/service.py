@@ -20,19 +20,11 @@ from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.dispatch.wakeups import END, Wakeups
 from equimesh_service.engine.port import Engine
-from equimesh_service.errors import (
-    EngineError,
-    MemoryLimitError,
-    TimeLimitError,
-)
+from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.settings import Settings
-from equimesh_service.store.rows import (
-    Artifact,
-    MeshRow,
-    SequenceRow,
-)
+from equimesh_service.store.rows import Artifact, MeshRow, SequenceRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.upkeep.metrics import Metrics

@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx
 
-from equimesh_service.admission.intake import Asked, Intake
+from equimesh_service.admission.intake import AcceptedMesh, Intake
 from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import WorkerLostError
 from service.conftest import small, until
@@ -34,7 +34,7 @@ def test_a_task_that_fails_after_the_wait_leaves_no_unread_error() -> None:
             settings=SimpleNamespace(max_wait=30.0, poll=0.01), wakeups=Wakeups(dict.fromkeys, 1.0)
         )
         task: Future[Any] = Future()
-        assert await Intake.ending(service, Asked("a", task), 0.02) is None
+        assert await Intake.wait_for_ending(service, AcceptedMesh("a", task), 0.02) is None
         task.set_exception(WorkerLostError("it died"))
         await asyncio.sleep(0)
         gc.collect()

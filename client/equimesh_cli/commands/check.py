@@ -52,20 +52,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_here(options: argparse.Namespace) -> dict[str, Any]:
-    import numpy as np
-
     from equimesh_cli.options.problem import build_expression
 
-    expression, where = build_expression(options)
-    s, t = np.meshgrid(np.linspace(0, 1, 33), np.linspace(0, 1, 33), indexing="ij")
-    u, u_x, u_y = expression.evaluate(*where.map(s, t), order=1)
-    slope = np.hypot(u_x, u_y)
-    return {
-        "names": sorted(expression.names),
-        "u": {"min": float(u.min()), "max": float(u.max())},
-        "gradient": {"min": float(slope.min()), "max": float(slope.max())},
-        "constant": bool(u.min() == u.max() and not slope.any()),
-    }
+    expression, domain = build_expression(options)
+    return expression.summary(domain=domain)
 
 
 def _check_at_service(options: argparse.Namespace) -> dict[str, Any]:

@@ -73,8 +73,6 @@ def run(options: argparse.Namespace) -> int:
                 raise Refused(str(error), Exit.UNREACHABLE) from None
             except OSError as error:
                 raise Refused(start_error(settings, error), Exit.UNREACHABLE) from error
-            except RuntimeError as error:
-                raise Refused(f"the service cannot be started: {error}", Exit.UNREACHABLE) from error
             output.mkdir(parents=True, exist_ok=True)
             client = stack.enter_context(Client(url, key=""))
             print(f"It answers at {url}.", flush=True)

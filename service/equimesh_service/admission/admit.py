@@ -16,12 +16,12 @@ from typing import Any, TypeVar
 
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
-from equimesh_service.assembly.problem import check, check_schwarz, pointing
+from equimesh_service.assembly.problem import check, check_schwarz, translate_errors
 from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files.port import Files
-from equimesh_service.problems.problem import Problem, invalid
+from equimesh_service.problems.problem import Problem, problem_at
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import CheckedSpec, read_spec
@@ -78,7 +78,7 @@ class Admission:
         self._check_limits(spec)
         wanting = _wanting(spec, upload)
         check_schwarz(spec.canonical)
-        rows = {name: self.stored(name, at, caller) for at, name in spec.stored.items() if name != UPLOAD}
+        rows = {name: self.find_samples(name, at, caller) for at, name in spec.stored.items() if name != UPLOAD}
         if upload is None:
             self._check(spec, rows)
         else:
@@ -88,11 +88,11 @@ class Admission:
             self._remember(spec.monitor_digest)
         return Admitted(spec.canonical, {row.id: row.sha256 for row in rows.values()}, spec.points_digest)
 
-    def stored(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
+    def find_samples(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
         """Samples that the caller has uploaded before; raises a 422 problem."""
         row = self.store.samples.get(samples_id, caller.only)
         if row is None:
-            raise invalid(pointer, "there are no samples with this id; POST /v1/samples gives one")
+            raise problem_at(pointer, "there are no samples with this id; POST /v1/samples gives one")
         return row
 
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
@@ -119,7 +119,7 @@ class Admission:
         with self.files.unfinished(".npz") as path:
             most, arrays = 4 * self.settings.max_body, None
             if upload.is_light:
-                with pointing(pointer):
+                with translate_errors(pointer):
                     arrays = intake.read(upload.data, upload.filename, most, alone=alone)
                     summary = intake.write(arrays, path)
             else:
@@ -136,7 +136,7 @@ class Admission:
         new = self.store.samples.add(
             row, partial(self.files.publish, path, file), key_id=caller.key_id, durable=durable
         )
-        return (row, True) if new else (self.stored(row.id, "", caller), False)
+        return (row, True) if new else (self.find_samples(row.id, "", caller), False)
 
     def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], upload: Path | None = None) -> None:
         """See that the monitor can be used on the domain; what takes long is a worker's work, and is done once."""
@@ -165,11 +165,11 @@ class Admission:
         """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
         key_id = log_context.current().key_id
         try:
-            with pointing(pointer), self.while_waiting(key_id):
+            with translate_errors(pointer), self.while_waiting(key_id):
                 return self.side_workers.submit(key_id, function, *arguments, time_limit=_MAX_WORK_SECONDS).result()
         except (TimeLimitError, MemoryLimitError) as error:
             message = f"this takes too long to check ({error}): send fewer samples, or send them on a grid"
-            raise invalid(pointer or "/monitor", message) from None
+            raise problem_at(pointer or "/monitor", message) from None
         except (EngineError, CancelledError) as error:
             raise Problem("unavailable", f"The request was not checked: {error}.") from None
 
@@ -179,11 +179,11 @@ class Admission:
         for name, points in (("n_xi", spec.grid.n_xi), ("n_eta", spec.grid.n_eta)):
             if points > most.max_points // 4:
                 message = f"too many points: a mesh of this service has at most {most.max_points} in all"
-                raise invalid(f"/grid/{name}", message)
+                raise problem_at(f"/grid/{name}", message)
         points = spec.grid.n_xi * spec.grid.n_eta
         if spec.grid.n_xi > 0 and points > most.max_points:
             message = f"{points} points; a mesh of this service has at most {most.max_points}: lower n_xi or n_eta"
-            raise invalid("/grid", message)
+            raise problem_at("/grid", message)
         for pointer, source in checked.sources.items():
             if isinstance(source, GridSource):
                 self._check_samples(sum(map(len, source.grid.values)), f"{pointer}/grid/values")
@@ -193,18 +193,18 @@ class Admission:
             along_xi, along_eta = spec.schwarz.subdomains
             if max(along_xi, along_eta) > most.max_subdomains or along_xi * along_eta > most.max_subdomains:
                 message = f"too many: this service takes at most {most.max_subdomains} subdomains in all"
-                raise invalid("/schwarz/subdomains", message)
+                raise problem_at("/schwarz/subdomains", message)
             if spec.schwarz.overlap > max(spec.grid.n_xi, spec.grid.n_eta):
                 message = "the overlap is larger than the grid: 2 to 8 points are usual"
-                raise invalid("/schwarz/overlap", message)
+                raise problem_at("/schwarz/overlap", message)
             if spec.schwarz.max_iterations > most.max_iterations:
                 message = f"too many: this service runs at most {most.max_iterations} iterations"
-                raise invalid("/schwarz/max_iterations", message)
+                raise problem_at("/schwarz/max_iterations", message)
 
     def _check_samples(self, number: int, pointer: str) -> None:
         if number > self.settings.max_samples:
             message = f"{number} samples; this service takes at most {self.settings.max_samples}: send fewer"
-            raise invalid(pointer, message)
+            raise problem_at(pointer, message)
 
 
 def _wanting(spec: CheckedSpec, upload: Upload | None) -> str:
@@ -214,7 +214,7 @@ def _wanting(spec: CheckedSpec, upload: Upload | None) -> str:
     wanting = next((pointer for pointer, name in spec.stored.items() if name == UPLOAD), "")
     if wanting and upload is None:
         message = 'send the request as multipart, with parts "spec" and "samples", or give the id of stored samples'
-        raise invalid(wanting, message)
+        raise problem_at(wanting, message)
     if upload is not None and not wanting:
-        raise invalid(next(iter(spec.sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
+        raise problem_at(next(iter(spec.sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
     return wanting

@@ -43,7 +43,7 @@ class MeshRequest:
 
 
 @dataclass(frozen=True)
-class Asked:
+class AcceptedMesh:
     """A mesh that is in the store, and the work on it where that has begun already."""
 
     mesh_id: str
@@ -60,12 +60,7 @@ class Intake:
     wakeups: Wakeups
     quotas: Quotas
 
-    async def ask(
-        self,
-        admitted: Admitted,
-        caller: Caller,
-        request: MeshRequest,
-    ) -> Asked:
+    async def accept(self, admitted: Admitted, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """Put an admitted spec into the queue or, when the request waits for it, give it to a worker at once.
 
         Raises 409, 422 and 429 problems.
@@ -81,24 +76,24 @@ class Intake:
                 )
             if again is not None:
                 log_context.current().mesh_id = again
-                return Asked(again)
+                return AcceptedMesh(again)
         fingerprint = admitted.fingerprint(request.format) if step is None else step.fingerprint
         reserved = seconds > 0 and self.dispatcher.line.reserve()
         if not reserved:
             known = await self._find_repeated(new, key, fingerprint)
             if known is not None:  # a repeated request adds no work
                 log_context.current().mesh_id = known
-                return Asked(known)
+                return AcceptedMesh(known)
             reserved = seconds > 0 and await self._stand_in_line(min(seconds, _MAX_LINE_SECONDS))
         lease = self.dispatcher.lease if reserved else None
         try:
-            asked = await self._add(admitted, caller, request, new, fingerprint, lease)
+            accepted = await self._add(admitted, caller, request, new, fingerprint, lease)
         except BaseException:
             if lease is not None:
                 self.dispatcher.line.release()
             raise
-        log_context.current().mesh_id = asked.mesh_id
-        return asked
+        log_context.current().mesh_id = accepted.mesh_id
+        return accepted
 
     async def _find_repeated(self, new: NewMesh, key: str | None, fingerprint: str) -> str | None:
         """The mesh of an earlier request with this idempotency key."""
@@ -128,7 +123,7 @@ class Intake:
         new: NewMesh,
         fingerprint: str,
         lease: Lease | None,
-    ) -> Asked:
+    ) -> AcceptedMesh:
         step = request.step
         if lease is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
@@ -144,29 +139,29 @@ class Intake:
             )
         if lease is None:
             self.dispatcher.wake()
-            return Asked(mesh_id)
+            return AcceptedMesh(mesh_id)
         if mesh_id != new.id:  # an older one of the same key
             self.dispatcher.line.release()
-            return Asked(mesh_id)
+            return AcceptedMesh(mesh_id)
         mesh_input = MeshInput(spec=admitted.spec, samples=admitted.samples, format=new.format)
         if step is not None:
             fields = None if step.fields is None else step.fields.sha256
             mesh_input = replace(mesh_input, start=step.start, fields=fields)
         claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
         try:
-            return Asked(mesh_id, self.dispatcher.begin(claim, mesh_input))
+            return AcceptedMesh(mesh_id, self.dispatcher.begin(claim, mesh_input))
         except EngineError:
             self.dispatcher.line.release()  # the mesh is there, and the dispatcher sees that no worker has it
-            return Asked(mesh_id)
+            return AcceptedMesh(mesh_id)
 
-    async def ending(self, asked: Asked, seconds: float) -> Ending | None:
+    async def wait_for_ending(self, accepted: AcceptedMesh, seconds: float) -> Ending | None:
         """How a mesh ended that a worker got at once; None for others, and for one that runs after ``seconds``."""
-        if asked.task is None:
+        if accepted.task is None:
             return None
         # Not by `asyncio.wrap_future`, which logs an exception that comes when nobody waits any more.
-        task, deadline = asked.task, time.monotonic() + min(seconds, self.settings.max_wait)
+        task, deadline = accepted.task, time.monotonic() + min(seconds, self.settings.max_wait)
         while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
-            await self.wakeups.wait(asked.mesh_id, min(left, self.settings.poll))
+            await self.wakeups.wait(accepted.mesh_id, min(left, self.settings.poll))
         if not task.done() or task.cancelled() or task.exception() is not None:
             return None  # the store has the answer, now or soon
         return task.result() if isinstance(task.result(), Ending) else None

@@ -1,4 +1,4 @@
-"""Limits for each API key: what it may have, and how often it may ask."""
+"""The limits of each API key: stored bytes, unfinished meshes, open waits, requests a minute."""
 
 import math
 import time
@@ -16,12 +16,13 @@ from equimesh_service.settings import Settings
 from equimesh_service.store.quotas import Quota, QuotaStore
 
 _MINUTE_SECONDS = 60
-# Bytes are summed again after these seconds, or after this many times the duration of the sum.
-_SUM_SECONDS, _SUM_SHARE = 5.0, 50.0
+# Stored bytes are summed again after this time.
+_SUM_SECONDS = 5.0
+# They are summed again no sooner than after this many times the duration of the last sum.
+_SUM_COST_RATIO = 50.0
 # Deleted bytes count no longer than this.
 _MIN_SUM_SECONDS = 0.5
-# Seconds after which to ask again; else 10. Unfinished meshes come to an end, and waits do so soon, while bytes go when
-# somebody deletes them.
+# The value of Retry-After where it is not 10. Waits end soon; bytes are freed only when they are deleted.
 _RETRY_SECONDS = {"key_max_bytes": "3600", "key_max_waits": "2"}
 _LIMITS = {
     "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
@@ -133,7 +134,7 @@ class Quotas:
         if found is None or now >= found.until or (found.size + more > most and now >= found.again):
             size = await run_in_threadpool(self._store.stored_bytes, caller.key_id)
             took = self._clock() - now
-            wait = _SUM_SHARE * took
+            wait = _SUM_COST_RATIO * took
             found = _Sum(size, now + max(_SUM_SECONDS, wait), now + max(_MIN_SUM_SECONDS, wait))
         fits = found.size + more <= most
         self._sums[caller.key_id] = replace(found, size=found.size + more) if fits else found

@@ -20,12 +20,12 @@ from equimesh.upload.samples import read_npz
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.files.port import Files, Removed, StoredFile
-from equimesh_service.problems.problem import Complaint, Problem, complaint_of, invalid, invalid_input
-from equimesh_service.spec.document import escaped, parse
+from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at
+from equimesh_service.spec.document import escape_token, parse
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.sources import ExpressionSource
 from equimesh_service.spec.step import MAX_FIELDS, NodesSource, StepSpec
-from equimesh_service.spec.strict import validated
+from equimesh_service.spec.strict import validate
 from equimesh_service.store.rows import NODAL, Artifact, SamplesRow
 from equimesh_service.store.store import Store
 
@@ -61,7 +61,7 @@ class Move:
         u = None if isinstance(self.u, ExpressionSource) else read(self.u, "u", "/u/nodes")
         fields = {}
         for name, values in self.fields.items():
-            pointer = f"/fields{escaped(name)}"
+            pointer = f"/fields{escape_token(name)}"
             if not _NAME.fullmatch(name) or name in RESERVED:
                 reserved = ", ".join(sorted(RESERVED))
                 message = f"a field has a name of at most 32 letters, digits and underscores, none of {reserved}"
@@ -69,13 +69,13 @@ class Move:
             elif (found := read(values, name, pointer)) is not None:
                 fields[name] = found
         if complaints:
-            raise invalid_input(complaints)
+            raise input_problem(complaints)
         return u, fields
 
 
 def read_json(data: bytes) -> Move:
     """A step in JSON; raises 400 and 422 problems."""
-    spec = validated(StepSpec, parse(data))
+    spec = validate(StepSpec, parse(data))
     return Move(step=spec.step, u=spec.u.nodes if isinstance(spec.u, NodesSource) else spec.u, fields=spec.fields)
 
 
@@ -84,18 +84,18 @@ def read_arrays(data: bytes, max_bytes: int) -> Move:
     try:
         arrays = read_npz(data, max_bytes=max_bytes)
     except SamplesError as error:
-        raise invalid_input([complaint_of(error, escaped(error.field) if error.field else "")]) from None
+        raise input_problem([complaint_of(error, escape_token(error.field) if error.field else "")]) from None
     for name in ("step", "u"):
         if name not in arrays:
-            raise invalid(
+            raise problem_at(
                 f"/{name}", f"the npz file needs an array {name}: step is the number of the step that follows"
             )
     step = arrays.pop("step")
     if step.size != 1 or step.dtype.kind not in "iu":
-        raise invalid("/step", "this must be a single whole number: the step that this one follows")
+        raise problem_at("/step", "this must be a single whole number: the step that this one follows")
     u = arrays.pop("u")
     if len(arrays) > MAX_FIELDS:
-        raise invalid("/fields", f"{len(arrays)} fields; a step carries at most {MAX_FIELDS}")
+        raise problem_at("/fields", f"{len(arrays)} fields; a step carries at most {MAX_FIELDS}")
     return Move(step=int(step.reshape(-1)[0]), u=u, fields=arrays)
 
 
@@ -104,7 +104,7 @@ def check_first_spec(admitted: Admitted) -> Admitted:
     kind = admitted.spec["monitor"]["kind"]
     if kind not in KINDS:
         message = f"a sequence follows one function u: its monitor is {' or '.join(KINDS)}, not {kind}"
-        raise invalid("/monitor/kind", message)
+        raise problem_at("/monitor/kind", message)
     return admitted
 
 
@@ -156,7 +156,7 @@ class Stepping:
         except Problem as problem:
             if not problem.errors:
                 raise
-            raise invalid_input([_moved(complaint) for complaint in problem.errors]) from None
+            raise input_problem([_moved(complaint) for complaint in problem.errors]) from None
 
     def _mesh(self, mesh_id: str) -> Mesh:
         artifact = self.store.meshes.artifact(mesh_id, "mesh")

@@ -5,16 +5,15 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
 from fastapi import APIRouter, Request
 
 from equimesh import Boundary, Initial, specs
 from equimesh.fields.expression import FUNCTIONS, LIMITS
 from equimesh.io.write import CELLS, FORMATS
 from equimesh_service.admission import steps
-from equimesh_service.api.resources import DomainReport, ExpressionReport, Range
+from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
-from equimesh_service.assembly.problem import pointing
+from equimesh_service.assembly.problem import translate_errors
 from equimesh_service.problems.problem import Problem
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
@@ -25,6 +24,7 @@ from equimesh_service.worker.names import PICTURES, PLOTS
 
 router = APIRouter(prefix="/v1", tags=["checks"])
 
+# Points in each direction at which an expression is evaluated.
 _CHECKED_POINTS = 65
 _BODY = {
     "required": True,
@@ -70,21 +70,17 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "max_samples": settings.max_samples,
         },
         "sequences": {"monitors": list(steps.KINDS), "max_fields": MAX_FIELDS},
-        "monitors": _named(monitors.USES),
-        "domains": _named(domains.USES),
-        "modes": _named(MODE_USES),
+        "monitors": _list_uses(monitors.USES),
+        "domains": _list_uses(domains.USES),
+        "modes": _list_uses(MODE_USES),
         "boundaries": [str(kind) for kind in Boundary],
         "initials": [str(kind) for kind in Initial],
-        "transmissions": _named(schwarz.TRANSMISSION_USES),
-        "interface_data": _named(schwarz.INTERFACE_DATA_USES),
-        "orderings": _named(schwarz.ORDERING_USES),
-        "accelerations": _named(schwarz.ACCELERATION_USES),
-        "local_solvers": _named(schwarz.LOCAL_SOLVER_USES),
-        "expressions": {
-            "names": ["x", "y", "t", "pi", "e"],
-            "functions": dict(FUNCTIONS),
-            "limits": asdict(LIMITS),
-        },
+        "transmissions": _list_uses(schwarz.TRANSMISSION_USES),
+        "interface_data": _list_uses(schwarz.INTERFACE_DATA_USES),
+        "orderings": _list_uses(schwarz.ORDERING_USES),
+        "accelerations": _list_uses(schwarz.ACCELERATION_USES),
+        "local_solvers": _list_uses(schwarz.LOCAL_SOLVER_USES),
+        "expressions": {"names": ["x", "y", "t", "pi", "e"], "functions": dict(FUNCTIONS), "limits": asdict(LIMITS)},
         "limits": {
             "max_points": settings.max_points,
             "max_body": settings.max_body,
@@ -99,22 +95,14 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
     }
 
 
-def _named(uses: Mapping[str, str]) -> list[dict[str, str]]:
+def _list_uses(uses: Mapping[str, str]) -> list[dict[str, str]]:
     return [{"name": name, "when_to_use": use} for name, use in uses.items()]
 
 
 def _report(data: bytes) -> ExpressionReport:
-    asked = read_expression_check(parse(data)).model_dump(mode="json")
-    with pointing():
-        domain = specs.build_domain(asked.pop("domain"))
-        expression = specs.build_expression(asked, domain)
-    line = np.linspace(0.0, 1.0, _CHECKED_POINTS)
-    u, u_x, u_y = expression.evaluate(*domain.map(*np.meshgrid(line, line, indexing="ij")), order=1)
-    gradient = np.hypot(u_x, u_y)
-    return ExpressionReport(
-        names=sorted(expression.names),
-        u=Range(min=float(u.min()), max=float(u.max())),
-        gradient=Range(min=float(gradient.min()), max=float(gradient.max())),
-        constant=bool(u.min() == u.max() and not gradient.any()),
-        domain=DomainReport(box=[list(ends) for ends in domain.box], area=domain.area),
-    )
+    document = read_expression_check(parse(data)).model_dump(mode="json")
+    with translate_errors():
+        domain = specs.build_domain(document.pop("domain"))
+        expression = specs.build_expression(document, domain)
+    shape = DomainReport(box=[list(ends) for ends in domain.box], area=domain.area)
+    return ExpressionReport(**expression.summary(_CHECKED_POINTS, domain), domain=shape)

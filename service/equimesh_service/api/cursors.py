@@ -9,7 +9,7 @@ import re
 from struct import pack, unpack
 
 from equimesh_service.api.routing import MAX_NUMBER
-from equimesh_service.problems.problem import Problem, invalid
+from equimesh_service.problems.problem import Problem, problem_at
 from equimesh_service.store.rows import MeshRow, Position
 
 _NUMBER = re.compile(r"[0-9a-f]{1,16}")
@@ -38,4 +38,4 @@ def position_of(cursor: str, key_id: str | None) -> Position:
 
 
 def _invalid_cursor() -> Problem:
-    return invalid("", "not a cursor of this list", parameter="cursor")
+    return problem_at("", "not a cursor of this list", parameter="cursor")

@@ -60,9 +60,7 @@ EXAMPLES: dict[str, Any] = {
     "samples": {
         "summary": "u as samples on a grid",
         "value": {
-            "monitor": {
-                "u": {"grid": {"x": [0, 0.5, 1], "y": [0, 1], "values": [[0, 0], [1, 1], [0, 0]]}},
-            },
+            "monitor": {"u": {"grid": {"x": [0, 0.5, 1], "y": [0, 1], "values": [[0, 0], [1, 1], [0, 0]]}}},
             "grid": {"n_xi": 16, "n_eta": 16},
         },
     },

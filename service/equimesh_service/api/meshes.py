@@ -94,9 +94,9 @@ async def create(
 
     with service.quotas.waiting(caller, waiting.seconds):
         mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, reuse=reuse)
-        asked = await service.intake.ask(admitted, caller, mesh_request)
-        headers = {"Location": f"{service.settings.root}/v1/meshes/{asked.mesh_id}"}
-        return await waiting.answer(request, service, caller, asked, admitted.spec["cells"], headers, describe)
+        accepted = await service.intake.accept(admitted, caller, mesh_request)
+        headers = {"Location": f"{service.settings.root}/v1/meshes/{accepted.mesh_id}"}
+        return await waiting.answer(request, service, caller, accepted, admitted.spec["cells"], headers, describe)
 
 
 class _Page(BaseModel):
@@ -112,11 +112,7 @@ class _Page(BaseModel):
 
 @router.get("", summary="List meshes, newest first", operation_id="listMeshes", responses=problems(422))
 async def list_meshes(
-    request: Request,
-    response: Response,
-    service: ServiceDependency,
-    caller: Reader,
-    page: Annotated[_Page, Query()],
+    request: Request, response: Response, service: ServiceDependency, caller: Reader, page: Annotated[_Page, Query()]
 ) -> MeshList:
     """A page of meshes; the header `Link` with rel="next" leads to the next one."""
     only, limit = caller.only, page.limit

@@ -17,7 +17,9 @@ from equimesh_service.wire.security_headers import page_policy
 
 router = APIRouter(include_in_schema=False)
 
-_OURS, _SWAGGER = "equimesh_service.api.assets", "fastapi_swagger.resources"
+# The packages of the files: the service's own, and those of Swagger UI.
+_OURS = "equimesh_service.api.assets"
+_SWAGGER = "fastapi_swagger.resources"
 _ASSETS = {
     "docs.js": (_OURS, "text/javascript"),
     "front.css": (_OURS, "text/css"),

@@ -38,13 +38,7 @@ _CELLS = Query(description="Cells of the file; by default as the spec says.")
 _PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
 
 
-@router.get(
-    "/file",
-    summary="Download the mesh",
-    operation_id="getMeshFile",
-    response_class=Response,
-    responses=_FILES,
-)
+@router.get("/file", summary="Download the mesh", operation_id="getMeshFile", response_class=Response, responses=_FILES)
 async def get_file(
     id: str,
     request: Request,
@@ -62,11 +56,7 @@ async def get_file(
 
 
 @router.head(
-    "/file",
-    summary="Headers of the mesh file",
-    operation_id="headMeshFile",
-    response_class=Response,
-    responses=_FILES,
+    "/file", summary="Headers of the mesh file", operation_id="headMeshFile", response_class=Response, responses=_FILES
 )
 async def head_file(
     id: str,
@@ -146,10 +136,7 @@ async def get_convergence(
     summary="A picture",
     operation_id="getMeshPlot",
     response_class=Response,
-    responses={
-        200: {"content": {media: {} for media in PICTURES.values()}},
-        **problems(404, 410, 406, 409, 422, 503),
-    },
+    responses={200: {"content": {media: {} for media in PICTURES.values()}}, **problems(404, 410, 406, 409, 422, 503)},
 )
 async def get_plot(
     id: str,

@@ -94,11 +94,7 @@ async def get(
 
 
 @router.delete(
-    "/{id}",
-    summary="Delete samples",
-    operation_id="deleteSamples",
-    status_code=204,
-    responses=problems(404, 410, 409),
+    "/{id}", summary="Delete samples", operation_id="deleteSamples", status_code=204, responses=problems(404, 410, 409)
 )
 async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     """Delete samples that no waiting or running mesh needs."""

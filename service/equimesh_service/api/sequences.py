@@ -13,7 +13,7 @@ from starlette.responses import Response
 from equimesh.io.write import FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.intake import Asked, MeshRequest, refusals
+from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
 from equimesh_service.api.mesh_files import check_done
 from equimesh_service.api.mesh_requests import MESH_BODY, check_key, receive_mesh
 from equimesh_service.api.resources import SequenceResource, sequence_resource
@@ -120,8 +120,8 @@ async def create(
     )
     with service.quotas.waiting(caller, waiting.seconds):
         mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=step)
-        asked = await service.intake.ask(admitted, caller, mesh_request)
-        return await _answer(waiting, request, service, caller, asked, admitted.spec["cells"])
+        accepted = await service.intake.accept(admitted, caller, mesh_request)
+        return await _answer(waiting, request, service, caller, accepted, admitted.spec["cells"])
 
 
 @router.get("/{id}", summary="Look at a sequence", operation_id="getSequence", responses=problems(404, 410))
@@ -168,7 +168,7 @@ async def step(
     if again is not None:
         mesh = await service.mesh(again, caller)
         with service.quotas.waiting(caller, waiting.seconds):
-            return await _answer(waiting, request, service, caller, Asked(again), mesh.cells)
+            return await _answer(waiting, request, service, caller, AcceptedMesh(again), mesh.cells)
     await service.quotas.check_bytes(caller, len(data))
     if kind == NPZ:
         move = await service.check(steps.read_arrays, data, 4 * service.settings.max_body)
@@ -191,8 +191,8 @@ async def step(
             discard=service.discard,
         )
         mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=new)
-        asked = await service.intake.ask(made.admitted, caller, mesh_request)
-        return await _answer(waiting, request, service, caller, asked, made.admitted.spec["cells"])
+        accepted = await service.intake.accept(made.admitted, caller, mesh_request)
+        return await _answer(waiting, request, service, caller, accepted, made.admitted.spec["cells"])
 
 
 @router.delete(
@@ -242,17 +242,17 @@ async def _start(service: Service, caller: Caller, sequence_id: str, step: int) 
 
 
 async def _answer(
-    waiting: Waiting, request: Request, service: Service, caller: Caller, asked: Asked, cells: str
+    waiting: Waiting, request: Request, service: Service, caller: Caller, accepted: AcceptedMesh, cells: str
 ) -> Response:
     """The answer with the mesh, its file or its state, and the sequence that it belongs to."""
-    found = await run_in_threadpool(service.store.sequences.step_of, asked.mesh_id)
+    found = await run_in_threadpool(service.store.sequences.step_of, accepted.mesh_id)
     if found is None:
         raise Problem("conflict", "The sequence was deleted at this moment.")
     (sequence_id, number), root = found, service.settings.root
-    location = f"{root}/v1/meshes/{asked.mesh_id}" if number else f"{root}/v1/sequences/{sequence_id}"
+    location = f"{root}/v1/meshes/{accepted.mesh_id}" if number else f"{root}/v1/sequences/{sequence_id}"
 
     async def describe(row: MeshRow) -> SequenceResource:
         return sequence_resource(await service.sequence(sequence_id, caller), number, row, root)
 
     headers = {"Location": location, "Equimesh-Step": str(number)}
-    return await waiting.answer(request, service, caller, asked, cells, headers, describe)
+    return await waiting.answer(request, service, caller, accepted, cells, headers, describe)

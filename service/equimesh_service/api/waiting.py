@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from starlette.responses import Response
 
 from equimesh_service.admission.callers import Caller
-from equimesh_service.admission.intake import Asked
+from equimesh_service.admission.intake import AcceptedMesh
 from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
 from equimesh_service.api.mesh_requests import media_types
 from equimesh_service.service import Service
@@ -48,7 +48,7 @@ class Waiting:
         request: Request,
         service: Service,
         caller: Caller,
-        asked: Asked,
+        accepted: AcceptedMesh,
         cells: str,
         headers: dict[str, str],
         describe: Callable[[MeshRow], Awaitable[BaseModel]],
@@ -57,10 +57,10 @@ class Waiting:
         if self.wanted is not None:
             headers["Preference-Applied"] = f"wait={self.seconds}"
         began, name = time.monotonic(), self.format
-        ending = await service.intake.ending(asked, self.seconds)
+        ending = await service.intake.wait_for_ending(accepted, self.seconds)
         if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
-            return await mesh_bytes(request, service, asked.mesh_id, name, file, headers=headers, status=201)
-        row = await service.finished(asked.mesh_id, self.seconds - (time.monotonic() - began), caller)
+            return await mesh_bytes(request, service, accepted.mesh_id, name, file, headers=headers, status=201)
+        row = await service.finished(accepted.mesh_id, self.seconds - (time.monotonic() - began), caller)
         if row.reused_from is not None:
             headers["Equimesh-Reused"] = row.reused_from
         if row.finished and name is not None:

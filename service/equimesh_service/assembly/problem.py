@@ -9,8 +9,8 @@ from equimesh import Field, specs
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
 from equimesh_service.assembly.samples import Arrays, field_of
-from equimesh_service.problems.problem import complaint_of, invalid_input
-from equimesh_service.spec.document import escaped
+from equimesh_service.problems.problem import complaint_of, input_problem
+from equimesh_service.spec.document import escape_token
 
 Spec: TypeAlias = Mapping[str, Any]
 """A spec that fits the models, as plain JSON."""
@@ -26,7 +26,7 @@ def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
     def samples(name: str, box: Box) -> Field:
         return field_of(find(name), box)
 
-    with pointing():
+    with translate_errors():
         return specs.build(spec, samples)
 
 
@@ -37,15 +37,15 @@ def check(spec: Spec, samples: Mapping[str, Samples]) -> None:
 
 def check_schwarz(spec: Spec) -> None:
     """Raise a 422 problem where the Schwarz settings cannot be used on the grid, or the grid cannot be."""
-    with pointing():
+    with translate_errors():
         specs.build_schwarz(spec)
 
 
 @contextmanager
-def pointing(section: str = "") -> Iterator[None]:
+def translate_errors(section: str = "") -> Iterator[None]:
     """Turn what the solver refuses into a 422 problem that points into ``section`` of the body."""
     try:
         yield
     except InputError as error:
-        pointer = section + "".join(map(escaped, filter(None, error.field.split("."))))
-        raise invalid_input([complaint_of(error, pointer)]) from None
+        pointer = section + "".join(map(escape_token, filter(None, error.field.split("."))))
+        raise input_problem([complaint_of(error, pointer)]) from None

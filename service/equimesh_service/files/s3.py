@@ -239,10 +239,6 @@ def _opened(bucket: Bucket, *, patient: bool = True) -> S3Store:
         retry_config={
             "max_retries": 3 if patient else 1,  # a kept connection may have been closed
             "retry_timeout": timedelta(seconds=10),
-            "backoff": {
-                "init_backoff": timedelta(milliseconds=50),
-                "max_backoff": timedelta(seconds=2),
-                "base": 2,
-            },
+            "backoff": {"init_backoff": timedelta(milliseconds=50), "max_backoff": timedelta(seconds=2), "base": 2},
         },
     )

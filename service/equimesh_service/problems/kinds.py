@@ -42,12 +42,7 @@ KINDS: Mapping[str, Kind] = {
         Kind("not-finished", 409, "Mesh not finished", "Wait with GET /v1/meshes/{id}?wait=30."),
         Kind("canceled", 409, "Mesh canceled", "Post its spec again to compute it."),
         Kind("gone", 410, "Expired and removed", "Post the spec, or the samples, again."),
-        Kind(
-            "precondition-failed",
-            412,
-            "The file has changed",
-            "Download it without If-Match, from its first byte.",
-        ),
+        Kind("precondition-failed", 412, "The file has changed", "Download it without If-Match, from its first byte."),
         Kind("body-too-large", 413, "Body too large", "Send fewer samples, or samples as npz."),
         Kind("unsupported-media-type", 415, "Unsupported media type", "Send the type that the detail names."),
         Kind("range-not-satisfiable", 416, "Range not satisfiable", "Request bytes below the size of the file."),

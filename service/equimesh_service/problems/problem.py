@@ -85,12 +85,12 @@ def answer(body: Mapping[str, Any], status: int, headers: Mapping[str, str] | No
     return Response(content, status, dict(headers or {}), media_type=MEDIA_TYPE)
 
 
-def invalid(pointer: str, message: str, *, parameter: str | None = None) -> Problem:
+def problem_at(pointer: str, message: str, *, parameter: str | None = None) -> Problem:
     """A 422 for one thing wrong."""
-    return invalid_input([Complaint(pointer=pointer, message=message, parameter=parameter)])
+    return input_problem([Complaint(pointer=pointer, message=message, parameter=parameter)])
 
 
-def invalid_input(complaints: Sequence[Complaint]) -> Problem:
+def input_problem(complaints: Sequence[Complaint]) -> Problem:
     """A 422 for everything wrong; the detail repeats the first complaint."""
     first = complaints[0]
     where = first.parameter or first.pointer
@@ -114,7 +114,7 @@ def problem_of(error: Exception) -> Problem:
         case Problem():
             return error
         case RequestValidationError():
-            return invalid_input([_parameter_complaint(entry) for entry in error.errors()])
+            return input_problem([_parameter_complaint(entry) for entry in error.errors()])
         case HTTPException(status_code=405):
             allowed = (error.headers or {}).get("Allow", "")
             return Problem("method-not-allowed", f"This path takes {allowed}.", headers=dict(error.headers or {}))
@@ -123,7 +123,7 @@ def problem_of(error: Exception) -> Problem:
         case HTTPException(status_code=status) if 400 <= status < 500:
             return Problem("malformed-body", str(error.detail))
         case InputError():
-            return invalid_input([complaint_of(error, "")])
+            return input_problem([complaint_of(error, "")])
         case _:
             return Problem("internal-error", "An unexpected error; the service's log has the details.")
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from equimesh_service.problems.problem import Problem, invalid
+from equimesh_service.problems.problem import Problem, problem_at
 
 _SURROGATE_ESCAPE = re.compile(rb"\\u[dD][89a-fA-F]")
 
@@ -31,11 +31,11 @@ def parse(data: bytes) -> Any:
     if _SURROGATE_ESCAPE.search(data):
         for pointer, string in _strings(value):
             if not _is_text(string):
-                raise invalid(pointer, "the text holds half of a surrogate pair; send whole characters")
+                raise problem_at(pointer, "the text holds half of a surrogate pair; send whole characters")
     return value
 
 
-def escaped(part: object) -> str:
+def escape_token(part: object) -> str:
     """One reference token of a JSON pointer (RFC 6901), safe to encode."""
     token = str(part).encode("utf-8", "backslashreplace").decode()
     return "/" + token.replace("~", "~0").replace("/", "~1")
@@ -67,7 +67,7 @@ def _strings(value: Any) -> Iterator[tuple[str, str]]:
             yield pointer, member
         elif isinstance(member, dict):
             yield from ((pointer, key) for key in member)
-            left.extend((pointer + escaped(key), child) for key, child in member.items())
+            left.extend((pointer + escape_token(key), child) for key, child in member.items())
         elif isinstance(member, list):
             left.extend((f"{pointer}/{index}", child) for index, child in enumerate(member))
 

@@ -15,7 +15,7 @@ from equimesh_service.spec.domains import Domain, RectangleSpec
 from equimesh_service.spec.monitors import ArcLengthSpec, Monitor, sources_of, with_samples
 from equimesh_service.spec.schwarz import SchwarzSpec
 from equimesh_service.spec.sources import UPLOAD, AnySource, ExpressionSource, GridSource, StoredSource
-from equimesh_service.spec.strict import WITHOUT_NUL, Parameters, Strict, validated
+from equimesh_service.spec.strict import WITHOUT_NUL, Parameters, Strict, validate
 
 MODE_USES = {
     "discretization": "Meshes to compute on: iterates until the error of the solution on the grid is small beside that "
@@ -114,13 +114,13 @@ class ExpressionCheck(Strict):
 
 def read_spec(document: Any) -> CheckedSpec:
     """The spec in a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
-    spec = validated(MeshSpec, document)
+    spec = validate(MeshSpec, document)
     return CheckedSpec(spec, dict(sources_of(spec.monitor)), spec.model_dump(mode="json"))
 
 
 def read_expression_check(document: Any) -> ExpressionCheck:
     """The body of an expression check; raises as :func:`read_spec`."""
-    return validated(ExpressionCheck, document)
+    return validate(ExpressionCheck, document)
 
 
 def _digest(document: Any) -> str:

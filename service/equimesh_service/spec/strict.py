@@ -17,8 +17,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from equimesh_service.problems.problem import Complaint, invalid_input
-from equimesh_service.spec.document import escaped
+from equimesh_service.problems.problem import Complaint, input_problem
+from equimesh_service.spec.document import escape_token
 
 # Tags of unions start with this character, so that they can be taken out of a pointer again.
 TAG = "\x00"
@@ -73,15 +73,15 @@ def either(words: str) -> WrapValidator:
     return WrapValidator(validate)
 
 
-def validated(model: type[Model], document: Any) -> Model:
+def validate(model: type[Model], document: Any) -> Model:
     """The model of a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
     if not isinstance(document, Mapping):
-        raise invalid_input([Complaint(pointer="", message="the body must be one JSON object")])
+        raise input_problem([Complaint(pointer="", message="the body must be one JSON object")])
     try:
         return model.model_validate(document)
     except ValidationError as error:
         entries = error.errors(include_url=False, include_context=True)
-        raise invalid_input([_complaint(model, entry) for entry in entries[:MAX_COMPLAINTS]]) from None
+        raise input_problem([_complaint(model, entry) for entry in entries[:MAX_COMPLAINTS]]) from None
 
 
 def _complaint(model: type[BaseModel], entry: Any) -> Complaint:
@@ -89,7 +89,7 @@ def _complaint(model: type[BaseModel], entry: Any) -> Complaint:
     place = [part for part in loc if not _is_tag(part)]
     if entry["type"] == "kind" and isinstance(entry["input"], Mapping):
         place.append("kind")
-    return Complaint(pointer="".join(map(escaped, place)), message=_sentence(model, entry, loc))
+    return Complaint(pointer="".join(map(escape_token, place)), message=_sentence(model, entry, loc))
 
 
 def _sentence(model: type[BaseModel], entry: Any, loc: list[Any]) -> str:

@@ -13,8 +13,10 @@ from equimesh_service.store.schema import artifacts, events, mesh_samples, meshe
 
 # How exactly it is noted when samples were last used.
 _USED_AT_PRECISION_SECONDS = 3600.0
-# Built once, since building them takes longer than executing them.
-_INSERT_MESH, _INSERT_USES, _INSERT_EVENTS = insert(meshes), insert(mesh_samples), insert(events)
+# Statements are built once, since building them takes longer than executing them.
+_INSERT_MESH = insert(meshes)
+_INSERT_USES = insert(mesh_samples)
+_INSERT_EVENTS = insert(events)
 _USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).with_for_update(read=True, key_share=True)
 
 

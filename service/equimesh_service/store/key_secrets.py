@@ -7,7 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from hashlib import sha256
 
-READ, WRITE, ADMIN = "read", "write", "admin"
+# To look at meshes and samples.
+READ = "read"
+# To request, cancel and delete them, too.
+WRITE = "write"
+# To see those of all keys, too, and the metrics.
+ADMIN = "admin"
 SCOPES = (READ, WRITE, ADMIN)
 # All that a scope allows, itself included.
 _INCLUDED = {READ: {READ}, WRITE: {READ, WRITE}, ADMIN: {READ, WRITE, ADMIN}}

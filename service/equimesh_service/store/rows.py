@@ -6,14 +6,21 @@ from typing import Any
 
 from equimesh_service.files.port import Publish, publish_nothing
 
-QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED = "queued", "running", "succeeded", "failed", "canceled"
+# The mesh waits for a worker.
+QUEUED = "queued"
+# A worker computes it.
+RUNNING = "running"
+# Its files are there.
+SUCCEEDED = "succeeded"
+# Its error says why; the last valid mesh may be there.
+FAILED = "failed"
+# A client ended it.
+CANCELED = "canceled"
 STATUSES = (QUEUED, RUNNING, SUCCEEDED, FAILED, CANCELED)
 FINISHED = (SUCCEEDED, FAILED, CANCELED)
-# What the ids of samples at the nodes of a mesh begin with. They came with the step of a sequence and go with it.
+# The start of the ids of samples at the nodes of a mesh. They come with a step of a sequence and go with its mesh.
 NODAL = "n-"
-
-
-# Where a page of meshes ends: at a number, for those who see all meshes; at a time and an id, for others.
+# The end of a page of meshes: a number, for callers who see all meshes; a time and an id, for others.
 Position = tuple[int] | tuple[float, str]
 
 

@@ -39,12 +39,7 @@ class OpenTelemetryTracer:
 
     @contextmanager
     def span(
-        self,
-        name: str,
-        attributes: Attributes,
-        *,
-        parent: str | None = None,
-        serves: bool = False,
+        self, name: str, attributes: Attributes, *, parent: str | None = None, serves: bool = False
     ) -> Iterator[None]:
         """A span for the length of a ``with``; an exception marks it as failed, without its words."""
         with self._tracer.start_as_current_span(

@@ -12,12 +12,7 @@ class Tracer(Protocol):
     """Makes spans. ``parent`` is a W3C traceparent; without one, spans belong to the current one."""
 
     def span(
-        self,
-        name: str,
-        attributes: Attributes,
-        *,
-        parent: str | None = None,
-        serves: bool = False,
+        self, name: str, attributes: Attributes, *, parent: str | None = None, serves: bool = False
     ) -> AbstractContextManager[None]:
         """A span for the length of a ``with``; ``serves`` for that of a request."""
         ...

@@ -10,7 +10,12 @@ from equimesh import Event, Iteration, Schwarz
 from equimesh.inputs import finite_or_none
 from equimesh_service.errors import AttemptLostError
 
-SINGLE_DOMAIN, START, SCHWARZ, WRITING = "single_domain", "start", "schwarz", "writing"
+# The stages of a solve. A single domain is solved in one; before a Schwarz iteration there is the start.
+SINGLE_DOMAIN = "single_domain"
+START = "start"
+SCHWARZ = "schwarz"
+# The files are being written.
+WRITING = "writing"
 # Part of the whole that the solves before a Schwarz iteration count for, and the part before the writing.
 _START_SHARE = 0.1
 _SOLVE_SHARE = 0.95

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -90,6 +91,18 @@ class Expression:
         at = (float(x[i, j]), float(y[i, j]))
         wrong = f"the {what} of u {wrong} at (x, y) = ({at[0]:.6g}, {at[1]:.6g})"
         raise_culprit(self._program, at, wrong, LIMITS.magnitude, where=where)
+
+    def summary(self, n: int = 33, domain: Domain = UNIT_SQUARE) -> dict[str, Any]:
+        """The names, and the extremes of u and of the length of its gradient on ``n`` x ``n`` points of ``domain``."""
+        line = np.linspace(0.0, 1.0, n)
+        u, u_x, u_y = self.evaluate(*domain.map(*np.meshgrid(line, line, indexing="ij")), order=1)
+        gradient = np.hypot(u_x, u_y)
+        return {
+            "names": sorted(self.names),
+            "u": {"min": float(u.min()), "max": float(u.max())},
+            "gradient": {"min": float(gradient.min()), "max": float(gradient.max())},
+            "constant": bool(u.min() == u.max() and not gradient.any()),
+        }
 
 
 def _restore(text: str, parameters: dict[str, float], t: float) -> Expression:

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.spec.document import escaped, parse
+from equimesh_service.spec.document import escape_token, parse
 
 
 def test_json_is_read_with_its_numbers() -> None:
@@ -42,4 +42,4 @@ def test_half_a_character_is_refused_where_it_stands(data: bytes, pointer: str) 
 
 
 def test_parts_of_pointers_are_escaped() -> None:
-    assert (escaped("a/b~c"), escaped(3), escaped("\ud800")) == ("/a~1b~0c", "/3", "/\\ud800")
+    assert (escape_token("a/b~c"), escape_token(3), escape_token("\ud800")) == ("/a~1b~0c", "/3", "/\\ud800")
