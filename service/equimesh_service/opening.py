@@ -54,7 +54,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
     engine, side_workers = _open_workers(settings)
-    wakeups, check_threads = Wakeups(store.meshes.unfinished, settings.poll), CheckThreads()
+    wakeups, check_threads = Wakeups(store.meshes.find_unfinished, settings.poll), CheckThreads()
     dispatcher = Dispatcher(
         secrets.token_hex(8),
         store,
@@ -93,7 +93,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                 "files": files.check,
                 "engine": lambda: _health(engine),
                 "exports": lambda: _health(side_workers),
-                "dispatcher": lambda: OK if dispatcher.alive() else "stopped",
+                "dispatcher": lambda: OK if dispatcher.is_alive() else "stopped",
             }
         ),
     )

@@ -76,16 +76,16 @@ class Service:
         """The mesh with this id; raises a 404 problem, also when the caller may not see it."""
         row = await run_in_threadpool(self.store.meshes.get, mesh_id)
         if row is None or not caller.sees(row.key_id):
-            raise await self.missing(mesh_id, caller, "There is no mesh with this id.")
+            raise await self.missing_problem(mesh_id, caller, "There is no mesh with this id.")
         return row
 
-    async def missing(self, name: str, caller: Caller, detail: str) -> Problem:
+    async def missing_problem(self, name: str, caller: Caller, detail: str) -> Problem:
         """The problem for an unknown id: 410 where the caller's mesh or samples have expired."""
-        if await run_in_threadpool(self.store.retention.was_there, name, caller.only):
+        if await run_in_threadpool(self.store.retention.has_removed, name, caller.only):
             return Problem("gone", f"It was removed {self.settings.retention_days:g} days after its last use.")
         return Problem("not-found", detail)
 
-    async def finished(self, mesh_id: str, seconds: float, caller: Caller) -> MeshRow:
+    async def wait_for_end(self, mesh_id: str, seconds: float, caller: Caller) -> MeshRow:
         """The mesh, once it is finished or after ``seconds``; raises a 404 problem."""
         deadline = time.monotonic() + min(seconds, self.settings.max_wait)
         while True:
@@ -99,7 +99,7 @@ class Service:
         """The sequence with this id; raises a 404 problem, also when the caller may not see it."""
         row = await run_in_threadpool(self.store.sequences.get, sequence_id)
         if row is None or not caller.sees(row.key_id):
-            raise await self.missing(sequence_id, caller, "There is no sequence with this id.")
+            raise await self.missing_problem(sequence_id, caller, "There is no sequence with this id.")
         return row
 
     async def artifact(self, mesh_id: str, name: str) -> Artifact:

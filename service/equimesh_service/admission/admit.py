@@ -1,4 +1,4 @@
-"""Admission: everything that is checked of a request before its mesh may wait in the queue."""
+"""Admission: all checks of a request before its mesh enters the queue."""
 
 import json
 import math
@@ -30,9 +30,9 @@ from equimesh_service.store.rows import SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 
-# Longest that one request may keep a worker busy with its samples.
+# The most time of a side worker for the samples of one request.
 _MAX_WORK_SECONDS = 60.0
-# How many monitors are remembered as good for their domain.
+# The most monitors that are remembered as valid on their domains.
 _MAX_REMEMBERED = 1000
 _VERSION = version("equimesh")
 Result = TypeVar("Result")
@@ -40,32 +40,34 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Admitted:
-    """A spec that will be solved: canonical, with the stored samples that it uses, from their ids to their files."""
+    """A canonical spec that will be solved, and the SHA-256 of the files of its samples, by the ids of these."""
 
     spec: Mapping[str, Any]
     samples: Mapping[str, str]
-    digest: str  # the same for specs of the same points
+    digest: str  # equal for specs of the same points
 
     @property
     def points_fingerprint(self) -> str:
-        """The same for meshes that have the same points and come from the same release."""
+        """Equal for meshes of the same release with the same points."""
         return sha256(f"{self.digest} {_VERSION}".encode()).hexdigest()
 
     def fingerprint(self, format: str | None) -> str:
-        """The same for requests that ask for the same, whichever release takes them: a retry may meet a newer one."""
+        """Equal for equal requests, also in different releases: a retry may reach a newer one."""
         more = json.dumps([self.spec["label"], self.spec["cells"], format])
         return sha256(f"{self.digest} {more}".encode()).hexdigest()
 
 
 @dataclass(frozen=True)
 class Admission:
-    """Checks requests against the settings, and keeps the samples that come with them."""
+    """Checks requests against the settings, and stores the samples that come with them."""
 
     settings: Settings
     store: Store
     files: Files
     side_workers: SideWorkers
-    while_waiting: Callable[[str], AbstractContextManager[None]]  # entered to wait for a side worker, by the API key
+    while_waiting: Callable[
+        [str], AbstractContextManager[None]
+    ]  # entered during the wait for a side worker; takes the API key
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
     def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
@@ -73,38 +75,38 @@ class Admission:
         return self.admit(parse(body), upload, caller)
 
     def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
-        """Check a parsed spec, and keep its upload; raises a 422 problem with pointers."""
+        """Check a parsed spec, and store its upload; raises a 422 problem with pointers."""
         spec = read_spec(document)
         self._check_limits(spec)
-        wanting = _wanting(spec, upload)
+        place = _find_upload_place(spec, upload)
         check_schwarz(spec.canonical)
         rows = {name: self.find_samples(name, at, caller) for at, name in spec.stored.items() if name != UPLOAD}
         if upload is None:
             self._check(spec, rows)
         else:
-            row = self._keep_checked(spec, rows, upload, wanting, caller)
+            row = self._keep_checked(spec, rows, upload, place, caller)
             rows[row.id] = row
             spec = spec.with_upload(row.id)
             self._remember(spec.monitor_digest)
         return Admitted(spec.canonical, {row.id: row.sha256 for row in rows.values()}, spec.points_digest)
 
     def find_samples(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
-        """Samples that the caller has uploaded before; raises a 422 problem."""
+        """The row of samples that the caller has uploaded; raises a 422 problem."""
         row = self.store.samples.get(samples_id, caller.only)
         if row is None:
             raise problem_at(pointer, "there are no samples with this id; POST /v1/samples gives one")
         return row
 
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
-        """Read uploaded samples and keep them; the second value tells whether they are new."""
-        with self._converted(upload, "", alone=True) as (path, summary, _):
+        """Read uploaded samples and store them; the second value is whether they are new."""
+        with self._convert(upload, "", alone=True) as (path, summary, _):
             return self._keep(path, summary, caller, durable=True)
 
     def _keep_checked(
         self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
     ) -> SamplesRow:
-        """Keep the upload of a spec, which is checked first: nothing is kept for a spec that is refused."""
-        with self._converted(upload, pointer, alone=False) as (path, summary, arrays):
+        """Check a spec with its upload, then store the upload: a refused spec leaves nothing behind."""
+        with self._convert(upload, pointer, alone=False) as (path, summary, arrays):
             if arrays is not None and summary["kind"] == "grid" and spec.is_plain:
                 check(spec.canonical, {UPLOAD: arrays})
             else:
@@ -112,10 +114,10 @@ class Admission:
             return self._keep(path, summary, caller, durable=False)[0]
 
     @contextmanager
-    def _converted(
+    def _convert(
         self, upload: Upload, pointer: str, *, alone: bool
     ) -> Iterator[tuple[Path, dict[str, Any], Arrays | None]]:
-        """Uploaded samples as a canonical npz file that is not published, what they are, and light ones as arrays."""
+        """Write uploaded samples to an npz file; gives its path, a summary, and light samples as arrays."""
         with self.files.unfinished(".npz") as path:
             most, arrays = 4 * self.settings.max_body, None
             if upload.is_light:
@@ -139,7 +141,7 @@ class Admission:
         return (row, True) if new else (self.find_samples(row.id, "", caller), False)
 
     def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], upload: Path | None = None) -> None:
-        """See that the monitor can be used on the domain; what takes long is a worker's work, and is done once."""
+        """Check the monitor on the domain. A slow check runs in a worker, once for each monitor and domain."""
         if spec.is_quick:
             check(spec.canonical, {})
             return
@@ -162,7 +164,7 @@ class Admission:
             self.known.popitem(last=False)
 
     def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Have a worker do it, within a time; what it refuses becomes a 422 problem."""
+        """Call ``function`` in a side worker, within a time limit; an input error becomes a 422 problem."""
         key_id = log_context.current().key_id
         try:
             with translate_errors(pointer), self.while_waiting(key_id):
@@ -175,7 +177,7 @@ class Admission:
 
     def _check_limits(self, checked: CheckedSpec) -> None:
         most, spec = self.settings, checked.spec
-        # One direction at a time as well: an absurd number is told as such, whatever the other one is.
+        # One direction at a time first: then the message names the direction that is far too large.
         for name, points in (("n_xi", spec.grid.n_xi), ("n_eta", spec.grid.n_eta)):
             if points > most.max_points // 4:
                 message = f"too many points: a mesh of this service has at most {most.max_points} in all"
@@ -207,14 +209,12 @@ class Admission:
             raise problem_at(pointer, message)
 
 
-def _wanting(spec: CheckedSpec, upload: Upload | None) -> str:
-    """The pointer of the first place that names the upload, "" for none; raises a 422 problem for one without the
-    other.
-    """
-    wanting = next((pointer for pointer, name in spec.stored.items() if name == UPLOAD), "")
-    if wanting and upload is None:
+def _find_upload_place(spec: CheckedSpec, upload: Upload | None) -> str:
+    """The pointer of the first place that names the upload, "" without an upload; raises a 422 problem."""
+    place = next((pointer for pointer, name in spec.stored.items() if name == UPLOAD), "")
+    if place and upload is None:
         message = 'send the request as multipart, with parts "spec" and "samples", or give the id of stored samples'
-        raise problem_at(wanting, message)
-    if upload is not None and not wanting:
+        raise problem_at(place, message)
+    if upload is not None and not place:
         raise problem_at(next(iter(spec.sources)), 'there is a part "samples": refer to it with {"samples": "upload"}')
-    return wanting
+    return place

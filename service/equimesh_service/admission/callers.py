@@ -1,4 +1,4 @@
-"""The caller behind a request, and the short memory that spares the store most questions about keys."""
+"""The callers of requests, by their API keys, with a cache that spares the store most queries."""
 
 import time
 from collections import OrderedDict
@@ -11,10 +11,10 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.store.key_secrets import ADMIN, SCOPES, digest, expand_scopes, id_of
 from equimesh_service.store.keys import KeyStore
 
-# A revoked key works no longer than this, and a first key closes an open service this soon.
-_REMEMBERED_SECONDS = 1.0
-# Secrets, good and bad, that are remembered at most.
-_MAX_REMEMBERED = 1000
+# How long a caller is cached: after this time a revoked key is refused, and the first key closes an open service.
+_CACHE_SECONDS = 1.0
+# The most secrets in the cache, valid and invalid.
+_MAX_CACHED = 1000
 
 
 @dataclass(frozen=True)
@@ -27,16 +27,16 @@ class Caller:
 
     @property
     def admin(self) -> bool:
-        """Whether all meshes and samples are the caller's to see."""
+        """Whether the caller sees the meshes and samples of all keys."""
         return ADMIN in self.scopes
 
     def sees(self, key_id: str) -> bool:
-        """Whether what belongs to this key is there for the caller."""
+        """Whether the caller sees what belongs to this key."""
         return self.admin or key_id == self.key_id
 
     @property
     def only(self) -> str | None:
-        """The one key whose things the caller sees; None for all."""
+        """The key whose meshes and samples the caller sees; None for all keys."""
         return None if self.admin else self.key_id
 
 
@@ -44,50 +44,50 @@ ANYONE = Caller("", frozenset(SCOPES))
 
 
 class Callers:
-    """Tells callers by their secrets. For one event loop; ``clock`` gives seconds that only grow."""
+    """Identifies callers by their secrets. For one event loop; ``clock`` returns monotonic seconds."""
 
     def __init__(self, store: KeyStore, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._store = store
         self._clock = clock
-        self._known: OrderedDict[str, tuple[Caller | None, float]] = OrderedDict()  # by the hashes of secrets
+        self._cache: OrderedDict[str, tuple[Caller | None, float]] = OrderedDict()  # by the hashes of secrets
         self._exist = False
         self._looked_at = float("-inf")
 
     async def identify(self, secret: str | None) -> Caller:
-        """The caller with this secret; raises a 401 problem. While no key was ever created, anyone."""
+        """The caller with this secret, :data:`ANYONE` before the first key is created; raises a 401 problem."""
         key_id = None if secret is None else id_of(secret)
-        caller = None if secret is None or key_id is None else await self._known_as(key_id, digest(secret))
+        caller = None if secret is None or key_id is None else await self._find(key_id, digest(secret))
         if caller is not None:
             return caller
-        if not await self._needed():
+        if not await self._keys_exist():
             return ANYONE
         detail = "This needs an API key." if secret is None else "This API key is not known, or was revoked."
         raise Problem("unauthorized", detail, headers={"WWW-Authenticate": "Bearer"})
 
-    async def stands(self, caller: Caller) -> bool:
-        """Whether a caller of a while ago would still be let in."""
+    async def is_valid(self, caller: Caller) -> bool:
+        """Whether a caller who was identified earlier is still allowed in."""
         if caller.key_id:
-            return await self._known_as(caller.key_id, caller.mark) is not None
-        return not await self._needed()
+            return await self._find(caller.key_id, caller.mark) is not None
+        return not await self._keys_exist()
 
-    async def _needed(self) -> bool:
+    async def _keys_exist(self) -> bool:
         now = self._clock()
-        if not self._exist and now - self._looked_at >= _REMEMBERED_SECONDS:
-            self._exist = await run_in_threadpool(self._store.exist)  # once true it stays so
+        if not self._exist and now - self._looked_at >= _CACHE_SECONDS:
+            self._exist = await run_in_threadpool(self._store.exist)  # once true, it stays true
             self._looked_at = now
         return self._exist
 
-    async def _known_as(self, key_id: str, mark: str) -> Caller | None:
-        """The caller with this key, if its hash is this one and it is in force; in most cases without a look."""
+    async def _find(self, key_id: str, mark: str) -> Caller | None:
+        """The caller with this key and this hash; None for an unknown or revoked key. Most calls need no query."""
         now = self._clock()
-        found = self._known.get(mark)
+        found = self._cache.get(mark)
         if found is not None and now < found[1]:
             return found[0]
         row = await run_in_threadpool(self._store.get, key_id)
-        caller = Caller(key_id, expand_scopes(row.scopes), mark) if row is not None and row.opened_by(mark) else None
-        # The time counts from before the look: a key that is revoked after it is let in no longer than that.
-        self._known[mark] = (caller, now + _REMEMBERED_SECONDS)
-        self._known.move_to_end(mark)
-        while len(self._known) > _MAX_REMEMBERED:
-            self._known.popitem(last=False)
+        caller = Caller(key_id, expand_scopes(row.scopes), mark) if row is not None and row.is_valid(mark) else None
+        # From before the query, so that a key that is revoked during it is refused in time.
+        self._cache[mark] = (caller, now + _CACHE_SECONDS)
+        self._cache.move_to_end(mark)
+        while len(self._cache) > _MAX_CACHED:
+            self._cache.popitem(last=False)
         return caller

@@ -1,4 +1,4 @@
-"""The way of an admitted mesh: into the queue, straight to a worker, or to an earlier mesh of the same spec."""
+"""What becomes of an admitted mesh: it enters the queue, goes straight to a worker, or reuses an earlier mesh."""
 
 import asyncio
 import secrets
@@ -23,16 +23,16 @@ from equimesh_service.store.rows import Claim, Ending, Lease, MeshInput, NewMesh
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 
-# Longest wait of a request in the line for a worker. After it the mesh waits in the store, where nothing is lost.
+# The longest wait of a request in the line for a worker. After it the mesh enters the queue, which survives a crash.
 _MAX_LINE_SECONDS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshRequest:
-    """What a request for a mesh says besides its spec.
+    """A request for a mesh, without its spec.
 
-    ``format`` is that of the requested file, ``seconds`` how long the request waits, ``key`` its idempotency key. With
-    ``reuse`` a finished mesh of the same spec answers it. The mesh may be the ``step`` of a sequence.
+    ``format`` is the format of the requested file, ``seconds`` the wait of the request, ``key`` its idempotency key.
+    With ``reuse`` a finished mesh of the same spec may answer it. ``step`` makes the mesh a step of a sequence.
     """
 
     format: str | None
@@ -44,7 +44,7 @@ class MeshRequest:
 
 @dataclass(frozen=True)
 class AcceptedMesh:
-    """A mesh that is in the store, and the work on it where that has begun already."""
+    """A mesh that is in the store, and the task of its worker where it went straight to one."""
 
     mesh_id: str
     task: Future[Any] | None = None
@@ -52,7 +52,7 @@ class AcceptedMesh:
 
 @dataclass(frozen=True)
 class Intake:
-    """Puts admitted meshes into the store, and on their way."""
+    """Puts admitted meshes into the store, and into the queue or to a worker."""
 
     settings: Settings
     store: Store
@@ -61,14 +61,14 @@ class Intake:
     quotas: Quotas
 
     async def accept(self, admitted: Admitted, caller: Caller, request: MeshRequest) -> AcceptedMesh:
-        """Put an admitted spec into the queue or, when the request waits for it, give it to a worker at once.
+        """Put an admitted spec into the queue, or give it to a worker at once when the request waits for it.
 
         Raises 409, 422 and 429 problems.
         """
         key, step, seconds = request.key, request.step, request.seconds
         new = _new_mesh(admitted, caller, request.format)
         if step is not None:
-            new = replace(new, fingerprint=None)  # its points depend on the steps before, and it has its own fields
+            new = replace(new, fingerprint=None)  # its points depend on earlier steps, and it has its own fields
         if request.reuse and self.settings.reuse:
             with refusals():
                 again = await run_in_threadpool(
@@ -80,10 +80,10 @@ class Intake:
         fingerprint = admitted.fingerprint(request.format) if step is None else step.fingerprint
         reserved = seconds > 0 and self.dispatcher.line.reserve()
         if not reserved:
-            known = await self._find_repeated(new, key, fingerprint)
-            if known is not None:  # a repeated request adds no work
-                log_context.current().mesh_id = known
-                return AcceptedMesh(known)
+            repeated = await self._find_repeated(new, key, fingerprint)
+            if repeated is not None:  # a repeated request adds no work
+                log_context.current().mesh_id = repeated
+                return AcceptedMesh(repeated)
             reserved = seconds > 0 and await self._stand_in_line(min(seconds, _MAX_LINE_SECONDS))
         lease = self.dispatcher.lease if reserved else None
         try:
@@ -103,7 +103,7 @@ class Intake:
             return await run_in_threadpool(self.store.meshes.find_repeated, new.key_id, key, fingerprint)
 
     async def _stand_in_line(self, seconds: float) -> bool:
-        """Wait for a worker to be reserved; False where none came free in time."""
+        """Wait until a worker is reserved; False when none becomes free in time."""
         turn, reserved = self.dispatcher.line.join(), False
         try:
             async with asyncio.timeout(seconds):
@@ -125,7 +125,7 @@ class Intake:
         lease: Lease | None,
     ) -> AcceptedMesh:
         step = request.step
-        if lease is None and await run_in_threadpool(self.store.queue.waiting) >= self.settings.max_queue:
+        if lease is None and await run_in_threadpool(self.store.queue.count_waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
         with tracing.span("enqueue"), refusals():
             mesh_id = await run_in_threadpool(
@@ -133,14 +133,14 @@ class Intake:
                 new,
                 key=request.key,
                 fingerprint=fingerprint,
-                quota=self.quotas.for_mesh(caller),
+                quota=self.quotas.mesh_quota(caller),
                 lease=lease,
                 step=step,
             )
         if lease is None:
             self.dispatcher.wake()
             return AcceptedMesh(mesh_id)
-        if mesh_id != new.id:  # an older one of the same key
+        if mesh_id != new.id:  # an earlier mesh of the same key
             self.dispatcher.line.release()
             return AcceptedMesh(mesh_id)
         mesh_input = MeshInput(spec=admitted.spec, samples=admitted.samples, format=new.format)
@@ -151,19 +151,19 @@ class Intake:
         try:
             return AcceptedMesh(mesh_id, self.dispatcher.begin(claim, mesh_input))
         except EngineError:
-            self.dispatcher.line.release()  # the mesh is there, and the dispatcher sees that no worker has it
+            self.dispatcher.line.release()  # the mesh is stored, and the dispatcher will see that no worker has it
             return AcceptedMesh(mesh_id)
 
     async def wait_for_ending(self, accepted: AcceptedMesh, seconds: float) -> Ending | None:
-        """How a mesh ended that a worker got at once; None for others, and for one that runs after ``seconds``."""
+        """The ending of a mesh that went straight to a worker; None for others, and when ``seconds`` are over first."""
         if accepted.task is None:
             return None
-        # Not by `asyncio.wrap_future`, which logs an exception that comes when nobody waits any more.
+        # Not by `asyncio.wrap_future`, which logs an exception that comes after the last waiter has left.
         task, deadline = accepted.task, time.monotonic() + min(seconds, self.settings.max_wait)
         while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
             await self.wakeups.wait(accepted.mesh_id, min(left, self.settings.poll))
         if not task.done() or task.cancelled() or task.exception() is not None:
-            return None  # the store has the answer, now or soon
+            return None  # the store has the ending, now or soon
         return task.result() if isinstance(task.result(), Ending) else None
 
 
@@ -182,7 +182,7 @@ def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Raise what keeps a mesh out of the store as problems."""
+    """Turn the refusals of the store into problems."""
     try:
         yield
     except KeyReusedError:
@@ -190,7 +190,7 @@ def refusals() -> Iterator[None]:
     except QuotaError as error:
         raise quota_problem(error) from None
     except StepTakenError:
-        detail = "The sequence has taken another step meanwhile, or lost the one that this follows: look at it again."
+        detail = "The sequence has taken another step, or the step that this one follows is gone: GET it again."
         raise Problem("conflict", detail) from None
     except SamplesGoneError:
         raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None

@@ -26,21 +26,21 @@ _MIN_SUM_SECONDS = 0.5
 _RETRY_SECONDS = {"key_max_bytes": "3600", "key_max_waits": "2"}
 _LIMITS = {
     "key_max_queued": ("unfinished meshes", "wait until some are finished, or cancel some"),
-    "key_max_points": ("points in unfinished meshes", "wait until some are finished, or ask for fewer points"),
-    "key_max_waits": ("open waits and event streams", "wait until some have ended, or ask without waiting"),
+    "key_max_points": ("points in unfinished meshes", "wait until some are finished, or request fewer points"),
+    "key_max_waits": ("open waits and event streams", "wait until some have ended, or send requests that do not wait"),
     "key_max_bytes": ("bytes in files, samples and specs", "delete meshes and samples that are no longer needed"),
 }
 
 
 class _Minute:
-    """How many requests there were in the last 60 seconds, and in which of them."""
+    """The numbers of requests in each of the last 60 seconds."""
 
     def __init__(self) -> None:
         self.total = 0
-        self._seconds: deque[tuple[int, int]] = deque()  # a second, and the requests in it
+        self._seconds: deque[tuple[int, int]] = deque()  # pairs of a second and its requests
 
-    def forget(self, now: float) -> None:
-        """Forget what was more than a minute ago."""
+    def drop(self, now: float) -> None:
+        """Drop requests that are more than a minute old."""
         while self._seconds and self._seconds[0][0] < math.floor(now) - _MINUTE_SECONDS:
             self.total -= self._seconds.popleft()[1]
 
@@ -52,16 +52,17 @@ class _Minute:
         self._seconds.append((second, number + 1))
         self.total += 1
 
-    def next_forgotten(self, now: float) -> int:
-        """Seconds until some of them are forgotten."""
+    def seconds_to_drop(self, now: float) -> int:
+        """Seconds until the oldest requests are dropped."""
         oldest = self._seconds[0][0] if self._seconds else math.floor(now)
         return max(1, math.ceil(oldest + _MINUTE_SECONDS + 1 - now))
 
 
 @dataclass(frozen=True)
 class _Sum:
-    """Stored bytes of a key with what came since they were summed; until when that is taken for true, and from when
-    on they are summed again before something is refused.
+    """The stored bytes of a key: the last sum and what was added since.
+
+    It is used up to the time ``until``. From the time ``again`` on, bytes are summed again before a request is refused.
     """
 
     size: int
@@ -70,10 +71,9 @@ class _Sum:
 
 
 class Quotas:
-    """The limits of all keys. For one event loop; callers without a key have none but the service's own, and that of
-    waits, which they share.
+    """The limits of all keys. For one event loop; ``clock`` returns monotonic seconds.
 
-    ``clock`` gives seconds that only grow.
+    Callers without a key share one limit of waits, and have no other limits than those of the service.
     """
 
     def __init__(self, settings: Settings, store: QuotaStore, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -83,32 +83,32 @@ class Quotas:
         self._waits: Counter[str] = Counter()
 
     def count_request(self, caller: Caller) -> dict[str, str]:
-        """The headers that say how many requests are left; raises a 429 problem when none is."""
+        """Headers with the number of requests that are left; raises a 429 problem when none is."""
         most = self._settings.key_requests_per_minute
         if not caller.key_id or not most:
             return {}
         now, minute = self._clock(), self._minutes.setdefault(caller.key_id, _Minute())
-        minute.forget(now)
+        minute.drop(now)
         if minute.total < most:
             minute.add(now)
         else:
-            wait = minute.next_forgotten(now)
+            wait = minute.seconds_to_drop(now)
             detail = (
-                f"This key may send {most} requests a minute (EQUIMESH_KEY_REQUESTS_PER_MINUTE) and has sent them: "
-                f"try again in {wait} seconds; one GET /v1/meshes tells the states of many meshes."
+                f"This key has sent {most} requests in a minute, the limit (EQUIMESH_KEY_REQUESTS_PER_MINUTE): "
+                f"try again in {wait} seconds; one GET /v1/meshes gives the states of many meshes."
             )
             raise Problem("rate-limited", detail, headers={**_rate(most, 0, wait), "Retry-After": str(wait)})
-        return _rate(most, most - minute.total, minute.next_forgotten(now))
+        return _rate(most, most - minute.total, minute.seconds_to_drop(now))
 
-    def for_mesh(self, caller: Caller) -> Quota | None:
-        """What :meth:`MeshesStore.add` is to hold this caller to."""
+    def mesh_quota(self, caller: Caller) -> Quota | None:
+        """The limits of this caller for :meth:`MeshesStore.add`; None without a key."""
         if not caller.key_id:
             return None
         return Quota(queued=self._settings.key_max_queued, points=self._settings.key_max_points)
 
     @contextmanager
-    def waiting(self, caller: Caller, seconds: float) -> Iterator[None]:
-        """Count a wait of the caller of at most ``seconds``; 0 is none; raises a 429 problem when too many do."""
+    def count_wait(self, caller: Caller, seconds: float) -> Iterator[None]:
+        """Count a wait of the caller; one of 0 ``seconds`` does not count. Raises a 429 problem at the limit."""
         key_id, most = caller.key_id, self._settings.key_max_waits
         if not (seconds and most):
             yield
@@ -125,7 +125,7 @@ class Quotas:
                 del self._waits[key_id]
 
     async def check_bytes(self, caller: Caller, more: int = 0) -> None:
-        """Raise a 429 problem when the caller has stored as much as it may, or would with ``more`` bytes."""
+        """Raise a 429 problem when the caller has reached its limit of stored bytes, or would with ``more`` bytes."""
         most = self._settings.key_max_bytes
         if not caller.key_id or not most:
             return
@@ -147,7 +147,7 @@ def _rate(most: int, left: int, seconds: int) -> dict[str, str]:
 
 
 def quota_problem(error: QuotaError, who: str = "This key has") -> Problem:
-    """The 429 problem of a limit that is reached."""
+    """The 429 problem for a limit that is reached."""
     what, remedy = _LIMITS[error.limit]
-    detail = f"{who} {error.used} {what}, and may have {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
+    detail = f"{who} {error.used} {what}; the limit is {error.most} (EQUIMESH_{error.limit.upper()}): {remedy}."
     return Problem("quota-exceeded", detail, headers={"Retry-After": _RETRY_SECONDS.get(error.limit, "10")})

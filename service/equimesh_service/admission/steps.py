@@ -1,4 +1,4 @@
-"""Steps of sequences: what a time-stepper sends, checked, and made into the mesh that is to come next."""
+"""Steps of sequences: the checks of what a time-stepper sends, and the spec of the next mesh."""
 
 import re
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ from equimesh_service.store.store import Store
 Array: TypeAlias = npt.NDArray[np.float64]
 
 FIELDS = "fields"  # the name of the artifact
-# Names in files that are something else, and those that numpy.savez keeps for itself.
+# Names of other arrays in mesh files, and of arguments of numpy.savez.
 RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
 KINDS = ("arc_length", "curvature")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
@@ -41,14 +41,14 @@ _U = "/monitor/u"
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A step as it was sent: ``u`` at the nodes or as an expression, and fields, not yet compared with the mesh."""
+    """A step as it was sent, not yet compared with the mesh: ``u`` at the nodes or as an expression, and the fields."""
 
     step: int
     u: Any
     fields: Mapping[str, Any]
 
     def check(self, mesh: Mesh) -> tuple[Array | None, dict[str, Array]]:
-        """u, None for an expression, and the fields, at the nodes of ``mesh``; raises a 422 problem."""
+        """u (None for an expression) and the fields at the nodes of ``mesh``; raises a 422 problem."""
         complaints: list[Complaint] = []
 
         def read(values: Any, name: str, pointer: str) -> Array | None:
@@ -80,7 +80,7 @@ def read_json(data: bytes) -> Move:
 
 
 def read_arrays(data: bytes, max_bytes: int) -> Move:
-    """A step in npz: the arrays ``step`` (a single number) and ``u``, all others are fields; raises 422 problems."""
+    """A step in npz: ``step`` is a single number, ``u`` an array, all others are fields; raises 422 problems."""
     try:
         arrays = read_npz(data, max_bytes=max_bytes)
     except SamplesError as error:
@@ -100,7 +100,7 @@ def read_arrays(data: bytes, max_bytes: int) -> Move:
 
 
 def check_first_spec(admitted: Admitted) -> Admitted:
-    """The spec of a sequence's first mesh, if a sequence can go on from it; raises a 422 problem."""
+    """The spec of a sequence's first mesh; raises a 422 problem for a monitor that has no single u."""
     kind = admitted.spec["monitor"]["kind"]
     if kind not in KINDS:
         message = f"a sequence follows one function u: its monitor is {' or '.join(KINDS)}, not {kind}"
@@ -109,8 +109,8 @@ def check_first_spec(admitted: Admitted) -> Admitted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Prepared:
-    """A step that can be requested, with its fields in a file that is sealed but not published."""
+class PreparedStep:
+    """A step that can be requested, and the file of its fields, which is sealed but not published."""
 
     admitted: Admitted
     fields: Artifact | None
@@ -124,13 +124,13 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Stepping:
-    """Makes specs of steps; what comes with them is kept."""
+    """Makes the specs of steps, and stores their u and fields."""
 
     admission: Admission
     store: Store
     files: Files
 
-    def prepare(self, move: Move, mesh_id: str, caller: Caller, stack: ExitStack) -> Prepared:
+    def prepare(self, move: Move, mesh_id: str, caller: Caller, stack: ExitStack) -> PreparedStep:
         """The spec of the mesh after ``mesh_id``; raises 409 and 422 problems. Files last until ``stack`` closes."""
         spec, mesh = self.store.meshes.spec(mesh_id), self._mesh(mesh_id)
         if spec is None:
@@ -143,11 +143,11 @@ class Stepping:
             monitor = {**spec["monitor"], "u": {"samples": row.id}}
             admitted = Admitted(read_spec({**spec, "monitor": monitor}).canonical, {row.id: row.sha256}, "")
         if not fields:
-            return Prepared(admitted=admitted, fields=None, path=None)
+            return PreparedStep(admitted=admitted, fields=None, path=None)
         path = stack.enter_context(self.files.unfinished(".npz"))
         np.savez(path, **fields)  # type: ignore[arg-type]
         file = self.files.seal(path)
-        return Prepared(admitted=admitted, fields=Artifact(FIELDS, file.sha256, file.size), path=path)
+        return PreparedStep(admitted=admitted, fields=Artifact(FIELDS, file.sha256, file.size), path=path)
 
     def _of_expression(self, spec: Mapping[str, Any], u: ExpressionSource, caller: Caller) -> Admitted:
         document = {**spec, "monitor": {**spec["monitor"], "u": u.model_dump(mode="json")}}
@@ -156,7 +156,7 @@ class Stepping:
         except Problem as problem:
             if not problem.errors:
                 raise
-            raise input_problem([_moved(complaint) for complaint in problem.errors]) from None
+            raise input_problem([_move_pointer(complaint) for complaint in problem.errors]) from None
 
     def _mesh(self, mesh_id: str) -> Mesh:
         artifact = self.store.meshes.artifact(mesh_id, "mesh")
@@ -169,7 +169,7 @@ class Stepping:
             raise _gone() from None
 
     def _keep(self, mesh: Mesh, u: Array, caller: Caller) -> SamplesRow:
-        """Keep u as samples, which any monitor can name."""
+        """Store u as samples, which a monitor can name."""
         with self.files.unfinished(".npz") as path:
             np.savez(path, x=mesh.x, y=mesh.y, values=u)
             file = self.files.seal(path)
@@ -183,8 +183,8 @@ def _gone() -> Problem:
     return Problem("conflict", "The mesh that this step follows was deleted.")
 
 
-def _moved(complaint: Complaint) -> Complaint:
-    """What was said of the spec, where the step has it."""
+def _move_pointer(complaint: Complaint) -> Complaint:
+    """A complaint about the spec of the mesh, with the pointer into the step."""
     if not complaint.pointer.startswith(_U):
         return complaint
     pointer = "/u" + complaint.pointer.removeprefix(_U)

@@ -31,11 +31,11 @@ from equimesh_service.wire.security_headers import SecurityHeaders
 
 _DESCRIPTION = """Adaptive 2D meshes for PDE solvers: send a monitor function, get a mesh.
 
-One noun, **mesh**: it is requested (`POST /v1/meshes`), it is computed, it is downloaded
+One noun, **mesh**: it is requested (`POST /v1/meshes`), computed, and downloaded
 (`GET /v1/meshes/{id}/file`). With `Prefer: wait=30` all of that is one round trip.
 
-Every error is `application/problem+json` (RFC 9457) with a stable `type`, and for bad input `errors` says where
-(a JSON pointer), what, and for expressions at which column.
+Every error is `application/problem+json` (RFC 9457) with a stable `type`. For bad input, `errors` lists what is wrong
+and where: a JSON pointer, and the column in an expression.
 """
 _TAGS = [
     {"name": "meshes", "description": "Request meshes, follow and cancel them."},
@@ -48,8 +48,7 @@ _TAGS = [
 
 
 def create_app(settings: Settings) -> FastAPI:
-    """The application; its service opens with the server's lifespan and closes with it."""
-
+    """The application; its service opens and closes with the lifespan of the server."""
     metrics, tracer = Metrics(), open_tracer(settings.trace_endpoint, "service")
 
     @asynccontextmanager
@@ -83,7 +82,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.add_exception_handler(kind, _answer_problem)
     for fault in (OSError, SQLAlchemyError, sqlite3.Error):
         app.add_exception_handler(fault, _answer_fault)
-    app.add_middleware(Observation, metrics=metrics, tracer=tracer)  # last: it goes around all others
+    app.add_middleware(Observation, metrics=metrics, tracer=tracer)  # last, so that it is outermost
     _complete_schema(app)
     build = app.build_middleware_stack
     app.build_middleware_stack = lambda: SecurityHeaders(build())  # type: ignore[method-assign]
@@ -104,7 +103,7 @@ async def _answer_fault(_: Request, error: Exception) -> Response:
 
 
 def _methods(request: Request) -> list[str]:
-    """All methods that a path takes; Starlette names those of one of its routes only."""
+    """All methods of a path; Starlette names only those of one of its routes."""
     paths: dict[str, dict[str, Any]] = request.app.openapi()["paths"]
     taken: set[str] = set()
     for template, operations in paths.items():
@@ -114,7 +113,7 @@ def _methods(request: Request) -> list[str]:
 
 
 def _complete_schema(app: FastAPI) -> None:
-    """Add the models of bodies that the routes read themselves."""
+    """Add the models of the bodies that routes read themselves."""
     generate = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -135,7 +134,7 @@ def _complete_schema(app: FastAPI) -> None:
 
 
 def _remove_foreign_errors(schema: dict[str, Any]) -> None:
-    """Take out the 422 of FastAPI's own, which it writes at every route with a parameter: ours is documented."""
+    """Remove FastAPI's own 422 from every route with a parameter; the service documents its own."""
     for name in ("HTTPValidationError", "ValidationError"):
         schema["components"]["schemas"].pop(name, None)
     for operations in schema["paths"].values():
@@ -145,7 +144,7 @@ def _remove_foreign_errors(schema: dict[str, Any]) -> None:
 
 
 def _make_keys_optional(schema: dict[str, Any]) -> None:
-    """Say that every operation is open without a key, too: until the first key is made, it is."""
+    """Document that operations also work without a key: they do until the first key is created."""
     for operations in schema["paths"].values():
         for operation in operations.values():
             if "security" in operation:

@@ -1,4 +1,4 @@
-"""Routes used before a mesh is requested: checks of expressions, and what the service can do."""
+"""Routes used before a mesh is requested: checks of expressions, and the capabilities of the service."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -47,7 +47,7 @@ _BODY = {
 async def check(request: Request, service: ServiceDependency, caller: Reader) -> ExpressionReport:  # noqa: ARG001
     """Parse the expression and evaluate it on the domain, the unit square unless given.
 
-    A 422 says what is wrong, and at which column.
+    A 422 tells what is wrong, and at which column.
     """
     if bodies.media_type(request) != bodies.JSON:
         raise Problem("unsupported-media-type", f"Send {bodies.JSON}.")
@@ -57,7 +57,7 @@ async def check(request: Request, service: ServiceDependency, caller: Reader) ->
 
 @router.get("/capabilities", summary="What this service can do", operation_id="getCapabilities")
 async def capabilities(service: ServiceDependency) -> dict[str, Any]:
-    """Formats and who reads them, limits, the language of expressions, the choices of a spec, the engine."""
+    """Formats and their readers, limits, the language of expressions, the choices of a spec, the engine."""
     settings = service.settings
     health = service.engine.health()
     return {

@@ -1,7 +1,7 @@
-"""Cursors of the list of meshes: where a page ends, as a text that a client sends back.
+"""Cursors of the list of meshes: the end of a page, as a text that a client sends back.
 
-For callers who see all meshes it is the number of the last one. For a key that sees only its own it is the time and the
-id of the last one: the number would reveal how many meshes others make. Neither changes when meshes come and go.
+For callers who see all meshes it is the number of the last mesh. For a key that sees only its own it is the time and
+the id of the last mesh, since the number would reveal how many meshes others request. Neither depends on other meshes.
 """
 
 import math
@@ -17,12 +17,12 @@ _MOMENT = re.compile(r"([0-9a-f]{16})([!-~]{1,40})")
 
 
 def cursor_of(row: MeshRow, key_id: str | None) -> str:
-    """The cursor of a page that ends with this mesh, for one key, or for callers who see all."""
+    """The cursor of a page that ends with this mesh, for one key, or None for callers who see all meshes."""
     return f"{row.number:x}" if key_id is None else f"{pack('>d', row.created_at).hex()}{row.id}"
 
 
 def position_of(cursor: str, key_id: str | None) -> Position:
-    """Where the page of this cursor ends; raises a 422 problem."""
+    """The end of the page of this cursor; raises a 422 problem."""
     if key_id is None:
         number = int(cursor, 16) if _NUMBER.fullmatch(cursor) else 0
         if 0 < number < MAX_NUMBER:

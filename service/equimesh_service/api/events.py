@@ -36,7 +36,7 @@ _EVENT = {
 }
 _PING_SECONDS = 15.0
 _RETRY_MILLISECONDS = 1000
-# How often it is seen to that the caller would still be let in, while nothing happens.
+# How often a quiet stream checks that the caller is still allowed in.
 _RECHECK_SECONDS = 1.0
 
 
@@ -53,7 +53,7 @@ _RECHECK_SECONDS = 1.0
                 "application/json": {"schema": {"$ref": "#/components/schemas/MeshEvents"}},
             },
         },
-        204: {"description": "The mesh is finished and there is nothing after Last-Event-ID."},
+        204: {"description": "The mesh is finished, and no event follows Last-Event-ID."},
         **problems(404, 410, 406, 422),
     },
 )
@@ -64,10 +64,10 @@ async def get_events(
     caller: Reader,
     after: Annotated[int, Query(ge=0, le=MAX_NUMBER, description="Only events with larger ids.")] = 0,
     last_event_id: Annotated[
-        str | None, Header(description="As `after`; sent by browsers when they connect again.")
+        str | None, Header(description="As `after`; browsers send it when they reconnect.")
     ] = None,
 ) -> Response:
-    """A stream that ends with the event `done`; with `Accept: application/json`, what there is by now."""
+    """A stream that ends with the event `done`; with `Accept: application/json`, the events so far."""
     kind = choose_offer(request.headers.get("accept"), _OFFERS)
     if kind is None:
         raise Problem("not-acceptable", "Events are text/event-stream or application/json.")
@@ -81,27 +81,27 @@ async def get_events(
         done = row.finished and last >= row.last_event
         return JSONResponse(MeshEvents(items=items, last=last, done=done).model_dump(mode="json"))
     if row.finished and after >= row.last_event:
-        return Response(status_code=204)  # tells a browser not to connect again
-    after = min(after, row.last_event)  # after an event that never was, the stream would not end
-    return _Stream(_stream(service, id, after, caller), service.quotas.waiting(caller, math.inf))
+        return Response(status_code=204)  # a browser does not reconnect after it
+    after = min(after, row.last_event)  # after the number of no event, the stream would not end
+    return _Stream(_stream(service, id, after, caller), service.quotas.count_wait(caller, math.inf))
 
 
 class _Stream(EventSourceResponse):
-    """A stream that counts among the caller's waits for as long as it is sent."""
+    """A stream that counts as a wait of the caller while it is sent."""
 
-    def __init__(self, events: AsyncIterator[bytes], held: AbstractContextManager[None]) -> None:
+    def __init__(self, events: AsyncIterator[bytes], wait: AbstractContextManager[None]) -> None:
         super().__init__(events, headers={"Cache-Control": "no-store"})
-        self._held = held
+        self._wait = wait
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._held:
+        with self._wait:
             await super().__call__(scope, receive, send)
 
 
 async def _stream(service: Service, mesh_id: str, after: int, caller: Caller) -> AsyncIterator[bytes]:
     yield format_sse_event(retry=_RETRY_MILLISECONDS)
     quiet_since, news = time.monotonic(), True
-    while not service.wakeups.closing and await service.callers.stands(caller):
+    while not service.wakeups.closing and await service.callers.is_valid(caller):
         events = await run_in_threadpool(service.store.meshes.events, mesh_id, after=after) if news else []
         for event in events:
             yield _wire(event)

@@ -1,6 +1,7 @@
-"""Answers that are files of a mesh, for every route that gives one."""
+"""Answers that are files of a mesh, for all routes."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from fastapi import Request
 from starlette.responses import Response
@@ -12,6 +13,11 @@ from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
 from equimesh_service.wire.sending import send_file
 from equimesh_service.worker.names import file_name
+
+# The media types of the mesh formats, by their names.
+MEDIA_TYPES = {name: form.media_type for name, form in FORMATS.items()}
+# The documentation of answers that are mesh files.
+MESH_CONTENT: dict[str, Any] = {media_type: {} for media_type in MEDIA_TYPES.values()}
 
 
 async def mesh_file(
@@ -39,7 +45,7 @@ async def mesh_bytes(
     headers: Mapping[str, str] | None = None,
     status: int = 200,
 ) -> Response:
-    """The file of a mesh in a format."""
+    """The file of a mesh, whose artifact is known."""
     form = FORMATS[format]
     name = f"equimesh-{mesh_id}{form.suffix}"
     file = StoredFile(artifact.sha256, artifact.size)
@@ -47,26 +53,27 @@ async def mesh_bytes(
 
 
 def mesh_format(name: str) -> str:
-    """A known name of a mesh format; raises a 406 problem."""
+    """The name of a mesh format, checked; raises a 406 problem."""
     if name not in FORMATS:
         raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}.")
     return name
 
 
 def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None = None) -> None:
-    """Nothing for a mesh that has files to give; raises the problem why there are none, else."""
+    """Raise the problem of a mesh that has no files; with ``partial``, those of a failed mesh count."""
     more = dict(headers or {})
     if row.status == SUCCEEDED or (partial and row.partial):
         return
     if row.status == CANCELED:
-        raise Problem("canceled", "It was canceled before it was finished.", headers=more)
+        raise Problem("canceled", "The mesh was canceled before it was finished.", headers=more)
     if row.status != FAILED:
-        raise Problem("not-finished", f"It is {row.status}.", headers={**more, "Retry-After": "1"})
+        raise Problem("not-finished", f"The mesh is {row.status}.", headers={**more, "Retry-After": "1"})
     error = row.error or {}
     name = str(error.get("type", "")).rpartition("/")[2]
     raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
 
 
 async def send_artifact(request: Request, service: Service, artifact: Artifact, media_type: str) -> Response:
+    """The file of an artifact, without a name for the download."""
     file = StoredFile(artifact.sha256, artifact.size)
     return await send_file(request, service.files, file, media_type)

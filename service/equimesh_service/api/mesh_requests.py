@@ -1,8 +1,8 @@
-"""Requests for a mesh: how a spec and its samples are read from a body, and the examples in the documentation."""
+"""Requests for a mesh: their bodies, headers and examples, for all routes that take one."""
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import Request
+from fastapi import Header, Query, Request
 
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.admit import Admitted
@@ -12,6 +12,22 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.wire import body as bodies
 
+# Parameters of requests that may wait for a mesh.
+Format = Annotated[
+    str | None,
+    Query(
+        description="Answer with the mesh file in this format, when it finishes in time.",
+        json_schema_extra={"enum": [*FORMATS]},
+    ),
+]
+Prefer = Annotated[str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")]
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        description="A repeated request with the same key gives the same mesh.",
+        json_schema_extra={"minLength": 1, "maxLength": 255},
+    ),
+]
 EXAMPLES: dict[str, Any] = {
     "single domain": {
         "summary": "One expression, everything else by default",
@@ -94,7 +110,7 @@ MESH_BODY = {
 
 
 async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None]:
-    """The spec of a mesh as it came, and the samples that came with it."""
+    """The bytes of the spec, and the samples that came with it."""
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, bodies.MULTIPART):
         shown = repr(kind[:80]) if kind else "no Content-Type"
@@ -114,21 +130,16 @@ async def read_request(request: Request, service: Service) -> tuple[bytes, Uploa
 async def receive_mesh(request: Request, service: Service, caller: Caller) -> Admitted:
     """Read and admit a request for a mesh, with the samples that came with it."""
     document, upload = await read_request(request, service)
-    # Before the samples are kept.
+    # Before the samples are stored.
     await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
     admitted = await service.check(service.admission.receive, document, upload, caller)
     if upload is not None:
-        service.metrics.uploaded()
+        service.metrics.count_upload()
     return admitted
 
 
-def media_types() -> dict[str, str]:
-    """The media types of the mesh formats, by their names."""
-    return {name: form.media_type for name, form in FORMATS.items()}
-
-
 def check_key(key: str | None) -> str | None:
-    """An idempotency key that can be one; raises a 400 problem."""
+    """The idempotency key, checked; raises a 400 problem."""
     if key is not None and not (0 < len(key) <= 255 and key.isprintable()):
         raise Problem("malformed-header", "An Idempotency-Key has 1 to 255 printable characters.")
     return key

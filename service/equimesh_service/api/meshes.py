@@ -1,18 +1,18 @@
 """Routes that create, list, cancel and delete meshes."""
 
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from equimesh.io.write import FORMATS
 from equimesh_service.admission.intake import MeshRequest
 from equimesh_service.api.cursors import cursor_of, position_of
-from equimesh_service.api.mesh_requests import MESH_BODY, check_key, receive_mesh
+from equimesh_service.api.mesh_files import MESH_CONTENT
+from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
 from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.api.waiting import Waiting
@@ -23,7 +23,6 @@ from equimesh_service.store.rows import CANCELED, Ending, MeshRow
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)
 
-_MESH_FILES: dict[str, Any] = {form.media_type: {} for form in FORMATS.values()}
 _LOCATION = {"Location": {"description": "The mesh.", "schema": {"type": "string"}}}
 _REUSED = {
     "Equimesh-Reused": {
@@ -35,7 +34,7 @@ _REUSED = {
 
 @router.post(
     "",
-    summary="Ask for a mesh",
+    summary="Request a mesh",
     operation_id="createMesh",
     status_code=201,
     response_model=None,
@@ -44,9 +43,9 @@ _REUSED = {
             "description": "The finished mesh; its file, when a mesh format was requested.",
             "model": MeshResource,
             "headers": {**_LOCATION, **_REUSED},
-            "content": _MESH_FILES,
+            "content": MESH_CONTENT,
         },
-        202: {"description": "It waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
+        202: {"description": "The mesh waits or runs; see Location.", "model": MeshResource, "headers": _LOCATION},
         **problems(400, 406, 408, 409, 413, 415, 422, 429, 503, 507),
     },
     openapi_extra={"requestBody": MESH_BODY},
@@ -55,35 +54,21 @@ async def create(
     request: Request,
     service: ServiceDependency,
     caller: Writer,
-    format: Annotated[
-        str | None,
-        Query(
-            description="Answer with the mesh file in this format, when it finishes in time.",
-            json_schema_extra={"enum": [*FORMATS]},
-        ),
-    ] = None,
-    prefer: Annotated[
-        str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")
-    ] = None,
-    idempotency_key: Annotated[
-        str | None,
-        Header(
-            description="A repeated request with the same key gives the same mesh.",
-            json_schema_extra={"minLength": 1, "maxLength": 255},
-        ),
-    ] = None,
+    format: Format = None,
+    prefer: Prefer = None,
+    idempotency_key: IdempotencyKey = None,
     reuse: Annotated[
         bool, Query(description="Answer with a finished mesh of the same spec and samples, where there is one.")
     ] = True,
 ) -> Response:
-    """Ask for a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
+    """Request a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
 
     With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip. A mesh that fails in this
-    time answers 201, too, with status `failed` and the reason in `error`; where its file was requested, it answers
-    with the problem, as the request for the file would.
+    time also answers 201, with status `failed` and the reason in `error`. Where its file was requested, the answer is
+    the problem, as for a request for the file.
 
-    Where the same mesh has been computed before, the answer is at once a mesh of its own with the same points and
-    files; `reused_from` and the header `Equimesh-Reused` name the earlier one, and `reuse=false` declines.
+    If the same mesh has been computed before, the answer is immediate: a new mesh with the same points and files.
+    `reused_from` and the header `Equimesh-Reused` name the earlier one; `reuse=false` computes it again.
     """
     waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
@@ -92,7 +77,7 @@ async def create(
     async def describe(row: MeshRow) -> MeshResource:
         return mesh_resource(row, service.settings.root)
 
-    with service.quotas.waiting(caller, waiting.seconds):
+    with service.quotas.count_wait(caller, waiting.seconds):
         mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, reuse=reuse)
         accepted = await service.intake.accept(admitted, caller, mesh_request)
         headers = {"Location": f"{service.settings.root}/v1/meshes/{accepted.mesh_id}"}
@@ -100,7 +85,7 @@ async def create(
 
 
 class _Page(BaseModel):
-    """Which meshes a page lists."""
+    """The meshes that a page lists."""
 
     status: Literal["queued", "running", "succeeded", "failed", "canceled"] | None = Field(
         None, description="Only these."
@@ -135,9 +120,9 @@ async def get_mesh(
         float, Query(ge=0, le=3600, allow_inf_nan=False, description="Seconds to wait for it to finish.")
     ] = 0.0,
 ) -> MeshResource:
-    """State, progress, quality, and links; also of a mesh that failed, whose `error` says why."""
-    with service.quotas.waiting(caller, wait):
-        return mesh_resource(await service.finished(id, wait, caller), service.settings.root)
+    """Status, progress, quality and links. The `error` of a failed mesh says why it failed."""
+    with service.quotas.count_wait(caller, wait):
+        return mesh_resource(await service.wait_for_end(id, wait, caller), service.settings.root)
 
 
 @router.post("/{id}/cancel", summary="Cancel a mesh", operation_id="cancelMesh", responses=problems(404, 410, 409))
@@ -145,11 +130,11 @@ async def cancel(id: str, service: ServiceDependency, caller: Writer) -> MeshRes
     """Cancel a mesh that is not finished; a worker that computes it is stopped."""
     await service.mesh(id, caller)
     if await run_in_threadpool(service.store.queue.cancel, id):
-        service.metrics.ended(Ending(status=CANCELED))
+        service.metrics.count_end(Ending(status=CANCELED))
         service.dispatcher.cancel(id)
     row = await service.mesh(id, caller)
     if row.status != CANCELED:
-        raise Problem("conflict", f"The mesh has {row.status} already.")
+        raise Problem("conflict", f"The mesh has already {row.status}.")
     return mesh_resource(row, service.settings.root)
 
 
@@ -157,10 +142,10 @@ async def cancel(id: str, service: ServiceDependency, caller: Writer) -> MeshRes
     "/{id}", summary="Delete a mesh", operation_id="deleteMesh", status_code=204, responses=problems(404, 410)
 )
 async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
-    """Delete the record and the files; a mesh that is not finished is canceled first."""
+    """Delete the record and the files; an unfinished mesh is canceled first."""
     await service.mesh(id, caller)
     if await run_in_threadpool(service.store.queue.cancel, id):
-        service.metrics.ended(Ending(status=CANCELED))
+        service.metrics.count_end(Ending(status=CANCELED))
     if not await run_in_threadpool(service.store.meshes.delete, id, service.discard):
         raise Problem("not-found", "There is no mesh with this id.")
     service.dispatcher.cancel(id)
@@ -174,7 +159,7 @@ async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     responses=problems(404, 410),
 )
 async def get_spec(id: str, service: ServiceDependency, caller: Reader) -> Response:
-    """The spec as it was computed: posting it again gives the same mesh."""
+    """The spec with every default filled in: posting it again gives the same mesh."""
     await service.mesh(id, caller)
     spec = await run_in_threadpool(service.store.meshes.spec, id)
     if spec is None:

@@ -1,4 +1,4 @@
-"""The outermost layer of the application: every request gets an id, a log line, metrics and, if wanted, a span."""
+"""The outermost layer of the application: an id, a log line, metrics and an optional span for every request."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ REQUEST_ID = "X-Request-Id"
 _ID_HEADER = REQUEST_ID.lower().encode()
 _log = logging.getLogger(__name__)
 _MESH = re.compile(r"/v1/meshes/(m-[0-9a-f]{1,38})(?:/|$)", re.ASCII)
-# Routes that probes and Prometheus request all day.
+# Routes that probes and Prometheus request often.
 _UNLOGGED_ROUTES = frozenset({"/livez", "/readyz", "/metrics"})
 
 
 class Observation:
-    """ASGI middleware around everything; an exception that gets here becomes a problem."""
+    """ASGI middleware around all others; an exception that reaches it becomes a problem."""
 
     def __init__(self, app: ASGIApp, *, metrics: Metrics, tracer: Tracer | None) -> None:
         self._app = app
@@ -46,7 +46,7 @@ class Observation:
                 try:
                     await self._answer(scope, receive, exchange)
                 finally:
-                    self._tell(scope, exchange, time.perf_counter() - began)
+                    self._record(scope, exchange, time.perf_counter() - began)
 
     async def _answer(self, scope: Scope, receive: Receive, exchange: _Exchange) -> None:
         try:
@@ -55,7 +55,7 @@ class Observation:
             problem = problem_of(error)
             _log.error("%s %s: %s", scope["method"], _route(scope), problem.name, exc_info=error)
             if exchange.status:
-                raise  # part of an answer is out: nothing is left but to cut the connection
+                raise  # part of the answer is sent: all that is left is to cut the connection
             await problem.response()(scope, receive, exchange.send)
 
     def _span(self, scope: Scope) -> AbstractContextManager[None]:
@@ -66,21 +66,21 @@ class Observation:
         parent = _header(scope, b"traceparent")
         return self._tracer.span(method, {"http.request.method": method}, parent=parent or "", serves=True)
 
-    def _tell(self, scope: Scope, exchange: _Exchange, seconds: float) -> None:
+    def _record(self, scope: Scope, exchange: _Exchange, seconds: float) -> None:
         method, route, status = scope["method"], _route(scope), exchange.status
         if self._tracer is not None:
             attributes: tracing.Attributes = {"http.route": route, "http.response.status_code": status}
             self._tracer.describe(f"{method} {route}", attributes, failed=status >= 500)
         if not status:
-            return  # the client, or the service, went away before there was an answer
+            return  # the client or the service left before the answer
         exchange.size = 0 if method == "HEAD" else exchange.size  # the server cuts the body off
-        self._metrics.answered(method, route, status, seconds, exchange.size)
+        self._metrics.count_answer(method, route, status, seconds, exchange.size)
         if route not in _UNLOGGED_ROUTES:
             logs.access(method, route, status, seconds, exchange.size)
 
 
 class _Exchange:
-    """What is sent: the status, the number of bytes, and of what kind it is."""
+    """The answer that is being sent: its status and its size in bytes."""
 
     def __init__(self, send: Send, request_id: str, metrics: Metrics, stack: ExitStack) -> None:
         self._send = send
@@ -91,22 +91,22 @@ class _Exchange:
         self.size = 0
 
     async def send(self, message: Message) -> None:
-        """Pass a message on."""
+        """Forward a message, and count it."""
         if message["type"] == "http.response.start":
             self.status = message["status"]
             headers: list[tuple[bytes, bytes]] = [*message.get("headers", ()), (_ID_HEADER, self._id)]
-            self._look_at(headers)
+            self._count_kind(headers)
             message = {**message, "headers": headers}
         elif message["type"] == "http.response.body":
             self.size += len(message.get("body", b""))
         await self._send(message)
 
-    def _look_at(self, headers: list[tuple[bytes, bytes]]) -> None:
+    def _count_kind(self, headers: list[tuple[bytes, bytes]]) -> None:
         for name, value in headers:
             if name == b"content-type" and value.startswith(b"text/event-stream"):
-                self._stack.enter_context(self._metrics.streaming())
+                self._stack.enter_context(self._metrics.count_stream())
             elif name == b"equimesh-reused":
-                self._metrics.reused()
+                self._metrics.count_reuse()
 
 
 def _header(scope: Scope, name: bytes) -> str | None:
@@ -117,5 +117,5 @@ def _header(scope: Scope, name: bytes) -> str | None:
 
 
 def _route(scope: Scope) -> str:
-    """The template of the path: there are as many as there are routes, whatever clients ask for."""
+    """The template of the path: as many values as there are routes, whatever clients request."""
     return getattr(scope.get("route"), "path", None) or UNMATCHED

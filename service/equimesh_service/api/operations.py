@@ -14,14 +14,14 @@ from equimesh_service.upkeep.readiness import OK
 
 router = APIRouter(tags=["operations"])
 
-_UNREADY: dict[int | str, dict[str, Any]] = {503: {"description": "Something is not ready; the body says what."}}
+_UNREADY: dict[int | str, dict[str, Any]] = {503: {"description": "A part is not ready; the body says which."}}
 _OPENMETRICS = "application/openmetrics-text"
 
 
 @router.get("/livez", summary="Is the process alive", operation_id="getLiveness")
 @router.head("/livez", summary="As GET, without a body", operation_id="headLiveness")
 async def livez() -> dict[str, str]:
-    """200 as long as the process answers."""
+    """200 while the process answers."""
     return {"status": "ok"}
 
 
@@ -34,8 +34,8 @@ async def livez() -> dict[str, str]:
 )
 @router.head("/readyz", summary="As GET, without a body", operation_id="headReadiness", responses=_UNREADY)
 async def readyz(service: ServiceDependency) -> Response:
-    """Whether the store, the files, the engine and the dispatcher do their work, by a look at most a second old."""
-    checks = await service.readiness.look()
+    """Whether the store, the files, the engine and the dispatcher work, by checks that are at most a second old."""
+    checks = await service.readiness.check()
     ready = all(result == OK for result in checks.values())
     return JSONResponse({"status": OK if ready else "unavailable", "checks": checks}, 200 if ready else 503)
 
@@ -52,7 +52,7 @@ async def readyz(service: ServiceDependency) -> Response:
     },
 )
 async def get_metrics(request: Request, service: ServiceDependency, caller: Admin) -> Response:  # noqa: ARG001
-    """What the service counts, in the text format of Prometheus or, where Accept asks for it, of OpenMetrics."""
+    """The metrics, in the text format of Prometheus or, where Accept requests it, of OpenMetrics."""
     if not service.settings.metrics:
         raise Problem("not-found", "Metrics are switched off (EQUIMESH_METRICS).")
     content, media_type = await run_in_threadpool(service.metrics.scrape, request.headers.get("accept", ""))

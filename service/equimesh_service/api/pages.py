@@ -1,7 +1,7 @@
-"""The pages for people: a front page with a playground, the documentation, and all that they load.
+"""The pages for people: a front page with a playground, the documentation, and the files that these load.
 
-Pages, scripts and styles are files in ``assets``. Addresses in them are relative, so that they are right under any path
-that a proxy serves this at.
+Pages, scripts and styles are files in ``assets``. Addresses in them are relative, so that they work under any path of a
+proxy.
 """
 
 from functools import cache
@@ -41,7 +41,7 @@ async def front(request: Request) -> HTMLResponse:
 
 @router.get("/docs")
 async def docs() -> HTMLResponse:
-    """The description of the interface, to read and to try."""
+    """The interface, to read and to try."""
     return HTMLResponse(_read("docs.html"), headers={"Content-Security-Policy": _DOCS_POLICY})
 
 

@@ -1,4 +1,4 @@
-"""What the service answers: the models of its JSON, and how they come from the rows of the store."""
+"""The models of JSON answers, and how they are made from the rows of the store."""
 
 from datetime import UTC, datetime
 from typing import Any, Literal
@@ -35,7 +35,7 @@ class ProblemDetails(BaseModel):
     detail: str
     remedy: str = Field(description="What to try.")
     status: int | None = Field(None, description="HTTP status; absent in the error of a mesh.")
-    request_id: str | None = Field(None, description="Of a 5xx: what the service's log calls this request.")
+    request_id: str | None = Field(None, description="Of a 5xx: the id of this request in the service's log.")
     errors: list[InputComplaint] | None = None
 
 
@@ -58,9 +58,9 @@ class ConvergenceSummary(BaseModel):
     iterations: int = Field(description="Schwarz iterations; 0 for a single domain.")
     newton_steps: int
     transmission: str | None = Field(
-        None, description="The Schwarz condition in use at the end: not the requested one after a fallback."
+        None, description="The Schwarz condition in use at the end; after a fallback, not the requested one."
     )
-    work: int | None = Field(None, description="Nodes corrected in all Schwarz iterations, as often as they were.")
+    work: int | None = Field(None, description="Nodes corrected in all Schwarz iterations, counted each time.")
     traffic: int | None = Field(None, description="Bytes that subdomains on machines of their own would have sent.")
     residual: float | None
     change: float | None
@@ -71,7 +71,7 @@ class ConvergenceSummary(BaseModel):
 
 
 class Relaxation(BaseModel):
-    """One option that was requested and not reached."""
+    """An option whose requested value was not reached."""
 
     what: str = Field(description="a (of the arc length), strength (of other monitors), cross_line, points.")
     asked: float
@@ -86,7 +86,7 @@ class InterpolationGain(BaseModel):
 
 
 class MeshCertificate(BaseModel):
-    """How well the mesh solves the requested equations; null for what is not known."""
+    """How well the mesh solves the requested equations; null stands for unknown."""
 
     status: str = Field(description="As in convergence; relaxed: for a weaker or smoother monitor than requested.")
     mode: str | None
@@ -94,7 +94,7 @@ class MeshCertificate(BaseModel):
         description="Largest relative difference of a squared metric length from the mean of its grid line."
     )
     discretization_error: float | None = Field(
-        description="Estimated error of the nodes for want of grid points, in units of the reference square."
+        description="Estimated error of the nodes that a finer grid would remove, in units of the reference square."
     )
     algebraic_error: float | None = Field(description="Estimated error of the solution of the discrete equations.")
     min_jacobian: float | None = Field(description="Smallest corner Jacobian; 1 for the uniform mesh.")
@@ -104,7 +104,7 @@ class MeshCertificate(BaseModel):
 
 
 class Timings(BaseModel):
-    """Where the time went, in seconds."""
+    """The time of each part, in seconds."""
 
     queued: float | None = None
     solve: float | None = None
@@ -120,7 +120,7 @@ class GridSize(BaseModel):
 
 
 class MeshResource(BaseModel):
-    """A mesh: its state, and when it is done, its quality and where its files are."""
+    """A mesh: its status and, when it is finished, its quality and the links to its files."""
 
     id: str
     status: Status
@@ -130,7 +130,7 @@ class MeshResource(BaseModel):
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
-    attempts: int = Field(description="How often a worker has begun it.")
+    attempts: int = Field(description="How many times a worker has begun it.")
     progress: Progress
     quality: dict[str, Any] | None = Field(description="As GET …/quality, without the values per cell.")
     certificate: MeshCertificate | None = Field(
@@ -139,7 +139,7 @@ class MeshResource(BaseModel):
     convergence: ConvergenceSummary | None
     timings: Timings
     error: ProblemDetails | None = Field(description="Why it failed.")
-    partial: bool = Field(description="Whether a mesh that failed downloads with ?partial=true.")
+    partial: bool = Field(description="Whether the mesh of a failed solve downloads with ?partial=true.")
     reused_from: str | None = Field(description="The earlier mesh whose points and files these are; null if computed.")
     links: dict[str, str]
 
@@ -165,7 +165,7 @@ class MeshEvents(BaseModel):
 
     items: list[MeshEvent]
     last: int = Field(description="Number of the last event here, for ?after=.")
-    done: bool = Field(description="Whether nothing comes after these.")
+    done: bool = Field(description="Whether no event follows these.")
 
 
 class SamplesResource(BaseModel):
@@ -182,7 +182,7 @@ class SamplesResource(BaseModel):
 
 
 class SequenceResource(BaseModel):
-    """A mesh that follows a time-stepper: where it is, and the mesh of that step."""
+    """A mesh that follows a time-stepper: the current step and its mesh."""
 
     id: str
     step: int = Field(description="Number of the step that `mesh` is; 0 is the first mesh.")
@@ -201,14 +201,14 @@ class Range(BaseModel):
 
 
 class DomainReport(BaseModel):
-    """What a domain is."""
+    """The size of a domain."""
 
     box: list[list[float]] = Field(description="[[x0, x1], [y0, y1]], the smallest box around it.")
     area: float
 
 
 class ExpressionReport(BaseModel):
-    """What an expression is on a domain."""
+    """The values of an expression on a domain."""
 
     valid: Literal[True] = True
     names: list[str] = Field(description="The variables and parameters that occur.")
@@ -219,7 +219,7 @@ class ExpressionReport(BaseModel):
 
 
 def mesh_resource(row: MeshRow, root: str) -> MeshResource:
-    """The mesh as clients see it; ``root`` is what all addresses begin with."""
+    """The mesh as clients see it; ``root`` is the start of all addresses."""
     here = f"{root}/v1/meshes/{row.id}"
     result = row.result or {}
     parts = ("events", "cancel", "file", "quality", "convergence", "plot", "spec")
@@ -251,7 +251,7 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
 
 
 def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str) -> SequenceResource:
-    """The sequence at a step, as clients see it; ``root`` is what all addresses begin with."""
+    """The sequence at a step, as clients see it; ``root`` is the start of all addresses."""
     here, of_mesh = f"{root}/v1/sequences/{row.id}", f"{root}/v1/meshes/{mesh.id}"
     return SequenceResource(
         id=row.id,
@@ -270,7 +270,7 @@ def event_resource(row: EventRow) -> MeshEvent:
 
 
 def samples_resource(row: SamplesRow, root: str) -> SamplesResource:
-    """Samples as clients see them; ``root`` is what all addresses begin with."""
+    """Samples as clients see them; ``root`` is the start of all addresses."""
     here = f"{root}/v1/samples/{row.id}"
     links = {"self": here, "file": f"{here}?format=npz"}
     return SamplesResource(id=row.id, size=row.size, created_at=_moment(row.created_at), links=links, **row.summary)

@@ -1,4 +1,4 @@
-"""Routes that give what was computed: the mesh file, its quality, its convergence, pictures."""
+"""Routes of results: the mesh file, its quality, its convergence, pictures."""
 
 import json
 from typing import Annotated, Any, Literal
@@ -8,7 +8,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from equimesh.io.write import FORMATS
-from equimesh_service.api.mesh_files import check_done, mesh_file, mesh_format, send_artifact
+from equimesh_service.api.mesh_files import MEDIA_TYPES, MESH_CONTENT, check_done, mesh_file, mesh_format, send_artifact
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
@@ -23,18 +23,18 @@ _TEXT = {"type": "string"}
 _FILES: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "The mesh.",
-        "content": {form.media_type: {} for form in FORMATS.values()},
+        "content": MESH_CONTENT,
         "headers": {"ETag": {"description": "The SHA-256 of the bytes.", "schema": _TEXT}},
     },
-    206: {"description": "The part that Range asks for."},
+    206: {"description": "The part that Range requests."},
     304: {"description": "If-None-Match names the same bytes."},
     **problems(404, 410, 406, 409, 412, 416, 422, 503, 507),
 }
 _FORMAT = Query(
-    description=f"One of {', '.join(FORMATS)}; it wins over Accept. Default vtu.",
+    description=f"One of {', '.join(FORMATS)}; it takes precedence over Accept. Default vtu.",
     json_schema_extra={"enum": [*FORMATS]},
 )
-_CELLS = Query(description="Cells of the file; by default as the spec says.")
+_CELLS = Query(description="Cells of the file; by default those of the spec.")
 _PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
 
 
@@ -48,27 +48,21 @@ async def get_file(
     cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
     partial: Annotated[bool, _PARTIAL] = False,
 ) -> Response:
-    """The mesh in a format that a solver reads; made on the first request, then kept."""
+    """The mesh in a format that a solver reads; written on the first request, then stored."""
     row = await service.mesh(id, caller)
-    name = mesh_format(format) if format is not None else _accepted(request)
+    name = mesh_format(format) if format is not None else _choose_format(request)
     check_done(row, partial=partial)
     return await mesh_file(request, service, row, name, cells or row.cells)
 
 
-@router.head(
-    "/file", summary="Headers of the mesh file", operation_id="headMeshFile", response_class=Response, responses=_FILES
-)
-async def head_file(
-    id: str,
-    request: Request,
-    service: ServiceDependency,
-    caller: Reader,
-    format: Annotated[str | None, _FORMAT] = None,
-    cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
-    partial: Annotated[bool, _PARTIAL] = False,
-) -> Response:
-    """As GET, without the bytes."""
-    return await get_file(id, request, service, caller, format, cells, partial)
+router.head(
+    "/file",
+    summary="Headers of the mesh file",
+    description="As GET, without the bytes.",
+    operation_id="headMeshFile",
+    response_class=Response,
+    responses=_FILES,
+)(get_file)
 
 
 @router.get(
@@ -85,7 +79,7 @@ async def get_quality(
     caller: Reader,
     arrays: Annotated[bool, Query(description="With `cells`, the values per cell, xi first.")] = False,
 ) -> Response:
-    """All measures with maximum, minimum, mean and root mean square over the cells; also of a partial mesh."""
+    """All measures: maximum, minimum, mean and root mean square over the cells; also for a partial mesh."""
     row = await service.mesh(id, caller)
     quality = (row.result or {}).get("quality")
     if quality is None:
@@ -111,9 +105,9 @@ async def get_convergence(
     request: Request,
     service: ServiceDependency,
     caller: Reader,
-    format: Annotated[Literal["json", "csv"] | None, Query(description="It wins over Accept.")] = None,
+    format: Annotated[Literal["json", "csv"] | None, Query(description="It takes precedence over Accept.")] = None,
 ) -> Response:
-    """Each iteration: change, error, work, traffic, and what every subdomain did; iteration 0 is the start."""
+    """Each iteration: change, error, work, traffic, and the solves of all subdomains; iteration 0 is the start."""
     row = await service.mesh(id, caller)
     artifact = await run_in_threadpool(service.store.meshes.artifact, id, CONVERGENCE)
     if artifact is None and row.result is None:
@@ -144,7 +138,7 @@ async def get_plot(
     service: ServiceDependency,
     caller: Reader,
     kind: Annotated[Literal["mesh", "convergence", "quality"], Query(description="What to draw.")] = "mesh",
-    format: Annotated[Literal["svg", "png"] | None, Query(description="It wins over Accept.")] = None,
+    format: Annotated[Literal["svg", "png"] | None, Query(description="It takes precedence over Accept.")] = None,
 ) -> Response:
     """The mesh with its subdomains, its cells coloured by Q_eq, or the history of the Schwarz iteration."""
     name = format or choose_offer(request.headers.get("accept"), PICTURES)
@@ -157,11 +151,10 @@ async def get_plot(
     return await send_artifact(request, service, artifact, PICTURES[name])
 
 
-def _accepted(request: Request) -> str:
-    offers = {name: form.media_type for name, form in FORMATS.items()}
-    name = choose_offer(request.headers.get("accept"), offers)
+def _choose_format(request: Request) -> str:
+    name = choose_offer(request.headers.get("accept"), MEDIA_TYPES)
     if name is None:
-        raise Problem("not-acceptable", f"Meshes are {', '.join(offers.values())}.")
+        raise Problem("not-acceptable", f"Meshes are {', '.join(MEDIA_TYPES.values())}.")
     return name
 
 

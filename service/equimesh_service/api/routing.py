@@ -1,4 +1,4 @@
-"""What all routes share: the service behind them, and the problems that they document."""
+"""The parts that routes share: the service, the caller, and the problems that they document."""
 
 from typing import Annotated, Any, cast
 
@@ -45,19 +45,19 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     }
 
 
-async def _service(request: Request) -> Service:  # on the event loop: it would cost a thread else
+async def _service(request: Request) -> Service:  # async, since FastAPI would use a thread otherwise
     return cast(Service, request.app.state.service)
 
 
 ServiceDependency = Annotated[Service, Depends(_service)]
 
-# What every route with a caller may answer.
+# The problems of every route with a caller.
 KEY_PROBLEMS = problems(401, 403, 429)
 _bearer = HTTPBearer(
     auto_error=False,
     scheme_name="ApiKey",
     bearerFormat="em_<id>_<secret>",
-    description="An API key that `equimesh keys create` printed. None is required while none was ever created.",
+    description="An API key that `equimesh keys create` printed. None is required before the first is created.",
 )
 
 
@@ -72,18 +72,18 @@ async def _caller(
     service: ServiceDependency,
     secret: Annotated[str | None, Depends(secret_of)],
 ) -> Caller:
-    """The caller; raises a 401, 403 or 429 problem for one who may not."""
+    """The caller; raises a 401, 403 or 429 problem."""
     caller = await service.callers.identify(secret)
     log_context.current().key_id = caller.key_id
     add_headers(request, service.quotas.count_request(caller))
     missing = set(scopes.scopes) - caller.scopes
     if missing:
-        needed, held = ", ".join(sorted(missing)), ", ".join(sorted(caller.scopes))
-        raise Problem("forbidden", f"This needs a key with the scope {needed}; this one has {held}.")
+        needed, owned = ", ".join(sorted(missing)), ", ".join(sorted(caller.scopes))
+        raise Problem("forbidden", f"This needs a key with the scope {needed}; this one has {owned}.")
     return caller
 
 
-# The caller, who may at least this.
+# A caller with at least this scope.
 Reader = Annotated[Caller, Security(_caller, scopes=[READ])]
 Writer = Annotated[Caller, Security(_caller, scopes=[WRITE])]
 Admin = Annotated[Caller, Security(_caller, scopes=[ADMIN])]

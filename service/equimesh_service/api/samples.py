@@ -45,7 +45,7 @@ _BODY = {
     status_code=201,
     response_model=SamplesResource,
     responses={
-        200: {"description": "They were here already.", "model": SamplesResource},
+        200: {"description": "The samples are already stored.", "model": SamplesResource},
         **problems(400, 408, 413, 415, 422, 503, 507),
     },
     openapi_extra={"requestBody": _BODY},
@@ -55,14 +55,14 @@ async def create(
     service: ServiceDependency,
     caller: Writer,
     filename: Annotated[
-        str | None, Query(max_length=200, description="Its suffix tells the format of a raw body.")
+        str | None, Query(max_length=200, description="Its suffix gives the format of a raw body.")
     ] = None,
 ) -> Response:
     """Samples of a function as npz, npy, csv, json, vtu, vtk or xdmf; the same samples give the same id."""
     upload = await read_upload(request, service.settings.max_body, filename)
     await service.quotas.check_bytes(caller, len(upload.data))
     row, new = await service.check(service.admission.keep, upload, caller)
-    service.metrics.uploaded()
+    service.metrics.count_upload()
     headers = {"Location": f"{service.settings.root}/v1/samples/{row.id}"}
     return JSONResponse(
         samples_resource(row, service.settings.root).model_dump(mode="json"), 201 if new else 200, headers
@@ -83,10 +83,10 @@ async def get(
     caller: Reader,
     format: Annotated[Literal["json", "npz"], Query(description="npz gives the samples themselves.")] = "json",
 ) -> Response:
-    """What the samples are, or the samples as npz."""
+    """A summary of the samples, or the samples as npz."""
     row = await run_in_threadpool(service.store.samples.get, id, caller.only)
     if row is None:
-        raise await service.missing(id, caller, "There are no samples with this id.")
+        raise await service.missing_problem(id, caller, "There are no samples with this id.")
     if format == "npz":
         file = StoredFile(row.sha256, row.size)
         return await send_file(request, service.files, file, "application/x-npz", filename=f"{row.id}.npz")
@@ -97,9 +97,9 @@ async def get(
     "/{id}", summary="Delete samples", operation_id="deleteSamples", status_code=204, responses=problems(404, 410, 409)
 )
 async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
-    """Delete samples that no waiting or running mesh needs."""
+    """Delete samples that no unfinished mesh needs."""
     done = await run_in_threadpool(service.store.samples.delete, id, service.discard, caller.only)
     if done is None:
-        raise await service.missing(id, caller, "There are no samples with this id.")
+        raise await service.missing_problem(id, caller, "There are no samples with this id.")
     if not done:
         raise Problem("conflict", "A mesh that is not finished needs these samples.")

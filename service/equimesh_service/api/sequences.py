@@ -6,7 +6,7 @@ from functools import partial
 from hashlib import sha256
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
@@ -14,8 +14,8 @@ from equimesh.io.write import FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
-from equimesh_service.api.mesh_files import check_done
-from equimesh_service.api.mesh_requests import MESH_BODY, check_key, receive_mesh
+from equimesh_service.api.mesh_files import MESH_CONTENT, check_done
+from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
 from equimesh_service.api.resources import SequenceResource, sequence_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, Writer, problems
 from equimesh_service.api.waiting import Waiting
@@ -27,14 +27,14 @@ from equimesh_service.wire import body as bodies
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
 
 NPZ = FORMATS["npz"].media_type
-KEPT = "How many of the last meshes are kept; those before are deleted as the sequence moves on."
+_KEEP = "How many of the last meshes are kept; earlier ones are deleted when the sequence takes a step."
 STEP_EXAMPLES: dict[str, Any] = {
     "expression": {
         "summary": "u as a formula, at the time t of this step",
         "value": {"step": 0, "u": {"expression": "tanh(20*(x - 0.5 - t))", "t": 0.05}},
     },
     "nodes": {
-        "summary": "u, and a field to be carried along, at the nodes of a mesh of 4 x 4 points",
+        "summary": "u, and a field to transfer, at the nodes of a mesh of 4 x 4 points",
         "value": {
             "step": 0,
             "u": {"nodes": [[0, 0, 0, 0], [0.2, 0.2, 0.2, 0.2], [0.8, 0.8, 0.8, 0.8], [1, 1, 1, 1]]},
@@ -65,25 +65,10 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
         "description": "The finished mesh with its sequence; its file, when a mesh format was requested.",
         "model": SequenceResource,
         "headers": _HEADERS,
-        "content": {form.media_type: {} for form in FORMATS.values()},
+        "content": MESH_CONTENT,
     },
     202: {"description": "The mesh waits or runs; see Location.", "model": SequenceResource, "headers": _HEADERS},
 }
-_Format = Annotated[
-    str | None,
-    Query(
-        description="Answer with the mesh file in this format, when it finishes in time; npz has the fields, too.",
-        json_schema_extra={"enum": [*FORMATS]},
-    ),
-]
-_Prefer = Annotated[str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")]
-_Key = Annotated[
-    str | None,
-    Header(
-        description="A repeated request with the same key gives the same mesh.",
-        json_schema_extra={"minLength": 1, "maxLength": 255},
-    ),
-]
 
 
 @router.post(
@@ -99,12 +84,12 @@ async def create(
     request: Request,
     service: ServiceDependency,
     caller: Writer,
-    format: _Format = None,
-    prefer: _Prefer = None,
-    idempotency_key: _Key = None,
-    keep: Annotated[int, Query(ge=2, le=1000, description=KEPT)] = 2,
+    format: Format = None,
+    prefer: Prefer = None,
+    idempotency_key: IdempotencyKey = None,
+    keep: Annotated[int, Query(ge=2, le=1000, description=_KEEP)] = 2,
 ) -> Response:
-    """Begin with a first mesh, of a spec as that of a mesh; its monitor is of the kind arc_length or curvature.
+    """Begin with a first mesh. The body is the spec of a mesh whose monitor is an arc_length or a curvature.
 
     The answer names the sequence, and waits for the first mesh as a request for a mesh does.
     """
@@ -118,7 +103,7 @@ async def create(
         fingerprint=sha256(f"sequence {keep} {admitted.fingerprint(waiting.format)}".encode()).hexdigest(),
         key_id=caller.key_id,
     )
-    with service.quotas.waiting(caller, waiting.seconds):
+    with service.quotas.count_wait(caller, waiting.seconds):
         mesh_request = MeshRequest(format=waiting.format, seconds=waiting.seconds, key=key, step=step)
         accepted = await service.intake.accept(admitted, caller, mesh_request)
         return await _answer(waiting, request, service, caller, accepted, admitted.spec["cells"])
@@ -126,7 +111,7 @@ async def create(
 
 @router.get("/{id}", summary="Look at a sequence", operation_id="getSequence", responses=problems(404, 410))
 async def get(id: str, service: ServiceDependency, caller: Reader) -> SequenceResource:
-    """The sequence at its last step that has not failed, with the mesh of that."""
+    """The sequence at its last step that has not failed, with the mesh of that step."""
     row = await service.sequence(id, caller)
     mesh = await service.mesh(row.mesh_id, caller)
     return sequence_resource(row, row.number, mesh, service.settings.root)
@@ -146,18 +131,18 @@ async def step(
     request: Request,
     service: ServiceDependency,
     caller: Writer,
-    format: _Format = None,
-    prefer: _Prefer = None,
-    idempotency_key: _Key = None,
+    format: Format = None,
+    prefer: Prefer = None,
+    idempotency_key: IdempotencyKey = None,
 ) -> Response:
-    """The next mesh, for u at the nodes of the current one or for an expression, and the fields carried to it.
+    """The next mesh, for u at the nodes of the current mesh or as an expression, and the fields at its nodes.
 
-    `step` is the step that this one follows: when another one has done so meanwhile, the answer is 409. A step that
-    fails is no step, and another one can be requested in its place. With `?format=npz` the file of the mesh has u and
-    the fields at its nodes.
+    `step` is the step that this one follows; if another step already follows it, the answer is 409. A failed step does
+    not count: another can be requested in its place. With `?format=npz` the file of the mesh has u and the fields at
+    its nodes.
     """
     sequence = await service.sequence(id, caller)
-    if sequence.key_id not in ("", caller.key_id):  # the step's mesh would not be there for the sequence's own key
+    if sequence.key_id not in ("", caller.key_id):  # the key of the sequence would not see the mesh of the step
         raise Problem("forbidden", "Only the key that began a sequence takes its steps.")
     waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
@@ -167,7 +152,7 @@ async def step(
         again = await run_in_threadpool(service.store.meshes.find_repeated, caller.key_id, key, fingerprint)
     if again is not None:
         mesh = await service.mesh(again, caller)
-        with service.quotas.waiting(caller, waiting.seconds):
+        with service.quotas.count_wait(caller, waiting.seconds):
             return await _answer(waiting, request, service, caller, AcceptedMesh(again), mesh.cells)
     await service.quotas.check_bytes(caller, len(data))
     if kind == NPZ:
@@ -176,7 +161,7 @@ async def step(
         move = await service.check(steps.read_json, data)
     start = await _start(service, caller, sequence.id, move.step)
     prepare = steps.Stepping(service.admission, service.store, service.files).prepare
-    with service.quotas.waiting(caller, waiting.seconds), ExitStack() as stack:
+    with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
         made = await service.check(prepare, move, start, caller, stack)
         mesh_artifact = await run_in_threadpool(service.store.meshes.artifact, start, "mesh")
         new = NewStep(
@@ -199,12 +184,12 @@ async def step(
     "/{id}", summary="Delete a sequence", operation_id="deleteSequence", status_code=204, responses=problems(404, 410)
 )
 async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
-    """Delete the sequence and the meshes that it still has; one that is not finished is canceled first."""
+    """Delete the sequence and its meshes; an unfinished mesh is canceled first."""
     await service.sequence(id, caller)
     meshes = await run_in_threadpool(service.store.sequences.meshes, id)
     for mesh_id in meshes:
         if await run_in_threadpool(service.store.queue.cancel, mesh_id):
-            service.metrics.ended(Ending(status=CANCELED))
+            service.metrics.count_end(Ending(status=CANCELED))
     if not await run_in_threadpool(service.store.sequences.delete, id, service.discard):
         raise Problem("not-found", "There is no sequence with this id.")
     for mesh_id in meshes:
@@ -221,14 +206,14 @@ async def _read_body(request: Request, service: Service) -> tuple[str, bytes]:
 
 
 def _fingerprint(head: str, data: bytes) -> str:
-    """The same for requests of the same step."""
+    """Equal for equal requests of a step."""
     digest = sha256(head.encode())
     digest.update(data)
     return digest.hexdigest()
 
 
 async def _start(service: Service, caller: Caller, sequence_id: str, step: int) -> str:
-    """The finished mesh of the step that another one is to follow; raises the problem why there is none."""
+    """The id of the finished mesh that the next step follows; raises the problem why there is none."""
     sequence = await service.sequence(sequence_id, caller)
     number = step if 0 <= step < MAX_NUMBER else -1
     mesh_id = None

@@ -1,4 +1,4 @@
-"""Answers to requests that may wait for their mesh."""
+"""The answer to a request that may wait for its mesh."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from starlette.responses import Response
 
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh
-from equimesh_service.api.mesh_files import check_done, mesh_bytes, mesh_file, mesh_format
-from equimesh_service.api.mesh_requests import media_types
+from equimesh_service.api.mesh_files import MEDIA_TYPES, check_done, mesh_bytes, mesh_file, mesh_format
 from equimesh_service.service import Service
 from equimesh_service.store.rows import MeshRow
 from equimesh_service.wire.negotiation import choose_explicit_offer, parse_wait
@@ -23,9 +22,9 @@ from equimesh_service.worker.names import file_name
 
 @dataclass(frozen=True)
 class Waiting:
-    """How a request wants its mesh: as a file in a ``format`` or as JSON, and after a wait of at most ``seconds``.
+    """The form and the time of an answer: a file in ``format``, or JSON for None, after at most ``seconds``.
 
-    ``wanted`` are the seconds of the header Prefer, None without it.
+    ``wanted`` is the wait of the header Prefer in seconds, None without the header.
     """
 
     format: str | None
@@ -38,7 +37,7 @@ class Waiting:
         name = mesh_format(format) if format is not None else None
         wanted = parse_wait(prefer)
         return cls(
-            name or choose_explicit_offer(request.headers.get("accept"), media_types()),
+            name or choose_explicit_offer(request.headers.get("accept"), MEDIA_TYPES),
             min(wanted or 0, int(service.settings.max_wait)),
             wanted,
         )
@@ -53,14 +52,14 @@ class Waiting:
         headers: dict[str, str],
         describe: Callable[[MeshRow], Awaitable[BaseModel]],
     ) -> Response:
-        """Wait for the mesh, and answer with its file or with what ``describe`` makes of its row."""
+        """Wait for the mesh, and answer with its file or with the resource that ``describe`` makes of its row."""
         if self.wanted is not None:
             headers["Preference-Applied"] = f"wait={self.seconds}"
         began, name = time.monotonic(), self.format
         ending = await service.intake.wait_for_ending(accepted, self.seconds)
         if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
             return await mesh_bytes(request, service, accepted.mesh_id, name, file, headers=headers, status=201)
-        row = await service.finished(accepted.mesh_id, self.seconds - (time.monotonic() - began), caller)
+        row = await service.wait_for_end(accepted.mesh_id, self.seconds - (time.monotonic() - began), caller)
         if row.reused_from is not None:
             headers["Equimesh-Reused"] = row.reused_from
         if row.finished and name is not None:

@@ -90,7 +90,7 @@ class Dispatcher:
 
     def start(self, *, alone: bool) -> None:
         """Start the thread. ``alone``: no other service uses this store, so all meshes that run there are lost."""
-        for claim in self._store.queue.abandoned(owner_gone=self._owner if alone else None):
+        for claim in self._store.queue.find_abandoned(owner_gone=self._owner if alone else None):
             self._lost(claim, "the service stopped while a worker had this mesh")
         self._thread.start()
 
@@ -115,7 +115,7 @@ class Dispatcher:
         self._notify(mesh_id)
         self._wake.set()
 
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         """Whether the thread works: it runs, and its last round began less than a minute ago."""
         return self._thread.is_alive() and time.monotonic() - self._last_round < _MAX_ROUND_SECONDS
 
@@ -184,7 +184,7 @@ class Dispatcher:
             return list(self._running.items())
 
     def _submit(self, claim: Claim, mesh_input: MeshInput | None) -> Future[Any]:
-        self._metrics.began(claim.waited)
+        self._metrics.count_attempt(claim.waited)
         with log_context.enter(log_context_of(claim)):
             _log.info("mesh %s starts, attempt %d", claim.mesh_id, claim.attempt)
         function, arguments = self._run(claim, mesh_input)
@@ -196,7 +196,7 @@ class Dispatcher:
     def _end(self, claim: Claim, task: Future[Any]) -> None:
         if _is_over(task):
             self._free_worker(claim)  # at once, in this thread: the worker has already written its result
-            self._metrics.ended(task.result())
+            self._metrics.count_end(task.result())
             if not self.line.queue_is_empty:
                 self._wake.set()
         else:
@@ -230,7 +230,7 @@ class Dispatcher:
             case CancelledError():
                 return
             case WorkerLostError():
-                self._metrics.worker_lost()
+                self._metrics.count_lost_worker()
                 self._lost(claim, "the worker process died")
                 return
             case TimeLimitError():
@@ -247,7 +247,7 @@ class Dispatcher:
                 problem = Problem("internal-error", f"The worker failed: {type(error).__name__}.")
         # When all went well the mesh is finished already, and this changes nothing.
         if self._store.queue.finish(claim, error=problem.body()):
-            self._metrics.ended(Ending(status=FAILED, reason=problem.name))
+            self._metrics.count_end(Ending(status=FAILED, reason=problem.name))
             _log.warning("mesh %s failed: %s", claim.mesh_id, problem.name)
 
     def _lost(self, claim: Claim, reason: str) -> None:
@@ -256,7 +256,7 @@ class Dispatcher:
         status = self._store.queue.lose(claim, reason, most=most, error=problem.body())
         if status is not None:
             self.line.queue_is_empty = False
-            self._metrics.lost(status)
+            self._metrics.count_lost_attempt(status)
             with log_context.enter(log_context_of(claim)):
                 _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
             self._notify(claim.mesh_id)
@@ -268,13 +268,13 @@ class Dispatcher:
             if self._store.queue.requeue(claim, "it had not reached a worker"):
                 self.line.queue_is_empty = False
         self._strays = strays
-        for claim in self._store.queue.abandoned():
+        for claim in self._store.queue.find_abandoned():
             self._lost(claim, "its service fell silent")
 
     def _cancel_gone(self) -> None:
         """Cancel the tasks of meshes that were canceled through another service, or taken over by it."""
         running = dict(self._tasks())  # before the store is read: it knows all of these
-        gone = running.keys() - self._store.queue.held(self._owner)
+        gone = running.keys() - self._store.queue.find_held(self._owner)
         for claim in gone & self._gone:  # twice in a row, so its worker has not just finished it
             self._engine.cancel(running[claim])
         self._gone = gone

@@ -30,7 +30,7 @@ class KeyRow:
     created_at: float
     revoked_at: float | None = None
 
-    def opened_by(self, mark: str) -> bool:
+    def is_valid(self, mark: str) -> bool:
         """Whether this is the key of the secret with this hash, and still in force."""
         # The comparison takes the same time wherever they differ.
         return hmac.compare_digest(self.sha256, mark) and self.revoked_at is None

@@ -118,7 +118,7 @@ class MeshesStore:
             row = connection.execute(_SHOW, {"mesh": mesh_id}).first()
         return None if row is None else _mesh(row)
 
-    def unfinished(self, names: Sequence[str]) -> dict[str, int]:
+    def find_unfinished(self, names: Sequence[str]) -> dict[str, int]:
         """The number of the last event of each of these meshes that is not finished."""
         found: dict[str, int] = {}
         with self._read() as connection:

@@ -57,7 +57,7 @@ class QueueStore:
         self._read, self._write = database.read, database.write
         self._clock = clock
 
-    def waiting(self) -> int:
+    def count_waiting(self) -> int:
         """Number of waiting meshes."""
         query = select(func.count()).select_from(meshes).where(meshes.c.status == QUEUED)
         with self._read() as connection:
@@ -100,7 +100,7 @@ class QueueStore:
             waited = max(0.0, now - row.created_at)
             return replace(_claim(row), attempt=row.attempt + 1, claimed_at=now, waited=waited)
 
-    def held(self, owner: str) -> set[Claim]:
+    def find_held(self, owner: str) -> set[Claim]:
         """What ``owner`` holds."""
         mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
         with self._read() as connection:
@@ -114,7 +114,7 @@ class QueueStore:
             rows = connection.execute(select(meshes.c.id, meshes.c.attempt).where(mine))
             return {Claim(row.id, row.attempt) for row in rows}
 
-    def abandoned(self, *, owner_gone: str | None = None) -> list[Claim]:
+    def find_abandoned(self, *, owner_gone: str | None = None) -> list[Claim]:
         """Running meshes whose lease has run out; with ``owner_gone``, all that another owner holds."""
         late = meshes.c.lease_until < self._clock()
         if owner_gone is not None:

@@ -77,7 +77,7 @@ class RetentionStore:
             connection.execute(delete(removals).where(removals.c.noted_at < self._clock() - _MAX_SEALED_SECONDS))
             return connection.execute(delete(retired).where(retired.c.retired_at < self._clock() - age)).rowcount
 
-    def was_there(self, name: str, key_id: str | None) -> bool:
+    def has_removed(self, name: str, key_id: str | None) -> bool:
         """Whether a mesh or samples with this id were removed after their time; of any key when that is None."""
         query = select(retired.c.id).where(retired.c.id == name)
         if key_id is not None:

@@ -87,12 +87,12 @@ class Metrics:
             encode, media_type = choose_encoder("")
         return encode(self.registry), media_type
 
-    def began(self, waited: float) -> None:
+    def count_attempt(self, waited: float) -> None:
         """An attempt at a mesh begins, ``waited`` seconds after the mesh was requested."""
         self._attempts.inc()
         self._wait.observe(waited)
 
-    def ended(self, ending: Ending) -> None:
+    def count_end(self, ending: Ending) -> None:
         """A mesh has ended."""
         self._finished.labels(ending.status, ending.reason).inc()
         if ending.status == SUCCEEDED:
@@ -100,32 +100,32 @@ class Metrics:
         if ending.solve_seconds is not None:
             self._solve.observe(ending.solve_seconds)
 
-    def worker_lost(self) -> None:
+    def count_lost_worker(self) -> None:
         """A worker process died over a mesh."""
         self._lost.inc()
 
-    def lost(self, status: str) -> None:
+    def count_lost_attempt(self, status: str) -> None:
         """An attempt came to nothing, and the mesh has this status now."""
         if status == QUEUED:
             self._retries.inc()
         else:
-            self.ended(Ending(status=status, reason="worker-lost"))
+            self.count_end(Ending(status=status, reason="worker-lost"))
 
-    def reused(self) -> None:
+    def count_reuse(self) -> None:
         """An earlier mesh was the answer."""
         self._reused.inc()
 
-    def uploaded(self) -> None:
+    def count_upload(self) -> None:
         """Samples were uploaded."""
         self._samples.inc()
 
     @contextmanager
-    def streaming(self) -> Iterator[None]:
+    def count_stream(self) -> Iterator[None]:
         """A stream of events is open for the length of a ``with``."""
         with self._streams.track_inprogress():
             yield
 
-    def answered(self, method: str, route: str, status: int, seconds: float, size: int) -> None:
+    def count_answer(self, method: str, route: str, status: int, seconds: float, size: int) -> None:
         """A request was answered; ``route`` is the template of its path."""
         key = (method if method in _METHODS else "other", route, status)
         found = self._answered.get(key)

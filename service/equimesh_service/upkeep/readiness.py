@@ -29,7 +29,7 @@ class Readiness:
         # Threads of their own: a check that hangs takes none from the requests.
         self._limiter = CapacityLimiter(len(checks))
 
-    async def look(self) -> Mapping[str, str]:
+    async def check(self) -> Mapping[str, str]:
         """What each check says; all that ask at the same time share one look."""
         async with self._lock:
             if time.monotonic() - self._at >= _KEPT_SECONDS:

@@ -133,4 +133,4 @@ async def test_keys_are_asked_for_from_the_first_one_on() -> None:
     now[0] = 1.9
     with pytest.raises(Problem, match="unauthorized"):
         await callers.identify(None)
-    assert not await callers.stands(ANYONE)
+    assert not await callers.is_valid(ANYONE)

@@ -119,11 +119,11 @@ def test_a_key_has_so_many_unfinished_meshes_and_points(guarded_service: Guarded
             refused = client.post("/v1/meshes", json=small())
             assert refused.status_code == 429
             assert refused.json()["type"] == "/problems/quota-exceeded"
-            assert "3 unfinished meshes, and may have 3 (EQUIMESH_KEY_MAX_QUEUED)" in refused.json()["detail"]
+            assert "3 unfinished meshes; the limit is 3 (EQUIMESH_KEY_MAX_QUEUED)" in refused.json()["detail"]
             assert int(refused.headers["retry-after"]) > 0
             assert client.delete(made.pop().headers["location"]).status_code == 204
             refused = client.post("/v1/meshes", json=small(grid={"n_xi": 22, "n_eta": 22}))
-            assert f"{2 * 17 * 17} points in unfinished meshes, and may have 1000" in refused.json()["detail"]
+            assert f"{2 * 17 * 17} points in unfinished meshes; the limit is 1000" in refused.json()["detail"]
             assert other.post("/v1/meshes", json=small()).status_code == 202
         finally:
             for answer in made:
@@ -161,13 +161,13 @@ def test_callers_without_a_key_share_their_waits() -> None:
     limited = Quotas(Settings(key_max_waits=2), Stored())
     with ExitStack() as open_waits:
         for caller in (ANYONE, ANYONE, CALLER):
-            open_waits.enter_context(limited.waiting(caller, 1.0))
+            open_waits.enter_context(limited.count_wait(caller, 1.0))
         with pytest.raises(Problem, match="Callers without a key have 2 open waits") as refused:
-            open_waits.enter_context(limited.waiting(ANYONE, 1.0))
+            open_waits.enter_context(limited.count_wait(ANYONE, 1.0))
         assert int(refused.value.headers["Retry-After"]) > 0
-        open_waits.enter_context(limited.waiting(ANYONE, 0))  # is no wait
-        open_waits.enter_context(limited.waiting(CALLER, 1.0))
-    with limited.waiting(ANYONE, 1.0), limited.waiting(ANYONE, 1.0):
+        open_waits.enter_context(limited.count_wait(ANYONE, 0))  # is no wait
+        open_waits.enter_context(limited.count_wait(CALLER, 1.0))
+    with limited.count_wait(ANYONE, 1.0), limited.count_wait(ANYONE, 1.0):
         pass
 
 
@@ -186,7 +186,7 @@ def test_a_key_holds_so_many_waits_and_streams_open(guarded_service: Guarded) ->
             ]
             assert [answer.status_code for answer in refused] == [429] * 4
             assert {answer.json()["type"] for answer in refused} == {"/problems/quota-exceeded"}
-            assert "3 open waits and event streams, and may have 3" in refused[0].json()["detail"]
+            assert "3 open waits and event streams; the limit is 3" in refused[0].json()["detail"]
             assert len(client.get("/v1/meshes").json()["items"]) == 1  # nothing was asked for
             assert client.get(place).status_code == 200
             assert other.get(f"{place}?wait=0.1").status_code == 200
@@ -205,7 +205,7 @@ async def test_bytes_are_summed_now_and_then() -> None:
     await limited.check_bytes(CALLER, 90)
     with pytest.raises(Problem) as refused:
         await limited.check_bytes(CALLER, 90)
-    assert "990 bytes in files, samples and specs, and may have 1000 (EQUIMESH_KEY_MAX_BYTES)" in refused.value.detail
+    assert "990 bytes in files, samples and specs; the limit is 1000 (EQUIMESH_KEY_MAX_BYTES)" in refused.value.detail
     assert stored.sums == 1
     stored.size = 0  # they were deleted: who was refused is not held to the old sum for long
     clock.now += 0.6
@@ -253,7 +253,7 @@ def test_samples_in_specs_count(guarded_service: Guarded) -> None:
         made = [client.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}) for _ in range(5)]
         # Reuse spares the solve of the same again, and not the room for its spec.
         assert [answer.status_code for answer in made] == [201, 201, 201, 429, 429]
-        assert "bytes in files, samples and specs, and may have 200000" in made[-1].json()["detail"]
+        assert "bytes in files, samples and specs; the limit is 200000" in made[-1].json()["detail"]
         assert client.delete(made[0].headers["location"]).status_code == 204
         until(lambda: client.post("/v1/meshes", json=spec).status_code in (201, 202))
 

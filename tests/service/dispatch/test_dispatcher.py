@@ -175,11 +175,11 @@ def test_a_dispatcher_that_is_stuck_is_not_alive(
     dispatcher.start(alone=True)
     until(dispatcher.alive)
     monkeypatch.setattr(engine, "health", lambda: (go_on.wait(60.0), Health(ready=True, workers=2))[1])
-    until(lambda: not dispatcher.alive())
+    until(lambda: not dispatcher.is_alive())
     go_on.set()
     until(dispatcher.alive)
     dispatcher.stop()
-    assert not dispatcher.alive()
+    assert not dispatcher.is_alive()
 
 
 def _finish(store: Store, engine: Patient, number: int, name: str) -> None:

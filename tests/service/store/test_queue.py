@@ -92,19 +92,19 @@ def test_leases_run_out_unless_they_are_renewed(store: Store, clock: Clock) -> N
     add(store, "a")
     claim = claimed(store)
     clock.now += 9.0
-    assert store.queue.abandoned() == []
+    assert store.queue.find_abandoned() == []
     assert store.queue.renew("me", 10.0) == {claim}
     clock.now += 9.0
-    assert store.queue.abandoned() == []
+    assert store.queue.find_abandoned() == []
     clock.now += 2.0
-    assert store.queue.abandoned() == [claim]
+    assert store.queue.find_abandoned() == [claim]
 
 
 def test_a_new_owner_sees_what_another_one_left(store: Store) -> None:
     add(store, "a")
     claim = claimed(store, "old")
-    assert store.queue.abandoned(owner_gone="old") == []
-    assert store.queue.abandoned(owner_gone="new") == [claim]
+    assert store.queue.find_abandoned(owner_gone="old") == []
+    assert store.queue.find_abandoned(owner_gone="new") == [claim]
 
 
 def test_cancel_works_until_the_end(store: Store) -> None:
@@ -122,6 +122,6 @@ def test_a_mesh_that_somebody_waits_for_is_claimed_from_the_start(store: Store, 
     assert [event.data["status"] for event in store.meshes.events("a")] == ["queued", "running"]
     assert store.queue.renew("me", 10.0) == {Claim("a", 1)}
     clock.now += 11.0
-    assert store.queue.abandoned() == [Claim("a", 1)]
+    assert store.queue.find_abandoned() == [Claim("a", 1)]
     assert store.queue.finish(Claim("a", 1))
     assert [event.number for event in store.meshes.events("a")] == [1, 2, 3]

@@ -250,8 +250,8 @@ def families() -> dict[str, tuple[str, set[str]]]:
     metrics.add_snapshots(
         lambda: Snapshot(workers={"solve": 1}, counts=QueueCounts(meshes=dict.fromkeys(STATUSES, 0), oldest_wait=0))
     )
-    metrics.ended(Ending(status="succeeded", solve_seconds=1.0))
-    metrics.answered("GET", "/", 200, 0.1, 1)
+    metrics.count_end(Ending(status="succeeded", solve_seconds=1.0))
+    metrics.count_answer("GET", "/", 200, 0.1, 1)
     found = {}
     for family in metrics.registry.collect():
         labels = {name for sample in family.samples for name in sample.labels} - {"le"}

@@ -71,11 +71,11 @@ async def test_probes_share_a_look() -> None:
         looks.append(1)
 
     readiness = Readiness({"slow": slow})
-    said = await asyncio.gather(*(readiness.look() for _ in range(20)))
+    said = await asyncio.gather(*(readiness.check() for _ in range(20)))
     assert said == [{"slow": OK}] * 20
     assert len(looks) == 1
     await asyncio.sleep(1.0)
-    await readiness.look()
+    await readiness.check()
     assert len(looks) == 2
 
 
@@ -84,7 +84,7 @@ async def test_a_room_that_hangs_is_not_ready() -> None:
     free = threading.Event()
     readiness = Readiness({"store": lambda: free.wait(10) and None, "files": lambda: None}, patience=0.2)
     began = time.monotonic()
-    assert await readiness.look() == {"store": "no answer within 0.2 s", "files": OK}
+    assert await readiness.check() == {"store": "no answer within 0.2 s", "files": OK}
     assert time.monotonic() - began < 2
     free.set()
 

@@ -71,10 +71,10 @@ def test_finished_meshes_and_unused_samples_go_after_their_time(store: Store, cl
     clock.now += 15 * DAY + 1
     assert sweep() == Swept(meshes=1, samples=0, orphans=0)
     assert [row.id for row in store.meshes.page()] == ["m-needs", "m-young", "m-waits"]
-    assert store.retention.was_there("m-old", "key")
-    assert store.retention.was_there("m-old", None)
-    assert not store.retention.was_there("m-old", "other")
-    assert not store.retention.was_there("m-young", None)
+    assert store.retention.has_removed("m-old", "key")
+    assert store.retention.has_removed("m-old", None)
+    assert not store.retention.has_removed("m-old", "other")
+    assert not store.retention.has_removed("m-young", None)
     assert files.path(mesh.sha256).exists()  # of m-young
     clock.now += 100 * DAY
     assert sweep() == Swept(meshes=2, samples=0, orphans=0)
@@ -84,15 +84,15 @@ def test_finished_meshes_and_unused_samples_go_after_their_time(store: Store, cl
     clock.now += 31 * DAY
     assert sweep() == Swept(meshes=1, samples=1, orphans=0)
     assert not files.path(uploaded.sha256).exists()
-    assert store.retention.was_there("s-1", "key")
-    assert not store.retention.was_there("s-1", "")
+    assert store.retention.has_removed("s-1", "key")
+    assert not store.retention.has_removed("s-1", "")
     # Samples that come back are there; when they have had their time again that is noted again.
     store.samples.add(SamplesRow("s-1", uploaded.sha256, uploaded.size, {}, clock()), key_id="key")
-    assert not store.retention.was_there("s-1", "key")
+    assert not store.retention.has_removed("s-1", "key")
     clock.now += 301 * DAY
     assert sweep().samples == 1
-    assert not store.retention.was_there("m-old", "key")
-    assert store.retention.was_there("s-1", "key")
+    assert not store.retention.has_removed("m-old", "key")
+    assert store.retention.has_removed("s-1", "key")
 
 
 def test_all_of_many_meshes_go_in_one_sweep(store: Store, clock: Clock, files: FolderFiles) -> None:
