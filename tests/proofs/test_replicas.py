@@ -206,7 +206,7 @@ def test_what_a_silent_replica_had_is_taken_over_and_not_taken_back(pair: Pair) 
     # The worker that was frozen goes on with its mesh, or is told to leave it: then it takes another.
     assert ask(pair.a, steady(2), Prefer="wait=60").json()["status"] == "succeeded"
     assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]
-    assert pair.story(name)[2][2] == "its service fell silent"
+    assert pair.story(name)[2][2] == "its service stopped responding"
     assert look(pair.a, name) == mesh
 
 
@@ -219,7 +219,7 @@ def test_what_a_killed_replica_had_is_taken_over(pair: Pair) -> None:
     assert time.monotonic() - began > _LEASE / 2  # not before the lease, of which a third is gone at most
     assert finished(pair.b, name)["status"] == "succeeded"
     assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]
-    assert pair.story(name)[2][2] == "its service fell silent"
+    assert pair.story(name)[2][2] == "its service stopped responding"
     until(lambda: not pair.a.left())
     assert pair.b.stop() == 0
     until(lambda: not pair.b.left())

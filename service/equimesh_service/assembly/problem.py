@@ -1,4 +1,4 @@
-"""From a spec to the solver's objects. What does not fit is refused with a pointer into the spec."""
+"""From a spec to the objects of the solver; input errors become problems with a pointer into the spec."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ from equimesh_service.spec.document import escape_token
 Spec: TypeAlias = Mapping[str, Any]
 """A spec that fits the models, as plain JSON."""
 Samples: TypeAlias = Path | Arrays
-"""Stored samples, or those that have just come."""
+"""Stored samples, or those of this request."""
 SamplesOf: TypeAlias = Callable[[str], Samples]
 """The samples with an id."""
 
@@ -36,14 +36,14 @@ def check(spec: Spec, samples: Mapping[str, Samples]) -> None:
 
 
 def check_schwarz(spec: Spec) -> None:
-    """Raise a 422 problem where the Schwarz settings cannot be used on the grid, or the grid cannot be."""
+    """Raise a 422 problem for an impossible grid, or for Schwarz settings that do not fit the grid."""
     with translate_errors():
         specs.build_schwarz(spec)
 
 
 @contextmanager
 def translate_errors(section: str = "") -> Iterator[None]:
-    """Turn what the solver refuses into a 422 problem that points into ``section`` of the body."""
+    """Turn an input error of the solver into a 422 problem that points into ``section`` of the body."""
     try:
         yield
     except InputError as error:

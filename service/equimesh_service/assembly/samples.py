@@ -1,12 +1,12 @@
-"""What a worker does with samples that come in: read them, and see that a field can be made of them.
+"""Uploaded samples: they are read, checked, and made into fields.
 
-Interpolation of scattered samples takes seconds where there are many. A worker can be stopped, and its linear
-algebra runs on one thread, which is tens of times faster for the many small systems here.
+To interpolate many scattered samples takes seconds. It is done in a worker, which can be stopped. The linear algebra of
+a worker runs on one thread, which is tens of times faster for the many small systems here.
 
-The same samples are interpolated up to three times. An upload without a spec is interpolated on its own extent, since
-faults are to be reported to the sender at once (``alone``). A request for a mesh interpolates them on the domain, which
-is known only then; a small grid in the process of the service, all else in a side worker. The solve does so again: it
-runs in another process, at another time, and a file is all that outlives both.
+The same samples are interpolated up to three times. An upload without a spec is interpolated on its own extent, so that
+its sender learns of faults at once (``alone``). A request for a mesh interpolates them on the domain, which is known
+only then: a small grid in the process of the service, all others in a side worker. The solve interpolates them again,
+in another process at another time; only a file is left between the two.
 """
 
 import io
@@ -28,13 +28,14 @@ from equimesh.inputs import count_noun, real_array
 from equimesh.upload.samples import read_arrays, samples_of
 
 Arrays: TypeAlias = Mapping[str, Any]
-MAX_LIGHT_BYTES = 256 * 1024  # bytes
-# The sides of a mesh may leave out this share of the box around a domain with curved sides.
+# The most bytes of samples that the service reads itself, also when they are unpacked.
+MAX_LIGHT_BYTES = 256 * 1024
+# The share of the box around a domain with curved sides that the nodes of a mesh may leave out.
 _RIM_SHARE = 0.05
 
 
 def is_light(data: bytes, filename: str) -> bool:
-    """Whether a file is read in about a millisecond: npz or npy, and small when it is unpacked, too."""
+    """Whether a file is read in about a millisecond: npz or npy, and small, also when it is unpacked."""
     if filename.lower().endswith(".npy"):
         return len(data) <= MAX_LIGHT_BYTES
     if not filename.lower().endswith(".npz") or len(data) > MAX_LIGHT_BYTES:
@@ -43,14 +44,14 @@ def is_light(data: bytes, filename: str) -> bool:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             return sum(entry.file_size for entry in archive.infolist()) <= MAX_LIGHT_BYTES
     except (zipfile.BadZipFile, ValueError, NotImplementedError):
-        return False  # a worker will say what is wrong
+        return False  # a worker reports what is wrong
 
 
 def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
     """The canonical arrays of an upload.
 
-    ``alone`` says that they come without a domain: what is wrong with them on any is then found here, else by who
-    makes a field of them. Raises :class:`~equimesh.errors.SamplesError`.
+    ``alone`` says that they come without a domain: faults on every domain are then found here, otherwise when a field
+    is made of them. Raises :class:`~equimesh.errors.SamplesError`.
     """
     arrays = _canonical(read_arrays(data, filename, max_bytes=max_bytes))
     if alone and "points" not in arrays:
@@ -59,7 +60,7 @@ def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
 
 
 def write(arrays: Arrays, target: Path) -> dict[str, Any]:
-    """Write canonical arrays as the npz ``target``; returns what the samples are."""
+    """Write canonical arrays as the npz ``target``; returns a summary of the samples."""
     with target.open("wb") as file:
         np.savez(file, **arrays)
     values = arrays["values"]
@@ -77,18 +78,18 @@ def convert(source: Path, filename: str, target: Path, max_bytes: int, *, alone:
 
 
 def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:
-    """A function from canonical samples, stored or as they came, which must cover ``box``."""
-    given = _stored(samples) if isinstance(samples, Path) else samples
-    if "x" not in given or given["x"].ndim == 1:
-        return samples_of(given, box=box)
+    """A field from canonical samples, which must cover ``box``."""
+    arrays = _load(samples) if isinstance(samples, Path) else samples
+    if "x" not in arrays or arrays["x"].ndim == 1:
+        return samples_of(arrays, box=box)
     for name, (low, high) in zip(("x", "y"), box, strict=True):
         rim = _RIM_SHARE * (high - low)
-        if abs(given[name].min() - low) > rim or abs(given[name].max() - high) > rim:
+        if abs(arrays[name].min() - low) > rim or abs(arrays[name].max() - high) > rim:
             raise SamplesError("these are values at the nodes of a mesh of another domain", field=name)
-    return equimesh.NodalField(mesh=equimesh.Mesh(given["x"], given["y"]), values=given["values"])
+    return equimesh.NodalField(mesh=equimesh.Mesh(arrays["x"], arrays["y"]), values=arrays["values"])
 
 
-def _stored(path: Path) -> Arrays:
+def _load(path: Path) -> Arrays:
     with np.load(path, allow_pickle=False) as arrays:
         return dict(arrays)
 
@@ -110,18 +111,18 @@ def _canonical(arrays: dict[str, Any]) -> dict[str, Any]:
 
 
 def _ends(axis: npt.NDArray[np.float64]) -> Interval:
-    """The ends of an axis; of one that is to be refused anything."""
+    """The ends of an axis; (0, 1) for an invalid one, which is refused later."""
     return (float(axis[0]), float(axis[-1])) if axis.size > 1 and axis[0] < axis[-1] else (0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Upload:
-    """A file as it came: its bytes, and the name whose suffix tells its format."""
+    """An uploaded file: its bytes, and the name whose suffix gives its format."""
 
     data: bytes
     filename: str
 
     @cached_property
     def is_light(self) -> bool:
-        """Whether reading it takes no longer than asking a worker to."""
+        """Whether it is read faster here than in a worker."""
         return is_light(self.data, self.filename)

@@ -1,4 +1,4 @@
-"""Threads that check what clients send: few, so that they leave the processors to others."""
+"""The few threads that check the input of clients."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -10,27 +10,28 @@ from anyio import CapacityLimiter, from_thread, to_thread
 from equimesh_service.problems.problem import Problem
 
 Checked = TypeVar("Checked")
+# Few, so that checks leave the processors to other work.
 _THREAD_COUNT = 4
-# Additional threads that only wait for a worker to read samples: for one key.
+# The most additional threads of one key that only wait for a worker to read samples.
 _MAX_WAITING_OF_KEY = 32
-# The same, for all keys together.
+# The most of them for all keys together.
 _MAX_WAITING = 128
 
 
 class CheckThreads:
-    """A few threads for checks; made in a running event loop."""
+    """The threads; created in a running event loop."""
 
     def __init__(self, threads: int = _THREAD_COUNT) -> None:
         self._limiter = CapacityLimiter(threads)
         self._waiting: Counter[str] = Counter()  # by key
 
     async def run(self, function: Callable[..., Checked], *arguments: Any) -> Checked:
-        """What ``function`` returns in one of the threads."""
+        """The result of ``function``, called in one of the threads."""
         return await to_thread.run_sync(function, *arguments, limiter=self._limiter)
 
     @contextmanager
     def while_waiting(self, key_id: str) -> Iterator[None]:
-        """Let another check take this thread's place while this one waits for a worker; called inside a check.
+        """Let another check start while this one waits for a worker; entered inside a check.
 
         Otherwise a few slow checks would block the quick checks of others. Raises a 429 problem at the limit of the
         key, and a 503 problem at the limit of all keys together.

@@ -22,7 +22,7 @@ from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.worker.attempt import log_context_of
 
 _log = logging.getLogger(__name__)
-# Longest time between two rounds of a thread that works; the wait for a locked database is half as long.
+# The longest time between two rounds of a healthy thread; a wait for a locked database is half as long.
 _MAX_ROUND_SECONDS = 60.0
 # How often the dispatcher checks its claims; a task whose claim is gone is cancelled at the second check.
 _CHECK_SECONDS = 0.4
@@ -30,7 +30,7 @@ _CHECK_SECONDS = 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """The dispatcher's part of the settings; all times in seconds."""
+    """The settings of the dispatcher; times are in seconds, memory in MiB."""
 
     time_limit: float = 300.0
     memory_limit: int = 4096
@@ -43,7 +43,7 @@ class Dispatcher:
     """A thread that takes meshes from the queue of a store to the workers of an engine.
 
     It claims as many meshes as the engine has workers, renews the leases of its claims while they run, and takes back
-    the claims of owners that went silent. The states of a claim::
+    the claims of silent owners. The states of a claim::
 
         queued ── claim ──> running ── the worker writes its result ──> succeeded or failed
            ^                   ├── a limit is reached, or the worker raises ──> failed
@@ -51,11 +51,11 @@ class Dispatcher:
            ├───────────────────┤ its worker died or its owner is silent (failed after ``max_attempts``)
            └───────────────────┘ no worker has it, or the service stops
 
-    ``run`` is what a worker does with a claim: it writes its results into the store itself. ``notify`` is called with
-    the id of every mesh whose status may have changed.
+    ``run`` gives the function and the arguments that a worker calls for a claim; the worker writes its results into
+    the store itself. ``notify`` is called with the id of every mesh whose status may have changed.
 
-    A mesh for which a request waits need not go through the queue: reserve a worker in the :attr:`line`, put the mesh
-    into the store as claimed by :attr:`lease`, and :meth:`begin` it, or release the worker.
+    A mesh whose request waits can skip the queue: reserve a worker in the :attr:`line`, put the mesh into the store as
+    claimed by :attr:`lease`, and :meth:`begin` it, or release the worker.
     """
 
     def __init__(
@@ -78,9 +78,9 @@ class Dispatcher:
         self.lease = Lease(owner=owner, seconds=rules.lease)
         self._wake = threading.Event()
         self.line = WorkerLine(engine, lambda: len(self._running), self._wake.set)
-        self._lock = self.line.lock  # of the two that follow
+        self._lock = self.line.lock  # guards the next two
         self._running: dict[Claim, Future[Any]] = {}
-        self._woken = False  # since the current look at the queue began
+        self._woken = False  # since the current check of the queue began
         self._strays: set[Claim] = set()  # claims of this service that no worker has
         self._gone: set[Claim] = set()  # claims that workers have and this service has lost
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
@@ -89,13 +89,13 @@ class Dispatcher:
         self._thread = threading.Thread(target=self._loop, name="equimesh-dispatcher", daemon=True)
 
     def start(self, *, alone: bool) -> None:
-        """Start the thread. ``alone``: no other service uses this store, so all meshes that run there are lost."""
+        """Start the thread. ``alone``: no other service uses the store, so no running mesh has a worker."""
         for claim in self._store.queue.find_abandoned(owner_gone=self._owner if alone else None):
             self._lost(claim, "the service stopped while a worker had this mesh")
         self._thread.start()
 
     def wake(self) -> None:
-        """Look at the queue now."""
+        """Check the queue now."""
         with self._lock:
             self.line.queue_is_empty, self._woken = False, True
         self._wake.set()
@@ -116,7 +116,7 @@ class Dispatcher:
         self._wake.set()
 
     def is_alive(self) -> bool:
-        """Whether the thread works: it runs, and its last round began less than a minute ago."""
+        """Whether the thread runs, and began its last round less than a minute ago."""
         return self._thread.is_alive() and time.monotonic() - self._last_round < _MAX_ROUND_SECONDS
 
     def stop(self) -> None:
@@ -138,7 +138,7 @@ class Dispatcher:
             self._engine.cancel(task)
 
     def _loop(self) -> None:
-        next_renewal = next_look = next_check = time.monotonic()
+        next_renewal = next_fill = next_check = time.monotonic()
         while not self._stopping.is_set():
             self._wake.clear()
             self._last_round = time.monotonic()
@@ -150,9 +150,9 @@ class Dispatcher:
                 if self._running and time.monotonic() >= next_check:
                     self._cancel_gone()
                     next_check = time.monotonic() + _CHECK_SECONDS
-                if not self.line.queue_is_empty or time.monotonic() >= next_look:
+                if not self.line.queue_is_empty or time.monotonic() >= next_fill:
                     self._fill()
-                    next_look = time.monotonic() + self._rules.poll  # others may have put something in
+                    next_fill = time.monotonic() + self._rules.poll  # other services may have added meshes
             except Exception as error:
                 if storage_problem(error) is None:  # otherwise it is logged there
                     _log.exception("the dispatcher failed; it continues")
@@ -171,12 +171,12 @@ class Dispatcher:
             with self._lock:
                 self.line.end_turn_of_queue(is_empty=claim is None and not self._woken)
                 task = None if claim is None else self._submit(claim, None)
-                self.line.call_next()  # now that the worker of the claim is not free any more
+                self.line.call_next()  # now that the claim has its worker
             if claim is None or task is None:
                 return
             row = self._store.meshes.get(claim.mesh_id)
             if row is None or row.finished:
-                self._engine.cancel(task)  # canceled between the claim and now: `cancel` did not see the task
+                self._engine.cancel(task)  # canceled since the claim, when `cancel` did not see the task yet
             self._notify(claim.mesh_id)
 
     def _tasks(self) -> list[tuple[Claim, Future[Any]]]:
@@ -205,7 +205,7 @@ class Dispatcher:
         self._notify(claim.mesh_id)
 
     def _free_worker(self, claim: Claim) -> None:
-        """The worker of a claim is free again."""
+        """Free the worker of a claim."""
         with self._lock:
             self._running.pop(claim, None)
             self.line.call_next()
@@ -217,7 +217,7 @@ class Dispatcher:
                 with log_context.enter(log_context_of(claim)):
                     self._conclude(claim, task.exception())
             except Exception:
-                self._ended.put((claim, task))  # the store did not take it: try again later
+                self._ended.put((claim, task))  # the store failed: try again later
                 raise
             self._free_worker(claim)
             self._notify(claim.mesh_id)
@@ -245,7 +245,7 @@ class Dispatcher:
             case _:
                 _log.error("mesh %s: the worker failed", claim.mesh_id, exc_info=error)
                 problem = Problem("internal-error", f"The worker failed: {type(error).__name__}.")
-        # When all went well the mesh is finished already, and this changes nothing.
+        # Usually the worker has finished the mesh, and this changes nothing.
         if self._store.queue.finish(claim, error=problem.body()):
             self._metrics.count_end(Ending(status=FAILED, reason=problem.name))
             _log.warning("mesh %s failed: %s", claim.mesh_id, problem.name)
@@ -264,22 +264,22 @@ class Dispatcher:
     def _renew_leases(self) -> None:
         running = {claim for claim, _ in self._tasks()}
         strays = self._store.queue.renew(self._owner, self._rules.lease) - running
-        for claim in strays & self._strays:  # twice in a row, so it is not just on its way to a worker
+        for claim in strays & self._strays:  # at two checks in a row, so it is not just on its way to a worker
             if self._store.queue.requeue(claim, "it had not reached a worker"):
                 self.line.queue_is_empty = False
         self._strays = strays
         for claim in self._store.queue.find_abandoned():
-            self._lost(claim, "its service fell silent")
+            self._lost(claim, "its service stopped responding")
 
     def _cancel_gone(self) -> None:
-        """Cancel the tasks of meshes that were canceled through another service, or taken over by it."""
-        running = dict(self._tasks())  # before the store is read: it knows all of these
+        """Cancel the tasks of meshes that another service has canceled or taken over."""
+        running = dict(self._tasks())  # before the store is read, which knows all of these
         gone = running.keys() - self._store.queue.find_held(self._owner)
-        for claim in gone & self._gone:  # twice in a row, so its worker has not just finished it
+        for claim in gone & self._gone:  # at two checks in a row, so its worker has not just finished it
             self._engine.cancel(running[claim])
         self._gone = gone
 
 
 def _is_over(task: Future[Any]) -> bool:
-    """Whether a worker has brought its mesh to an end in the store."""
+    """Whether a worker has finished its mesh in the store."""
     return not task.cancelled() and task.exception() is None and isinstance(task.result(), Ending)

@@ -1,4 +1,4 @@
-"""Side workers: they make files and pictures and read samples, for all keys in turn."""
+"""Side workers: they write files, draw pictures and read samples, for all keys in turn."""
 
 import threading
 from collections import OrderedDict, deque
@@ -20,16 +20,16 @@ class _Task:
 
 
 class SideWorkers:
-    """Gives an engine as many tasks as it has workers, and takes the next from each key in turn.
+    """Gives an engine as many tasks as it has workers, one from each key in turn.
 
-    However many tasks one key has waiting here, another key's first one begins when any of those that run has ended.
+    However many tasks one key has waiting, the first task of another key begins as soon as a running one ends.
     Every method returns at once and may be called from any thread.
     """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._lock = threading.Lock()  # of the two that follow
-        self._waiting: OrderedDict[str, deque[_Task]] = OrderedDict()  # by key; whose turn it is stands first
+        self._lock = threading.Lock()  # guards the next two
+        self._waiting: OrderedDict[str, deque[_Task]] = OrderedDict()  # by key; the next key comes first
         self._free = engine.health().workers
 
     def submit(
@@ -49,17 +49,17 @@ class SideWorkers:
         return self._engine.health()
 
     def close(self) -> None:
-        """Stop all workers; what runs or waits is given up."""
+        """Stop all workers; running and waiting tasks are given up."""
         self._engine.close()
 
     def _fill(self) -> None:
         while (task := self._next()) is not None:
             try:
                 running = task.begin()
-            except Exception as error:  # whatever it is, the worker stays free
+            except Exception as error:  # whatever the error, the worker stays free
                 running = Future()
                 running.set_exception(error)
-            if running.done():  # there are no workers: by its callback each task would begin inside the one before
+            if running.done():  # without workers; a callback would start each task inside the one before
                 self._end(task, running)
             else:
                 running.add_done_callback(partial(self._end_and_fill, task))

@@ -1,4 +1,4 @@
-"""Wake-up calls inside one process: requests wait here until something happens to their mesh."""
+"""Wake-up calls inside one process: requests wait here for a change of their mesh."""
 
 import asyncio
 import sys
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from starlette.concurrency import run_in_threadpool
 
-# A number that no event has; a waiter with it waits for the end of the mesh.
+# The number of no event: a waiter who has seen it waits for the end of the mesh.
 END = sys.maxsize
 
 
@@ -22,9 +22,9 @@ class _Waiter:
 class Wakeups:
     """Lets coroutines of one event loop wait for news of a mesh; any thread may announce news.
 
-    News are a hint to look at the store, never the news themselves. What workers and other services write comes
-    without one, so somebody has to look: one for all who wait, every ``poll`` seconds while there are any. ``look``
-    gives the number of the last event of each of some meshes, but of none that is finished or gone.
+    An announcement only hints that the store has changed. Workers and other services announce nothing, so a task polls
+    the store for all waiters, every ``poll`` seconds while there are any. ``look`` returns the number of the last event
+    of each given mesh that is not finished or gone.
     """
 
     def __init__(self, look: Callable[[Sequence[str]], Mapping[str, int]], poll: float) -> None:
@@ -35,21 +35,21 @@ class Wakeups:
         self.closing = False
 
     def announce(self, mesh_id: str) -> None:
-        """Wake all that wait for this mesh; from any thread."""
+        """Wake all waiters for this mesh; from any thread."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._wake, mesh_id)
 
     async def wait(self, mesh_id: str, timeout: float, *, seen: int | None = None) -> bool:
-        """Return True at the next announcement, and False after ``timeout`` seconds.
+        """Return True at the next announcement, False after ``timeout`` seconds.
 
-        With ``seen`` True, too, soon after the mesh has an event of a larger number, or is finished, or gone.
+        With ``seen``, also return True soon after the mesh has an event of a larger number, or is finished or gone.
         """
         if self.closing:
             return True
         waiter = _Waiter(seen)
         self._waiting[mesh_id].add(waiter)
         if seen is not None and self._watching is None:
-            # Not in the context of this request: it looks for all others, too, and continues after it.
+            # Not in the context of this request: the task serves all others, too, and outlives it.
             self._watching = self._loop.create_task(self._watch(), context=Context())
         try:
             async with asyncio.timeout(timeout):
@@ -62,7 +62,7 @@ class Wakeups:
                 del self._waiting[mesh_id]
 
     def close(self) -> None:
-        """Wake everyone for good: the service ends."""
+        """Wake all waiters, now and in future: the service stops."""
         self.closing = True
         if self._watching is not None:
             self._watching.cancel()
@@ -75,7 +75,7 @@ class Wakeups:
             watched = self._watched()
             try:
                 last = await run_in_threadpool(self._look, watched)
-            except Exception:  # each waiter meets it when it reads the store itself
+            except Exception:  # each waiter gets the error when it reads the store itself
                 last = {}
             for mesh_id in watched:
                 self._wake(mesh_id, last.get(mesh_id))
@@ -85,7 +85,7 @@ class Wakeups:
         return [mesh_id for mesh_id, here in self._waiting.items() if any(one.seen is not None for one in here)]
 
     def _wake(self, mesh_id: str, last: int | None = None) -> None:
-        """Wake all that wait for a mesh, or those alone that have not seen its event number ``last``."""
+        """Wake the waiters for a mesh: all, or those that have not seen its event number ``last``."""
         for waiter in self._waiting.get(mesh_id, ()):
             if last is None or (waiter.seen is not None and waiter.seen < last):
                 waiter.call.set()

@@ -1,4 +1,4 @@
-"""The line for a worker: the workers that are reserved, and the requests that wait for one."""
+"""The line for a worker: the reserved workers, and the requests that wait for one."""
 
 import threading
 from collections import deque
@@ -7,15 +7,15 @@ from concurrent.futures import Future
 
 from equimesh_service.engine.port import Engine
 
-# Requests that may wait for a worker at once; more go into the queue.
+# The most requests that wait for a worker; further meshes enter the queue.
 _MAX_LINE_LENGTH = 64
 
 
 class WorkerLine:
-    """Reserves free workers of an engine: for requests in the line and for the queue, which take turns.
+    """Reserves free workers of an engine, in turn for requests in the line and for the queue.
 
-    ``count_running`` gives the number of workers that have a mesh; ``wake`` is called when a reserved worker is given
-    up. ``lock`` guards all of this, and what the dispatcher counts as running.
+    ``count_running`` returns the number of workers that have a mesh; ``wake`` is called when a reserved worker is
+    released. ``lock`` guards the line and the dispatcher's running tasks.
     """
 
     def __init__(self, engine: Engine, count_running: Callable[[], int], wake: Callable[[], None]) -> None:
@@ -28,7 +28,7 @@ class WorkerLine:
         self._closed = False
 
     def reserve(self) -> bool:
-        """Reserve a worker for a mesh that is not in the store yet; False when none is free, or others wait."""
+        """Reserve a worker for a mesh that is not in the store yet; False when none is free or others wait."""
         with self.lock:
             return self.queue_is_empty and not self._turns and not self._closed and self._take_free_worker()
 
@@ -39,17 +39,17 @@ class WorkerLine:
             return self._take_free_worker()
 
     def use(self) -> None:
-        """A reserved worker has got its mesh; called under the lock."""
+        """Note that a reserved worker has its mesh; called under the lock."""
         self._reserved -= 1
 
     def end_turn_of_queue(self, *, is_empty: bool) -> None:
-        """The queue had its turn, and was empty or not; called under the lock."""
+        """End the turn of the queue, which was empty or not; called under the lock."""
         self._reserved -= 1
         self.queue_is_empty = is_empty
         self._is_turn_of_line = True
 
     def release(self) -> None:
-        """Give up a reserved worker."""
+        """Release a reserved worker."""
         with self.lock:
             self._reserved -= 1
             self.call_next()
@@ -67,7 +67,7 @@ class WorkerLine:
         return turn
 
     def leave(self, turn: Future[bool]) -> None:
-        """Leave the line; a worker that was reserved meanwhile is given up."""
+        """Leave the line; a worker that was reserved meanwhile is released."""
         with self.lock:
             if turn in self._turns:
                 self._turns.remove(turn)
@@ -82,7 +82,7 @@ class WorkerLine:
             self._turns.popleft().set_result(True)
 
     def close(self) -> None:
-        """Reserve no more workers; all in the line are sent away."""
+        """Reserve no more workers; all waiting requests get False."""
         with self.lock:
             self._closed = True
             while self._turns:

@@ -26,17 +26,17 @@ from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitErro
 Result = TypeVar("Result")
 _log = logging.getLogger(__name__)
 _warmed_up = 0.0  # seconds, in a worker
+# The time between two checks of the pool, and of a worker's parent.
 _WATCH_SECONDS = 0.2
 _server_lock = threading.Lock()
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class PebbleEngine:
-    """A pool of ``workers`` processes; ``memory_limit`` is in MiB for each, over what it needs to start.
+    """A pool of ``workers`` processes; ``memory_limit`` is in MiB for each, on top of what it needs to start.
 
-    ``preload`` names modules that are imported once, before the workers are forked off, and ``warm_up`` runs
-    in each worker before its first task, after ``prepare``, which gives the process what is not a task's: its log.
-    A worker that dies is replaced; a pool that breaks, too.
+    ``preload`` names modules that are imported once, before the workers are forked. Each worker first calls
+    ``prepare``, which sets up its log, then ``warm_up``. Workers that die and pools that break are replaced.
     """
 
     def __init__(
@@ -50,13 +50,13 @@ class PebbleEngine:
     ) -> None:
         self._workers = workers
         self._context = _context(preload)
-        # Workers hold the reading end: it tells them when this process is gone, however it went.
+        # Workers hold the reading end, which closes when this process ends, however it ends.
         reader, self._lifeline = self._context.Pipe(duplex=False)
         self._start = (memory_limit, prepare, warm_up, reader)
         self._lock = threading.Lock()
         self._inner: dict[Future[Any], ProcessFuture[Any]] = {}
-        # Tasks lost with a whole pool. Reported only once there is a new pool: a retry before would be lost again.
-        self._bereft: list[tuple[Future[Any], WorkerLostError]] = []
+        # Tasks lost with a whole pool. Reported only when there is a new pool: an earlier retry would be lost again.
+        self._lost: list[tuple[Future[Any], WorkerLostError]] = []
         self._closed = threading.Event()
         self._pool, self._warm = self._new_pool()
         self._watcher = threading.Thread(target=self._watch, name="equimesh-pool-watch", daemon=True)
@@ -74,14 +74,14 @@ class PebbleEngine:
             try:
                 inner = self._pool.schedule(_run, args=(function, arguments), timeout=time_limit)
             except RuntimeError as error:  # the pool broke, and is about to be replaced
-                self._bereft.append((outer, WorkerLostError(f"there are no workers: {error}")))
+                self._lost.append((outer, WorkerLostError(f"there are no workers: {error}")))
                 return outer
             self._inner[outer] = inner
         inner.add_done_callback(lambda done: self._hand_over(done, outer))
         return outer
 
     def cancel(self, task: Future[Any]) -> None:
-        """Give the task up; a worker that runs it is killed and replaced."""
+        """Give up the task; a worker that runs it is killed and replaced."""
         with self._lock:
             inner = self._inner.get(task)
         if inner is not None:
@@ -90,7 +90,7 @@ class PebbleEngine:
     def health(self) -> Health:
         """Ready once a worker has warmed up."""
         with self._lock:
-            active = bool(self._pool.active) and not self._bereft and not self._closed.is_set()
+            active = bool(self._pool.active) and not self._lost and not self._closed.is_set()
             warm = self._warm.done() and not self._warm.cancelled() and self._warm.exception() is None
         detail = "" if active and warm else "workers are starting" if active else "the worker pool is down"
         return Health(ready=active and warm, workers=self._workers, detail=detail)
@@ -109,42 +109,42 @@ class PebbleEngine:
         with self._lock:
             self._closed.set()
             left = list(self._inner.values())
-        self._watcher.join()  # no pool is new from now on
+        self._watcher.join()  # no new pool from now on
         for inner in left:
             inner.cancel()  # type: ignore[no-untyped-call]
         _stop(self._pool)
-        self._tell_bereft()
+        self._report_lost()
 
     def _watch(self) -> None:
         seen = PoolWatch(self._pool)
         while not self._closed.wait(_WATCH_SECONDS):
             try:
-                defect = seen.defect() or ("its workers are gone" if self._bereft else "")
+                defect = seen.defect() or ("its workers are gone" if self._lost else "")
                 if defect:
                     _log.warning("the worker pool is replaced: %s", defect)
                     self._replace(defect)
                     seen = PoolWatch(self._pool)
-            except Exception:  # no processes can be started, say
-                _log.exception("the worker pool is down; it is tried again")
-                self._tell_bereft()  # rather than have them wait for a pool that may never come
+            except Exception:  # for instance when no process can be started
+                _log.exception("the worker pool is down; it will be replaced")
+                self._report_lost()  # there may never be a new pool
 
     def _replace(self, defect: str) -> None:
         fresh, warm = self._new_pool()
         with self._lock:
             broken, self._pool, self._warm = self._pool, fresh, warm
             lost = list(self._inner.values())
-        _stop(broken)  # without the lock: its threads may be handing over what they have
+        _stop(broken)  # without the lock, which its threads may need to hand over results
         for inner in lost:
             try:
                 inner.set_exception(BrokenProcessPool(defect))
             except InvalidStateError:
-                continue  # it came to an end of its own
-        self._tell_bereft()
+                continue  # it ended by itself
+        self._report_lost()
 
-    def _tell_bereft(self) -> None:
+    def _report_lost(self) -> None:
         with self._lock:
-            bereft, self._bereft = self._bereft, []
-        for outer, error in bereft:
+            lost_tasks, self._lost = self._lost, []
+        for outer, error in lost_tasks:
             outer.set_exception(error)
 
     def _new_pool(self) -> tuple[ProcessPool, ProcessFuture[float]]:
@@ -152,7 +152,7 @@ class PebbleEngine:
             max_workers=self._workers, initializer=_initialize, initargs=self._start, context=self._context
         )
         warm: ProcessFuture[float] = pool.schedule(_warm_up_seconds)
-        warm.add_done_callback(_tell_warm_up)
+        warm.add_done_callback(_log_warm_up)
         return pool, warm
 
     def _hand_over(self, inner: Future[Any], outer: Future[Any]) -> None:
@@ -171,7 +171,7 @@ class PebbleEngine:
                 outer.set_exception(WorkerLostError(f"the worker died: {error}"))
             case ProcessExpired() | BrokenProcessPool():
                 with self._lock:
-                    self._bereft.append((outer, WorkerLostError(f"the worker died: {error}")))
+                    self._lost.append((outer, WorkerLostError(f"the worker died: {error}")))
             case _:
                 outer.set_exception(error)
 
@@ -189,7 +189,7 @@ if sys.platform != "win32":
     from multiprocessing.context import ForkServerContext, ForkServerProcess
 
     class _Worker(ForkServerProcess):
-        """A process that is forked from the server, which is started again when it is gone."""
+        """A process that is forked from the server, which is restarted when it is gone."""
 
         def start(self) -> None:
             _start_server()
@@ -201,8 +201,8 @@ if sys.platform != "win32":
 
 def _start_server() -> None:
     """Start the process that workers are forked from, unless it runs."""
-    # One thread in each worker: the workers are as many as the processors. The libraries read this when they
-    # are loaded, in the server.
+    # One thread in each worker, as there are as many workers as processors. Libraries read this when the server loads
+    # them.
     with _server_lock:
         missing = [name for name in _THREAD_COUNTS if name not in os.environ]
         try:
@@ -214,7 +214,7 @@ def _start_server() -> None:
                 del os.environ[name]
 
 
-def _tell_warm_up(done: Future[float]) -> None:
+def _log_warm_up(done: Future[float]) -> None:
     if not done.cancelled() and done.exception() is None and done.result() > 0.0:
         _log.info("a worker warmed up in %.1f s; the first on a machine compiles the kernels", done.result())
 
@@ -229,12 +229,12 @@ def _run(function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
         return function(*arguments)
     except MemoryError:
         pass
-    gc.collect()  # now that nothing refers to what the task held: the next one needs the memory
+    gc.collect()  # nothing refers to the objects of the task now, and the next one needs the memory
     raise MemoryLimitError("the memory limit was reached")
 
 
 def _warm_up_seconds() -> float:
-    """How long the warm-up of this worker took."""
+    """The duration of the warm-up of this worker."""
     return _warmed_up
 
 
@@ -244,9 +244,9 @@ def _initialize(
     warm_up: Callable[[], None] | None,
     lifeline: Connection[Any, Any],
 ) -> None:
-    # Pebble stops a worker by SIGTERM and waits for Python code to notice; a factorisation never would.
+    # Pebble stops a worker by SIGTERM. Python would handle it between two instructions, after a long factorisation.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    threading.Thread(target=_die_with_others, args=(lifeline, os.getppid()), daemon=True).start()
+    threading.Thread(target=_die_with_parent, args=(lifeline, os.getppid()), daemon=True).start()
     if prepare is not None:
         prepare()
     if warm_up is not None:
@@ -258,9 +258,9 @@ def _initialize(
         _limit_memory(memory_limit)
 
 
-def _die_with_others(lifeline: Connection[Any, Any], parent: int) -> None:
-    # The service may be killed without a chance to stop its workers; an orphan would compute in vain. So it would
-    # without the server it was forked from, by which alone the service knows of it.
+def _die_with_parent(lifeline: Connection[Any, Any], parent: int) -> None:
+    # The service may be killed before it stops its workers, and an orphan would compute in vain. So would a worker
+    # without the server that it was forked from: the service knows of it through the server alone.
     while not lifeline.poll(_WATCH_SECONDS):
         if os.getppid() != parent:
             break

@@ -1,11 +1,11 @@
-"""Signs that a pool of Pebble's will not finish its tasks, although it says that it is active.
+"""Signs that a pool of Pebble will not finish its tasks, although it reports that it is active.
 
-Workers take tasks out of one pipe, one at a time: by a lock, which the system does not take from a process that dies
-with it. After that no worker gets a task, and none can be stopped. And a worker that dies at the moment it has begun
-a task may be forgotten before the pool hears that it had begun; so may one that cannot read the task.
+Workers take tasks out of one pipe, one worker at a time, by a lock. If a worker dies with the lock, the system does not
+release it: no worker gets a task any more, and none can be stopped. If a worker dies just after it began a task, or
+cannot read the task, the pool may not know that the task was begun, and forgets it.
 
-And when the server dies that workers are forked from, the pool takes them for dead while they still live for a moment,
-and take its tasks.
+When the server that workers are forked from dies, the pool takes them for dead; for a moment they are alive and take
+its tasks.
 """
 
 import signal
@@ -15,28 +15,28 @@ from typing import Any
 
 from pebble import ProcessPool
 
-# Seconds. Workers hold the lock for less than a millisecond; for more when they have to import a module for a task.
+# Workers hold the lock for less than a millisecond; for longer when they import a module for a task.
 MAX_SILENT_SECONDS = 10.0
-# The exit code of a process whose server died before it could tell: see :mod:`multiprocessing.popen_forkserver`.
+# The exit code of a process whose server died first: see :mod:`multiprocessing.popen_forkserver`.
 SERVER_DIED_EXIT_CODE = 255
 
 
 class PoolWatch:
-    """What one pool looked like so far."""
+    """The observations of one pool."""
 
     def __init__(self, pool: ProcessPool) -> None:
         self.pool = pool
         manager: Any = pool._pool_manager  # Pebble has no public access to it
         self._tasks, self._workers = manager.task_manager, manager.worker_manager
-        self._free = time.monotonic()  # when last the lock was
+        self._free = time.monotonic()  # when the lock was last free
         self._alive: dict[int, BaseProcess] = {}
-        self._died = 0.0  # when last a worker had
-        self._forgotten: dict[int, float] = {}  # tasks without a worker, and since when
+        self._died = 0.0  # when a worker last died
+        self._forgotten: dict[int, float] = {}  # the times since when tasks are without a worker
         self._known: dict[int, Any] = {}
-        self._last = 0  # task that was begun: the workers begin them in the order in which they came
+        self._last = 0  # the last task that was begun; they are begun in order
 
     def defect(self) -> str:
-        """Why the pool must be replaced; empty when it need not. Call it several times a second."""
+        """Why the pool must be replaced, "" when it need not be. Call it several times a second."""
         if not self.pool.active:
             return "it broke"
         now = time.monotonic()
@@ -47,7 +47,7 @@ class PoolWatch:
         codes = {before[pid].exitcode for pid in before.keys() - self._alive.keys()}
         if SERVER_DIED_EXIT_CODE in codes:
             return "the server that its workers are forked from died"
-        # Those that the pool stops itself do not count: it takes the lock first.
+        # Workers that the pool stops do not count, since it takes the lock first.
         if codes - {-signal.SIGTERM}:
             self._died = now
         if now - self._free > MAX_SILENT_SECONDS and self._died >= self._free:

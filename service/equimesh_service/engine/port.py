@@ -25,14 +25,14 @@ class Engine(Protocol):
     ) -> Future[Result]:
         """Run ``function(*arguments)``, all picklable, in a worker.
 
-        The future holds what the function returns or raises, an
-        :class:`~equimesh_service.errors.EngineError`, or is cancelled.
-        ``time_limit`` is in seconds, counted from when a worker starts the task.
+        The future has the result or the exception of the function, an
+        :class:`~equimesh_service.errors.EngineError`, or is cancelled. ``time_limit`` is in seconds, from the start of
+        the task in a worker.
         """
         ...
 
     def cancel(self, task: Future[Any]) -> None:
-        """Give a task up, within a second also when it runs."""
+        """Give up a task, within a second even when it runs."""
         ...
 
     def health(self) -> Health:
@@ -40,5 +40,5 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop all workers; what still runs is given up."""
+        """Stop all workers; running tasks are given up."""
         ...

@@ -1,4 +1,4 @@
-"""What a worker process gets before its first task: a log like the service's, and a tracer where traces are wanted."""
+"""The preparation of a worker process: a log like that of the service, and a tracer where traces are requested."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from equimesh_service.telemetry.tracer import open_tracer
 
 @dataclass(frozen=True, kw_only=True)
 class Preparation:
-    """A picklable record of it; calling it does it."""
+    """A picklable record of the preparation; calling it prepares the process."""
 
     log_level: str
     log_format: str
@@ -19,7 +19,7 @@ class Preparation:
 
     @classmethod
     def of(cls, settings: Settings) -> Preparation:
-        """As the settings say."""
+        """The preparation that the settings require."""
         return cls(log_level=settings.log_level, log_format=settings.log_format, trace_endpoint=settings.trace_endpoint)
 
     def __call__(self) -> None:

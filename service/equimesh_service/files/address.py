@@ -1,4 +1,4 @@
-"""Where files are kept, as the settings say it: picklable, so that workers open the same place."""
+"""The address of the files in the settings: picklable, so that workers open the same storage."""
 
 import re
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _ADDRESS_FORMS = "s3://bucket/prefix, or file:///folder"
 
 @dataclass(frozen=True, kw_only=True)
 class FilesAddress:
-    """The address of the files, and the local folder that they, or temporary files of theirs, are in."""
+    """The address of the files, and the local folder of the files or of their temporary files."""
 
     folder: Path
     url: str = ""
@@ -31,25 +31,25 @@ class FilesAddress:
     secret_key: SecretStr = _NONE
 
     def open(self) -> Files:
-        """The files. Raises :class:`FilesError` for an address that cannot be used."""
+        """The files behind the address; raises :class:`FilesError` for one that cannot be used."""
         parts = urlsplit(self.url)
         if not self.url:
             return FolderFiles(self.folder)
         if parts.scheme == "file" and parts.netloc in ("", "localhost") and parts.path.startswith("/"):
             return FolderFiles(Path(unquote(parts.path)))
         if parts.scheme != "s3":
-            raise FilesError(f"EQUIMESH_FILES_URL is {_shown(self.url)}: it must be {_ADDRESS_FORMS}")
+            raise FilesError(f"EQUIMESH_FILES_URL is {_hide_secrets(self.url)}: it must be {_ADDRESS_FORMS}")
         return S3Files(self._bucket(), self.folder)
 
     @property
     def is_shared(self) -> bool:
-        """Whether files are where other services may keep theirs, too."""
+        """Whether other services may use the same storage."""
         return bool(self.url)
 
     def _bucket(self) -> Bucket:
         parts = urlsplit(self.url)
         if parts.username is not None or parts.query or parts.fragment or not _BUCKET.fullmatch(parts.netloc):
-            raise FilesError(f"EQUIMESH_FILES_URL is {_shown(self.url)}: no name of a bucket follows s3://")
+            raise FilesError(f"EQUIMESH_FILES_URL is {_hide_secrets(self.url)}: no name of a bucket follows s3://")
         if self.endpoint and not _is_web_address(self.endpoint):
             raise FilesError("EQUIMESH_S3_ENDPOINT must be an address such as https://s3.example.org, without a path")
         if bool(self.access_key.get_secret_value()) != bool(self.secret_key.get_secret_value()):
@@ -67,7 +67,7 @@ class FilesAddress:
 
 
 def files_address(settings: Settings) -> FilesAddress:
-    """Where a service with these settings keeps its files."""
+    """The address of the files of a service with these settings."""
     return FilesAddress(
         folder=settings.data_dir.resolve() / "files",
         url=settings.files_url,
@@ -87,6 +87,6 @@ def _is_web_address(text: str) -> bool:
     return bool(usable) and parts.scheme in ("http", "https") and not (parts.path.strip("/") or parts.query)
 
 
-def _shown(url: str) -> str:
-    """An address without what may be a secret in it."""
+def _hide_secrets(url: str) -> str:
+    """An address without its user and password."""
     return repr(re.sub(r"//[^/@]*@", "//…@", url)[:200])

@@ -18,35 +18,34 @@ from equimesh_service.files.unfinished import clear, temporary
 class FolderFiles:
     """A folder of files under their SHA-256; see :class:`~equimesh_service.files.port.Files`.
 
-    A file appears under its name only when it is whole and on disk: it is written under a temporary name,
-    synced, then renamed.
+    A file is written under a temporary name, synced to disk, then renamed: under its name it is always complete.
     """
 
     folder: Path
 
     def prepare(self, *, alone: bool) -> None:
-        """Make the folders, and clear what a crash left unfinished."""
+        """Make the folders, and remove unfinished files of a crash."""
         clear(self._unfinished, alone=alone)
         self.check()
 
     def tidy(self) -> None:
-        """Clear what a killed worker left unfinished hours ago."""
+        """Remove files that a killed worker left unfinished hours ago."""
         clear(self._unfinished, alone=False)
 
     def path(self, sha256: str) -> Path:
-        """Where the file with this content is, or would be."""
+        """The path of the file with this content, whether it exists or not."""
         return self.folder / key_of(sha256)
 
     def unfinished(self, suffix: str) -> AbstractContextManager[Path]:
-        """A temporary name in the same file system; whatever is left there at the end is removed."""
+        """A temporary file in the same file system, removed at the end if it is still there."""
         return temporary(self._unfinished, suffix)
 
     def seal(self, path: Path) -> StoredFile:
-        """Bring a finished file to disk; it still has its temporary name."""
+        """Sync a finished file to disk; it keeps its temporary name."""
         return digest_of(path, sync=True)
 
     def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:  # noqa: ARG002
-        """Rename a sealed file, on disk, too: whatever was there before, it is there now."""
+        """Rename a sealed file, and sync the folder."""
         target = self.path(file.sha256)
         target.parent.mkdir(exist_ok=True)
         os.replace(path, target)
@@ -60,13 +59,13 @@ class FolderFiles:
         yield path
 
     async def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
-        """The bytes from ``start`` up to ``end``; the file is open meanwhile, and so stays whole when removed."""
+        """The bytes from ``start`` up to ``end``; the file stays open, so that it can be removed in the meantime."""
         path = self.path(sha256)
         with ExitStack() as stack:
             opened: list[FileIO] = []
 
             def read(size: int) -> bytes:
-                if not opened:  # here, where it may take its time; the stack closes it whatever happens
+                if not opened:  # in this thread, since it may block; the stack closes it
                     opened.append(stack.enter_context(path.open("rb", buffering=0)))
                     opened[0].seek(start)
                 return opened[0].read(size)
@@ -79,11 +78,11 @@ class FolderFiles:
                 yield piece
 
     def remove(self, sha256: str) -> None:
-        """Remove a file that nothing refers to any more."""
+        """Remove a file that no row names any more."""
         self.path(sha256).unlink(missing_ok=True)
 
     def listing(self) -> Iterator[ListedFile]:
-        """All files that are there."""
+        """All files in the folder."""
         now = time.time()
         for shelf in self.folder.iterdir():
             if len(shelf.name) != 2 or not shelf.is_dir():
@@ -93,7 +92,7 @@ class FolderFiles:
                     try:
                         found = entry.stat()
                     except FileNotFoundError:
-                        continue  # removed at this moment
+                        continue  # removed just now
                     yield ListedFile(entry.name, found.st_size, now - found.st_mtime)
 
     def check(self) -> None:

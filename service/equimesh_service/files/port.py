@@ -1,4 +1,4 @@
-"""The files port: where bytes are kept under their SHA-256, written once, never changed.
+"""The files port: storage of bytes under their SHA-256, written once, never changed.
 
 An implementation passes ``check_files`` of the service's tests. There are two: a folder
 (:mod:`equimesh_service.files.folder`) and S3-compatible storage (:mod:`equimesh_service.files.s3`).
@@ -26,21 +26,21 @@ class StoredFile:
 
 @dataclass(frozen=True)
 class ListedFile:
-    """A file that is there: its SHA-256, its size in bytes, and the seconds since it was written."""
+    """A file in the storage: its SHA-256, its size in bytes, and the seconds since it was written."""
 
     sha256: str
     size: int
     age: float
 
 
-# Whether the content with this SHA-256 was removed lately, or may be at any moment; called inside a transaction.
+# Whether the content with this SHA-256 was removed recently, or may be at any moment; called inside a transaction.
 Removed = Callable[[str], bool]
-# Gives the files that a transaction names their names.
+# Publishes the files that a transaction names.
 Publish = Callable[[Removed], None]
 
 
 def publish_nothing(removed: Removed) -> None:
-    """Publish nothing: the files have their names already."""
+    """Publish nothing: the files are already published."""
 
 
 class Files(Protocol):
@@ -53,35 +53,37 @@ class Files(Protocol):
     """
 
     def prepare(self, *, alone: bool) -> None:
-        """Make what is needed, see that files can be written and read, and clear what a crash left unfinished.
+        """Make the storage ready, check that files can be written and read, and remove unfinished files of a crash.
 
-        ``alone`` says that no other service uses this folder: all that is unfinished is left over.
+        ``alone`` says that no other service uses this folder: then all unfinished files are removed.
         """
         ...
 
     def tidy(self) -> None:
-        """Clear what a killed worker left unfinished hours ago."""
+        """Remove files that a killed worker left unfinished hours ago."""
         ...
 
     def unfinished(self, suffix: str) -> AbstractContextManager[Path]:
-        """A local temporary file; whatever is left there at the end is removed."""
+        """A local temporary file, removed at the end if it is still there."""
         ...
 
     def seal(self, path: Path) -> StoredFile:
-        """Bring a finished file of :meth:`unfinished` to where it is safe; nothing refers to it yet.
+        """Move a finished file of :meth:`unfinished` to safe storage; no row names it yet.
 
-        A file that is sealed and never published is left over, and stays in :meth:`listing` if it is there at all.
+        A sealed file that is never published may stay in :meth:`listing` until it is swept.
         """
         ...
 
     def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:
-        """Give a sealed file its name. Done inside the transaction that first refers to it, so that a
-        removal of the same content for another mesh cannot come in between. Unless it was ``removed`` since it was
-        sealed, this is fast: remote storage is not asked."""
+        """Give a sealed file its name.
+
+        Called inside the transaction that first names the file, so that no removal of the same content comes between.
+        Fast, without a request to remote storage, unless the content was ``removed`` after the file was sealed.
+        """
         ...
 
     def local(self, sha256: str) -> AbstractContextManager[Path]:
-        """The file as one that can be opened here, for the length of a ``with``; it must not be changed."""
+        """A local path of the file, for the length of a ``with``; the file must not be changed."""
         ...
 
     def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
@@ -89,11 +91,11 @@ class Files(Protocol):
         ...
 
     def remove(self, sha256: str) -> None:
-        """Remove a file that nothing refers to any more, if it is there."""
+        """Remove a file that no row names any more, if it is there."""
         ...
 
     def listing(self) -> Iterator[ListedFile]:
-        """All files that are there, in no order."""
+        """All files of the storage, in no order."""
         ...
 
     def check(self) -> None:
@@ -101,19 +103,19 @@ class Files(Protocol):
         ...
 
 
-# Bytes that a download keeps in memory at a time.
+# The most bytes of a download in memory.
 PIECE_BYTES = 1024 * 1024
 
 
 def key_of(sha256: str) -> str:
-    """The name of a file inside a folder or bucket; raises :class:`ValueError` for what is no SHA-256."""
+    """The name of a file inside a folder or bucket; raises :class:`ValueError` for a text that is no SHA-256."""
     if not SHA256.fullmatch(sha256):
         raise ValueError(f"{sha256[:80]!r} is not a SHA-256 in hexadecimal")
     return f"{sha256[:2]}/{sha256}"
 
 
 def digest_of(path: Path, *, sync: bool = False) -> StoredFile:
-    """What a finished file is; with ``sync`` it is on disk then."""
+    """The SHA-256 and the size of a finished file; with ``sync`` the file is on disk afterwards."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         size = file.tell()

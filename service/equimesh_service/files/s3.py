@@ -22,19 +22,19 @@ from equimesh_service.files.unfinished import clear, temporary
 if TYPE_CHECKING:
     from obstore.store import S3Config, S3Store
 
-# Larger files are uploaded in parts of this size.
+# The size of the parts of an upload; smaller files are uploaded at once.
 _PART_BYTES = 8 * 1024 * 1024
-# Parts of one upload that are in memory at a time.
+# The most parts of one upload in memory.
 _MAX_PARTS_IN_MEMORY = 2
 _PROBE = "probe"
 _NONE = SecretStr("")
-# The words of servers whose storage is full.
+# Words in the errors of servers whose storage is full.
 _FULL = ("StorageFull", "QuotaExceeded", "InsufficientCapacity", "507 Insufficient Storage")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bucket:
-    """Where a bucket is, and the key to it; without one, obstore looks for the credentials that AWS gives."""
+    """The address of a bucket and its key; without a key, obstore finds the credentials of AWS."""
 
     name: str
     prefix: str = ""
@@ -52,22 +52,22 @@ class Bucket:
 class S3Files:
     """A bucket of files under their SHA-256; see :class:`~equimesh_service.files.port.Files`.
 
-    ``folder`` is a local one for temporary files. Sealing uploads: S3 shows an object only when all of it has come
-    and its checksum is right, and nothing refers to it before it is published. An upload whose transaction is
-    undone stays, unnamed, until it is swept.
+    ``folder`` is a local folder for temporary files. A file is uploaded when it is sealed: S3 shows an object only when
+    it is complete and its checksum is right, and no row names it before it is published. An upload whose transaction is
+    undone stays until it is swept.
     """
 
     bucket: Bucket
     folder: Path
 
     def prepare(self, *, alone: bool) -> None:
-        """See that objects can be written, listed, read and removed; clear what a crash left unfinished."""
+        """Check that objects can be written, listed, read and removed; remove unfinished files of a crash."""
         import obstore
 
         clear(self._unfinished, alone=alone)
-        with self._asking():
-            # A file would be missing for a wrong bucket and an empty one alike, so a real one goes there and back.
-            # Its name is no other's: services that start together would take it away from each other.
+        with self._translate_errors():
+            # A wrong bucket and an empty one look alike, so an object is written and read back. Its name is random:
+            # services that start together would remove each other's.
             name = f"{_PROBE}-{secrets.token_hex(8)}"
             obstore.put(self._store, name, b"ok")
             if bytes(obstore.get(self._store, name).bytes()) != b"ok":
@@ -76,31 +76,31 @@ class S3Files:
         self.check()
 
     def tidy(self) -> None:
-        """Clear what a killed worker left unfinished hours ago."""
+        """Remove files that a killed worker left unfinished hours ago."""
         clear(self._unfinished, alone=False)
 
     def unfinished(self, suffix: str) -> AbstractContextManager[Path]:
-        """A local temporary file; whatever is left there at the end is removed."""
+        """A local temporary file, removed at the end if it is still there."""
         return temporary(self._unfinished, suffix)
 
     def seal(self, path: Path) -> StoredFile:
-        """Upload a finished file under the name that its content gives it."""
+        """Upload a finished file under its SHA-256."""
         file = digest_of(path)
         self._upload(path, file)
         return file
 
     def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:
-        """Do nothing, since the file is there; if somebody removed the same content, see whether, and upload again."""
+        """Do nothing, as the file is uploaded; if the same content may have been removed, check, and upload again."""
         import obstore
 
         if not removed(file.sha256):
             return
         try:
-            with self._asking():
-                there = obstore.head(self._store, key_of(file.sha256))["size"]
+            with self._translate_errors():
+                size = obstore.head(self._store, key_of(file.sha256))["size"]
         except FileNotFoundError:
-            there = -1
-        if there != file.size:
+            size = -1
+        if size != file.size:
             self._upload(path, file)
 
     @contextmanager
@@ -110,7 +110,7 @@ class S3Files:
 
         with self.unfinished(".copy") as path:
             digest = hashlib.sha256()
-            with self._asking(), path.open("wb") as copy:
+            with self._translate_errors(), path.open("wb") as copy:
                 key = key_of(sha256)
                 size = obstore.head(self._store, key)["size"]
                 for start in range(0, size, _PART_BYTES):
@@ -122,13 +122,15 @@ class S3Files:
             yield path
 
     async def open_range(self, sha256: str, start: int, end: int) -> AsyncGenerator[bytes, None]:
-        """The bytes from ``start`` up to ``end``. Each piece is a request of its own: however slow the reader is,
-        none lasts long, and one that is lost is requested again."""
+        """The bytes from ``start`` up to ``end``.
+
+        Each piece is a request of its own: with a slow reader none lasts long, and a lost one is repeated.
+        """
         import obstore
 
         key = key_of(sha256)
         while start < end:
-            with self._asking():
+            with self._translate_errors():
                 piece = bytes(
                     await obstore.get_range_async(self._store, key, start=start, end=min(start + PIECE_BYTES, end))
                 )
@@ -138,21 +140,21 @@ class S3Files:
             yield piece
 
     def remove(self, sha256: str) -> None:
-        """Remove an object that nothing refers to any more, soon or not at all: a transaction waits."""
+        """Remove an object that no row names any more. Gives up soon, since a transaction waits."""
         import obstore
 
-        with self._asking():
+        with self._translate_errors():
             try:
-                obstore.delete(_opened(self.bucket, patient=False), key_of(sha256))
+                obstore.delete(_open_store(self.bucket, patient=False), key_of(sha256))
             except FileNotFoundError:
                 return
 
     def listing(self) -> Iterator[ListedFile]:
-        """All objects that are there."""
+        """All objects of the bucket."""
         import obstore
 
         now = datetime.now(UTC)
-        with self._asking():
+        with self._translate_errors():
             for page in obstore.list(self._store):
                 for found in page:
                     name = found["path"].rpartition("/")[2]
@@ -165,13 +167,13 @@ class S3Files:
 
         with self.unfinished(".probe") as path:
             path.write_bytes(b"ok")
-        with self._asking():
-            next(iter(obstore.list(_opened(self.bucket, patient=False), prefix=_PROBE, chunk_size=1)), None)
+        with self._translate_errors():
+            next(iter(obstore.list(_open_store(self.bucket, patient=False), prefix=_PROBE, chunk_size=1)), None)
 
     def _upload(self, path: Path, file: StoredFile) -> None:
         import obstore
 
-        with self._asking():
+        with self._translate_errors():
             obstore.put(
                 self._store,
                 key_of(file.sha256),
@@ -183,39 +185,40 @@ class S3Files:
 
     @property
     def _store(self) -> S3Store:
-        return _opened(self.bucket)
+        return _open_store(self.bucket)
 
     @property
     def _unfinished(self) -> Path:
         return self.folder / "unfinished"
 
     @contextmanager
-    def _asking(self) -> Iterator[None]:
-        """Say in a sentence what obstore raises: its own messages quote requests, and answers of servers."""
+    def _translate_errors(self) -> Iterator[None]:
+        """Turn the errors of obstore into plain ones: its own messages quote requests, and answers of servers."""
         from obstore.exceptions import BaseError, PermissionDeniedError, UnauthenticatedError
 
         try:
             yield
         except FileNotFoundError as error:
             if "NoSuchBucket" in str(error):
-                raise FilesError(f"there is no bucket {self.bucket}: make it, or correct EQUIMESH_FILES_URL") from None
+                raise self._no_bucket() from None
             raise FileNotFoundError(errno.ENOENT, "there is no such object in the bucket") from None
         except (PermissionDeniedError, UnauthenticatedError):
             remedy = "see EQUIMESH_S3_ACCESS_KEY, EQUIMESH_S3_SECRET_KEY, EQUIMESH_S3_REGION and the key's rights"
             raise FilesError(f"{self.bucket} does not take the key: {remedy}") from None
         except BaseError as error:
-            said = str(error)
-            if "NoSuchBucket" in said:
-                raise FilesError(f"there is no bucket {self.bucket}: make it, or correct EQUIMESH_FILES_URL") from None
-            if any(word in said for word in _FULL):
+            if "NoSuchBucket" in str(error):
+                raise self._no_bucket() from None
+            if any(word in str(error) for word in _FULL):
                 raise OSError(errno.ENOSPC, "the S3 storage is full") from None
             raise FilesError(f"{self.bucket} does not answer as S3 storage does: see EQUIMESH_S3_ENDPOINT") from None
 
+    def _no_bucket(self) -> FilesError:
+        return FilesError(f"there is no bucket {self.bucket}: make it, or correct EQUIMESH_FILES_URL")
+
 
 @lru_cache(maxsize=8)
-def _opened(bucket: Bucket, *, patient: bool = True) -> S3Store:
-    """The client of a bucket, once in each process: it keeps its connections. One that is not ``patient`` gives up
-    within 20 s."""
+def _open_store(bucket: Bucket, *, patient: bool = True) -> S3Store:
+    """The client of a bucket, cached since it keeps its connections; without ``patient`` it gives up within 20 s."""
     from obstore.store import S3Store
 
     config: S3Config = {
@@ -234,7 +237,7 @@ def _opened(bucket: Bucket, *, patient: bool = True) -> S3Store:
         client_options={
             "allow_http": bucket.endpoint.startswith("http://"),
             "connect_timeout": "5s",
-            "timeout": "60s" if patient else "10s",  # of one request, which carries a part of a file at most
+            "timeout": "60s" if patient else "10s",  # of one request, which carries at most a part of a file
         },
         retry_config={
             "max_retries": 3 if patient else 1,  # a kept connection may have been closed

@@ -1,4 +1,4 @@
-"""Temporary files: everything is written here first, and what a crash leaves is cleared."""
+"""Temporary files: all files are written here first; those that a crash leaves are removed."""
 
 import os
 import shutil
@@ -8,19 +8,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# Seconds after which a file here is left over, where other services may be writing theirs.
+# Older files were left by a crash; younger ones another service may still be writing.
 _LEFT_OVER_SECONDS = 6 * 3600.0
 
 
 def clear(folder: Path, *, alone: bool) -> None:
-    """Make the folder, and remove what was left there: all of it when ``alone``, else what is hours old."""
+    """Make the folder, and remove leftover files: all when ``alone``, otherwise those that are hours old."""
     folder.mkdir(parents=True, exist_ok=True)
     for left in folder.iterdir():
         try:
             old = alone or time.time() - left.stat().st_mtime > _LEFT_OVER_SECONDS
         except FileNotFoundError:
-            continue  # another service was done with it
-        if old and left.is_dir():  # a writer of several files works in a folder of its own
+            continue  # another service has just removed it
+        if old and left.is_dir():  # writers of several files work in a folder of their own
             shutil.rmtree(left, ignore_errors=True)
         elif old:
             left.unlink(missing_ok=True)
@@ -28,7 +28,7 @@ def clear(folder: Path, *, alone: bool) -> None:
 
 @contextmanager
 def temporary(folder: Path, suffix: str) -> Iterator[Path]:
-    """A new empty file; whatever is left there at the end is removed."""
+    """A new empty file, removed at the end if it is still there."""
     number, name = tempfile.mkstemp(suffix=suffix, dir=folder)
     os.close(number)
     path = Path(name)

@@ -1,4 +1,4 @@
-"""The table of problems: every error over the wire, with its status and what to do."""
+"""The table of problems: every error over the wire, with its status and remedy."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Kind:
-    """One stable type of problem: ``/problems/<name>``, its HTTP status, title and what to do about it."""
+    """One stable type of problem, ``/problems/<name>``: its HTTP status, title and remedy."""
 
     name: str
     status: int
@@ -19,8 +19,8 @@ class Kind:
         return f"/problems/{self.name}"
 
 
-# The solver writes the remedy of a failed solve, from its problem.
-_REMEDY_OF_SOLVE = "Follow the remedy in the mesh's error, which is made for its spec."
+# The solver writes the remedy of a failed solve, for its problem.
+_REMEDY_OF_SOLVE = "Follow the remedy in the mesh's error, which fits its spec."
 
 KINDS: Mapping[str, Kind] = {
     kind.name: kind
@@ -69,7 +69,7 @@ KINDS: Mapping[str, Kind] = {
             "Storage full",
             "Delete meshes and samples that are no longer needed, or give the service more storage; then try again.",
         ),
-        # Failed meshes: the problem stands in the `error` of the mesh, and answers requests for its file.
+        # Failed meshes: the problem is the `error` of the mesh, and the answer to requests for its file.
         Kind("not-converged", 409, "Schwarz iteration not converged", _REMEDY_OF_SOLVE),
         Kind("newton-failed", 409, "Newton's method not converged", _REMEDY_OF_SOLVE),
         Kind("folded", 409, "Mesh folded", _REMEDY_OF_SOLVE),

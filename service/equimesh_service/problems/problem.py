@@ -19,7 +19,7 @@ MEDIA_TYPE = "application/problem+json"
 
 @dataclass(frozen=True, kw_only=True)
 class Complaint:
-    """One thing wrong with the input: where (a JSON pointer), what, and where inside an expression."""
+    """One fault of the input: its JSON pointer, a message, and the position in an expression."""
 
     pointer: str
     message: str
@@ -38,9 +38,9 @@ class Complaint:
 
 @dataclass(eq=False)
 class Problem(ServiceError):
-    """A problem to be answered, or to be kept as the ``error`` of a failed mesh.
+    """A problem: the answer to a request, or the ``error`` of a failed mesh.
 
-    ``remedy`` is what to do about this very case; without one, that of the kind is given.
+    ``remedy`` is for this case; without one, the remedy of the kind is used.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Problem(ServiceError):
         return KINDS[self.name]
 
     def body(self) -> dict[str, Any]:
-        """The JSON object of RFC 9457, without ``status``: for the ``error`` of a mesh."""
+        """The JSON object of RFC 9457 without ``status``, as for the ``error`` of a mesh."""
         kind = self.kind
         body: dict[str, Any] = {
             "type": kind.type,
@@ -72,26 +72,21 @@ class Problem(ServiceError):
 
     def response(self) -> Response:
         """The HTTP answer."""
-        body = self.body()
-        return answer(body, self.kind.status, self.headers)
-
-
-def answer(body: Mapping[str, Any], status: int, headers: Mapping[str, str] | None = None) -> Response:
-    """The response that carries a problem's body; any text is safe in it, lone surrogates included."""
-    shown = {**body, "status": status}
-    if status >= 500 and (request_id := current().request_id):
-        shown["request_id"] = request_id  # to search the log
-    content = json.dumps(shown, allow_nan=False).encode()
-    return Response(content, status, dict(headers or {}), media_type=MEDIA_TYPE)
+        status = self.kind.status
+        body = {**self.body(), "status": status}
+        if status >= 500 and (request_id := current().request_id):
+            body["request_id"] = request_id  # to search the log
+        content = json.dumps(body, allow_nan=False).encode()  # in ASCII, so that lone surrogates are safe
+        return Response(content, status, dict(self.headers), media_type=MEDIA_TYPE)
 
 
 def problem_at(pointer: str, message: str, *, parameter: str | None = None) -> Problem:
-    """A 422 for one thing wrong."""
+    """A 422 problem for one fault."""
     return input_problem([Complaint(pointer=pointer, message=message, parameter=parameter)])
 
 
 def input_problem(complaints: Sequence[Complaint]) -> Problem:
-    """A 422 for everything wrong; the detail repeats the first complaint."""
+    """A 422 problem for all faults; the detail repeats the first complaint."""
     first = complaints[0]
     where = first.parameter or first.pointer
     more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
@@ -100,7 +95,7 @@ def input_problem(complaints: Sequence[Complaint]) -> Problem:
 
 
 def complaint_of(error: InputError, pointer: str) -> Complaint:
-    """The message of the solver about an input, with the pointer into the body."""
+    """The complaint about an input error of the solver, with the pointer into the body."""
     position = None
     if isinstance(error, ExpressionError) and error.position is not None:
         place = error.position

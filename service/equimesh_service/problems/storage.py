@@ -1,4 +1,4 @@
-"""What goes wrong when data cannot be written or read: one table from such errors to problems."""
+"""Faults of the storage: one table from errors of files and database to problems."""
 
 import errno
 import logging
@@ -23,9 +23,9 @@ _SQLITE_UNUSABLE = {
     sqlite3.SQLITE_CORRUPT,
     sqlite3.SQLITE_PROTOCOL,
 }
-# PostgreSQL: disk_full; then what says that the server is not there, not ready, takes no writes, or has given up one of
-# two transactions that waited for each other.
+# PostgreSQL: disk_full.
 _POSTGRES_FULL = "53100"
+# The server is away, not ready, takes no writes, or has ended one of two transactions that waited for each other.
 _POSTGRES_UNUSABLE = ("08", "40", "53", "57", "58", "25006")
 _RETRY = {"Retry-After": "5"}
 
@@ -33,7 +33,7 @@ _RETRY = {"Retry-After": "5"}
 def storage_problem(error: BaseException) -> Problem | None:
     """The problem for a full disk, or for files or a database that cannot be used now; None for other errors.
 
-    The problem does not repeat the error: paths, addresses and statements are for the log.
+    The problem does not repeat the error: paths, addresses and statements belong into the log.
     """
     match error:
         case Problem(name="storage-full" | "unavailable"):
@@ -53,7 +53,7 @@ def storage_problem(error: BaseException) -> Problem | None:
 
 @contextmanager
 def storage_faults() -> Iterator[None]:
-    """Raise what :func:`storage_problem` knows as problems; they cross from a worker to the service."""
+    """Turn faults of the storage into problems, which cross from a worker to the service."""
     try:
         yield
     except Exception as error:
@@ -70,7 +70,7 @@ def _database_problem(error: Exception) -> Problem | None:
     code = getattr(cause, "sqlite_errorcode", None)
     state = getattr(cause, "sqlstate", None)
     if code is not None:
-        kind = code & 0xFF  # the rest tells more of the same
+        kind = code & 0xFF  # the rest gives details
         if kind == sqlite3.SQLITE_FULL:
             return _full(error)
         return _unusable("The database", error) if kind in _SQLITE_UNUSABLE else None
@@ -93,6 +93,6 @@ def _unusable(what: str, error: Exception) -> Problem:
 
 
 def _first_line(error: Exception) -> str:
-    """What the error says, without the statement that SQLAlchemy adds, which holds what clients sent."""
+    """The message of the error without the statement that SQLAlchemy adds, which holds input of clients."""
     cause = getattr(error, "orig", None) or error
     return f"{type(cause).__name__}: {str(cause).partition(chr(10))[0][:300]}"

@@ -1,4 +1,4 @@
-"""Strict reading of JSON: what `json` lets pass (duplicate keys, lone surrogates) is refused here."""
+"""Strict reading of JSON, without the duplicate keys and lone surrogates that `json` accepts."""
 
 import json
 import re
@@ -11,11 +11,11 @@ _SURROGATE_ESCAPE = re.compile(rb"\\u[dD][89a-fA-F]")
 
 
 def parse(data: bytes) -> Any:
-    """The value that ``data`` spells.
+    """The value of a JSON text.
 
-    NaN and infinities pass: the models refuse them where they stand, with a pointer.
-    Raises a 400 :class:`~equimesh_service.problems.problem.Problem` for anything that is not JSON in UTF-8, for a
-    key that comes twice, and for nesting too deep to read.
+    NaN and infinities are read: the models refuse them, with a pointer. Raises a 400
+    :class:`~equimesh_service.problems.problem.Problem` for anything that is not JSON in UTF-8, for a key that occurs
+    twice in an object, and for nesting that is too deep to read.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -36,7 +36,7 @@ def parse(data: bytes) -> Any:
 
 
 def escape_token(part: object) -> str:
-    """One reference token of a JSON pointer (RFC 6901), safe to encode."""
+    """A slash and one reference token of a JSON pointer (RFC 6901), safe to encode."""
     token = str(part).encode("utf-8", "backslashreplace").decode()
     return "/" + token.replace("~", "~0").replace("/", "~1")
 
@@ -54,12 +54,12 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _integer(digits: str) -> int | float:
-    # Python refuses to read very long integers; as a number they are infinite, and are refused as that.
+    # Python refuses to read very long integers. They become infinite, which the models refuse.
     return int(digits) if len(digits) <= 400 else float("-inf" if digits.startswith("-") else "inf")
 
 
 def _strings(value: Any) -> Iterator[tuple[str, str]]:
-    """Every key and string with its pointer; no recursion, as the nesting is the sender's choice."""
+    """Every key and string with its pointer; without recursion, since the sender chooses the nesting."""
     left: list[tuple[str, Any]] = [("", value)]
     while left:
         pointer, member = left.pop()

@@ -49,7 +49,7 @@ class MeshSpec(Strict):
     )
     allow_relaxed: bool = Field(
         True,
-        description="Whether the mesh may be for a weaker monitor than asked where that cannot be solved; its "
+        description="Whether the mesh may be for a weaker monitor where the requested one cannot be solved; its "
         "certificate then says so.",
     )
     cells: Literal["quad", "triangle"] = Field("quad", description="Cells of the mesh file.")
@@ -60,9 +60,9 @@ class MeshSpec(Strict):
 
 @dataclass(frozen=True)
 class CheckedSpec:
-    """A spec that fits the models, and what is read off it on its way to the store.
+    """A spec that fits the models, and the values that admission and store derive from it.
 
-    ``sources`` are the functions of its monitor, by the JSON pointers of their places. ``canonical`` is the same spec
+    ``sources`` are the functions of its monitor, by their JSON pointers. ``canonical`` is the same spec
     as plain JSON with every default filled in; posting it gives the same mesh.
     """
 
@@ -72,13 +72,13 @@ class CheckedSpec:
 
     @property
     def stored(self) -> dict[str, str]:
-        """The ids of stored samples, or "upload", by the JSON pointers of their places."""
+        """The ids of stored samples, or "upload", by their JSON pointers."""
         sources = self.sources.items()
         return {f"{at}/samples": source.samples for at, source in sources if isinstance(source, StoredSource)}
 
     @property
     def is_plain(self) -> bool:
-        """Whether its monitor is an arc length without smoothing, which is bound to any domain at once."""
+        """Whether its monitor is an arc length without smoothing, which needs no work to fit a domain."""
         return isinstance(self.spec.monitor, ArcLengthSpec) and self.spec.monitor.smoothing == 0.0
 
     @property
@@ -89,12 +89,12 @@ class CheckedSpec:
 
     @cached_property
     def monitor_digest(self) -> str:
-        """The same for specs of the same monitor on the same domain: ids of samples are made of their content."""
+        """Equal for specs of the same monitor on the same domain; ids of samples are hashes of their content."""
         return _digest([self.canonical["monitor"], self.canonical["domain"]])
 
     @cached_property
     def points_digest(self) -> str:
-        """The same for specs of the same points: label and cells do not change them."""
+        """Equal for specs of the same points, which do not depend on label and cells."""
         return _digest({key: value for key, value in self.canonical.items() if key not in ("label", "cells")})
 
     def with_upload(self, samples_id: str) -> CheckedSpec:

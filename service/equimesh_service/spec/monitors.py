@@ -1,4 +1,4 @@
-"""Monitors in a spec: what the mesh is to equidistribute."""
+"""Monitors in a spec: the functions that a mesh equidistributes."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, TypeAlias
@@ -12,9 +12,9 @@ MAX_MONITORS = 8
 USES = {
     "arc_length": "Fronts and layers: small cells where u is steep. The default, after Haynes and Howse.",
     "curvature": "The least interpolation error of u (norm l2) or of its gradient (h1): small cells where u is curved.",
-    "weight": "You know how small cells are to be where: they are as small as rho > 0 is large, and not stretched.",
+    "weight": "You know the sizes of cells: they are as small as rho > 0 is large, and not stretched.",
     "tensor": "You know sizes and directions, for instance from an error estimate: a positive definite metric.",
-    "intersection": "Several of the others at once: cells as small as each of them asks.",
+    "intersection": "Several of the others at once: cells as small as each of them requires.",
 }
 
 _Smoothing = Annotated[
@@ -41,7 +41,7 @@ class CurvatureSpec(Strict):
 
     kind: Literal["curvature"]
     u: Source
-    norm: Literal["l2", "h1"] = Field("l2", description="The error to be made small: that of u, or of its gradient.")
+    norm: Literal["l2", "h1"] = Field("l2", description="The error to minimise: that of u, or of its gradient.")
     isotropic: bool = Field(False, description="Small cells only, without a preferred direction.")
     smoothing: _Smoothing = 0.0
 
@@ -51,7 +51,7 @@ class WeightSpec(Strict):
 
     kind: Literal["weight"]
     rho: Source = Field(description="Positive on the whole domain.")
-    u: Source | None = Field(None, description="What interpolation is measured with.")
+    u: Source | None = Field(None, description="The function whose interpolation is measured.")
     smoothing: _Smoothing = 0.0
 
 
@@ -62,7 +62,7 @@ class TensorSpec(Strict):
     m11: Source
     m12: Source
     m22: Source
-    u: Source | None = Field(None, description="What interpolation is measured with.")
+    u: Source | None = Field(None, description="The function whose interpolation is measured.")
     smoothing: _Smoothing = 0.0
 
 
@@ -76,7 +76,7 @@ PlainMonitor = Annotated[
 
 
 class IntersectionSpec(Strict):
-    """Several monitors: no length is less than in any of them. The first u is what interpolation is measured with."""
+    """Several monitors: each length is at least that of every monitor. Interpolation is measured for the first u."""
 
     kind: Literal["intersection"]
     monitors: list[PlainMonitor] = Field(
@@ -99,7 +99,7 @@ _FUNCTIONS = ("u", "rho", "m11", "m12", "m22")
 
 
 def sources_of(monitor: AnyMonitor, pointer: str = "/monitor") -> Iterator[tuple[str, AnySource]]:
-    """Every function of a monitor, with the JSON pointer of its place."""
+    """Every function of a monitor, with its JSON pointer."""
     if isinstance(monitor, IntersectionSpec):
         for number, member in enumerate(monitor.monitors):
             yield from sources_of(member, f"{pointer}/monitors/{number}")

@@ -8,7 +8,7 @@ from equimesh_service.spec.strict import TAG, Strict, by_kind, either
 
 TRANSMISSION_USES = {
     "optimized": "For every mesh: a handful of iterations, however many subdomains. The default.",
-    "classical": "Studies of rates that theory predicts, and, with line_correction 3 or more, neighbours that can tell "
+    "classical": "Studies of rates that theory predicts, and, with line_correction 3 or more, neighbours that can send "
     "positions only.",
     "linear_robin": "Studies of the paper's condition on two strips and a mild u; on a steep u it stalls.",
     "nonlinear_robin": "The paper's condition of the fewest iterations where u is mild; on a steep u it stalls.",
@@ -35,12 +35,12 @@ LOCAL_SOLVER_USES = {
 
 
 class OptimizedSpec(Strict):
-    """Interfaces that yield as the rest of every grid line does."""
+    """Interfaces that yield as the rest of their grid line does."""
 
     kind: Literal["optimized"]
     data: Literal["line_sums", "local"] = Field(
         default="line_sums",
-        description="What an interface knows of the lines beyond: all of their rest, or the first edge.",
+        description="The data of an interface about the lines beyond it: the whole rest, or the first edge.",
     )
 
 
@@ -90,7 +90,7 @@ class SchwarzSpec(Strict):
     overlap: int = Field(4, description="Points that neighbours share, at least 2.")
     transmission: Transmission = Field(
         default_factory=lambda: OptimizedSpec(kind="optimized"),
-        description="What subdomains ask of each other; optimized if absent.",
+        description="The condition on the interfaces; optimized if absent.",
     )
     ordering: Literal["parallel", "alternating", "symmetric", "coloured"] = Field(
         "parallel", description="Which subdomains are solved at the same time."
@@ -102,8 +102,8 @@ class SchwarzSpec(Strict):
     )
     acceleration: Literal["auto", "none", "anderson", "newton"] = Field(
         "auto",
-        description="What is made of several iterations; 'auto' is anderson for the optimized condition and wherever "
-        "lines are corrected, else none.",
+        description="How several iterations are combined; 'auto' is anderson for the optimized condition and wherever "
+        "lines are corrected, otherwise none.",
     )
     local_solver: Literal["sweeps", "newton"] = Field("sweeps", description="How a subdomain is solved.")
     fallback: bool = Field(

@@ -51,7 +51,7 @@ class StoredSource(Strict):
     """A function as samples that were uploaded."""
 
     samples: str = Field(
-        description="The id that POST /v1/samples gave, or 'upload' for the part `samples` of this request.",
+        description="The id from POST /v1/samples, or 'upload' for the part `samples` of this request.",
         max_length=100,
     )
 

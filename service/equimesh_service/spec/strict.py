@@ -1,4 +1,4 @@
-"""Strict models of JSON bodies, and what is said of a body that does not fit one."""
+"""Strict models of JSON bodies, and the complaints about a body that does not fit one."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, TypeVar, get_args, get_origin
@@ -20,10 +20,11 @@ from pydantic_core import PydanticCustomError
 from equimesh_service.problems.problem import Complaint, input_problem
 from equimesh_service.spec.document import escape_token
 
-# Tags of unions start with this character, so that they can be taken out of a pointer again.
+# The first character of tags of unions, so that they can be removed from a pointer.
 TAG = "\x00"
+# The most complaints about one body.
 MAX_COMPLAINTS = 20
-# Texts that databases take: PostgreSQL refuses U+0000.
+# The pattern of texts that databases store: PostgreSQL refuses U+0000.
 WITHOUT_NUL = r"^[^\x00]*$"
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -33,13 +34,13 @@ Parameters = Annotated[dict[str, FiniteFloat], Field(max_length=64)]
 
 
 class Strict(BaseModel):
-    """A JSON object without other keys, whose values have the types that are written."""
+    """A JSON object without further keys, whose values have exactly the types of the model."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 def by_key(*keys: str) -> Discriminator:
-    """The branch of a union is the one whose key is there."""
+    """A union whose branch is the one of the key that is present."""
 
     def tag(value: Any) -> str | None:
         if isinstance(value, Mapping):
@@ -51,7 +52,7 @@ def by_key(*keys: str) -> Discriminator:
 
 
 def by_kind(*kinds: str, default: str | None = None) -> Discriminator:
-    """The branch of a union is named by the key ``kind``."""
+    """A union whose branch is named by the key ``kind``."""
 
     def tag(value: Any) -> str | None:
         kind = value.get("kind", default) if isinstance(value, Mapping) else getattr(value, "kind", None)
@@ -123,7 +124,7 @@ def _is_tag(part: object) -> bool:
 
 
 def _known_keys(model: type[BaseModel], loc: Sequence[Any]) -> str:
-    """What keys there are where ``loc`` leads, as the end of a sentence; empty where that is not known."""
+    """The keys of the model at ``loc``, as the end of a sentence; "" when there is no single model."""
     found: Any = model
     for part in loc:
         models = _models(found)
@@ -137,7 +138,7 @@ def _known_keys(model: type[BaseModel], loc: Sequence[Any]) -> str:
 
 
 def _models(annotation: Any, tag: str | None = None) -> list[tuple[str | None, type[BaseModel]]]:
-    """The models that a type is made of, with their tags."""
+    """The models of a type, with their tags."""
     if get_origin(annotation) is None:
         is_model = isinstance(annotation, type) and issubclass(annotation, BaseModel)
         return [(tag, annotation)] if is_model else []
