@@ -30,9 +30,9 @@ from equimesh_service.worker import solve
 from equimesh_service.worker.job import Job, Storage
 
 _log = logging.getLogger(__name__)
-# Files, pictures and samples have workers of their own, so that they never wait behind the solves.
+# Workers for files, pictures and samples, so that these never wait for solves.
 _SIDE_WORKERS = 2
-# Modules that workers share the memory and the loading time of.
+# Modules that are loaded once, and shared by all workers.
 PRELOAD = (
     "equimesh_service.worker.solve",
     "equimesh_service.worker.export",
@@ -48,7 +48,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     metrics = metrics or Metrics()
     folder = settings.data_dir.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    lock = _lock(settings)
+    lock = _lock_folder(settings)
     storage = Storage(settings.database, files_address(settings))
     store, files = Store(storage.database_url), storage.files()
     store.prepare()
@@ -124,19 +124,19 @@ def _take_snapshot(store: Store, workers: int) -> Snapshot:
     try:
         counts = store.queue.count()
     except SQLAlchemyError:
-        counts = None  # a scrape says so, and the rest of it is of use
+        counts = None  # the scrape reports that the store is down
     return Snapshot(workers={"solve": workers, "files": _SIDE_WORKERS}, counts=counts)
 
 
 def check_files(settings: Settings) -> None:
-    """Raise OSError when files cannot be kept where the settings say."""
+    """Raise OSError when the storage of files cannot be used."""
     files_address(settings).open().prepare(alone=False)
 
 
 def check_folder(settings: Settings) -> None:
     """Raise :class:`FolderInUseError` when another service uses the data folder, and OSError without access."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    lock = _lock(settings)
+    lock = _lock_folder(settings)
     if lock is not None:
         lock.close()
 
@@ -150,17 +150,17 @@ def check_database(settings: Settings) -> None:
         file = sqlite_file(settings.database)
         if file is not None:
             raise UnusableDatabaseError(f"the database {file} cannot be used: {error.orig}") from None
-        # What the driver says may name the address.
+        # The message of the driver may hold the address.
         raise UnusableDatabaseError(
-            f"the database does not answer ({type(error.orig).__name__}): see that EQUIMESH_DATABASE_URL is right and "
-            "that its server runs"
+            f"the database does not answer ({type(error.orig).__name__}): check EQUIMESH_DATABASE_URL, and that its "
+            "server runs"
         ) from None
     finally:
         store.close()
 
 
-def _lock(settings: Settings) -> TextIOWrapper | None:
-    """Hold a database in a folder for this process alone; the system lets go of it however the process ends.
+def _lock_folder(settings: Settings) -> TextIOWrapper | None:
+    """Lock the folder of an SQLite database for this process; the system releases it however the process ends.
 
     None for a database server, which any number of services share.
     """

@@ -1,4 +1,4 @@
-"""One running service: its parts, and the waits that cross them. :mod:`equimesh_service.opening` opens it."""
+"""One running service: its parts, and the waits that involve several. :mod:`equimesh_service.opening` opens it."""
 
 import asyncio
 import logging
@@ -65,10 +65,10 @@ class Service:
         return self.engine.health().ready and self.side_workers.health().ready
 
     async def check(self, function: Callable[..., Checked], *arguments: Any) -> Checked:
-        """Run a check of what a client sent, off the event loop.
+        """Run a check of a client's input, off the event loop.
 
-        Checks may take long (a million samples), so they have a few threads of their own: however many there
-        are, the other requests are served.
+        A check may take long (a million samples), so checks have a few threads of their own, and leave the others to
+        other requests.
         """
         return await self.check_threads.run(function, *arguments)
 
@@ -80,13 +80,13 @@ class Service:
         return row
 
     async def missing_problem(self, name: str, caller: Caller, detail: str) -> Problem:
-        """The problem for an unknown id: 410 where the caller's mesh or samples have expired."""
+        """The problem for an unknown id: 410 for an expired one of the caller, otherwise 404."""
         if await run_in_threadpool(self.store.retention.has_removed, name, caller.only):
             return Problem("gone", f"It was removed {self.settings.retention_days:g} days after its last use.")
         return Problem("not-found", detail)
 
     async def wait_for_end(self, mesh_id: str, seconds: float, caller: Caller) -> MeshRow:
-        """The mesh, once it is finished or after ``seconds``; raises a 404 problem."""
+        """Wait for the end of a mesh, at most ``seconds``; returns the mesh, raises a 404 problem."""
         deadline = time.monotonic() + min(seconds, self.settings.max_wait)
         while True:
             row = await self.mesh(mesh_id, caller)
@@ -103,7 +103,7 @@ class Service:
         return row
 
     async def artifact(self, mesh_id: str, name: str) -> Artifact:
-        """A file of a finished mesh, made now if it is not there yet."""
+        """A file of a finished mesh, written now if it does not exist yet."""
         found = await run_in_threadpool(self.store.meshes.artifact, mesh_id, name)
         if found is not None:
             return found
@@ -115,23 +115,23 @@ class Service:
             self.exporting[task] = future
             future.add_done_callback(lambda _: self.exporting.pop(task, None))
         try:
-            made = await asyncio.wrap_future(future)
+            artifact = await asyncio.wrap_future(future)
         except (TimeLimitError, MemoryLimitError) as error:
-            raise Problem("unavailable", f"The file was not made: {error}.") from None
+            raise Problem("unavailable", f"The file was not written: {error}.") from None
         except (EngineError, CancelledError) as error:
-            raise Problem("unavailable", f"The file was not made: {error}.", headers={"Retry-After": "1"}) from None
+            raise Problem("unavailable", f"The file was not written: {error}.", headers={"Retry-After": "1"}) from None
         except FileNotFoundError:
-            raise Problem("not-found", "The mesh was deleted while the file was made.") from None
-        if made is None:
+            raise Problem("not-found", "The mesh was deleted while the file was written.") from None
+        if artifact is None:
             raise Problem("not-found", "There is no mesh with this id.")
-        return made
+        return artifact
 
     def discard(self, sha256: str) -> None:
-        """Remove a file that no row names any more; what cannot be removed now is left for the sweep."""
+        """Remove a file that no row names any more; if that fails, the next sweep removes it."""
         try:
             self.files.remove(sha256)
         except OSError as error:
-            _log.warning("file %s is left for the sweep: %s", sha256, type(error).__name__)
+            _log.warning("file %s was not removed, the next sweep will try again: %s", sha256, type(error).__name__)
 
     def close(self) -> None:
         """Stop the work and close all parts; running meshes go back into the queue."""

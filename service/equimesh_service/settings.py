@@ -14,7 +14,7 @@ MIB = 1024 * 1024
 
 
 class Settings(BaseSettings):
-    """Everything an operator can choose; ``EQUIMESH_PORT=9000`` sets ``port``, and so on."""
+    """All settings of an operator; ``EQUIMESH_PORT=9000`` sets ``port``, and so on."""
 
     model_config = SettingsConfigDict(env_prefix="EQUIMESH_", frozen=True, extra="forbid")
 
@@ -28,7 +28,7 @@ class Settings(BaseSettings):
         description="Worker processes that solve; by default one for each processor.",
     )
     threads: int = Field(
-        0, ge=0, le=64, description="Threads of one worker; 0: the processors shared out among the workers."
+        0, ge=0, le=64, description="Threads of one worker; 0: the processors divided among the workers."
     )
     time_limit: float = Field(300.0, gt=0, description="Seconds that one mesh may take before it fails.")
     memory_limit: int = Field(
@@ -38,12 +38,12 @@ class Settings(BaseSettings):
     max_body: int = Field(64 * MIB, ge=1024, description="Most bytes of a request body.")
     max_samples: int = Field(1_000_000, ge=4, description="Most samples of a monitor function.")
     max_subdomains: int = Field(256, ge=1, description="Most subdomains of one mesh.")
-    max_iterations: int = Field(1000, ge=1, description="Most Schwarz iterations that a spec may ask for.")
+    max_iterations: int = Field(1000, ge=1, description="Most Schwarz iterations of a spec.")
     max_queue: int = Field(10_000, ge=1, description="Most waiting meshes; beyond it a request gets 429.")
     max_wait: float = Field(30.0, ge=0, description="Longest wait, in seconds, of one request for a mesh.")
-    max_attempts: int = Field(3, ge=1, description="Times a mesh is tried when its worker is lost.")
+    max_attempts: int = Field(3, ge=1, description="Attempts at a mesh whose workers are lost.")
     lease: float = Field(15.0, gt=0, description="Seconds after which a silent service loses its meshes.")
-    poll: float = Field(0.2, gt=0, le=5, description="Seconds between looks at the store for progress.")
+    poll: float = Field(0.2, gt=0, le=5, description="Seconds between queries of the store for progress.")
     log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least level logged.")
     log_format: Literal["text", "json"] = Field("text", description="Log lines for people, or as JSON objects.")
     database_url: SecretStr = Field(
@@ -62,7 +62,7 @@ class Settings(BaseSettings):
         30.0, ge=0, description="Days that a finished mesh and unused samples are kept; 0: until they are deleted."
     )
     reuse: bool = Field(True, description="Answer with a finished mesh of the same spec, samples and version.")
-    allow_anonymous: bool = Field(False, description="Serve an address of other machines although there is no API key.")
+    allow_anonymous: bool = Field(False, description="Serve other machines although no API key exists.")
     key_max_queued: int = Field(1000, ge=0, description="Most unfinished meshes of one key; 0: no limit.")
     key_max_points: int = Field(50_000_000, ge=0, description="Most points of a key's unfinished meshes; 0: no limit.")
     key_max_bytes: int = Field(
@@ -77,7 +77,8 @@ class Settings(BaseSettings):
         description="Most waits and event streams that one key holds open, in each service process; 0: no limit.",
     )
     trusted_proxies: str = Field(
-        "127.0.0.1", description="Addresses of proxies whose X-Forwarded headers are believed, separated by commas."
+        "127.0.0.1",
+        description="Addresses of proxies whose X-Forwarded headers are trusted, separated by commas.",
     )
     root_path: str = Field(
         "",
@@ -92,7 +93,7 @@ class Settings(BaseSettings):
     @field_validator("trusted_proxies")
     @classmethod
     def _are_addresses(cls, value: str) -> str:
-        # The server would take a word that is no address for the name of a host that never comes.
+        # The server would take any other word for the name of a host.
         for part in filter(None, map(str.strip, value.split(","))):
             if part != "*":
                 ip_network(part)
@@ -105,7 +106,7 @@ class Settings(BaseSettings):
 
     @property
     def root(self) -> str:
-        """What the addresses of this service begin with: the root path without a slash at its end."""
+        """The start of the paths of this service: the root path without a slash at its end."""
         return self.root_path.rstrip("/")
 
     @property
@@ -115,7 +116,7 @@ class Settings(BaseSettings):
 
 
 PREFIX = "EQUIMESH_"
-# What clients read: an address and an API key.
+# Variables that clients read: an address and an API key.
 _CLIENT_VARIABLES = ("URL", "KEY")
 
 
@@ -125,12 +126,12 @@ def _processors() -> int:
 
 
 def variable(name: str) -> str:
-    """The variable of a setting."""
+    """The environment variable of a setting."""
     return PREFIX + name.upper()
 
 
 def find_unknown(environment: Mapping[str, str]) -> dict[str, str | None]:
-    """Every variable that begins as settings do and is none, with the setting's variable that it is nearest to."""
+    """Every variable with the prefix of settings that is no setting, with the most similar setting's variable."""
     known = [*map(str.upper, Settings.model_fields), *_CLIENT_VARIABLES]
     found: dict[str, str | None] = {}
     for given in sorted(environment):
@@ -142,6 +143,6 @@ def find_unknown(environment: Mapping[str, str]) -> dict[str, str | None]:
 
 
 def describe_unknown(given: str, nearest: str | None) -> str:
-    """What is wrong with such a variable."""
+    """The warning about a variable that :func:`find_unknown` returns."""
     hint = f"; did you mean {nearest}?" if nearest else ""
     return f"{given} is no setting, and is ignored{hint}"

@@ -1,7 +1,7 @@
 """A database behind a URL: connections and transactions.
 
-SQLite is used in WAL mode, by many processes; PostgreSQL with "read committed" transactions: a writer that must not be
-overtaken locks the rows that it relies on, or takes a lock by name.
+SQLite is used in WAL mode, by many processes. PostgreSQL is used with "read committed" transactions: a writer locks the
+rows that must not change meanwhile, or takes a lock by name.
 """
 
 import json
@@ -24,26 +24,26 @@ from equimesh_service.errors import UnusableDatabaseError
 
 _ADDRESS_FORMS = "addresses are postgresql+psycopg://user:password@host/name and sqlite:////path/of/a/file"
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
-# Seconds until a server that does not answer counts as down.
+# A server that does not answer within this time counts as down.
 _CONNECT_SECONDS = 5
-# A replica that is frozen, or whose host has vanished, within a transaction must not keep the others from its meshes.
+# A replica that freezes inside a transaction, or loses its host, must not block the other replicas.
 _IDLE_OPTION = "-c idle_in_transaction_session_timeout=60s"
-# A server whose host has vanished is given up after some 20 s, not after the hours of the system's own patience.
+# A server that loses its host is given up after about 20 s, not after hours as by default.
 _KEEPALIVE = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 2, "tcp_user_timeout": 20_000}
 
 
 class Database:
     """Reading and writing transactions, for all threads of a process.
 
-    ``durable`` asks that every commit be on disk when it returns; without it a crash of the machine, but not
-    one of the process, may undo the last commits. Raises :class:`UnusableDatabaseError`.
+    With ``durable`` every commit is on disk when it returns. Without, a crash of the machine may undo the last commits;
+    a crash of the process does not. Raises :class:`UnusableDatabaseError`.
     """
 
     def __init__(self, url: str, *, durable: bool) -> None:
         self._durable = durable
         address = _address(url)
-        # SQLite has one writer at a time, and who finds it taken sleeps for ever longer: the threads of this process
-        # wait here, where they are woken at once.
+        # SQLite has one writer at a time; others sleep for longer and longer. The threads of this process wait here
+        # instead, where they wake at once.
         self._turns: AbstractContextManager[object] = nullcontext()
         if address.get_backend_name() == "sqlite":
             self._turns = RLock()
@@ -66,7 +66,7 @@ class Database:
                 json_serializer=to_json,
                 pool_size=8,
                 max_overflow=8,
-                pool_pre_ping=True,  # a connection from before a restart of the server is replaced, not used
+                pool_pre_ping=True,  # replaces connections from before a restart of the server
             )
 
     @contextmanager
@@ -79,8 +79,8 @@ class Database:
     def write(self, *, durable: bool = True) -> Iterator[Connection]:
         """A transaction that is committed at the end, or undone by an exception.
 
-        Without ``durable`` its commit does not wait for the disk, even where those of this database do. It is there
-        when the next durable one is: the log that both are written to is one.
+        Without ``durable`` its commit does not wait for the disk. It reaches the disk with the next durable commit at
+        the latest, since both are written to the same log.
         """
         synced = self._durable and durable
         with (
@@ -98,19 +98,19 @@ class Database:
 
 
 def lock(connection: Connection, names: Iterable[str]) -> None:
-    """Keep all others who ask for one of ``names`` waiting until the end of this writing transaction."""
-    if connection.dialect.name == "postgresql":  # a writer of SQLite is alone anyway
-        for name in sorted(set(names)):  # in order, so that no two wait for each other
+    """Lock ``names`` until the end of this writing transaction; other transactions wait for them."""
+    if connection.dialect.name == "postgresql":  # SQLite has one writer at a time anyway
+        for name in sorted(set(names)):  # in order, against deadlocks
             number = int.from_bytes(sha256(name.encode()).digest()[:8], "big", signed=True)
             connection.execute(select(func.pg_advisory_xact_lock(number)))
 
 
 def insert_new(connection: Connection, table: Table, row: Mapping[str, Any]) -> bool:
-    """Insert a row; False when there is one with its key, which stays as it is."""
+    """Insert a row; False when a row with its key exists, which is not changed."""
     return connection.execute(_insert_new(table, connection.dialect.name), dict(row)).first() is not None
 
 
-@cache  # a statement that is built anew costs several times its execution
+@cache  # to build a statement takes several times longer than to execute it
 def _insert_new(table: Table, dialect: str) -> ReturningInsert[Any]:
     make = postgresql.insert if dialect == "postgresql" else sqlite.insert
     return make(table).on_conflict_do_nothing().returning(*table.primary_key)
@@ -123,7 +123,7 @@ def sqlite_file(url: str) -> Path | None:
 
 
 def to_json(value: Any) -> str:
-    """Compact JSON; raises ValueError for what JSON cannot carry."""
+    """Compact JSON; raises ValueError for NaN and infinities."""
     return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
 
 
@@ -135,12 +135,12 @@ def _address(url: str) -> URL:
     if address.drivername in _POSTGRES:
         return address.set(drivername="postgresql+psycopg")
     if address.drivername != "sqlite" or address.database in (None, "", ":memory:"):
-        raise UnusableDatabaseError(f"a service cannot keep its data in {address.drivername}; {_ADDRESS_FORMS}")
+        raise UnusableDatabaseError(f"a service cannot store its data in {address.drivername}; {_ADDRESS_FORMS}")
     return address
 
 
 def _prepare_sqlite(connection: Any, _record: Any) -> None:
-    connection.isolation_level = None  # transactions begin where _begin_sqlite says, not where the driver guesses
+    connection.isolation_level = None  # _begin_sqlite begins transactions, not the driver
     cursor = connection.cursor()
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA foreign_keys=ON")
@@ -148,7 +148,7 @@ def _prepare_sqlite(connection: Any, _record: Any) -> None:
 
 
 def _begin_sqlite(connection: Connection) -> None:
-    # A writer takes the lock at once: upgrading a read later could fail as busy.
+    # A writer takes the lock at once: a transaction that first reads may fail as busy when it writes.
     options = connection.get_execution_options()
     writes, synced = options.get("writes", False), options.get("synced", False)
     if writes and connection.info.get("synced") is not synced:

@@ -1,4 +1,4 @@
-"""SQL that inserts meshes, with the events that tell how they came into their state."""
+"""SQL that inserts meshes, with the events that lead to their states."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from equimesh_service.store.database import to_json
 from equimesh_service.store.rows import QUEUED, RUNNING, SUCCEEDED, Artifact, Lease, NewMesh
 from equimesh_service.store.schema import artifacts, events, mesh_samples, meshes, samples
 
-# How exactly it is noted when samples were last used.
+# How exactly the time of the last use of samples is stored.
 _USED_AT_PRECISION_SECONDS = 3600.0
 # Statements are built once, since building them takes longer than executing them.
 _INSERT_MESH = insert(meshes)
@@ -21,7 +21,7 @@ _USED_AT = select(samples.c.used_at).where(samples.c.id == bindparam("name")).wi
 
 
 def insert_waiting(connection: Connection, new: NewMesh, lease: Lease | None, now: float) -> None:
-    """Insert a mesh that waits in the queue, or one that runs from the start where there is a ``lease``."""
+    """Insert a mesh that waits in the queue, or with a ``lease`` one that already runs."""
     if lease is None:
         _insert(connection, new, now, {"status": QUEUED}, [("status", {"status": QUEUED})])
         return
@@ -49,7 +49,7 @@ def _insert(
     state: Mapping[str, Any],
     story: Sequence[tuple[str, Mapping[str, Any]]],
 ) -> None:
-    """Insert a mesh in a state, and the events that tell how it came there."""
+    """Insert a mesh in a state, and the events that lead to it."""
     _use_samples(connection, new.samples, now)
     spec = to_json(new.spec)
     row = {
@@ -80,7 +80,7 @@ def _insert(
 
 
 def _use_samples(connection: Connection, names: Sequence[str], now: float) -> None:
-    """Keep samples from being deleted before the mesh is there that needs them, and note that they are in use."""
+    """Lock samples, so that they are not deleted before their mesh is inserted, and store the time of their use."""
     for name in sorted(names):
         used_at = connection.execute(_USED_AT, {"name": name}).scalar()
         if used_at is None:

@@ -1,4 +1,4 @@
-"""SQL of what an operator wants to know of a database: is it sound, is its clock right, which files does it name."""
+"""SQL for operators: whether a database is sound, its clock right, and which files it names."""
 
 import sqlite3
 from collections.abc import Callable
@@ -13,22 +13,22 @@ from equimesh_service.store.schema import artifacts, keys, meshes, samples
 
 
 class InspectionStore:
-    """Looks at a database that has the tables of this release, and changes nothing."""
+    """Inspects a database of this release, without changes."""
 
     def __init__(self, database: Database, clock: Callable[[], float]) -> None:
         self._read = database.read
         self._clock = clock
 
     def fault(self) -> str | None:
-        """What an SQLite file says is wrong with itself; PostgreSQL looks after that on its own."""
+        """The fault that SQLite finds in its file, None for a sound one; PostgreSQL checks its files itself."""
         with self._read() as connection:
             if connection.dialect.name != "sqlite":
                 return None
-            said = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
-        return None if said == "ok" else said.splitlines()[-1]
+            report = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
+        return None if report == "ok" else report.splitlines()[-1]
 
     def clock_ahead(self) -> float:
-        """Seconds that the database's clock, or the time of its newest mesh, is ahead of this machine's clock.
+        """The seconds that the database's clock, or its newest mesh, is ahead of this machine's clock.
 
         Negative when the clock of a database server is behind.
         """
@@ -58,16 +58,16 @@ class InspectionStore:
 
 
 def back_up(url: str, target: Path) -> int:
-    """Copy an SQLite database that may be in use, as it is at one moment; returns the bytes of the copy.
+    """Copy a snapshot of an SQLite database, which may be in use; returns the bytes of the copy.
 
-    Raises :class:`UnusableDatabaseError` for PostgreSQL, which has programs of its own
-    for it, :class:`FileExistsError` when the target is there, and :class:`FileNotFoundError` when the database is not.
+    Raises :class:`UnusableDatabaseError` for PostgreSQL, which has its own programs, :class:`FileExistsError` when the
+    target exists, and :class:`FileNotFoundError` when the database does not.
     """
     source = sqlite_file(url)
     if source is None:
         raise UnusableDatabaseError("this copies SQLite databases; for PostgreSQL use pg_dump --format=custom")
     source.stat()
-    target.touch(mode=0o600, exist_ok=False)  # it holds the hashes of keys, and what users have sent
+    target.touch(mode=0o600, exist_ok=False)  # it holds hashes of keys, and input of users
     address = f"{source.resolve().as_uri()}?mode=ro"
     with closing(sqlite3.connect(address, uri=True)) as live, closing(sqlite3.connect(target)) as copy:
         live.backup(copy)  # in one step: a snapshot, during which others may write

@@ -1,4 +1,4 @@
-"""API keys: their secrets, how they are identified, and what they allow."""
+"""API keys: their secrets, ids and scopes."""
 
 import hmac
 import re
@@ -14,14 +14,14 @@ WRITE = "write"
 # To see those of all keys, too, and the metrics.
 ADMIN = "admin"
 SCOPES = (READ, WRITE, ADMIN)
-# All that a scope allows, itself included.
+# The scopes that a scope includes.
 _INCLUDED = {READ: {READ}, WRITE: {READ, WRITE}, ADMIN: {READ, WRITE, ADMIN}}
 _SECRET = re.compile(r"em_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeyRow:
-    """A key as it is stored: without its secret, of which only the hash is kept."""
+    """A key as it is stored, with the hash of its secret."""
 
     id: str
     name: str
@@ -31,19 +31,19 @@ class KeyRow:
     revoked_at: float | None = None
 
     def is_valid(self, mark: str) -> bool:
-        """Whether this is the key of the secret with this hash, and still in force."""
-        # The comparison takes the same time wherever they differ.
+        """Whether the key has the secret with this hash, and is not revoked."""
+        # In a time that does not depend on the hashes.
         return hmac.compare_digest(self.sha256, mark) and self.revoked_at is None
 
 
 def new_secret() -> tuple[str, str]:
-    """A new id and the secret that it is part of: 256 random bits, so that a plain hash of it hides it."""
+    """A new id, and a secret that contains it: 256 random bits, so that a plain hash hides them."""
     key_id = secrets.token_hex(6)
     return key_id, f"em_{key_id}_{secrets.token_urlsafe(32)}"
 
 
 def id_of(secret: str) -> str | None:
-    """The id that a secret names, None for what cannot be a secret."""
+    """The id in a secret, None for a text that is no secret."""
     match = _SECRET.fullmatch(secret)
     return None if match is None else match[1]
 
@@ -54,5 +54,5 @@ def digest(secret: str) -> str:
 
 
 def expand_scopes(scopes: Iterable[str]) -> frozenset[str]:
-    """All that these scopes allow: write includes read, admin includes both."""
+    """These scopes and all that they include: write includes read, admin includes both."""
     return frozenset[str]().union(*(_INCLUDED[scope] for scope in scopes))

@@ -1,4 +1,4 @@
-"""SQL of API keys. Keys are never deleted: a revoked one still says that keys are required."""
+"""SQL of API keys. Keys are never deleted: after the first one, requests always need a key."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,14 +11,14 @@ from equimesh_service.store.schema import keys
 
 
 class KeyStore:
-    """The keys that there are."""
+    """The API keys of a store."""
 
     def __init__(self, database: Database, clock: Callable[[], float]) -> None:
         self._read, self._write = database.read, database.write
         self._clock = clock
 
     def create(self, name: str, scopes: Sequence[str]) -> tuple[KeyRow, str]:
-        """A new key and its secret, which is not kept. Raises ValueError for a scope that does not exist."""
+        """Create a key; returns it with its secret, which is not stored. Raises ValueError for an unknown scope."""
         unknown = set(scopes).difference(SCOPES)
         if unknown or not scopes:
             raise ValueError(
@@ -43,7 +43,7 @@ class KeyStore:
         return None if row is None else _key(row)
 
     def revoke(self, key_id: str) -> bool:
-        """Put a key out of force for good; False when there is none, or it was before."""
+        """Revoke a key for good; False for an unknown or revoked key."""
         statement = update(keys).where(keys.c.id == key_id, keys.c.revoked_at.is_(None))
         with self._write() as connection:
             return bool(connection.execute(statement.values(revoked_at=self._clock())).rowcount)

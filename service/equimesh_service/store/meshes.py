@@ -29,7 +29,7 @@ from equimesh_service.store.rows import (
 from equimesh_service.store.schema import artifacts, events, idempotency, mesh_samples, meshes, samples, steps
 from equimesh_service.store.sequences import insert_step, take_turn
 
-# How many meshes one query asks for by their ids.
+# The most ids in one query.
 _MAX_IDS_PER_QUERY = 500
 _SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
 # Built once, since building them takes longer than executing them.
@@ -54,14 +54,14 @@ class MeshesStore:
         lease: Lease | None = None,
         step: NewStep | None = None,
     ) -> str:
-        """Put a mesh into the queue and return its id: an older one's when ``key`` was seen before.
+        """Put a mesh into the queue and return its id; for a repeated ``key``, return the id of the earlier mesh.
 
-        With ``lease`` it does not wait there: it is claimed from the start, at its first attempt. As the ``step`` of a
-        sequence it takes the place of meshes that are no longer kept.
+        With ``lease`` the mesh does not wait: it is claimed at once, as its first attempt. As the ``step`` of a
+        sequence it replaces meshes that are no longer kept.
 
-        Raises :class:`KeyReusedError` when the key came with another ``fingerprint``,
-        :class:`SamplesGoneError` when the samples were deleted,
-        :class:`~equimesh_service.errors.QuotaError` when it is one too many, and :class:`StepTakenError`.
+        Raises :class:`KeyReusedError` when the key belongs to another ``fingerprint``,
+        :class:`~equimesh_service.errors.SamplesGoneError` when the samples were deleted,
+        :class:`~equimesh_service.errors.QuotaError` at a limit, and :class:`StepTakenError`.
         """
         held: set[str] = set()
 
@@ -71,7 +71,7 @@ class MeshesStore:
             leaving = [] if step is None else take_turn(connection, step, self._clock())
             insert_waiting(connection, new, lease, self._clock())
             if step is not None:
-                # After the mesh is there, whose samples may be those of a failed step that makes way.
+                # After the insertion, since the mesh may use the samples of a failed step that is deleted here.
                 held.update(delete_meshes(connection, leaving, self._clock()).files)
                 insert_step(connection, new, step)
             return True
@@ -84,13 +84,23 @@ class MeshesStore:
 
     def find_repeated(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
         """The mesh of an earlier request with this idempotency key; raises :class:`KeyReusedError`."""
-        return self._find_repeated(key_id, key, fingerprint)
+        if key is None:
+            return None
+        here = (idempotency.c.key_id == key_id, idempotency.c.key == key)
+        query = select(idempotency.c.fingerprint, idempotency.c.mesh_id).where(*here)
+        with self._read() as connection:
+            row = connection.execute(query).first()
+        if row is None:
+            return None
+        if row.fingerprint != fingerprint:
+            raise KeyReusedError(key)
+        return str(row.mesh_id)
 
     def reuse(self, new: NewMesh, *, key: str | None = None, fingerprint: str = "") -> str | None:
-        """Make the mesh of one that has succeeded, with the same ``new.fingerprint`` and for the same API key.
+        """Insert a mesh as a copy of an earlier success of the same ``new.fingerprint`` and API key.
 
-        It is a mesh of its own, and shares the files. Returns its id, or an older one's as :meth:`add` does; None when
-        there is nothing to make it of. Raises as :meth:`add`.
+        The new mesh shares the files of the earlier one. Returns its id, for a repeated ``key`` as :meth:`add`, and
+        None when there is no such mesh. Raises as :meth:`add`.
         """
         query = (
             select(meshes.c.id, meshes.c.result)
@@ -101,7 +111,7 @@ class MeshesStore:
         )
 
         def put(connection: Connection) -> bool:
-            # Locked, so that its files are not removed before they have a second owner.
+            # Locked, so that its files are not removed before the new mesh names them.
             source = connection.execute(query.with_for_update(read=True, key_share=True)).first()
             if source is not None:
                 insert_reused(connection, new, source.id, source.result, self._clock())
@@ -135,7 +145,7 @@ class MeshesStore:
         return None if text is None else json.loads(text)
 
     def get_input(self, mesh_id: str) -> MeshInput | None:
-        """What a worker needs to know of a mesh."""
+        """The input of a mesh for a worker; None when the mesh is gone."""
         query = select(meshes.c.spec, meshes.c.format).where(meshes.c.id == mesh_id)
         joined = mesh_samples.join(samples, samples.c.id == mesh_samples.c.samples_id)
         files = select(samples.c.id, samples.c.sha256).select_from(joined).where(mesh_samples.c.mesh_id == mesh_id)
@@ -172,7 +182,7 @@ class MeshesStore:
             return [_mesh(row) for row in connection.execute(query)]
 
     def delete(self, mesh_id: str, remove_file: Callable[[str], None]) -> bool:
-        """Delete a mesh with its events and artifacts; files that nothing else needs go to ``remove_file``."""
+        """Delete a mesh with its events and artifacts; ``remove_file`` is called for files that no other row names."""
         with self._write() as connection:
             deleted = delete_meshes(connection, [mesh_id], self._clock())
         if deleted.sequences:
@@ -182,7 +192,7 @@ class MeshesStore:
         return bool(deleted.meshes)
 
     def events(self, mesh_id: str, *, after: int = 0, limit: int = 1000) -> list[EventRow]:
-        """What happened to a mesh after event number ``after``."""
+        """The events of a mesh after event number ``after``."""
         query = (
             select(events.c.number, events.c.time, events.c.kind, events.c.data)
             .where(events.c.mesh_id == mesh_id, events.c.number > after)
@@ -211,8 +221,8 @@ class MeshesStore:
             return True
 
     def _once(self, new: NewMesh, key: str | None, fingerprint: str, put: Callable[[Connection], bool]) -> str | None:
-        """The id of a new mesh, or of the one that the key stands for; None when there was none to ``put``."""
-        known = self._find_repeated(new.key_id, key, fingerprint)
+        """Insert a mesh by ``put`` unless its key is known; returns the id, None when ``put`` returns False."""
+        known = self.find_repeated(new.key_id, key, fingerprint)
         if known is not None:
             return known
         try:
@@ -223,24 +233,11 @@ class MeshesStore:
                     row = {"key_id": new.key_id, "key": key, "fingerprint": fingerprint, "mesh_id": new.id}
                     connection.execute(insert(idempotency).values(row))
         except (IntegrityError, StepTakenError):
-            known = self._find_repeated(new.key_id, key, fingerprint)  # the same key came at the same moment
+            known = self.find_repeated(new.key_id, key, fingerprint)  # a request with the same key was faster
             if known is None:
                 raise
             return known
         return new.id
-
-    def _find_repeated(self, key_id: str, key: str | None, fingerprint: str) -> str | None:
-        if key is None:
-            return None
-        here = (idempotency.c.key_id == key_id, idempotency.c.key == key)
-        query = select(idempotency.c.fingerprint, idempotency.c.mesh_id).where(*here)
-        with self._read() as connection:
-            row = connection.execute(query).first()
-        if row is None:
-            return None
-        if row.fingerprint != fingerprint:
-            raise KeyReusedError(key)
-        return str(row.mesh_id)
 
 
 def _mesh(row: Row[Any]) -> MeshRow:

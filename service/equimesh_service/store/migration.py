@@ -8,11 +8,11 @@ from equimesh_service.errors import NewerDatabaseError
 from equimesh_service.store.database import Database, lock
 from equimesh_service.store.schema import artifacts, meshes, metadata
 
-# The revision of the tables in `schema`, which is that of the last step in `migrations`.
+# The revision of the tables in `schema`: that of the last step in `migrations`.
 LATEST = "0004"
 _FIRST = "0001"
 _log = logging.getLogger(__name__)
-# Alembic's own table, as it makes it.
+# The table of Alembic, as Alembic creates it.
 _version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
 
 
@@ -27,7 +27,7 @@ def current(url: str) -> str | None:
 
 
 def upgrade(url: str) -> str:
-    """Bring the database behind ``url`` up to this release; returns its revision from now on.
+    """Upgrade the database behind ``url`` to this release; returns its new revision.
 
     Raises :class:`NewerDatabaseError`.
     """
@@ -39,13 +39,13 @@ def upgrade(url: str) -> str:
 
 
 def prepare(database: Database) -> str:
-    """Make the tables, or change those of an older release, keeping what is in them; returns the revision.
+    """Create the tables, or upgrade those of an older release with their rows; returns the revision.
 
-    One transaction, which others who do the same wait for. Raises :class:`NewerDatabaseError`.
+    All in one transaction; other services that do the same wait for it. Raises :class:`NewerDatabaseError`.
     """
     with database.read() as connection:
         if _revision(connection) == LATEST:
-            return LATEST  # most starts end here: no lock, and no alembic
+            return LATEST  # most starts end here, without a lock and without alembic
     with database.write() as connection:
         lock(connection, ["migration"])
         revision = _revision(connection)
@@ -54,7 +54,7 @@ def prepare(database: Database) -> str:
             _version.create(connection)
             connection.execute(insert(_version).values(version_num=LATEST))
         elif revision != LATEST:
-            _log.info("the database is of revision %s; it is changed to %s", revision, LATEST)
+            _log.info("the database has revision %s; it is upgraded to %s", revision, LATEST)
             _run(connection)
     return LATEST
 
@@ -62,7 +62,7 @@ def prepare(database: Database) -> str:
 def _revision(connection: Connection) -> str | None:
     tables = set(inspect(connection).get_table_names())
     if _version.name not in tables:
-        # Release 0.1 kept no record of its revision.
+        # Release 0.1 stored no revision.
         return _FIRST if {meshes.name, artifacts.name} <= tables else None
     found = connection.execute(select(_version.c.version_num)).scalar()
     # A development version called its revisions 0004 to 0006; its 0004 lacks a table.

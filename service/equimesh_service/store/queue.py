@@ -1,7 +1,7 @@
-"""SQL of the queue: who computes which mesh, and how it ends.
+"""SQL of the queue: the claims of meshes, and their ends.
 
-A mesh goes ``queued -> running -> succeeded | failed | canceled``; a lost worker takes it back to ``queued``.
-Every change of a mesh is one transaction that also adds an event, so the events tell the whole story.
+A mesh goes ``queued -> running -> succeeded | failed | canceled``; when its worker is lost, it is ``queued`` again.
+Every change of a mesh is one transaction that also adds an event, so the events are complete.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,8 +27,8 @@ from equimesh_service.store.rows import (
 )
 from equimesh_service.store.schema import events, meshes
 
-# Statements are built once, since building them takes longer than executing them. A change takes the mesh and, beside
-# what stands here, the new values of columns by their names.
+# Statements are built once, since building them takes longer than executing them. A change takes the mesh, and the new
+# values of further columns by their names.
 _CLAIMED = [meshes.c.id, meshes.c.attempt, meshes.c.request_id, meshes.c.key_id, meshes.c.trace]
 _OLDEST = (
     select(*_CLAIMED, meshes.c.created_at)
@@ -51,20 +51,20 @@ _ADD_EVENT = insert(events)
 
 
 class QueueStore:
-    """Waiting and running meshes: the dispatcher's and the workers' side of the store."""
+    """Waiting and running meshes: the part of the store for the dispatcher and the workers."""
 
     def __init__(self, database: Database, clock: Callable[[], float]) -> None:
         self._read, self._write = database.read, database.write
         self._clock = clock
 
     def count_waiting(self) -> int:
-        """Number of waiting meshes."""
+        """The number of waiting meshes."""
         query = select(func.count()).select_from(meshes).where(meshes.c.status == QUEUED)
         with self._read() as connection:
             return int(connection.execute(query).scalar_one())
 
     def count(self) -> QueueCounts:
-        """How many meshes there are, and how long the oldest waiting one has waited."""
+        """The number of meshes of each status, and the wait of the oldest waiting one."""
         query = select(meshes.c.status, func.count()).group_by(meshes.c.status)
         oldest = select(meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number).limit(1)
         with self._read() as connection:
@@ -80,7 +80,7 @@ class QueueStore:
             return self._append(connection, _CANCEL, {"mesh": mesh_id, **change}, "done", {"status": CANCELED})
 
     def claim(self, owner: str, lease: float) -> Claim | None:
-        """Take the oldest waiting mesh for ``owner``, for ``lease`` seconds; after a crash it may wait again."""
+        """Claim the oldest waiting mesh for ``owner``, for ``lease`` seconds; a crash may undo it."""
         with self._write(durable=False) as connection:
             row = connection.execute(_OLDEST).first()
             if row is None:
@@ -101,13 +101,13 @@ class QueueStore:
             return replace(_claim(row), attempt=row.attempt + 1, claimed_at=now, waited=waited)
 
     def find_held(self, owner: str) -> set[Claim]:
-        """What ``owner`` holds."""
+        """The claims of ``owner``."""
         mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
         with self._read() as connection:
             return {Claim(*row) for row in connection.execute(select(meshes.c.id, meshes.c.attempt).where(mine))}
 
     def renew(self, owner: str, lease: float) -> set[Claim]:
-        """Extend the leases of ``owner``; returns what it still holds."""
+        """Extend the leases of ``owner``; returns its claims."""
         mine = (meshes.c.owner == owner) & (meshes.c.status == RUNNING)
         with self._write(durable=False) as connection:
             connection.execute(update(meshes).where(mine).values(lease_until=self._clock() + lease))
@@ -115,7 +115,7 @@ class QueueStore:
             return {Claim(row.id, row.attempt) for row in rows}
 
     def find_abandoned(self, *, owner_gone: str | None = None) -> list[Claim]:
-        """Running meshes whose lease has run out; with ``owner_gone``, all that another owner holds."""
+        """The claims of running meshes whose lease has expired; with ``owner_gone``, of all other owners, too."""
         late = meshes.c.lease_until < self._clock()
         if owner_gone is not None:
             late = or_(late, meshes.c.owner != owner_gone)
@@ -124,14 +124,14 @@ class QueueStore:
             return [_claim(row) for row in connection.execute(query)]
 
     def requeue(self, claim: Claim, reason: str) -> bool:
-        """Put a running mesh back into the queue, as if it had not been claimed."""
+        """Put a running mesh back into the queue, without counting a loss."""
         with self._write() as connection:
             return self._back(connection, claim, reason, 0)
 
     def lose(self, claim: Claim, reason: str, *, most: int, error: Mapping[str, Any]) -> str | None:
-        """Note that the worker of a running mesh is lost: it waits again, or fails when ``most`` were lost.
+        """Record that the worker of a running mesh is lost: the mesh waits again, or fails after ``most`` losses.
 
-        Returns the new status, or None when the claim no longer holds.
+        Returns the new status, or None when the claim is no longer valid.
         """
         with self._write() as connection:
             query = select(meshes.c.losses).where(meshes.c.id == claim.mesh_id)
@@ -150,7 +150,7 @@ class QueueStore:
             return FAILED if self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data) else None
 
     def progress(self, claim: Claim, data: Mapping[str, Any]) -> bool:
-        """Note how far a running mesh is; False when the claim no longer holds."""
+        """Store the progress of a running mesh; False when the claim is no longer valid."""
         with self._write() as connection:
             return self._append(connection, _ATTEMPT, {**_of(claim), "progress": dict(data)}, "progress", data)
 
@@ -164,7 +164,7 @@ class QueueStore:
         partial: bool = False,
         publish: Publish = publish_nothing,
     ) -> bool:
-        """End a running mesh: succeeded, or failed with ``error``; False when the claim no longer holds.
+        """End a running mesh: succeeded, or failed with ``error``; False when the claim is no longer valid.
 
         ``publish`` gives ``files`` their names, inside the transaction.
         """
@@ -200,7 +200,7 @@ class QueueStore:
         kind: str,
         data: Mapping[str, Any],
     ) -> bool:
-        """Change one mesh and add an event that says so; False when there is none that the change is for."""
+        """Change one mesh, and add an event; False when the condition of the change does not hold."""
         row = connection.execute(change, dict(values)).first()
         if row is None:
             return False

@@ -1,4 +1,4 @@
-"""SQL of the use of a key: unfinished meshes, their points, and stored bytes."""
+"""SQL of the usage of a key: unfinished meshes, their points, and stored bytes."""
 
 from dataclasses import dataclass
 
@@ -21,12 +21,12 @@ class Quota:
 def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
     """Check that one more mesh fits, in this writing transaction; raises :class:`QuotaError`.
 
-    Until the transaction ends no other one makes sure for the same key, in whatever process: none slips past.
+    Until the transaction ends, no other one in any process checks the same key, so the limit holds exactly.
     """
     if not (quota.queued or quota.points):
         return
     lock(connection, [f"quota {key_id}"])
-    # The sum leads away from the index of all meshes of the key, most of which are finished, to that of the states.
+    # `coalesce` keeps the query from the index of all meshes of the key, most of which are finished.
     mine = func.coalesce(meshes.c.key_id, "") == key_id
     total = func.coalesce(func.sum(meshes.c.n_xi * meshes.c.n_eta), 0)
     query = select(func.count(), total).where(meshes.c.status.in_((QUEUED, RUNNING)), mine)
@@ -38,7 +38,7 @@ def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None
 
 
 class QuotaStore:
-    """What is stored for a key."""
+    """The stored bytes of keys."""
 
     def __init__(self, database: Database) -> None:
         self._read = database.read

@@ -1,7 +1,6 @@
-"""SQL of what expires: finished meshes, samples that no mesh uses, and the record that they existed.
+"""SQL of retention: finished meshes expire, so do samples that no mesh uses, and later the record that they existed.
 
-Every method is one short transaction, so that a sweep never holds up the service, and takes only what no other service
-is sweeping at the moment.
+Every transaction is short, so that a sweep does not delay the service, and skips rows that another service is sweeping.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -13,21 +12,21 @@ from equimesh_service.store.database import Database, insert_new
 from equimesh_service.store.deletion import delete_ended, delete_meshes
 from equimesh_service.store.schema import mesh_samples, meshes, removals, retired, samples, samples_keys
 
-# How many things one transaction removes.
+# The most rows that one transaction removes.
 _MAX_REMOVED_AT_ONCE = 20
-# Longer, by far, than any file is sealed before a row names it: so long it is known that the same content was removed.
+# How long the removal of a file is on record: far longer than between the sealing of a file and the row that names it.
 _MAX_SEALED_SECONDS = 86_400.0
 
 
 class RetentionStore:
-    """What is removed after a time, and what was."""
+    """Meshes and samples that expire, and the record of those that have expired."""
 
     def __init__(self, database: Database, clock: Callable[[], float]) -> None:
         self._database = database
         self._clock = clock
 
     def retire_meshes(self, age: float, remove_file: Callable[[str], None]) -> int:
-        """Remove some of the meshes that were finished more than ``age`` seconds ago; returns how many."""
+        """Remove some of the meshes that were finished more than ``age`` seconds ago; returns their number."""
         latest = self._clock() - age
         late = meshes.c.finished_at < latest, func.coalesce(meshes.c.kept_from, 0.0) < latest
         query = select(meshes.c.id, meshes.c.key_id).where(*late)
@@ -47,7 +46,7 @@ class RetentionStore:
         return len(rows)
 
     def retire_samples(self, age: float, remove_file: Callable[[str], None]) -> int:
-        """Remove some of the samples that were last requested more than ``age`` seconds ago, and that no mesh uses."""
+        """Remove some of the samples that were last used more than ``age`` seconds ago, and that no mesh uses."""
         late = samples.c.used_at < self._clock() - age
         unused = ~select(mesh_samples.c.mesh_id).where(mesh_samples.c.samples_id == samples.c.id).exists()
         query = select(samples.c.id, samples.c.sha256).where(late, unused).order_by(samples.c.used_at)
@@ -58,7 +57,7 @@ class RetentionStore:
         held: set[str] = set()
         with self._database.write() as connection:
             for row in connection.execute(query).all():
-                # Again, now that they are locked: a mesh may have begun to use them.
+                # Checked again under the lock: a mesh may have begun to use them.
                 if connection.execute(select(samples.c.id).where(samples.c.id == row.id, late, unused)).first() is None:
                     continue
                 owners = connection.execute(select(samples_keys.c.key_id).where(samples_keys.c.samples_id == row.id))
@@ -72,13 +71,13 @@ class RetentionStore:
         return len(held)
 
     def forget(self, age: float) -> int:
-        """Drop the record of what was removed more than ``age`` seconds ago; returns how many things that were."""
+        """Drop the records of removals more than ``age`` seconds ago; returns their number."""
         with self._database.write() as connection:
             connection.execute(delete(removals).where(removals.c.noted_at < self._clock() - _MAX_SEALED_SECONDS))
             return connection.execute(delete(retired).where(retired.c.retired_at < self._clock() - age)).rowcount
 
     def has_removed(self, name: str, key_id: str | None) -> bool:
-        """Whether a mesh or samples with this id were removed after their time; of any key when that is None."""
+        """Whether a mesh, samples or a sequence with this id have expired; those of any key for None."""
         query = select(retired.c.id).where(retired.c.id == name)
         if key_id is not None:
             query = query.where(retired.c.key_id == key_id)
@@ -86,7 +85,7 @@ class RetentionStore:
             return connection.execute(query.limit(1)).first() is not None
 
     def find_unnamed(self, files: Iterable[str]) -> set[str]:
-        """Those of some files that no row names."""
+        """Those of the files that no row names."""
         with self._database.read() as connection:
             return find_unnamed(connection, files)
 
@@ -98,6 +97,6 @@ class RetentionStore:
 
     def _note(self, connection: Connection, name: str, key_id: str) -> None:
         row = {"id": name, "key_id": key_id, "retired_at": self._clock()}
-        if not insert_new(connection, retired, row):  # samples that came back, and have had their time again
+        if not insert_new(connection, retired, row):  # samples that were uploaded again, and have expired again
             here = (retired.c.id == name, retired.c.key_id == key_id)
             connection.execute(update(retired).where(*here).values(retired_at=row["retired_at"]))

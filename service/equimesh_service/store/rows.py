@@ -1,4 +1,4 @@
-"""The records that the store gives and takes."""
+"""The records that the store takes and returns."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -25,12 +25,12 @@ Position = tuple[int] | tuple[float, str]
 
 
 def _keep(_: str) -> None:
-    pass
+    """Remove nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NewMesh:
-    """A mesh as it is requested."""
+    """A new mesh, to be inserted."""
 
     id: str
     spec: Mapping[str, Any]
@@ -39,17 +39,17 @@ class NewMesh:
     key_id: str = ""
     request_id: str | None = None
     trace: str | None = None
-    fingerprint: str | None = None  # the same for meshes that have the same points
+    fingerprint: str | None = None  # equal for meshes of the same points
 
     @property
     def points(self) -> int:
-        """How many points it has."""
+        """The number of its points."""
         return int(self.spec["grid"]["n_xi"]) * int(self.spec["grid"]["n_eta"])
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshRow:
-    """A mesh as it stands; see :mod:`equimesh_service.store.schema` for the columns."""
+    """The current row of a mesh; see :mod:`equimesh_service.store.schema` for the columns."""
 
     number: int
     id: str
@@ -73,13 +73,13 @@ class MeshRow:
 
     @property
     def finished(self) -> bool:
-        """Whether the mesh has come to an end, good or bad."""
+        """Whether the mesh has succeeded, failed or been canceled."""
         return self.status in FINISHED
 
 
 @dataclass(frozen=True)
 class EventRow:
-    """One thing that happened to a mesh."""
+    """One event of a mesh."""
 
     number: int
     time: float
@@ -91,8 +91,7 @@ class EventRow:
 class Claim:
     """The right to compute a mesh, until another attempt begins.
 
-    Also its origin: when it was claimed, how many seconds it had waited until then, and the request,
-    key and trace that it belongs to.
+    Also its origin: the time of the claim, the seconds that the mesh had waited, and its request, key and trace.
     """
 
     mesh_id: str
@@ -112,12 +111,12 @@ class MeshInput:
     samples: Mapping[str, str]  # from the ids of samples to the SHA-256 of their files
     format: str | None = None
     start: str | None = None  # the SHA-256 of the npz file of the mesh that it starts from, as the step of a sequence
-    fields: str | None = None  # that of the fields at the nodes of the start, which are to be carried on
+    fields: str | None = None  # that of the fields at the nodes of the start, which are transferred to the new mesh
 
 
 @dataclass(frozen=True, kw_only=True)
 class QueueCounts:
-    """How many meshes there are of each status, and for how many seconds the oldest waiting one has waited."""
+    """The number of meshes of each status, and the seconds that the oldest waiting one has waited."""
 
     meshes: Mapping[str, int]
     oldest_wait: float
@@ -142,10 +141,10 @@ class Artifact:
 
 @dataclass(frozen=True, kw_only=True)
 class NewStep:
-    """A step of a sequence as it is requested; step 0 begins the sequence.
+    """A new step of a sequence, to be inserted; step 0 begins the sequence.
 
-    ``fingerprint`` is the same for equal requests. ``publish`` gives the file of the ``fields`` its
-    name, and ``discard`` removes one that nothing needs any more.
+    ``fingerprint`` is equal for equal requests. ``publish`` publishes the file of the ``fields``, and ``discard``
+    removes a file that no row names any more.
     """
 
     sequence_id: str
@@ -161,7 +160,7 @@ class NewStep:
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceRow:
-    """A sequence as it stands: the number, mesh and status of the last step that has not failed."""
+    """The current row of a sequence, with the number, mesh and status of its last step that has not failed."""
 
     id: str
     key_id: str
@@ -186,7 +185,7 @@ class SamplesRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """How a mesh ended: its status, and for a failed one the name of the problem; what it cost, where that is known."""
+    """The end of a mesh: its status, the name of the problem of a failed one, and its cost where that is known."""
 
     status: str
     reason: str = ""
@@ -195,6 +194,6 @@ class Ending:
     files: tuple[Artifact, ...] = ()
 
     def file(self, name: str) -> Artifact | None:
-        """The file of a mesh that has succeeded, under a name; None where the worker made no such file."""
+        """The file of this name of a successful mesh; None where the worker wrote no such file."""
         found = (file for file in self.files if file.name == name)
         return next(found, None) if self.status == SUCCEEDED else None

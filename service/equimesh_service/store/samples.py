@@ -1,4 +1,4 @@
-"""SQL of uploaded samples: the same content is stored once, and each key sees what it has uploaded."""
+"""SQL of uploaded samples: equal samples are stored once, and each key sees those that it has uploaded."""
 
 from collections.abc import Callable
 
@@ -10,15 +10,15 @@ from equimesh_service.store.database import Database, insert_new, lock
 from equimesh_service.store.rows import QUEUED, RUNNING, SamplesRow
 from equimesh_service.store.schema import mesh_samples, meshes, retired, samples, samples_keys
 
-# Built once: that takes longer than to execute them.
+# Statements are built once, since building them takes longer than executing them.
 _STAY = select(samples.c.id).where(samples.c.id == bindparam("samples")).with_for_update(read=True, key_share=True)
 _UNRETIRE = delete(retired).where(retired.c.id == bindparam("samples"), retired.c.key_id == bindparam("key"))
 
 
 class SamplesStore:
-    """Samples of functions, stored once under the id that their content gives them.
+    """Samples of functions, stored once under an id that is a hash of their content.
 
-    ``key_id`` is the API key that asks; None asks for all keys.
+    ``key_id`` is the API key of the caller; None stands for all keys.
     """
 
     def __init__(self, database: Database, clock: Callable[[], float]) -> None:
@@ -28,16 +28,16 @@ class SamplesStore:
     def add(
         self, row: SamplesRow, publish: Publish = publish_nothing, *, key_id: str = "", durable: bool = True
     ) -> bool:
-        """Keep samples, and let the key see them; False when it did already.
+        """Store samples, and let the key see them; False when it sees them already.
 
-        They need not be ``durable`` where the mesh that comes with them will be.
+        They need not be ``durable`` when the mesh that comes with them is.
         """
         with self._database.write(durable=durable) as connection:
             lock(connection, [row.sha256])
             stored = {**vars(row), "used_at": self._clock()}
             new = insert_new(connection, samples, stored)
             if not new and connection.execute(_STAY, {"samples": row.id}).first() is None:
-                new = insert_new(connection, samples, stored)  # they were deleted at this moment
+                new = insert_new(connection, samples, stored)  # they have just been deleted
             if new:
                 publish(removal_lookup(connection))
             connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
@@ -51,16 +51,16 @@ class SamplesStore:
         return None if row is None else SamplesRow(**row._mapping)
 
     def delete(self, samples_id: str, remove_file: Callable[[str], None], key_id: str | None = None) -> bool | None:
-        """Delete samples: what the key sees, and the rest when no other key has sent them.
+        """Delete samples for a key, and for good when no other key has uploaded them.
 
-        None when there are none, False when a mesh that is not finished needs them.
+        Returns None when there are none, and False when an unfinished mesh needs them.
         """
         with self._database.write() as connection:
             here = samples.c.id == samples_id
             sha256 = connection.execute(select(samples.c.sha256).where(here)).scalar()
             if sha256 is None:
                 return None
-            lock(connection, [sha256])  # against those who add them, and the rows against meshes that need them
+            lock(connection, [sha256])  # against uploads; the lock of the row is against meshes that need it
             connection.execute(select(samples.c.id).where(here).with_for_update())
             if connection.execute(_of(samples_id, key_id)).first() is None:
                 return None
@@ -85,7 +85,7 @@ def select_needing(samples_id: str) -> Select[tuple[str]]:
 
 
 def _of(samples_id: str, key_id: str | None) -> Select[tuple[object, ...]]:
-    """The query for samples as a key knows them: since when, too, is a matter between the two."""
+    """The query for samples as a key sees them; `created_at` is the time of the key's own upload."""
     names = SamplesRow.__dataclass_fields__
     if key_id is None:
         return select(*(samples.c[name] for name in names)).where(samples.c.id == samples_id)

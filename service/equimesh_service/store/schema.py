@@ -1,4 +1,4 @@
-"""The tables: their columns are the service's memory."""
+"""The tables of the database."""
 
 from typing import Any
 
@@ -21,12 +21,12 @@ from sqlalchemy import (
 
 metadata = MetaData()
 
-# Numbers that clients may send back, and sizes: 64 bits. SQLite's integers have them, and only count up as such.
+# Numbers that clients send back, and sizes: 64 bits. In SQLite only the type Integer counts up by itself.
 _Number = BigInteger().with_variant(Integer, "sqlite")
 
 
 class _Id(TypeDecorator[str]):
-    """Ids. What a client names may hold U+0000, which PostgreSQL refuses to compare: no id has it."""
+    """Ids. A client may send U+0000, which PostgreSQL refuses to compare, and which no id contains."""
 
     impl = String
     cache_ok = True
@@ -35,9 +35,9 @@ class _Id(TypeDecorator[str]):
         return None if value is None else value.replace("\x00", "\ufffd")
 
 
-# One row per requested mesh. `attempt` counts claims and fences writers: a worker may write only
-# while the row still has the worker's attempt. `losses` counts the attempts whose worker was lost. `owner` is the
-# service that has claimed it. `key_id` is the API key of its request, "" without one.
+# One row for each requested mesh. `attempt` counts claims and fences writers: a worker may write only while the row has
+# the worker's attempt. `losses` counts the attempts whose worker was lost. `owner` is the service with the claim.
+# `key_id` is the API key of the request, "" without one.
 meshes = Table(
     "meshes",
     metadata,
@@ -63,22 +63,22 @@ meshes = Table(
     Column("error", JSON(none_as_null=True)),
     Column("partial", Boolean, nullable=False, default=False),
     Column("key_id", _Id(40), nullable=False, server_default=""),
-    Column("fingerprint", String(64)),  # the same for meshes that have the same points
+    Column("fingerprint", String(64)),  # equal for meshes of the same points
     Column("reused_from", String(40)),
-    Column("kept_from", Float),  # when its retention begins, if not at its finish: meshes of 0.1, which kept all
+    Column("kept_from", Float),  # the start of its retention, if not its finish: for meshes of release 0.1
     Column("request_id", _Id(64)),
     Column("trace", String(64)),  # the traceparent of the request (W3C Trace Context)
     Column("spec_size", Integer, nullable=False, server_default="0"),  # bytes of the spec
-    # With all columns that queries of waiting meshes need: rows with samples in their spec are long.
+    # With all columns that queries of waiting meshes read, since rows with samples in their spec are long.
     Index("meshes_by_status", "status", "number", "key_id", "n_xi", "n_eta"),
-    # A key's meshes as they are listed; the sum of its specs comes from here alone.
+    # The meshes of a key in the order of lists; the sum of its specs needs only this index.
     Index("meshes_by_key", "key_id", "created_at", "id", "spec_size"),
     Index("meshes_by_fingerprint", "fingerprint", "key_id", "number"),
     Index("meshes_by_finish", "finished_at"),
     sqlite_autoincrement=True,
 )
 
-# What happened to a mesh, in order; rows are only added. `number` runs 1, 2, 3, … for each mesh.
+# The events of meshes; rows are only added. `number` runs 1, 2, 3, … for each mesh.
 events = Table(
     "events",
     metadata,
@@ -101,7 +101,7 @@ artifacts = Table(
     PrimaryKeyConstraint("mesh_id", "name"),
 )
 
-# Uploaded samples; the id is made of the SHA-256 of their canonical npz file.
+# Uploaded samples; the id is part of the SHA-256 of their canonical npz file.
 samples = Table(
     "samples",
     metadata,
@@ -113,7 +113,7 @@ samples = Table(
     Column("used_at", Float, nullable=False, server_default="0"),  # when a mesh with them was last requested
 )
 
-# Whose samples they are: the same upload of two keys is stored once, and is each one's own.
+# The owners of samples: an equal upload of two keys is stored once, and belongs to both.
 samples_keys = Table(
     "samples_keys",
     metadata,
@@ -124,7 +124,7 @@ samples_keys = Table(
     Index("samples_by_key", "key_id"),
 )
 
-# Which samples a mesh uses.
+# The samples that meshes use.
 mesh_samples = Table(
     "mesh_samples",
     metadata,
@@ -133,7 +133,7 @@ mesh_samples = Table(
     PrimaryKeyConstraint("mesh_id", "samples_id"),
 )
 
-# Idempotency keys of requests that must not act twice; each API key has its own.
+# Idempotency keys of requests, separate for each API key.
 idempotency = Table(
     "idempotency",
     metadata,
@@ -144,7 +144,7 @@ idempotency = Table(
     PrimaryKeyConstraint("key_id", "key"),
 )
 
-# Moving meshes: each step is a mesh, of which the last `keep` are kept.
+# Sequences: each step is a mesh; the last `keep` of them are kept.
 sequences = Table(
     "sequences",
     metadata,
@@ -155,7 +155,7 @@ sequences = Table(
     Column("used_at", Float, nullable=False),
 )
 
-# Which step of a sequence a mesh is; the SHA-256 of the mesh file that it starts from, and of the fields to carry on.
+# Steps of sequences: the SHA-256 of the mesh file that a step starts from, and of the file of its fields.
 steps = Table(
     "steps",
     metadata,
@@ -167,7 +167,7 @@ steps = Table(
     Index("steps_by_sequence", "sequence_id", "number", unique=True),
 )
 
-# Meshes, samples and sequences that expired and were removed: they answer 410, not 404.
+# Meshes, samples and sequences that have expired: they answer 410, not 404.
 retired = Table(
     "retired",
     metadata,
@@ -178,8 +178,8 @@ retired = Table(
     Index("retired_by_time", "retired_at"),
 )
 
-# Files that are about to be removed, or were: noted before they are. Who has sealed the same content since looks here
-# whether it may be gone again.
+# Files that are about to be removed, or were. A transaction that names the same content again looks here whether the
+# file may be gone.
 removals = Table(
     "removals",
     metadata,
@@ -188,7 +188,7 @@ removals = Table(
     PrimaryKeyConstraint("sha256", "noted_at"),
 )
 
-# API keys. The secret is not here: only the SHA-256 of it, which is 256 random bits long itself.
+# API keys. `sha256` is the hash of the secret, which is not stored.
 keys = Table(
     "keys",
     metadata,

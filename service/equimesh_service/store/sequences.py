@@ -1,6 +1,6 @@
-"""SQL of sequences: moving meshes, of which each step is a mesh like any other.
+"""SQL of sequences: moving meshes, each step of which is a mesh like any other.
 
-A sequence is where its last step is. A step that failed is no step: the next one takes its number.
+The state of a sequence is that of its last step. A failed step does not count: the next one takes its number.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class SequencesStore:
         self._read = database.read
 
     def get(self, sequence_id: str) -> SequenceRow | None:
-        """The sequence with this id, as far as its last step that has not failed."""
+        """The sequence with this id, at its last step that has not failed."""
         columns = [sequences.c[name] for name in ("id", "key_id", "keep", "created_at", "used_at")]
         joined = sequences.join(steps, steps.c.sequence_id == sequences.c.id).join(
             meshes, meshes.c.id == steps.c.mesh_id
@@ -49,14 +49,14 @@ class SequencesStore:
         return None if found is None else str(found)
 
     def step_of(self, mesh_id: str) -> tuple[str, int] | None:
-        """The sequence and the number of the step that a mesh is."""
+        """The sequence of a mesh, and the number of its step."""
         query = select(steps.c.sequence_id, steps.c.number).where(steps.c.mesh_id == mesh_id)
         with self._read() as connection:
             row = connection.execute(query).first()
         return None if row is None else (str(row.sequence_id), int(row.number))
 
     def meshes(self, sequence_id: str) -> list[str]:
-        """The meshes that a sequence still has."""
+        """The meshes of a sequence that are still kept."""
         query = select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id)
         with self._read() as connection:
             return [str(name) for name in connection.execute(query).scalars()]
@@ -75,10 +75,10 @@ class SequencesStore:
 
 
 def take_turn(connection: Connection, step: NewStep, now: float) -> list[str]:
-    """Begin the sequence, or see that its next step is this one, before anything else is locked.
+    """Begin the sequence, or check that its next step is this one, before anything else is locked.
 
-    Returns the meshes that are no longer kept, locked. Raises :class:`StepTakenError` when another step has been taken
-    meanwhile, or its start is not there any more.
+    Returns the meshes that are no longer kept, locked. Raises :class:`StepTakenError` when another step has been taken,
+    or the start of this one is gone.
     """
     if step.number == 0:
         begun = {"id": step.sequence_id, "key_id": step.key_id, "keep": step.keep, "created_at": now, "used_at": now}
@@ -100,7 +100,7 @@ def take_turn(connection: Connection, step: NewStep, now: float) -> list[str]:
 
 
 def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
-    """Make a mesh that has just been inserted the step, with the file of fields that came with it."""
+    """Insert the step of a mesh that has just been inserted, with the file of its fields."""
     row = {
         "mesh_id": new.id,
         "sequence_id": step.sequence_id,

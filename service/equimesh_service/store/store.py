@@ -20,8 +20,8 @@ from equimesh_service.store.sequences import SequencesStore
 class Store:
     """The database behind a URL. One object serves all threads of a process.
 
-    ``durable`` asks that every commit reach the disk (the service's side); a worker's progress does not need it.
-    ``clock`` gives the time in seconds since 1970.
+    With ``durable`` every commit waits for the disk, as the service needs it; the progress of a worker does not.
+    ``clock`` returns the time in seconds since 1970.
     """
 
     def __init__(self, url: str, *, durable: bool = True, clock: Callable[[], float] = time.time) -> None:
@@ -35,7 +35,7 @@ class Store:
         self.quotas = QuotaStore(self.database)
 
     def prepare(self) -> None:
-        """Make the tables, or bring those of an older release up to this one.
+        """Create the tables, or upgrade those of an older release.
 
         Raises :class:`~equimesh_service.errors.NewerDatabaseError`.
         """

@@ -1,4 +1,4 @@
-"""The log context of a request: its id, the mesh and the API key that it is about; every log line carries it."""
+"""The log context of a request: its id, its mesh and its API key, which every log line carries."""
 
 import re
 import secrets
@@ -23,7 +23,7 @@ class LogContext:
     key_id: str = ""
 
     def to_fields(self) -> dict[str, str]:
-        """The fields that are known, by name."""
+        """The known fields, by name."""
         return {name: value for name, value in vars(self).items() if value}
 
 
@@ -31,7 +31,7 @@ _current: ContextVar[LogContext | None] = ContextVar("log_context", default=None
 
 
 def current() -> LogContext:
-    """The context of what runs now; an empty one outside of requests and attempts."""
+    """The current context; an empty one outside of requests and attempts."""
     return _current.get() or LogContext()
 
 

@@ -1,4 +1,4 @@
-"""Log lines: text for people, or one JSON object a line; in the service and in its workers alike."""
+"""Log lines, as text or as one JSON object a line, in the service and in its workers."""
 
 import logging
 import traceback
@@ -21,9 +21,9 @@ _Raised = tuple[type[BaseException], BaseException, TracebackType | None] | tupl
 
 
 def configure(level: str, format: str) -> None:
-    """Have this process write its log to standard error, from ``level`` up, as ``"text"`` or ``"json"``.
+    """Write the log of this process to standard error, from ``level`` up, as ``"text"`` or ``"json"``.
 
-    What is there already stays: a program that runs a service has the last word on its log.
+    Does nothing when handlers exist: a program that runs a service decides about its own log.
     """
     root = logging.getLogger()
     if root.handlers:
@@ -36,45 +36,44 @@ def configure(level: str, format: str) -> None:
 
 
 def formatter(format: str) -> logging.Formatter:
-    """What makes a line of a record."""
+    """The formatter of log lines."""
     return _Json() if format == "json" else _Text(_TEXT)
 
 
 def access(method: str, route: str, status: int, seconds: float, size: int) -> None:
-    """Log a request that was answered; ``route`` is the template, so that nothing of a client's is in it."""
+    """Log an answered request; ``route`` is the template of the path, which holds no input of a client."""
     if _ACCESS.isEnabledFor(logging.INFO):
         fields = {"method": method, "route": route, "status": status, "duration": round(seconds, 6), "bytes": size}
         _ACCESS.info("%s %s %d, %.1f ms, %d bytes", method, route, status, 1e3 * seconds, size, extra=fields)
 
 
 def describe_error(error: BaseException) -> str:
-    """An exception in one line: what it is and where it was raised.
+    """An exception in one line: its type, and where it was raised.
 
-    Its own words only where these come from the system or the database: those of others may quote what a client
-    sent.
+    Its message is added only for errors of the system and the database: other messages may quote input of a client.
     """
     words = str(error).partition("\n")[0][:300] if isinstance(error, OSError | SQLAlchemyError) else ""
     frames = traceback.extract_tb(error.__traceback__)[-_MAX_FRAMES:]
     places = [f"{_short(frame.filename)}:{frame.lineno} {frame.name}" for frame in reversed(frames)]
-    causes = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    cause = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
     shown = ": ".join(filter(None, (type(error).__name__, words)))
     where = f" at {' < '.join(places)}" if places else ""
-    return f"{shown}{where}" + (f"; because of {describe_error(causes)}" if causes is not None else "")
+    return f"{shown}{where}" + (f"; because of {describe_error(cause)}" if cause is not None else "")
 
 
 def _short(filename: str) -> str:
     return "/".join(filename.replace("\\", "/").split("/")[-2:])
 
 
-def _raised(raised: _Raised) -> str:
+def _describe_raised(raised: _Raised) -> str:
     return "" if raised[1] is None else describe_error(raised[1])
 
 
 class _Text(logging.Formatter):
-    """A line for people, with the log context at its end."""
+    """A line of text, with the log context at its end."""
 
     def format(self, record: logging.LogRecord) -> str:
-        record.exc_text = None  # another handler's words for the exception
+        record.exc_text = None  # the text of another handler
         return super().format(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:
@@ -83,11 +82,11 @@ class _Text(logging.Formatter):
         return f"{line} [{known}]" if known else line
 
     def formatException(self, ei: _Raised) -> str:
-        return _raised(ei)
+        return _describe_raised(ei)
 
 
 class _Json(JsonFormatter):
-    """A JSON object: time, level, logger, message, the log context, and what the record brings along."""
+    """A JSON object: time, level, logger, message, the log context, and further fields of the record."""
 
     def format(self, record: logging.LogRecord) -> str:
         record.exc_text = None
@@ -104,4 +103,4 @@ class _Json(JsonFormatter):
             log_data["exception"] = message_dict["exc_info"]
 
     def formatException(self, ei: _Raised) -> str:
-        return _raised(ei)
+        return _describe_raised(ei)

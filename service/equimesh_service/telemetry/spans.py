@@ -16,14 +16,13 @@ from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapProp
 from equimesh_service.telemetry.tracing import Attributes
 
 _W3C = TraceContextTextMapPropagator()
-# Soon, since a worker that is stopped takes what it has not sent with it.
+# Short, since a worker that is stopped loses spans that it has not sent.
 _DELAY_MILLISECONDS = 500
 _TIMEOUT_SECONDS = 5
 
 
 class OpenTelemetryTracer:
-    """A :class:`~equimesh_service.telemetry.tracing.Tracer` with a provider of its own: services in a process do not
-    share it."""
+    """A :class:`~equimesh_service.telemetry.tracing.Tracer` with a provider of its own, one for each service."""
 
     def __init__(self, endpoint: str, part: str) -> None:
         who: Attributes = {
@@ -41,7 +40,7 @@ class OpenTelemetryTracer:
     def span(
         self, name: str, attributes: Attributes, *, parent: str | None = None, serves: bool = False
     ) -> Iterator[None]:
-        """A span for the length of a ``with``; an exception marks it as failed, without its words."""
+        """A span for the length of a ``with``; an exception marks it as failed, without the message."""
         with self._tracer.start_as_current_span(
             name,
             context=_context(parent),
@@ -58,12 +57,12 @@ class OpenTelemetryTracer:
                 raise
 
     def record(self, name: str, parent: str, start: float, end: float) -> None:
-        """A span that is over; times in seconds since 1970."""
+        """Send a span that has ended; times in seconds since 1970."""
         span = self._tracer.start_span(name, context=_context(parent), start_time=_nanoseconds(start))
         span.end(_nanoseconds(end))
 
     def describe(self, name: str, attributes: Attributes, *, failed: bool) -> None:
-        """Name the current span, and say how it went."""
+        """Set the name, the attributes and the status of the current span."""
         span = get_current_span()
         span.update_name(name)
         span.set_attributes(attributes)
@@ -71,13 +70,13 @@ class OpenTelemetryTracer:
             span.set_status(StatusCode.ERROR)
 
     def traceparent(self) -> str | None:
-        """The current span, for other spans to continue."""
+        """The current span as a W3C traceparent."""
         carrier: dict[str, str] = {}
         _W3C.inject(carrier)
         return carrier.get("traceparent")
 
     def close(self) -> None:
-        """Send what is left."""
+        """Send all spans that are left."""
         self._provider.shutdown()
 
 

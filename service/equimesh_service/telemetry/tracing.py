@@ -1,4 +1,4 @@
-"""Traces, as an option: spans that cross from a request into a worker. Without a tracer all of this does nothing."""
+"""Optional traces: spans that cross from a request into a worker. Without a tracer these functions do nothing."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -9,28 +9,28 @@ Attributes = Mapping[str, str | int | float]
 
 
 class Tracer(Protocol):
-    """Makes spans. ``parent`` is a W3C traceparent; without one, spans belong to the current one."""
+    """Creates spans. ``parent`` is a W3C traceparent; without it, the parent is the current span."""
 
     def span(
         self, name: str, attributes: Attributes, *, parent: str | None = None, serves: bool = False
     ) -> AbstractContextManager[None]:
-        """A span for the length of a ``with``; ``serves`` for that of a request."""
+        """A span for the length of a ``with``; ``serves`` marks that of a request."""
         ...
 
     def record(self, name: str, parent: str, start: float, end: float) -> None:
-        """A span that is over; times in seconds since 1970."""
+        """Send a span that has ended; times in seconds since 1970."""
         ...
 
     def describe(self, name: str, attributes: Attributes, *, failed: bool) -> None:
-        """Name the current span, and say how it went."""
+        """Set the name, the attributes and the status of the current span."""
         ...
 
     def traceparent(self) -> str | None:
-        """The current span, for other spans to continue."""
+        """The current span as a W3C traceparent."""
         ...
 
     def close(self) -> None:
-        """Send what is left."""
+        """Send all spans that are left."""
         ...
 
 
@@ -40,12 +40,12 @@ _PLAIN: Attributes = {}
 
 
 def current() -> Tracer | None:
-    """The tracer of this thread or task, None where no traces are requested."""
+    """The tracer of this thread or task, None without traces."""
     return _tracer.get()
 
 
 def use(tracer: Tracer | None) -> None:
-    """Let this thread, or task, make its spans with ``tracer`` from now on."""
+    """Set the tracer of this thread or task."""
     _tracer.set(tracer)
 
 
