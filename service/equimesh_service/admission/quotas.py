@@ -94,7 +94,7 @@ class Quotas:
         else:
             wait = minute.seconds_to_drop(now)
             detail = (
-                f"This key has sent {most} requests in a minute, the limit (EQUIMESH_KEY_REQUESTS_PER_MINUTE): "
+                f"This key has reached its limit of {most} requests a minute (EQUIMESH_KEY_REQUESTS_PER_MINUTE): "
                 f"try again in {wait} seconds; one GET /v1/meshes gives the states of many meshes."
             )
             raise Problem("rate-limited", detail, headers={**_rate(most, 0, wait), "Retry-After": str(wait)})

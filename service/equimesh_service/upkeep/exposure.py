@@ -1,4 +1,4 @@
-"""Who could reach a service: one that others can is not started without a key, unless its owner says so."""
+"""Exposure: a service that other machines can reach needs an API key, unless its settings allow anyone."""
 
 from ipaddress import ip_address
 
@@ -10,10 +10,9 @@ from equimesh_service.store.store import Store
 
 
 def check_exposure(settings: Settings) -> None:
-    """Nothing for a service that only this machine reaches, or that has keys, or that may be open to all.
+    """Raise :class:`ExposedError` if other machines can reach the service without a key, and the settings forbid it.
 
-    Raises :class:`ExposedError` for any other, and :class:`~equimesh_service.errors.UnusableDatabaseError`;
-    makes the database if it is not there.
+    Creates the database if it does not exist; raises :class:`~equimesh_service.errors.UnusableDatabaseError`.
     """
     if settings.allow_anonymous or is_loopback(settings.host):
         return
@@ -23,7 +22,7 @@ def check_exposure(settings: Settings) -> None:
         guarded = store.keys.exist()
     except SQLAlchemyError as error:
         raise ExposedError(
-            f"whether there are API keys is not known, as the database does not answer ({type(error).__name__}): "
+            f"the database does not answer ({type(error).__name__}), so API keys cannot be looked up: "
             f"{settings.host} is not served before it does"
         ) from None
     finally:
@@ -31,14 +30,14 @@ def check_exposure(settings: Settings) -> None:
     if not guarded:
         where = "" if settings.database_url.get_secret_value() else f" --data-dir {settings.data_dir}"
         raise ExposedError(
-            f"other machines reach {settings.host or 'every address'}, and there is no API key: make one with "
+            f"other machines can reach {settings.host or 'every address'}, and there is no API key: make one with "
             f"`equimesh keys create --name NAME --scope write{where}`, or let anyone in with --allow-anonymous true "
             "(EQUIMESH_ALLOW_ANONYMOUS=true), or listen on 127.0.0.1"
         )
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address; names are taken for public, but for localhost."""
+    """Whether only this machine can reach an address; all names but localhost count as public."""
     if host == "localhost":
         return True
     try:

@@ -23,14 +23,14 @@ _REQUEST_SECONDS = (0.002, 0.005, 0.015, 0.04, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """What is read at a scrape: workers by what they do, and the counts of the store, None when it does not answer."""
+    """The values that are read at a scrape: workers of each pool, and the counts of the store, None when it is down."""
 
     workers: dict[str, int]
     counts: QueueCounts | None
 
 
 class Metrics:
-    """The counters of one service. All methods are cheap, and may be called from any thread."""
+    """The metrics of one service. All methods are fast, and may be called from any thread."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -72,28 +72,28 @@ class Metrics:
         self._sent = Counter("equimesh_http_response_bytes", "Bytes of bodies that were sent.", registry=here)
         self._answered: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
         for status in (SUCCEEDED, CANCELED):
-            self._finished.labels(status, "")  # there from the start, so that rates see the first one
+            self._finished.labels(status, "")  # from the start, so that rates see the first one
         self._finished.labels(FAILED, "worker-lost")
 
     def add_snapshots(self, take: Callable[[], Snapshot]) -> None:
-        """Have each scrape call ``take``."""
+        """Call ``take`` at each scrape."""
         self.registry.register(_SnapshotCollector(take))
 
     def scrape(self, accept: str) -> tuple[bytes, str]:
-        """All metrics in the text format that ``accept`` asks for, and its media type."""
+        """All metrics in the text format that ``accept`` requests, and its media type."""
         try:
             encode, media_type = choose_encoder(accept)
-        except (TypeError, ValueError):  # a version that is none
+        except (TypeError, ValueError):  # an invalid version
             encode, media_type = choose_encoder("")
         return encode(self.registry), media_type
 
     def count_attempt(self, waited: float) -> None:
-        """An attempt at a mesh begins, ``waited`` seconds after the mesh was requested."""
+        """Count an attempt at a mesh that waited this many seconds."""
         self._attempts.inc()
         self._wait.observe(waited)
 
     def count_end(self, ending: Ending) -> None:
-        """A mesh has ended."""
+        """Count the end of a mesh."""
         self._finished.labels(ending.status, ending.reason).inc()
         if ending.status == SUCCEEDED:
             self._points.inc(ending.points)
@@ -101,32 +101,32 @@ class Metrics:
             self._solve.observe(ending.solve_seconds)
 
     def count_lost_worker(self) -> None:
-        """A worker process died over a mesh."""
+        """Count a worker process that died while it had a mesh."""
         self._lost.inc()
 
     def count_lost_attempt(self, status: str) -> None:
-        """An attempt came to nothing, and the mesh has this status now."""
+        """Count a lost attempt; ``status`` is the new status of its mesh."""
         if status == QUEUED:
             self._retries.inc()
         else:
             self.count_end(Ending(status=status, reason="worker-lost"))
 
     def count_reuse(self) -> None:
-        """An earlier mesh was the answer."""
+        """Count a request answered with an earlier mesh."""
         self._reused.inc()
 
     def count_upload(self) -> None:
-        """Samples were uploaded."""
+        """Count uploaded samples."""
         self._samples.inc()
 
     @contextmanager
     def count_stream(self) -> Iterator[None]:
-        """A stream of events is open for the length of a ``with``."""
+        """Count an open stream of events for the length of a ``with``."""
         with self._streams.track_inprogress():
             yield
 
     def count_answer(self, method: str, route: str, status: int, seconds: float, size: int) -> None:
-        """A request was answered; ``route`` is the template of its path."""
+        """Count an answered request; ``route`` is the template of its path."""
         key = (method if method in _METHODS else "other", route, status)
         found = self._answered.get(key)
         if found is None:
@@ -138,13 +138,13 @@ class Metrics:
 
 
 class _SnapshotCollector(Collector):
-    """What is not counted but looked at."""
+    """The metrics that are read at a scrape, not counted."""
 
     def __init__(self, take: Callable[[], Snapshot]) -> None:
         self._take = take
 
     def describe(self) -> Iterable[Metric]:
-        """Nothing: what there is needs a look."""
+        """Nothing: these metrics are known only at a scrape."""
         return ()
 
     def collect(self) -> Iterable[Metric]:

@@ -1,4 +1,4 @@
-"""Whether a service can do its work: each part is tried for real, and the answer kept for a second."""
+"""Readiness: whether the parts of a service work; each is tried at most once a second."""
 
 import asyncio
 import logging
@@ -12,42 +12,43 @@ from equimesh_service.telemetry.logs import describe_error
 
 _log = logging.getLogger(__name__)
 OK = "ok"
-# The parts are tried at most once in this time, however often probes ask.
-_KEPT_SECONDS = 1.0
+# How long results are reused.
+_CACHE_SECONDS = 1.0
+# A part that takes longer is not ready.
 _MAX_CHECK_SECONDS = 5.0
 
 
 class Readiness:
-    """Tries ``checks``, by name. Each gives None, "ok" or what is wrong, and may raise and block."""
+    """Runs ``checks``, by name. Each returns None, "ok" or a message, and may raise and block."""
 
-    def __init__(self, checks: Mapping[str, Callable[[], str | None]], *, patience: float = _MAX_CHECK_SECONDS) -> None:
+    def __init__(self, checks: Mapping[str, Callable[[], str | None]], *, timeout: float = _MAX_CHECK_SECONDS) -> None:
         self._checks = checks
-        self._patience = patience
+        self._timeout = timeout
         self._lock = asyncio.Lock()
-        self._found: dict[str, str] = {}
-        self._at = float("-inf")
-        # Threads of their own: a check that hangs takes none from the requests.
+        self._results: dict[str, str] = {}
+        self._checked_at = float("-inf")
+        # Threads of their own, so that checks that hang take none from requests.
         self._limiter = CapacityLimiter(len(checks))
 
     async def check(self) -> Mapping[str, str]:
-        """What each check says; all that ask at the same time share one look."""
+        """The result of each check; simultaneous callers share one run."""
         async with self._lock:
-            if time.monotonic() - self._at >= _KEPT_SECONDS:
-                said = await asyncio.gather(*(self._try(name, check) for name, check in self._checks.items()))
-                self._found = dict(zip(self._checks, said, strict=True))
-                self._at = time.monotonic()
-            return self._found
+            if time.monotonic() - self._checked_at >= _CACHE_SECONDS:
+                results = await asyncio.gather(*(self._try(name, check) for name, check in self._checks.items()))
+                self._results = dict(zip(self._checks, results, strict=True))
+                self._checked_at = time.monotonic()
+            return self._results
 
     async def _try(self, name: str, check: Callable[[], str | None]) -> str:
-        with move_on_after(self._patience):
+        with move_on_after(self._timeout):
             try:
-                said = await to_thread.run_sync(check, abandon_on_cancel=True, limiter=self._limiter)
-                return OK if said is None else said
+                result = await to_thread.run_sync(check, abandon_on_cancel=True, limiter=self._limiter)
+                return OK if result is None else result
             except Exception as error:
                 problem = storage_problem(error)
                 if problem is not None:
                     return problem.detail
-                # No more than the kind in the answer: its words may hold paths and addresses.
+                # The answer holds only the type: the message may hold paths and addresses.
                 _log.warning("not ready, %s: %s", name, describe_error(error))
                 return f"does not work ({type(error).__name__}); see the service's log"
-        return f"no answer within {self._patience:g} s"
+        return f"no answer within {self._timeout:g} s"

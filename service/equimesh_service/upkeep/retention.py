@@ -1,4 +1,4 @@
-"""Retention: the removal of what has expired, and of files that a crash left without an owner."""
+"""Retention: the removal of expired meshes and samples, and of files that a crash left unnamed."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from equimesh_service.store.store import Store
 _log = logging.getLogger(__name__)
 _DAY_SECONDS = 86_400.0
 _HOUR_SECONDS = 3600.0
-# Files younger than this may belong to a mesh that is being finished.
+# Younger files may belong to a mesh that is being finished.
 _MIN_ORPHAN_SECONDS = _HOUR_SECONDS
-# How many files are looked up, and removed, in one transaction.
+# The most files that are looked up in one query.
 _MAX_LOOKED_UP = 500
+# The most files that are removed at once.
 _MAX_REMOVED = 20
-# For how many times the days of retention, and at least how many days, it is remembered that something was there.
+# The ids of removed meshes are remembered for this many times the days of retention.
 _REMEMBERED_TIMES = 10
+# They are remembered for at least this time.
 _MIN_REMEMBERED_DAYS = 90
 
 
 @dataclass(frozen=True, kw_only=True)
 class Swept:
-    """What one sweep has removed."""
+    """The numbers of meshes, samples and unnamed files that one sweep has removed."""
 
     meshes: int
     samples: int
@@ -37,8 +39,8 @@ class Swept:
 class Retention:
     """A thread that sweeps at the start and then every hour.
 
-    ``days`` is how long finished meshes, and samples that no mesh uses, are kept; with 0 they stay. Any number of
-    services may sweep the same store.
+    Finished meshes, and samples that no mesh uses, are kept for ``days``; 0 keeps them forever. Any number of services
+    may sweep the same store.
     """
 
     def __init__(self, store: Store, files: Files, days: float) -> None:
@@ -49,17 +51,17 @@ class Retention:
         self._thread = threading.Thread(target=self._loop, name="equimesh-retention", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End, in the middle of a sweep if need be: the next one continues."""
+        """Stop the thread, also in the middle of a sweep, which the next one continues."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def sweep(self) -> Swept:
-        """Remove all that has expired, and files without an owner."""
+        """Remove all expired meshes and samples, and unnamed files."""
         kept, store, remover = self._days * _DAY_SECONDS, self._store.retention, _Remover(self._files)
         meshes = samples = 0
         try:
@@ -78,14 +80,14 @@ class Retention:
                 swept = self.sweep()
                 if swept != Swept(meshes=0, samples=0, orphans=0):
                     _log.info(
-                        "removed after their time: %d meshes, %d samples; without an owner: %d files",
+                        "removed: %d expired meshes, %d expired samples, %d unnamed files",
                         swept.meshes,
                         swept.samples,
                         swept.orphans,
                     )
             except Exception as error:
                 if storage_problem(error) is None:  # which says itself what it is
-                    _log.exception("the removal of what has expired failed; it is tried again in an hour")
+                    _log.exception("the sweep failed; the next one is in an hour")
             self._stopping.wait(_HOUR_SECONDS)
 
     def _all(self, some: Callable[[], int]) -> int:
@@ -105,7 +107,7 @@ class Retention:
 
 
 class _Remover:
-    """Removes files in one sweep. What does not go away is left to the next sweep, and does not stop this one."""
+    """Removes the files of one sweep; those that cannot be removed are left to the next sweep, and do not stop it."""
 
     def __init__(self, files: Files) -> None:
         self._files = files
@@ -117,21 +119,21 @@ class _Remover:
         self.removed += self.attempt(sha256, lambda: self._files.remove(sha256))
 
     def attempt(self, name: str, act: Callable[[], None]) -> bool:
-        """Whether it could be done; raises :class:`OSError` as :meth:`remove`."""
+        """Call ``act``; returns whether it succeeded, raises :class:`OSError` as :meth:`remove`."""
         try:
             act()
         except OSError as error:
-            self._files.check()  # raises where it is not this file
+            self._files.check()  # raises when the storage as a whole has failed
             self.failed[name] = error
             return False
         return True
 
     def report(self) -> None:
-        """Say once what was left."""
+        """Log the files that were left."""
         if self.failed:
             name, error = next(iter(self.failed.items()))
             _log.warning(
-                "%d files could not be removed, such as %s: %s; they are tried again in an hour",
+                "%d files could not be removed, such as %s: %s; the next sweep will try again",
                 len(self.failed),
                 name,
                 error.strerror or type(error).__name__,

@@ -1,4 +1,4 @@
-"""Request bodies: read within the size limit, of the type they say they are."""
+"""Request bodies: read within the limits of size and time, and taken apart by their media type."""
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
@@ -15,9 +15,9 @@ from equimesh_service.problems.problem import Problem
 
 JSON = "application/json"
 MULTIPART = "multipart/form-data"
-# A sender that is slower holds a connection, and memory, for nothing.
+# A slower sender would hold a connection and memory for too long.
 BODY_SECONDS = 300.0
-# Multipart bodies up to this size are taken apart on the event loop, in milliseconds whatever is in them.
+# Multipart bodies up to this size are parsed on the event loop, within milliseconds whatever they contain.
 _INLINE_BYTES = 64 * 1024
 
 
@@ -31,10 +31,10 @@ class Part:
 
 
 async def read_body(request: Request, most: int) -> bytes:
-    """All bytes of the body; raises a 413 problem as soon as there are more than ``most``, and 408 for a slow one."""
+    """All bytes of the body; raises a 413 problem for more than ``most`` bytes, and a 408 problem for a slow sender."""
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
-        raise Problem("unsupported-media-type", f"Content-Encoding {encoding!r}: send the body as it is.")
+        raise Problem("unsupported-media-type", f"Content-Encoding {encoding!r}: send the body without an encoding.")
     length = request.headers.get("content-length", "")
     if length.isdigit() and int(length[:20]) > most:
         raise _too_large(most)
@@ -46,27 +46,27 @@ async def read_body(request: Request, most: int) -> bytes:
                 if len(body) > most:
                     raise _too_large(most)
     except TimeoutError:
-        detail = f"The body has to come within {BODY_SECONDS:g} seconds; {len(body)} bytes did."
+        detail = f"The body must arrive within {BODY_SECONDS:g} seconds; {len(body)} bytes did."
         raise Problem("request-timeout", detail, headers={"Connection": "close"}) from None
     except ClientDisconnect:
-        raise Problem("malformed-body", "The body ended before it was whole.") from None
+        raise Problem("malformed-body", "The body is incomplete.") from None
     return bytes(body)
 
 
 def media_type(request: Request) -> str:
-    """The body's type, without parameters."""
+    """The media type of the body, without parameters."""
     return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
 async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) -> Mapping[str, Part]:
-    """The parts of a multipart body by their names, each one of ``allowed`` and at most once."""
+    """The parts of a multipart body, by their names; raises a 400 problem for names that are not ``allowed``."""
 
     async def stream() -> AsyncIterator[bytes]:
         yield body
 
     parser = MultiPartParser(request.headers, stream(), max_files=8, max_fields=8, max_part_size=len(body) + 1)  # type: ignore[arg-type]
     try:
-        # A long body of nothing but line ends keeps the parser busy for seconds.
+        # The parser takes seconds for a long body of line ends.
         form = await (parser.parse() if len(body) <= _INLINE_BYTES else to_thread.run_sync(asyncio.run, parser.parse()))
     except (MultiPartException, KeyError, LookupError, UnicodeError) as error:
         raise Problem("malformed-body", f"The multipart body cannot be read: {str(error).rstrip('.')}.") from None
@@ -98,12 +98,12 @@ _SUFFIXES = {
     JSON: ".json",
     "application/vnd.vtk.vtu+xml": ".vtu",
     "application/vnd.vtk": ".vtk",
-    "application/zip": ".zip",  # of an XDMF file, as this service writes it
+    "application/zip": ".zip",  # an XDMF file, as this service writes it
 }
 
 
 def upload_of(part: Part) -> Upload:
-    """A part as an uploaded file; without a filename, its type tells the format."""
+    """A part as an uploaded file; without a filename, its media type gives the format."""
     filename = part.filename or "samples" + _SUFFIXES.get(part.media_type, "")
     return Upload(part.data, filename)
 

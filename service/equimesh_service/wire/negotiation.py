@@ -1,4 +1,4 @@
-"""What a client requests in headers: media types (Accept), and preferences (RFC 7240)."""
+"""Headers in which a client requests media types (Accept) and a wait (Prefer, RFC 7240)."""
 
 import re
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ _JSON = ("application/json", "application/problem+json")
 
 
 def parse_accept(header: str) -> list[str]:
-    """Media types of an Accept header, the most wanted first; those with q=0 are left out."""
+    """The media types of an Accept header, by falling quality; those with q=0 are left out."""
     found: list[tuple[float, str]] = []
     for entry in header.split(","):
         name, *parameters = (part.strip().lower() for part in entry.split(";"))
@@ -21,7 +21,7 @@ def parse_accept(header: str) -> list[str]:
 
 
 def choose_offer(header: str | None, offers: Mapping[str, str]) -> str | None:
-    """The offer that Accept asks for first, None when it takes none; without the header, the first offer.
+    """The first choice of Accept among the offers, None for no match; without the header, the first offer.
 
     ``offers`` maps names to media types.
     """
@@ -34,7 +34,7 @@ def choose_offer(header: str | None, offers: Mapping[str, str]) -> str | None:
 
 
 def choose_explicit_offer(header: str | None, offers: Mapping[str, str]) -> str | None:
-    """The offer that Accept names before JSON and wildcards, if it names one."""
+    """The offer that Accept names before JSON and wildcards, None for no such offer."""
     for wanted in parse_accept(header or ""):
         if wanted in _JSON or "*" in wanted:
             return None
@@ -45,7 +45,7 @@ def choose_explicit_offer(header: str | None, offers: Mapping[str, str]) -> str 
 
 
 def parse_wait(header: str | None) -> int | None:
-    """Seconds of ``Prefer: wait=N``, None when it is not there or cannot be read."""
+    """The seconds of ``Prefer: wait=N``, None without them."""
     for entry in re.split(r"[,;]", header or ""):
         if match := re.fullmatch(r'\s*wait\s*=\s*"?(\d{1,9})"?\s*', entry, re.IGNORECASE):
             return int(match.group(1))

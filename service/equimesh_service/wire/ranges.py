@@ -1,4 +1,4 @@
-"""Byte ranges (RFC 9110, section 14): what a request asks for of a file."""
+"""Byte ranges (RFC 9110, section 14) of a file that a request names."""
 
 import re
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from equimesh_service.problems.problem import Problem
 _SPAN = r"\s*(?:\d+-\d*|-\d+)\s*"
 _RANGES = re.compile(rf"bytes=({_SPAN}(?:,{_SPAN})*)", re.ASCII | re.IGNORECASE)
 _MAX_DIGITS = 18  # of a position in a file; more are past its end
-# Most ranges of one answer; a request for more gets the whole file, as one for ranges that overlap.
+# The most ranges of one answer. A request for more, or for ranges that overlap, gets the whole file.
 _MAX_RANGES = 16
 
 
 @dataclass(frozen=True)
 class Span:
-    """Bytes of a file from ``start`` up to ``end``, which is left out."""
+    """The bytes of a file from ``start`` up to ``end``, without the byte at ``end``."""
 
     start: int
     end: int
@@ -26,9 +26,9 @@ class Span:
 
 
 def parse_ranges(header: str | None, size: int) -> tuple[Span, ...]:
-    """The parts of a file of ``size`` bytes that a Range header asks for; none for the whole file.
+    """The parts of a file of ``size`` bytes that a Range header requests; () for the whole file.
 
-    A header that is no range of bytes is ignored; nothing but ranges past the end are a 416 problem.
+    An invalid header is ignored; raises a 416 problem when all ranges are past the end.
     """
     match = _RANGES.fullmatch((header or "").strip())
     if match is None:

@@ -1,4 +1,4 @@
-"""Headers that every answer has: what a browser may do with it, and what a request's own work adds."""
+"""Headers of every answer: the rules for browsers, and those that the work on a request adds."""
 
 from collections.abc import Mapping
 
@@ -8,9 +8,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _EXTRA = "equimesh.headers"
 
-# Answers for programs: nothing in them is to be run, loaded or framed.
+# Answers for programs: browsers may not run, load or frame anything in them.
 _NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-# Pictures drawn by matplotlib: styles on every line, and pixels inside where there are many cells.
+# Pictures by matplotlib, with styles on every line, and images inside where there are many cells.
 _PICTURE = f"{_NOTHING}; style-src 'unsafe-inline'; img-src data:; sandbox"
 _ALWAYS = {
     "X-Content-Type-Options": "nosniff",
@@ -23,7 +23,7 @@ _POLICY = "Content-Security-Policy"
 
 
 class SecurityHeaders:
-    """An ASGI application with the headers on all its answers. Streams stay streams: no body is touched."""
+    """An ASGI application with the headers on all its answers; bodies are not touched."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -44,12 +44,12 @@ class SecurityHeaders:
 
 
 def add_headers(request: Request, headers: Mapping[str, str]) -> None:
-    """Have the answer to a request carry these headers, whatever it will be."""
+    """Add headers to the answer of a request, whatever it will be."""
     request.scope.setdefault(_EXTRA, {}).update(headers)
 
 
 def page_policy(*, pictures: str) -> str:
-    """The policy of a page for people, whose scripts and styles are files of this service, which it may ask."""
+    """The policy of a page for people: its scripts, styles and requests are those of this service."""
     return f"{_NOTHING}; script-src 'self'; style-src 'self'; img-src {pictures}; font-src 'self'; connect-src 'self'"
 
 

@@ -1,4 +1,4 @@
-"""Files over HTTP: their bytes or parts of them, and what caches and resumed downloads need (RFC 9110)."""
+"""Files over HTTP, whole or in parts, with the headers for caches and resumed downloads (RFC 9110)."""
 
 import logging
 import secrets
@@ -26,10 +26,10 @@ async def send_file(
     headers: Mapping[str, str] | None = None,
     status: int = 200,
 ) -> Response:
-    """The answer that carries a file, or the requested parts of it; they never change under their ETag.
+    """The answer with a file, or the requested parts of it; the bytes of an ETag never change.
 
-    Only an answer of ``status`` 200 heeds what the request says of ranges and of what the client has already.
-    Raises a 404 problem when the file is gone, 412 and 416 problems for the conditions.
+    Ranges and conditions of the request are used only with ``status`` 200. Raises a 404 problem when the file is gone,
+    and 412 and 416 problems for conditions and ranges.
     """
     etag = f'"{file.sha256}"'
     shared = {**(headers or {}), "ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept"}
@@ -50,13 +50,13 @@ async def send_file(
 
 
 def _matches(header: str, etag: str, *, weakly: bool) -> bool:
-    """Whether a list of entity tags names this one; a weak tag does where they are compared weakly."""
+    """Whether a list of entity tags names this one; with ``weakly``, also as a weak tag."""
     named = {name.strip() for name in header.split(",")}
     return "*" in named or etag in named or (weakly and f"W/{etag}" in named)
 
 
 class _FileResponse(StreamingResponse):
-    """An answer whose bytes come from the files, piece by piece: a slow reader keeps one piece in memory."""
+    """An answer that reads its file piece by piece: a slow client keeps one piece in memory."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class _FileResponse(StreamingResponse):
         self._files, self._file = files, file
 
     def _separate(self, spans: tuple[Span, ...], media_type: str, size: int) -> str:
-        """Put heads before the parts; returns the type of the whole."""
+        """Put heads before the parts; returns the media type of the whole."""
         boundary = secrets.token_hex(12)
         self._parts = [
             (
@@ -94,7 +94,7 @@ class _FileResponse(StreamingResponse):
         return f"multipart/byteranges; boundary={boundary}"
 
     async def open(self, *, needs_bytes: bool) -> None:
-        """Read the first piece, while another answer can still be given."""
+        """Read the first piece, while a problem can still be the answer."""
         self._pieces = self._read() if needs_bytes else _nothing()
         try:
             self._first = await anext(self._pieces, b"")
@@ -102,7 +102,7 @@ class _FileResponse(StreamingResponse):
             raise Problem("not-found", "The file was deleted.") from None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it all; when the storage fails, the connection breaks: half a file must not look whole."""
+        """Send all bytes. When the storage fails, the connection breaks, so that half a file does not look complete."""
         async with aclosing(self._pieces):
             if scope["method"] == "HEAD" or len(self._first) == int(self.headers["content-length"]):
                 await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
@@ -111,7 +111,7 @@ class _FileResponse(StreamingResponse):
                 await super().__call__(scope, receive, send)
 
     async def stream_response(self, send: Send) -> None:
-        """Send it piece by piece; the base class ends this when the client goes away."""
+        """Send piece by piece; the base class ends this when the client leaves."""
         await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
         piece = self._first
         while piece:
@@ -119,7 +119,7 @@ class _FileResponse(StreamingResponse):
             try:
                 piece = await anext(self._pieces, b"")
             except (OSError, EOFError) as error:
-                _log.warning("a download of %s broke off: %s", self._file.sha256, error)
+                _log.warning("a download of %s was cut off: %s", self._file.sha256, error)
                 return
         await send({"type": "http.response.body", "body": b"", "more_body": False})
 

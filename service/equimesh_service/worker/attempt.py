@@ -1,4 +1,4 @@
-"""One attempt at a mesh: its log context and its spans."""
+"""The log context and the spans of one attempt at a mesh."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,13 +10,13 @@ from equimesh_service.telemetry.tracing import Attributes
 
 
 def log_context_of(claim: Claim) -> LogContext:
-    """The log context of an attempt at a mesh; it continues that of the request."""
+    """The log context of an attempt, with the id and the key of the request."""
     return LogContext(request_id=claim.request_id or "", mesh_id=claim.mesh_id, key_id=claim.key_id)
 
 
 @contextmanager
 def attempt(claim: Claim) -> Iterator[None]:
-    """The spans of an attempt at a mesh: its time in the queue, which is over, and what a worker does."""
+    """The spans of an attempt at a mesh: its past wait in the queue, and the work of the worker."""
     tracer = tracing.current()
     if tracer is None or claim.trace is None:
         yield

@@ -1,4 +1,4 @@
-"""The history of a Schwarz iteration: as it is described, and as a table."""
+"""The history of a Schwarz iteration: its models, and its table in CSV."""
 
 import csv
 import io
@@ -9,13 +9,13 @@ from pydantic import BaseModel, Field
 
 
 class SubdomainHistory(BaseModel):
-    """What one subdomain did in one iteration."""
+    """The solve of one subdomain in one iteration."""
 
     subdomain: int
     newton_steps: int
     sweeps: int = Field(description="Line corrections that solved it, in place of Newton steps.")
     status: Literal["converged", "classical", "stalled"] = Field(
-        description="classical: with the positions of its neighbours, not the requested condition; stalled: not solved."
+        description="classical: positions of its neighbours in place of the requested condition; stalled: not solved."
     )
     residual: float | None = Field(description="Of its own equations, relative.")
     error_x: float | None = Field(description="Against the single domain, when that was requested.")
@@ -26,10 +26,10 @@ class IterationHistory(BaseModel):
     """One Schwarz iteration; 0 is the start."""
 
     iteration: int
-    transmission: str = Field(description="The condition in use: not the requested one after a fallback.")
+    transmission: str = Field(description="The condition in use; after a fallback, not the requested one.")
     max_q_eq: float | None
-    change: float | None = Field(description="How far the nodes moved at most.")
-    estimate: float | None = Field(description="Estimated error that is left: what the tolerance is for.")
+    change: float | None = Field(description="Largest move of a node.")
+    estimate: float | None = Field(description="Estimated error that is left; the tolerance is for it.")
     deviation: float | None = Field(
         description="Largest relative difference of a squared metric length from the mean of its grid line, before the "
         "last line correction; null without any."
@@ -40,7 +40,7 @@ class IterationHistory(BaseModel):
     global_step: bool = Field(description="Whether a Newton step was taken on the whole grid.")
     accelerated: bool = Field(description="Whether the mesh is a combination of several iterations.")
     products: int = Field(description="With the derivative of the iteration, in a step of acceleration newton.")
-    work: int = Field(description="Nodes that were corrected, counted as often as they were.")
+    work: int = Field(description="Corrected nodes, counted each time.")
     traffic: int = Field(description="Bytes that subdomains on machines of their own would have sent each other.")
     subdomains: list[SubdomainHistory]
 
@@ -50,15 +50,15 @@ class ConvergenceHistory(BaseModel):
 
     iterations: list[IterationHistory]
     rate: float | None = Field(description="Observed factor of the error from one iteration to the next.")
-    predicted_rate: float | None = Field(description="Predicted factor, where theory knows one.")
+    predicted_rate: float | None = Field(description="Factor that theory predicts; null where it predicts none.")
 
 
-# What is known of a single domain; it is not kept as a file.
+# The history of a single domain, which has no file.
 NO_ITERATIONS: Mapping[str, Any] = {"iterations": [], "rate": None, "predicted_rate": None}
 
 
 def table(convergence: Mapping[str, Any]) -> str:
-    """The history as CSV: one row for each iteration and subdomain."""
+    """The history as CSV, with one row for each iteration and subdomain."""
     outer = [name for name in IterationHistory.model_fields if name != "subdomains"]
     inner = list(SubdomainHistory.model_fields)
     text = io.StringIO()

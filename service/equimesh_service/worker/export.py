@@ -1,4 +1,4 @@
-"""Files that a worker makes of a finished mesh on request: other formats, pictures, arrays of quality."""
+"""Files of a finished mesh that a worker writes on request: other formats, pictures, arrays of quality."""
 
 import json
 from contextlib import ExitStack
@@ -24,7 +24,7 @@ from equimesh_service.worker.solve import open_store, samples_of
 
 
 def export(task: Export) -> Artifact | None:
-    """Make the file and give it to the mesh; None when the mesh is gone."""
+    """Write the file and add it to the mesh; None when the mesh is gone."""
     here = log_context.LogContext(request_id=task.request_id, mesh_id=task.mesh_id)
     with log_context.enter(here), tracing.continue_span("export", task.trace), storage_faults():
         return _export(task)

@@ -1,4 +1,4 @@
-"""Tasks of workers: picklable records, with the addresses of database and files."""
+"""The tasks of workers: picklable records with the addresses of database and files."""
 
 from dataclasses import dataclass, field
 
@@ -10,13 +10,13 @@ from equimesh_service.store.store import Store
 
 @dataclass(frozen=True)
 class Storage:
-    """Where a service keeps its database and its files."""
+    """The addresses of the database and the files of a service."""
 
     database_url: str
     address: FilesAddress
 
     def store(self) -> Store:
-        """The database, as a worker opens it."""
+        """The database of a worker, whose commits do not wait for the disk."""
         return Store(self.database_url, durable=False)
 
     def files(self) -> Files:
@@ -31,12 +31,12 @@ class Job:
     storage: Storage
     claim: Claim
     threads: int = 1
-    mesh_input: MeshInput | None = None  # from the store, if it was read already
+    mesh_input: MeshInput | None = None  # None: the worker reads it from the store
 
 
 @dataclass(frozen=True)
 class Export:
-    """A file to be made of a mesh that is done: ``name`` as in :mod:`equimesh_service.worker.names`."""
+    """A file to be written for a finished mesh: ``name`` as in :mod:`equimesh_service.worker.names`."""
 
     storage: Storage
     mesh_id: str

@@ -13,10 +13,10 @@ PICTURES = {"svg": "image/svg+xml", "png": "image/png"}
 
 
 def file_name(format: str, cells: str) -> str:
-    """Name of the artifact that is the mesh in a format; npz with quads is the mesh as it was computed."""
+    """The name of the artifact of a mesh in a format; npz with quads is the mesh as it was computed."""
     return MESH if (format, cells) == ("npz", "quad") else f"file:{format}:{cells}"
 
 
 def plot_name(kind: str, format: str) -> str:
-    """Name of the artifact that is a picture."""
+    """The name of the artifact of a picture."""
     return f"plot:{kind}:{format}"

@@ -1,4 +1,4 @@
-"""The files of a mesh on their way into the store."""
+"""The files of a mesh that a worker writes, before they are published."""
 
 import contextvars
 import json
@@ -13,7 +13,7 @@ from equimesh_service.store.rows import Artifact
 
 
 class Output:
-    """Files that are written but not yet published; ``in_threads``: each by a thread of its own."""
+    """Files that are written but not yet published; with ``in_threads`` each in a thread of its own."""
 
     def __init__(self, files: Files, stack: ExitStack, *, in_threads: bool) -> None:
         self._files = files
@@ -27,23 +27,23 @@ class Output:
         self.write(name, ".json", lambda path: path.write_text(json.dumps(value, allow_nan=False)))
 
     def write(self, name: str, suffix: str, write: Callable[[Path], object]) -> None:
-        """Have ``write`` make a file."""
+        """Write a file by ``write``."""
         path = self._stack.enter_context(self._files.unfinished(suffix))
 
-        def made() -> StoredFile:
+        def seal() -> StoredFile:
             write(path)
             return self._files.seal(path)
 
         self._names.append(name)
-        self._sealed.append((path, self._begin(made) if self._in_threads else _done(made)))
+        self._sealed.append((path, self._begin(seal) if self._in_threads else _run_now(seal)))
 
-    def _begin(self, made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+    def _begin(self, seal: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
         # The thread is joined before its file is removed, also on failure.
         thread = self._stack.enter_context(ThreadPoolExecutor(1))
         try:
-            return thread.submit(contextvars.copy_context().run, made).result
-        except RuntimeError:  # no memory is left for a thread: there may be enough without
-            return _done(made)
+            return thread.submit(contextvars.copy_context().run, seal).result
+        except RuntimeError:  # there is no memory for a thread; there may be enough without one
+            return _run_now(seal)
 
     def artifacts(self) -> list[Artifact]:
         """All files, once they are written."""
@@ -51,11 +51,11 @@ class Output:
         return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
 
     def publish(self, removed: Removed) -> None:
-        """Give all files their names."""
+        """Publish all files."""
         for path, sealed in self._sealed:
             self._files.publish(path, sealed(), removed)
 
 
-def _done(made: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
-    file = made()
+def _run_now(seal: Callable[[], StoredFile]) -> Callable[[], StoredFile]:
+    file = seal()
     return lambda: file

@@ -1,4 +1,4 @@
-"""The progress that a worker reports: the events of the solver, thinned out, as rows of the store."""
+"""The progress of a solve: some of the events of the solver, reported to the store."""
 
 import math
 import time
@@ -16,37 +16,37 @@ START = "start"
 SCHWARZ = "schwarz"
 # The files are being written.
 WRITING = "writing"
-# Part of the whole that the solves before a Schwarz iteration count for, and the part before the writing.
+# The share of the start of a Schwarz iteration in the whole work.
 _START_SHARE = 0.1
+# The share of the solve in the whole work; the rest is the writing.
 _SOLVE_SHARE = 0.95
+# The usual number of Newton steps on a grid.
 _USUAL_NEWTON_STEPS = 8.0
-# A nested start is off by a few times the error of the grid, and the iteration ends at a fifth of that error.
+# The error of a nested start is a few times the error of the grid, and the iteration ends at a fifth of that error.
 _START_ERROR_RATIO = 20.0
 
 
 @dataclass
 class Reporter:
-    """Receives the events of ``equimesh.solve`` and passes at most one in ``interval`` seconds to ``tell``.
+    """Receives the events of ``equimesh.solve`` and passes at most one in ``interval`` seconds to ``send``.
 
-    The first is reported after one interval: for a mesh of a few milliseconds only its end is reported.
-
-    ``tell`` returns False when the attempt no longer counts; then :class:`AttemptLostError` ends the solve.
-    The fraction never falls.
+    The first is reported after one interval: for a mesh of a few milliseconds only its end is reported. ``send``
+    returns False when the attempt is lost; then :class:`AttemptLostError` ends the solve. The fraction never falls.
     """
 
     schwarz: Schwarz | None
-    tell: Callable[[Mapping[str, Any]], bool]
+    send: Callable[[Mapping[str, Any]], bool]
     interval: float = 0.05
     _fraction: float = 0.0
     _first_change: float = math.nan
-    _told: bool = False
+    _has_reported: bool = False
     _last: float = field(default_factory=lambda: time.monotonic())
 
     def __call__(self, event: Event) -> None:
         """Report an event of the solver."""
         if isinstance(event, Iteration):
             self._fraction = max(self._fraction, _SOLVE_SHARE * self._share(event))
-            if not self._is_due():  # max_q_eq costs a pass over the mesh
+            if not self._is_due():  # max_q_eq needs a pass over the mesh
                 return
             residual = max(record.residual for record in event.subdomains)
             more = {"max_q_eq": event.max_q_eq, "change": event.change, "min_jacobian": event.min_jacobian}
@@ -68,10 +68,10 @@ class Reporter:
         *,
         always: bool = False,
     ) -> None:
-        """Report the progress, unless that was done a moment ago."""
+        """Report the progress, unless the last report was a moment ago."""
         if not always and not self._is_due():
             return
-        self._last, self._told = time.monotonic(), True
+        self._last, self._has_reported = time.monotonic(), True
         numbers = {"residual": residual, **more}
         report = {
             "stage": stage,
@@ -79,13 +79,13 @@ class Reporter:
             "fraction": round(self._fraction, 4),
             **{name: finite_or_none(n) if isinstance(n, float) else n for name, n in numbers.items()},
         }
-        if not self.tell(report):
+        if not self.send(report):
             raise AttemptLostError
 
     def writing(self) -> None:
         """Report that the solve is over and the files are being written."""
         self._fraction = _SOLVE_SHARE
-        self.report(WRITING, None, None, {}, always=self._told)
+        self.report(WRITING, None, None, {}, always=self._has_reported)
 
     def _is_due(self) -> bool:
         return time.monotonic() - self._last >= self.interval
@@ -101,9 +101,9 @@ class Reporter:
             self._first_change = event.change
         if tolerance == "discretization":
             tolerance = self._first_change / _START_ERROR_RATIO
-        # An error that falls at a steady rate makes the same way on a logarithmic scale in each iteration.
-        way = self._first_change / tolerance
-        if not (way > 1.0 and event.change > 0.0):
+        # On a logarithmic scale, an error of a steady rate falls by the same distance in each iteration.
+        reduction = self._first_change / tolerance
+        if not (reduction > 1.0 and event.change > 0.0):
             return by_count
-        by_error = math.log(self._first_change / event.change) / math.log(way)
+        by_error = math.log(self._first_change / event.change) / math.log(reduction)
         return min(1.0, max(by_count, by_error))

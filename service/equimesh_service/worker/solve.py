@@ -1,4 +1,4 @@
-"""What runs in a worker process: one mesh, from its spec in the store to its files."""
+"""The solve of one mesh in a worker process, from its spec in the store to its files."""
 
 import logging
 import time
@@ -31,7 +31,7 @@ from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import Reporter
 
 _log = logging.getLogger(__name__)
-# Points of a mesh whose files take so long to write that threads are worth their start.
+# The least number of points for which files are written in threads.
 MIN_POINTS_FOR_THREADS = 100_000
 
 
@@ -46,12 +46,12 @@ def solve_mesh(job: Job) -> Ending | None:
         except Problem:
             raise
         except Exception as error:
-            _log.error("mesh %s: the solve broke", job.claim.mesh_id, exc_info=error)  # where is known here only
+            _log.error("mesh %s: the solve broke", job.claim.mesh_id, exc_info=error)  # only the worker knows where
             raise
 
 
 def warm_up() -> None:
-    """Do everything once that is slow, or takes memory for good, the first time: all kernels are compiled."""
+    """Do everything once that is slow or takes permanent memory the first time: all kernels are compiled."""
     np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
     u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
     ring = equimesh.AnnulusSector()
@@ -91,7 +91,7 @@ def open_store(storage: Storage) -> Store:
 
 
 def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> SamplesOf:
-    """Where the samples of specs are, as long as ``stack`` is open."""
+    """The function that finds the files of samples, which last until ``stack`` closes."""
 
     def path(samples_id: str) -> Path:
         if samples_id not in mesh_input.samples:
@@ -103,7 +103,7 @@ def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> Samples
 
 @dataclass(frozen=True, kw_only=True)
 class _Work:
-    """What an attempt computes: the problem of a spec and how to solve it, and the mesh that a step starts from."""
+    """The work of an attempt: the problem of a spec, the settings of its solve, and the start of a step."""
 
     mesh_input: MeshInput
     spec: BuiltSpec
@@ -178,7 +178,7 @@ def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Outpu
     if not solution.mesh.is_folded:
         data, requested = solution.data(), work.mesh_input.format
         if work.start is not None and work.mesh_input.fields is not None:
-            data = replace(data, fields=_carry(work.start, work.mesh_input.fields, solution.mesh, files))
+            data = replace(data, fields=_transfer_fields(work.start, work.mesh_input.fields, solution.mesh, files))
         output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
         cells = work.spec.cells
         if requested is not None and (requested, cells) != ("npz", "quad"):
@@ -189,7 +189,7 @@ def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Outpu
 
 
 def _start(mesh_input: MeshInput, files: Files) -> equimesh.Mesh | None:
-    """The mesh of the step before; None for a mesh that is no step of a sequence, or the first."""
+    """The mesh of the previous step; None for the first step, and for a mesh that is no step."""
     if mesh_input.start is None:
         return None
     try:
@@ -199,22 +199,22 @@ def _start(mesh_input: MeshInput, files: Files) -> equimesh.Mesh | None:
         raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
 
 
-def _carry(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: Files) -> dict[str, Any]:
-    """The fields of a step at the nodes of its mesh."""
+def _transfer_fields(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: Files) -> dict[str, Any]:
+    """The fields of a step, transferred to the nodes of its mesh."""
     with files.local(sha256) as path, np.load(path, allow_pickle=False) as fields:
         return equimesh.transfer(start, dict(fields), mesh)
 
 
 def _problem(solution: equimesh.Solution) -> Problem:
     download = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
-    detail = solution.note or solution.status.sentence  # the title of the problem says what the status does
+    detail = solution.note or solution.status.sentence  # the title of the problem already tells the status
     if _is_refused(solution):
         detail = f"A relaxed mesh was found, and refused because allow_relaxed is false. {detail}"
     return Problem(str(solution.status).replace("_", "-"), detail, remedy=solution.remedy + download)
 
 
 def _is_refused(solution: equimesh.Solution) -> bool:
-    """Whether a mesh of relaxed equations was found that would have been a success with ``allow_relaxed``."""
+    """Whether a mesh of relaxed equations was found that ``allow_relaxed`` would make a success."""
     failed, relaxed = solution.status is equimesh.Status.NEWTON_FAILED, solution.relaxed
     return failed and bool(relaxed) and all(part.reached > 0.0 for part in relaxed)
 

@@ -190,4 +190,4 @@ def test_the_thread_sweeps_at_once_and_survives_a_failure(
     while not swept:
         time.sleep(0.01)
     retention.stop()
-    assert "tried again in an hour" in caplog.text
+    assert "the next one is in an hour" in caplog.text
