@@ -1,4 +1,4 @@
-"""Files of samples broken at random, given to the readers: a program of its own, with little memory.
+"""Files of samples broken at random, read in a program of its own with little memory.
 
 ``python -m fuzz.broken_files FOLDER CASES`` ends with 0 when every case of every format was read, or refused with a
 sentence. A reader that reserves what a header promises, opens another file, unpickles, warns, or takes seconds ends
@@ -31,7 +31,7 @@ from solver.upload.markup import IN_H5, VTK_HEAD, h5, vtu, with_cloud, zipped
 
 MEMORY = 256 * 2**20  # on top of what the readers need to start
 MOST_BYTES = 1_000_000
-# Some milliseconds are usual; a file that takes a reader this long would hold up the service.
+# Some milliseconds are usual; a file that takes a reader this long would delay the service.
 MOST_SECONDS = 30.0
 FORBIDDEN = ("pickle.find_class", "socket.connect", "socket.getaddrinfo", "subprocess.Popen", "os.system")
 BYTES = st.sampled_from([b"\x00", b"\x01", b"\x7f", b"\x80", b"\xff", b"9", b"-", b" ", b"\n", b"e", b"(", b"<"])
@@ -99,7 +99,7 @@ def good_files(folder: Path) -> dict[str, list[bytes]]:
 
 @st.composite
 def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -> bytes:
-    """A file with up to six edits, of its HDF5 part before it is packed; now and then any bytes."""
+    """A file with up to six edits, of its HDF5 part before it is packed; sometimes random bytes."""
     if draw(st.integers(0, 19)) == 0:
         return draw(st.binary(max_size=200))
     inside = suffix == "zip" and draw(st.booleans())
@@ -127,7 +127,7 @@ def broken(draw: st.DrawFn, suffix: str, good: list[bytes], hdf5: list[bytes]) -
 
 
 def watch(folder: Path) -> None:
-    """End the program where a reader does what no file may make it do."""
+    """End the program when a reader breaks a rule that holds for all files."""
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
         name = arguments[0] if event == "open" and isinstance(arguments[0], str) else ""
@@ -148,7 +148,7 @@ def watch(folder: Path) -> None:
 def check(
     source: Path, suffix: str, files: st.SearchStrategy[bytes], cases: int, counts: Counter[tuple[str, str]]
 ) -> None:
-    """Read so many files of one format."""
+    """Read this many files of one format."""
 
     @settings(max_examples=cases, deadline=None, derandomize=True, database=None)
     @given(data=files)

@@ -1,4 +1,4 @@
-"""A service of small limits that may be asked anything, and how many cases it is to be asked."""
+"""A service of small limits for random requests, and the number of these."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import pytest
 from equimesh_service import Settings, running
 
 
-def asked_cases(few: int) -> int:
-    """How many cases to send: ``few`` in an ordinary run, what ``FUZZ_CASES`` says in a long one."""
+def count_cases(few: int) -> int:
+    """The number of cases to send: ``few`` in an ordinary run, ``FUZZ_CASES`` in a long one."""
     return int(os.environ.get("FUZZ_CASES", few))
 
 
 @pytest.fixture(scope="session")
 def fuzz_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
-    """Small solves, short waits, and room for all that is asked for."""
+    """Small solves, short waits, and space for all requests."""
     return Settings(
         data_dir=tmp_path_factory.mktemp("fuzz"),
         port=0,
@@ -52,5 +52,5 @@ def fuzz_http(fuzz_url: str) -> Iterator[httpx.Client]:
 
 @pytest.fixture(scope="session")
 def data_dir(fuzz_settings: Settings) -> Path:
-    """Where the service keeps its files."""
+    """The data folder of the service."""
     return fuzz_settings.data_dir

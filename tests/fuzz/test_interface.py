@@ -32,7 +32,7 @@ from schemathesis.specs.openapi.checks import (
     unsupported_method,
 )
 
-from fuzz.conftest import asked_cases
+from fuzz.conftest import count_cases
 from service.conftest import small, until
 from solver.upload.test_samples import npy, npz
 
@@ -46,7 +46,8 @@ CHECKS = [
     unsupported_method,
     allow_header_conformance,
 ]
-FEW, BOUNDARY = 300, 15_000
+FEW = 300
+BOUNDARY = 15_000
 EXPRESSIONS = ["x*y", "tanh(20*(x - y))", "1 + x", "where(x < 0.5, 1, 2)", "1/(x - 0.5)", "sin(", "k*x", "0"]
 FILES = [b"x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,2\n", npz(x=[0, 1], y=[0, 1], values=np.eye(2)), npy(np.eye(3)), b"PK"]
 DOMAINS: list[dict[str, Any]] = [
@@ -183,7 +184,7 @@ def random_cases(operations: list[APIOperation]) -> st.SearchStrategy[Case]:
 
 def test_at_the_limits_of_the_schema(exchange: Exchange, operations: list[APIOperation]) -> None:
     """Every case as it is; with an id that is there; with a spec that may be solved; with parts of another spec."""
-    every, sent, rng = 1 if asked_cases(0) else 60, 0, Random(1)
+    every, sent, rng = 1 if count_cases(0) else 60, 0, Random(1)
     for operation in operations:
         cases = list(boundary_cases(operation))
         for case in cases[:: every if len(cases) > 100 else 1]:
@@ -216,7 +217,7 @@ def variants(case: Case, things: Things, rng: Random, bodies: list[Any]) -> Iter
 
 
 def test_random_requests(exchange: Exchange, operations: list[APIOperation], fuzz_http: httpx.Client) -> None:
-    wanted = max(FEW, asked_cases(0) - BOUNDARY)
+    wanted = max(FEW, count_cases(0) - BOUNDARY)
 
     @settings(
         max_examples=wanted,

@@ -21,9 +21,10 @@ POST = b"POST /v1/expressions/check HTTP/1.1\r\n" + JSON
 CHUNKED = POST + b"Transfer-Encoding: chunked\r\n\r\n"
 GOOD = b'{"expression": "x*y"}'
 LENGTH = b"Content-Length: %d\r\n" % len(GOOD)
-# Statuses that may come; an empty set: the connection may be closed without a word.
 LISTENS = "0A"  # the state of a socket in /proc
-REFUSED, NONE = {400}, set[int]()
+# Statuses that may come. With an empty set the connection may also be closed without an answer.
+REFUSED = {400}
+NONE = set[int]()
 
 
 def get(path: bytes, more: bytes = b"", version: bytes = b"1.1") -> bytes:

@@ -14,7 +14,7 @@ from pathlib import Path
 import httpx
 
 from equimesh.upload.samples import READERS
-from fuzz.conftest import asked_cases
+from fuzz.conftest import count_cases
 from service.conftest import small, until
 
 FEW = 150
@@ -22,7 +22,7 @@ TESTS = Path(__file__).parents[1]
 
 
 def test_readers_survive_any_file(tmp_path: Path) -> None:
-    cases = max(FEW, asked_cases(0) // len(READERS))
+    cases = max(FEW, count_cases(0) // len(READERS))
     command = [sys.executable, "-X", "faulthandler", "-m", "fuzz.broken_files", str(tmp_path), str(cases)]
     environment = {**os.environ, "PYTHONPATH": str(TESTS), "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=1800)

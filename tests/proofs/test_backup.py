@@ -1,4 +1,4 @@
-"""The commands of docs/back-up.md, on a service at work and on PostgreSQL: what is lost is there again."""
+"""The commands of docs/back-up.md, on a busy service and on PostgreSQL: lost data is restored."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def documented(mark: str) -> str:
 
 
 def run(mark: str, folder: Path, **variables: str) -> str:
-    """What the commands of the page say, in the folder that they are for; PGDATABASE is that of the page."""
+    """The output of the commands of the page, run in their folder, with the PGDATABASE of the page."""
     plain = {name: value for name, value in os.environ.items() if not name.startswith("EQUIMESH_")}
     path = os.pathsep.join([str(Path(sys.executable).parent), plain["PATH"]])
     code, name = documented(mark), variables.get("PGDATABASE", "equimesh")
@@ -54,7 +54,7 @@ def run(mark: str, folder: Path, **variables: str) -> str:
 
 @contextmanager
 def at_work(url: str) -> Iterator[None]:
-    """Somebody who asks for meshes all the time."""
+    """A client that requests meshes all the time."""
     stop = threading.Event()
 
     def ask() -> None:

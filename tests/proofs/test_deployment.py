@@ -1,4 +1,4 @@
-"""The image and the compose file: valid, of one mind, and their commands run as plain processes.
+"""The image and the compose file: valid, consistent, and their commands run as plain processes.
 
 No container engine is needed: what the image would run is run here, with the image's environment, but for the data
 folder (a temporary one), the port (a free one), the database (a server here) and PATH (this environment's).
@@ -41,7 +41,7 @@ SPEC = {"monitor": {"u": {"expression": "tanh(20*(x - y))"}}, "grid": {"n_xi": 9
 
 @dataclass
 class Stage:
-    """What the instructions of one stage of a Dockerfile say."""
+    """The instructions of one stage of a Dockerfile."""
 
     base: str
     environment: dict[str, str] = field(default_factory=dict)
@@ -112,7 +112,7 @@ def test_compose_and_image_are_of_one_mind() -> None:
     assert service["healthcheck"]["test"] == ["CMD", *health_command()]
     volumes = dict(reversed(volume.split(":")) for volume in service["volumes"])
     assert set(volumes.values()) <= set(compose()["volumes"])
-    # All that is written to: the data, and the compiled loops, without which every start compiles them.
+    # All folders that are written to: the data, and the compiled loops, which every start would compile otherwise.
     assert set(volumes) == {stage.commands["VOLUME"], stage.environment["NUMBA_CACHE_DIR"]}
     assert stage.commands["VOLUME"] == stage.environment["EQUIMESH_DATA_DIR"]
     assert compose_environment()["EQUIMESH_FILES_URL"] == f"file://{stage.commands['VOLUME']}/files"
@@ -268,7 +268,7 @@ def free_port() -> int:
 
 
 def environment(folder: Path, database: str) -> dict[str, str]:
-    """The container's environment, as far as it can be had outside of one; each has a port of its own."""
+    """The environment of the container, as far as it works outside of one; each has a port of its own."""
     merged = {**image().environment, **compose_environment()}
     here = {
         "PATH": f"{Path(sys.executable).parent}:/usr/local/bin:/usr/bin:/bin",
@@ -291,7 +291,7 @@ def healthy(environment: dict[str, str]) -> bool:
 
 @contextmanager
 def container(environment: dict[str, str]) -> Iterator[None]:
-    """The image's command as a process; stopped as an engine does it, with SIGTERM."""
+    """The command of the image as a process; stopped with SIGTERM, as a container engine does it."""
     command: list[str] = json.loads(image().commands["CMD"])
     log = Path(environment["HOME"]) / "log.txt"
     with log.open("w") as output:
@@ -313,7 +313,7 @@ def container(environment: dict[str, str]) -> Iterator[None]:
 
 
 def documented(page: str, beginning: str) -> list[str]:
-    """The command of a page that begins so, without what compose puts around it."""
+    """The command of a page that begins so, without the part for compose."""
     text = (ROOT / "docs" / page).read_text()
     (line,) = re.findall(rf"^docker compose run --rm equimesh ({re.escape(beginning)}.*)$", text, re.MULTILINE)
     return shlex.split(line)

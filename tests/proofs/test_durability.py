@@ -1,4 +1,4 @@
-"""Nothing is lost: jobs come in while workers and services are killed, and in the end all is as it should be."""
+"""Durability: jobs arrive while workers and services are killed, and nothing is lost."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _HOURS = 8 * 3600.0
 
 @dataclass
 class Work:
-    """Jobs that clients send, each until it is accepted, and what was answered."""
+    """Jobs that clients send, each until it is accepted, with the answers."""
 
     url: str
     jobs: int
@@ -85,7 +85,7 @@ class Work:
 
 
 def _request(job: int) -> dict[str, Any]:
-    """One of four ways to ask for a mesh of 8 x 8 points; every job's mesh is another."""
+    """One of four ways to request a mesh of 8 x 8 points; every job has its own mesh."""
     spec: dict[str, Any] = {
         "monitor": {"u": {"expression": PAPER}, "a": 0.5 + job / 1000},
         "grid": {"n_xi": 8, "n_eta": 8},
@@ -116,7 +116,7 @@ def _samples(job: int) -> bytes:
 
 
 class Saboteur:
-    """Kills workers and services while jobs come in: by a seed, each time after so many more were accepted."""
+    """Kills workers and services while jobs arrive: by a seed, each time after a number of accepted jobs."""
 
     def __init__(self, service: ServiceProcess, seed: int) -> None:
         self.service = service
@@ -124,7 +124,7 @@ class Saboteur:
         self.killed = {"worker": 0, "service": 0}
 
     def rage(self, work: Work, deeds: list[str]) -> None:
-        """Do the deeds, in a random order, spread over the work."""
+        """Kill in a random order, spread over the work."""
         self.random.shuffle(deeds)
         moments = sorted(self.random.sample(range(work.jobs // 20, work.jobs), len(deeds)))
         for deed, moment in zip(deeds, moments, strict=True):
@@ -138,7 +138,7 @@ class Saboteur:
                 self.killed["service"] += 1
 
     def kill_a_worker(self) -> None:
-        """Kill one, if there is one by now: after a start of the service there is none for a moment."""
+        """Kill one, if there is one: just after a start of the service there is none."""
         pids = until(self.service.worker_pids, _PATIENCE)
         try:
             os.kill(self.random.choice(pids), signal.SIGKILL)
@@ -208,7 +208,7 @@ def _unfinished(store: Store) -> int:
 
 
 def _check_meshes(store: Store, work: Work) -> None:
-    """One mesh for each job, and each with a story that is whole: as many starts as attempts, and one end."""
+    """One mesh for each job, each with complete events: as many starts as attempts, and one end."""
     rows = store.meshes.page(limit=10 * work.jobs)
     assert sorted(row.label or "" for row in rows) == sorted(f"job {job}" for job in range(work.jobs))
     assert {row.id for row in rows} == {*work.accepted.values()}
@@ -228,7 +228,7 @@ def _check_meshes(store: Store, work: Work) -> None:
 
 
 def _check_downloads(service: ServiceProcess, store: Store) -> None:
-    """Every mesh that has succeeded is there, and is what its ETag says."""
+    """The file of every successful mesh exists, and matches its ETag."""
     with httpx.Client(base_url=service.url, timeout=30.0) as http:
         for row in store.meshes.page(status="succeeded", limit=1000):
             answer = http.get(f"/v1/meshes/{row.id}/file?format=npz")
@@ -239,7 +239,7 @@ def _check_downloads(service: ServiceProcess, store: Store) -> None:
 
 
 def _check_files(url: str, folder: Path) -> None:
-    """Files that are there are those that rows name; nothing is half written."""
+    """The files are exactly those that rows name; none is half written."""
     named = set()
     database = Database(url, durable=False)
     with database.read() as connection:
@@ -248,12 +248,12 @@ def _check_files(url: str, folder: Path) -> None:
         assert connection.execute(select(meshes.c.id).where(meshes.c.owner.is_not(None))).first() is None
     database.close()
     until(lambda: {path.name for path in folder.glob("??/*")} == named)
-    # What was there before the start is gone, folders of writers included; what is new may be on its way.
+    # Temporary files and folders from before the start are gone; newer ones may be in use.
     left = [path for path in (folder / "unfinished").iterdir() if time.time() - path.stat().st_mtime > _HOURS / 2]
     assert left == []
 
 
 def _age_files(folder: Path) -> None:
-    """Make what is there look hours old: the sweep leaves what is so new that it may still get its row."""
+    """Make all files look hours old: the sweep leaves young files, which may still be named."""
     for path in folder.glob("*/*"):
         os.utime(path, (time.time() - _HOURS, time.time() - _HOURS))

@@ -1,4 +1,4 @@
-"""What breaks is mended: killed workers, killed services, limits of time and memory."""
+"""Recovery: from killed workers, killed services, limits of time and memory."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from service.processes import children, runs, service_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills and limits are Linux's")
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
-# A stop waits 5 s for a client that does not read; without that limit it would wait as long as this one stays.
+# A stop waits 5 s for a client that does not read; without that limit it would wait for as long as the client stays.
 _STOP_SECONDS = 50.0
 # Seconds without an event: each of its iterations factorises large matrices again and again.
 DEEP: dict[str, Any] = {**SLOW, "grid": {"n_xi": 140, "n_eta": 140}}
@@ -147,7 +147,7 @@ def test_a_worker_killed_during_a_real_solve(http: httpx.Client) -> None:
 
 
 def _cpu_seconds(pid: int) -> float:
-    """Processor time of a process since this function saw it first a tenth of a second ago."""
+    """Processor time of a process during a tenth of a second."""
 
     def used() -> int:
         try:
@@ -209,7 +209,7 @@ def test_limits_of_memory_and_of_the_queue_and_a_stop_of_the_service(tmp_path: P
         large = {**DEEP, "grid": {"n_xi": 220, "n_eta": 220}}
         large = http.post("/v1/meshes", json=large, headers={"Prefer": "wait=30"}).json()
         assert large["status"] == "failed"
-        # A library that gets no memory may end its process: that is a lost worker, and another one is tried.
+        # A library that gets no memory may end its process: the worker is lost, and another one tries.
         if large["error"]["type"] != "/problems/worker-lost":
             assert large["error"]["type"] == "/problems/memory-limit"
             assert "48 MiB" in large["error"]["detail"]
@@ -302,7 +302,7 @@ def test_a_service_that_is_stopped_as_it_starts_its_workers_leaves_nothing(tmp_p
 
 @contextmanager
 def _reading_nothing(port: int, path: str) -> Iterator[None]:
-    """A download by a client that has stopped to read."""
+    """A download by a client that has stopped reading."""
     with socket.socket() as client:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         client.connect(("127.0.0.1", port))
@@ -344,14 +344,14 @@ def test_a_factorisation_is_ended_by_a_cancel(http: httpx.Client, settings: Sett
 
 
 def holding(what: str) -> None:
-    """A task that ends its worker with the lock of the workers' pipe in its hands."""
+    """A task that ends its worker while it holds the lock of the workers' pipe."""
     (channel,) = (found for found in gc.get_objects() if isinstance(found, WorkerChannel))
     assert channel.mutex.acquire(timeout=5.0)
     os.kill(os.getpid(), signal.SIGKILL if what == "killed" else signal.SIGSEGV)
 
 
 def leave() -> None:
-    """A task that ends its worker as if all were well."""
+    """A task that ends its worker with exit code 0."""
     os._exit(0)
 
 
@@ -375,7 +375,7 @@ def test_a_worker_that_dies_at_the_worst_moment_does_not_stop_the_others(
 
 
 def refuse() -> None:
-    """What a worker does that cannot read its task."""
+    """The end of a worker that cannot read its task."""
     raise ImportError("this release does not know it")
 
 
@@ -405,7 +405,7 @@ def test_a_task_that_no_worker_can_read_is_lost_and_nobody_waits_for_it(monkeypa
 
 
 def _is_sound(engine: PebbleEngine) -> bool:
-    """Whether a time limit is kept, for which the pool must be whole."""
+    """Whether a time limit holds, for which the pool must work."""
     return isinstance(engine.submit(time.sleep, 60.0, time_limit=0.1).exception(20.0), TimeLimitError)
 
 

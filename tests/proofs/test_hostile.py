@@ -1,4 +1,4 @@
-"""Whatever is sent, the service answers: properties over specs that are broken at random."""
+"""The service answers whatever is sent: properties over specs that are broken at random."""
 
 from __future__ import annotations
 

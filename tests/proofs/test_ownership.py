@@ -1,4 +1,4 @@
-"""What belongs to one key does not exist for another, and belongs to nobody else."""
+"""Meshes, samples and sequences of one key do not exist for another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from service.requests import GRID
 
 @pytest.fixture(scope="module")
 def owner(guarded_service: Guarded) -> Iterator[httpx.Client]:
-    """Whoever has the mesh and the samples of this module."""
+    """The owner of the mesh and the samples of this module."""
     with guarded_service.client("write") as client:
         yield client
 

@@ -177,7 +177,7 @@ def test_two_services_share_the_work_and_nothing_runs_twice(served: Served) -> N
         until(lambda: done(served.http) - before + done(other) == len(specs))
         assert done(served.http) > before
         assert done(other) > 0
-        # What one has made the other hands out and reuses.
+        # Meshes and samples of one service are there for the other.
         assert all(other.get(mesh["links"]["file"]).status_code == 200 for mesh in meshes)
         again = other.post("/v1/meshes", json=specs[0]).json()
         assert again["reused_from"] in {mesh["id"] for mesh in meshes}

@@ -25,7 +25,7 @@ from service.store.stores import SPEC, Clock, claimed
 
 @dataclass(frozen=True)
 class Far(FolderFiles):
-    """As a bucket is: what is sealed is there, and publishing looks for it only where it may be gone again."""
+    """Files as in a bucket: sealing uploads them, and publishing checks them only if they may be gone again."""
 
     def seal(self, path: Path) -> StoredFile:
         file = super().seal(path)

@@ -21,13 +21,13 @@ from service.processes import ServiceProcess, service_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
 _LEASE = 3.0
-# What a replica was about to write when it was frozen is undone after this time, not after that of every day.
+# The transaction of a frozen replica is undone after this time, which is shorter than the usual one.
 _IDLE_OPTION = "-c idle_in_transaction_session_timeout=2s"
 _STARTS = re.compile(r"mesh (m-\w+) starts, attempt (\d+)")
 
 
 def steady(iterations: int) -> dict[str, Any]:
-    """A spec that takes some hundredths of a second for each iteration, and no less."""
+    """A spec that takes at least some hundredths of a second for each iteration."""
     more = {**SLOW["schwarz"], "max_iterations": iterations}
     return {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 12, "n_eta": 12}, "schwarz": more}
 
@@ -48,24 +48,24 @@ class Pair:
     store: Store
 
     def story(self, mesh_id: str) -> list[tuple[int, str, str]]:
-        """What happened to a mesh: the numbers of its events, what became of it, and why."""
+        """The events of a mesh: their numbers, statuses and reasons."""
         events = self.store.meshes.events(mesh_id)
         assert [event.number for event in events] == [*range(1, len(events) + 1)]
         told = [event for event in events if event.kind != "progress"]
         return [(event.number, event.data["status"], event.data.get("reason", "")) for event in told]
 
     def states(self, mesh_id: str) -> list[str]:
-        """The states of a mesh, one after the other."""
+        """The statuses of a mesh, in order."""
         return [state for _, state, _ in self.story(mesh_id)]
 
 
 def begun(service: ServiceProcess) -> list[tuple[str, int]]:
-    """The meshes that a replica has begun, with the number of the attempt."""
+    """The meshes that a replica has begun, with the numbers of the attempts."""
     return [(name, int(attempt)) for name, attempt in _STARTS.findall(service.log)]
 
 
 def ask(service: ServiceProcess, spec: dict[str, Any], **headers: str) -> httpx.Response:
-    """Ask a replica for a mesh."""
+    """Request a mesh from a replica."""
     answer = httpx.post(f"{service.url}/v1/meshes?reuse=false", json=spec, headers=headers, timeout=60.0)
     assert answer.status_code in (201, 202), answer.text
     return answer
@@ -80,14 +80,14 @@ def look(service: ServiceProcess, mesh_id: str, query: str = "") -> dict[str, An
 
 
 def finished(service: ServiceProcess, mesh_id: str) -> dict[str, Any]:
-    """A mesh as a replica shows it, at last."""
+    """A finished mesh as a replica shows it."""
     found: dict[str, Any] = until(lambda: (mesh := look(service, mesh_id, "?wait=5"))["finished_at"] and mesh, 90.0)
     return found
 
 
 @pytest.fixture(scope="module")
 def pair(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
-    """Replicas of one worker each, with folders of their own beside the one of the files."""
+    """Replicas of one worker each, with folders of their own next to that of the files."""
     folder = tmp_path_factory.mktemp("replicas")
     with postgres.database() as url:
         shared = {
@@ -148,7 +148,7 @@ def test_a_mesh_is_canceled_and_deleted_through_the_other(pair: Pair) -> None:
         assert httpx.post(f"{other.url}/v1/meshes/{name}/cancel").json()["status"] == "canceled"
         waiting.join()
         assert answers[0].json()["status"] == "canceled"
-        # The worker has noticed, too: there is no other that could do this.
+        # The worker has noticed, too, since there is no other that could do this.
         assert ask(service, steady(2), Prefer="wait=20").json()["status"] == "succeeded"
         assert httpx.delete(f"{other.url}/v1/meshes/{name}").status_code == 204
         assert httpx.get(f"{service.url}/v1/meshes/{name}").status_code == 404
@@ -203,7 +203,7 @@ def test_what_a_silent_replica_had_is_taken_over_and_not_taken_back(pair: Pair) 
         until(lambda: look(pair.b, name)["attempts"] == 2, 60.0 + _LEASE)
         mesh = finished(pair.b, name)
     assert (mesh["status"], mesh["attempts"]) == ("succeeded", 2)
-    # The worker that was frozen goes on with its mesh, or is told to leave it: then it takes another.
+    # The frozen worker continues with its mesh, or is stopped and takes another.
     assert ask(pair.a, steady(2), Prefer="wait=60").json()["status"] == "succeeded"
     assert pair.states(name) == ["queued", "running", "queued", "running", "succeeded"]
     assert pair.story(name)[2][2] == "its service stopped responding"

@@ -1,4 +1,4 @@
-"""A service that keeps its files in S3, also while S3 is down."""
+"""A service with its files in S3, also while S3 is down."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is kept from others: headers of answers, secrets, files outside the data folder; slow senders, proxies."""
+"""Security: headers of answers, secrets, files outside the data folder, slow senders, proxies."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _raising(error: Exception) -> Any:
 
 
 def _failed(client: httpx.Client, *, slowly: bool) -> str:
-    """The answer to a request that fails, once what is known of the key is forgotten if it is asked ``slowly``."""
+    """The answer to a request that fails; with ``slowly`` after the cache of callers has expired."""
     if slowly:
         until(lambda: client.get("/v1/meshes").status_code != 200)
     answer = client.get("/v1/meshes")
@@ -206,7 +206,7 @@ def test_no_name_leads_out_of_the_data_folder(guarded_service: Guarded, mesh: st
 
 
 def listing(folder: Path) -> set[tuple[str, int]]:
-    """All files that are not the service's own notes, with their sizes."""
+    """All files outside of the data folder's own, with their sizes."""
     mine = ("equimesh.sqlite3", "unfinished")
     return {
         (str(path), path.stat().st_size)
@@ -237,7 +237,7 @@ def test_no_file_name_leads_out_of_the_data_folder(guarded_service: Guarded, cli
 
 @contextmanager
 def dripping(service: Guarded, number: int, start: bytes) -> Iterator[list[socket.socket]]:
-    """So many connections that have sent a beginning, and go on whenever they are told to."""
+    """This many connections that have sent a beginning, and continue when the test says so."""
     host, _, port = service.url.removeprefix("http://").partition(":")
     lines = [socket.create_connection((host, int(port)), timeout=20) for _ in range(number)]
     try:
@@ -297,7 +297,7 @@ def test_what_the_server_is_told_of_proxies(tmp_path: Path) -> None:
 
 @pytest.mark.anyio
 async def test_addresses_are_right_under_a_root_path(tmp_path: Path) -> None:
-    """The whole application without workers' work: what is asked of it needs none."""
+    """The whole application; its requests here need no workers."""
     settings = Settings(data_dir=tmp_path, root_path="/tools/meshes", workers=1)
     app = create_app(settings)
     async with app.router.lifespan_context(app):

@@ -16,7 +16,7 @@ from service.guarded import Guarded, guarded
 from service.observed import Observed, observe
 
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
-# A solve that takes many seconds: nothing it does ends it early, and every iteration factorises.
+# A solve that takes many seconds: nothing ends it early, and every iteration factorises.
 SLOW: dict[str, Any] = {
     "monitor": {"u": {"expression": PAPER}},
     "grid": {"n_xi": 40, "n_eta": 40},
@@ -55,7 +55,7 @@ def postgres() -> Iterator[Postgres]:
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
-    """The address of an empty database; what asks for it is tested with SQLite and with PostgreSQL."""
+    """The address of an empty database; tests that use it run with SQLite and with PostgreSQL."""
     with database(request.param, tmp_path, request) as url:
         yield url
 
@@ -104,14 +104,14 @@ def finished(http: httpx.Client) -> dict[str, Any]:
 
 @pytest.fixture(scope="session")
 def guarded_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    """A service that asks for keys, and holds them to small limits; every test makes keys of its own."""
+    """A service that requires keys, with small limits; every test creates its own keys."""
     with guarded(tmp_path_factory.mktemp("guarded")) as service:
         yield service
 
 
 @pytest.fixture(scope="session")
 def document(http: httpx.Client) -> dict[str, Any]:
-    """The description of the interface."""
+    """The OpenAPI document."""
     found: dict[str, Any] = http.get("/openapi.json").json()
     return found
 

@@ -1,4 +1,4 @@
-"""Databases for tests: every test that asks for one gets its own, in SQLite and in PostgreSQL.
+"""Databases for tests: every test gets its own, in SQLite and in PostgreSQL.
 
 PostgreSQL is the server behind ``EQUIMESH_TEST_POSTGRES`` (an address whose user may create schemas), else one that
 is started here from the programs of the system, in a temporary folder, without a port.
@@ -21,12 +21,13 @@ from sqlalchemy import create_engine, make_url, text
 
 from programs import postgresql_program
 
-ADDRESS, NEEDED = "EQUIMESH_TEST_POSTGRES", "EQUIMESH_TEST_POSTGRES_NEEDED"
+ADDRESS = "EQUIMESH_TEST_POSTGRES"
+NEEDED = "EQUIMESH_TEST_POSTGRES_NEEDED"
 
 
 @dataclass(frozen=True)
 class Postgres:
-    """A server: ``url`` is its address, ``folder`` the place of a server of our own."""
+    """A server: ``url`` is its address, ``folder`` the folder of a server that the tests have started."""
 
     url: str
     folder: Path | None = None
@@ -34,7 +35,7 @@ class Postgres:
 
     @contextmanager
     def database(self) -> Iterator[str]:
-        """The address of a new database: a schema, which is made much faster."""
+        """The address of a new schema, which takes much less time than a new database."""
         name = f"equimesh_test_{os.getpid()}_{next(self.numbers)}"
         self._run(f"CREATE SCHEMA {name}")
         address = make_url(self.url).update_query_dict({"options": f"-csearch_path={name}"})
@@ -42,14 +43,14 @@ class Postgres:
         self._run(f"DROP SCHEMA {name} CASCADE")
 
     def stop(self) -> None:
-        """Stop a server of our own at once, breaking all connections."""
+        """Stop the tests' own server at once, breaking all connections."""
         assert self.folder is not None
         _program(self.folder, "pg_ctl", "stop", "-w", "-m", "fast", "-D", f"{self.folder}/data")
 
     def start(self) -> None:
-        """Start a server of our own."""
+        """Start the tests' own server."""
         assert self.folder is not None
-        # Without a port, and without care for the disk.
+        # Without a port, and without waiting for the disk.
         options = f"-c listen_addresses= -c unix_socket_directories={self.folder} -c fsync=off -c max_connections=200"
         log = f"{self.folder}/log"
         _program(self.folder, "pg_ctl", "start", "-w", "-D", f"{self.folder}/data", "-l", log, "-o", options)

@@ -1,4 +1,4 @@
-"""A service with API keys, for the tests of what keys allow, of their limits, and of what is kept from others."""
+"""A service with API keys, for tests of scopes, limits and ownership."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from equimesh_service.store.store import Store
 
 @dataclass(frozen=True)
 class Guarded:
-    """The address of a service, its settings, and its store, where keys are made."""
+    """The address of a service, its settings, and its store, in which keys are created."""
 
     url: str
     settings: Settings
@@ -38,7 +38,7 @@ class Guarded:
 
 @contextmanager
 def guarded(folder: Path, **changes: object) -> Iterator[Guarded]:
-    """A service whose first key was made before it began."""
+    """A service whose first key was created before its start."""
     settings = Settings(
         data_dir=folder / "data",
         port=0,

@@ -1,4 +1,4 @@
-"""The operations that the description of the interface names."""
+"""The operations of the OpenAPI document."""
 
 from __future__ import annotations
 

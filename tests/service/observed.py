@@ -1,4 +1,4 @@
-"""A service as a process, that logs JSON and sends its traces to a receiver of OTLP here."""
+"""A service as a process that logs JSON and sends its traces to a receiver of OTLP in this process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTrace
 
 @dataclass(frozen=True)
 class Span:
-    """What was received of a span."""
+    """A received span."""
 
     name: str
     trace: str
@@ -38,7 +38,7 @@ class Span:
 
 @dataclass
 class Observed:
-    """The running service: its address, its log so far, the spans that have come."""
+    """The running service: its address, its log so far, the received spans."""
 
     log: Path
     url: str = ""

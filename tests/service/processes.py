@@ -1,4 +1,4 @@
-"""A service as a process of its own, which tests kill, and what is known of the processes below it."""
+"""A service as a process of its own, which tests kill, and the processes below it."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from pathlib import Path
 
 import httpx
 
-_START_SECONDS, _STOP_SECONDS = 120.0, 30.0
+_START_SECONDS = 120.0
+_STOP_SECONDS = 30.0
 
 
 @dataclass
 class ServiceProcess:
-    """``equimesh serve`` on a port and a folder: killed, and started again, as often as one likes."""
+    """``equimesh serve`` on a port and a folder; it can be killed and started again any number of times."""
 
     folder: Path
     port: int
@@ -43,11 +44,11 @@ class ServiceProcess:
 
     @property
     def log(self) -> str:
-        """What all its processes have said so far."""
+        """The output of all its processes so far."""
         return (self.folder / "log").read_text()
 
     def start(self) -> None:
-        """Start, without waiting for it."""
+        """Start, without waiting until it is ready."""
         command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", str(self.port)]
         command += ["--data-dir", str(self.folder / "data"), "--workers", str(self.workers)]
         settings = {"LOG_LEVEL": "warning", "THREADS": "1", **self.settings}
@@ -57,7 +58,7 @@ class ServiceProcess:
             self._process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
 
     def ready(self) -> None:
-        """Return when workers are ready, too."""
+        """Wait until the workers are ready, too."""
         until = time.monotonic() + _START_SECONDS
         while not is_ready(self.url):
             assert self._process is not None
@@ -66,26 +67,26 @@ class ServiceProcess:
             time.sleep(0.05)
 
     def worker_pids(self) -> list[int]:
-        """The processes that are forked off to work: those that solve, and those that make files."""
+        """The worker processes: those that solve, and those that write files."""
         found = [pid for child in children(self.pid, deep=False) for pid in children(child, deep=False)]
         self._below.update(found)
         return found
 
     def kill(self) -> None:
-        """End the service as a crash does."""
+        """Kill the service, as a crash does."""
         self._end(signal.SIGKILL)
 
     def stop(self) -> int:
-        """Tell it to end; gives its exit code."""
+        """Stop it by SIGTERM; returns its exit code."""
         return self._end(signal.SIGTERM)
 
     def signal(self, number: int) -> None:
-        """Send the service a signal, without waiting for what comes of it."""
+        """Send the service a signal, without waiting."""
         os.kill(self.pid, number)
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
-        """All its processes stand still, as on a machine that is suspended."""
+        """Stop all its processes for the length of a ``with``, as on a suspended machine."""
         pids = [self.pid, *children(self.pid)]
         for pid in pids:
             os.kill(pid, signal.SIGSTOP)
@@ -101,7 +102,7 @@ class ServiceProcess:
         return self._process.wait(seconds)
 
     def left(self) -> list[int]:
-        """Processes of this service, or of earlier ones here, that still run although it does not."""
+        """Processes of this service, or of earlier ones in this folder, that still run after its end."""
         return [pid for pid in self._below if runs(pid)]
 
     def _end(self, number: int) -> int:
@@ -110,7 +111,7 @@ class ServiceProcess:
         return self.wait()
 
     def close(self) -> None:
-        """End it however it is."""
+        """End it in whatever state it is."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -118,7 +119,7 @@ class ServiceProcess:
 
 @contextmanager
 def service_process(folder: Path, *, workers: int = 2, **settings: str) -> Iterator[ServiceProcess]:
-    """A service that is not started yet, and has ended after the ``with``; settings as in the environment."""
+    """A service that is not started yet, and is ended after the ``with``; settings as in the environment."""
     service = ServiceProcess(folder, free_port(), settings, workers)
     try:
         yield service
@@ -127,7 +128,7 @@ def service_process(folder: Path, *, workers: int = 2, **settings: str) -> Itera
 
 
 def free_port() -> int:
-    """A port on which nobody listens, out of those that no connection is given by the system."""
+    """A free port, outside of the range that the system gives to connections."""
     while True:
         port = random.randrange(20_000, 32_000)
         with socket.socket() as listener:
@@ -153,7 +154,7 @@ def children(pid: int, *, deep: bool = True) -> list[int]:
 
 
 def runs(pid: int) -> bool:
-    """Whether a process is there and has not ended."""
+    """Whether a process exists and has not ended."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -161,7 +162,7 @@ def runs(pid: int) -> bool:
 
 
 def is_ready(url: str) -> bool:
-    """Whether a service says so."""
+    """Whether a service reports that it is ready."""
     try:
         return httpx.get(f"{url}/readyz", timeout=10.0).status_code == 200
     except httpx.TransportError:

@@ -14,7 +14,8 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-ACCESS_KEY, SECRET_KEY = "test-access-key", "test-secret-key-of-the-storage"
+ACCESS_KEY = "test-access-key"
+SECRET_KEY = "test-secret-key-of-the-storage"
 _HOP = {"connection", "content-length", "transfer-encoding", "date"}
 
 
@@ -57,7 +58,7 @@ class S3Server:
         raise AssertionError("rclone does not listen")
 
     def kill(self) -> None:
-        """Kill it: from now on nobody answers."""
+        """Kill it: from now on there are no answers."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -73,7 +74,7 @@ class S3Server:
         port = self._port
 
         class Front(BaseHTTPRequestHandler):
-            """Passes requests on. rclone answers a range with 200 where S3 says 206, and obstore wants that: the
+            """Forwards requests. rclone answers a range with 200 where S3 answers 206, as obstore needs it: the
             status, and nothing else, is put right."""
 
             protocol_version = "HTTP/1.1"

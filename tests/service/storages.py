@@ -1,4 +1,4 @@
-"""Files in a folder and in S3, as fixtures, and a content that they keep."""
+"""Fixtures of files in a folder and in S3, and a content to store."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def s3(tmp_path_factory: pytest.TempPathFactory) -> Iterator[S3Server]:
 
 
 def bucket_of(s3: S3Server, name: str, **more: Any) -> Bucket:
-    """How a bucket of the server is reached."""
+    """The address and the key of a bucket."""
     keys = {"access_key": SecretStr(ACCESS_KEY), "secret_key": SecretStr(SECRET_KEY)}
     return Bucket(**{"name": name, "prefix": "a/b", "endpoint": s3.endpoint, **keys, **more})
 

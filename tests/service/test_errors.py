@@ -25,7 +25,7 @@ def existing() -> dict[str, str]:
 
 
 def drawn() -> dict[str, str]:
-    """Every class of the drawing, and the one that it hangs from."""
+    """Every class of the drawing, and its base there."""
     found: dict[str, str] = {}
     above: list[str] = []
     for line in (errors.__doc__ or "").splitlines():

@@ -1,4 +1,4 @@
-"""The server on its port: answers leave at once, and many requests at once are answered."""
+"""The server on its port: answers are sent at once, also to many simultaneous requests."""
 
 from __future__ import annotations
 

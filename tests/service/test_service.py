@@ -1,4 +1,4 @@
-"""A running service: who waits for a mesh goes straight to a worker, or stands in line for one."""
+"""A running service: a mesh whose request waits goes straight to a worker, or stands in line for one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings load little: commands that only need them start quickly."""
+"""Settings load few modules, so that commands that only need them start quickly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What makes two requests the same."""
+"""Fingerprints: when two requests are equal."""
 
 from __future__ import annotations
 

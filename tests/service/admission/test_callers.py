@@ -1,4 +1,4 @@
-"""Callers: who is let in, and what each may do."""
+"""Callers: who is allowed in, and with which scopes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from service.guarded import Guarded
 from service.interface import operations
 from service.requests import GRID
 
-# What needs no key.
+# Routes that need no key.
 OPEN = {"/livez", "/readyz", "/problems/{name}", "/v1/capabilities"}
 BODIES: dict[str, Any] = {
     "/v1/meshes": small(),
@@ -92,7 +92,7 @@ def test_a_revoked_key_soon_stops_working(guarded_service: Guarded) -> None:
 
 
 class Counted(KeyStore):
-    """A store of one key that counts how often it is asked."""
+    """A store of one key that counts its queries."""
 
     def __init__(self, row: KeyRow | None) -> None:
         self.row, self.asked = row, 0

@@ -27,7 +27,7 @@ SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 10, "n_eta": 10}, "cells
 
 
 class Stored(QuotaStore):
-    """A store that holds so many bytes, and counts how often it sums them."""
+    """A store of this many bytes that counts how often it sums them."""
 
     def __init__(self, size: int = 0) -> None:
         self.size, self.sums = size, 0
@@ -54,7 +54,7 @@ def quotas(clock: Clock, **settings: int) -> Quotas:
 
 
 def refusal(limited: Quotas, caller: Caller = CALLER) -> Problem | None:
-    """The problem that a request meets."""
+    """The problem of a request."""
     try:
         limited.count_request(caller)
     except Problem as problem:
@@ -251,7 +251,7 @@ def test_samples_in_specs_count(guarded_service: Guarded) -> None:
     spec["monitor"]["u"]["grid"]["y"] = spec["monitor"]["u"]["grid"]["x"]
     with guarded_service.client("write") as client:
         made = [client.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}) for _ in range(5)]
-        # Reuse spares the solve of the same again, and not the room for its spec.
+        # A reused mesh is not solved again, but its spec takes space.
         assert [answer.status_code for answer in made] == [201, 201, 201, 429, 429]
         assert "bytes in files, samples and specs; the limit is 200000" in made[-1].json()["detail"]
         assert client.delete(made[0].headers["location"]).status_code == 204

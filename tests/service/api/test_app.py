@@ -1,4 +1,4 @@
-"""The description of the interface is valid, complete and true."""
+"""The OpenAPI document is valid, complete and true."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events that are gone on with by hand, from any number, over cut wires and a restart: no gap, no event twice."""
+"""Streams of events that continue from any number, after cut connections and a restart: no gap, no event twice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from service.requests import post
 
 
 def raw(url: str, path: str, last: str | None = None, most: int | None = None, seconds: float = 30.0) -> bytes:
-    """The answer to one request, from the first byte to the last, or to the one after which the wire is cut."""
+    """The answer to one request, to its last byte or to the byte after which the connection is cut."""
     place = urlsplit(url)
     resume = "" if last is None else f"Last-Event-ID: {last}\r\n"
     head = (
@@ -36,7 +36,7 @@ def raw(url: str, path: str, last: str | None = None, most: int | None = None, s
 
 
 def events(answer: bytes) -> list[tuple[int, str, Any]]:
-    """The complete events in the bytes of an answer; chunks are taken apart as far as they came."""
+    """The complete events in the bytes of an answer, of which only a part may have arrived."""
     head, _, rest = answer.partition(b"\r\n\r\n")
     if b"chunked" not in head.lower():
         return []
@@ -50,7 +50,7 @@ def events(answer: bytes) -> list[tuple[int, str, Any]]:
 
 
 def whole(http: httpx.Client, mesh_id: str) -> list[tuple[int, str, Any]]:
-    """All events of a mesh, as JSON gives them."""
+    """All events of a mesh, read as JSON."""
     told = http.get(f"/v1/meshes/{mesh_id}/events", headers={"Accept": "application/json"}).json()
     assert told["done"]
     return [(one["id"], one["event"], one["data"]) for one in told["items"]]

@@ -1,4 +1,4 @@
-"""Meshes over HTTP: made, waited for, listed, canceled."""
+"""Meshes over HTTP: requested, waited for, listed, canceled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors that nobody expected, as the middleware answers and logs them."""
+"""Unexpected errors, as the middleware answers and logs them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from equimesh_service.upkeep.metrics import Metrics
 
 
 class Broken:
-    """An application that fails before its answer, or within it."""
+    """An application that fails before or during its answer."""
 
     def __init__(self, *, late: bool) -> None:
         self._late = late

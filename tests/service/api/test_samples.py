@@ -1,4 +1,4 @@
-"""Samples over HTTP: every way to send them, and when they may be deleted."""
+"""Samples over HTTP: all ways to send them, and when they can be deleted."""
 
 from __future__ import annotations
 

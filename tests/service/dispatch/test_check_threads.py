@@ -1,4 +1,4 @@
-"""Checks of what clients send: slow ones, which wait for a worker, do not hold up the quick ones of others."""
+"""Threads for checks: slow checks, which wait for a worker, do not delay the quick ones of others."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ async def test_a_check_that_waits_for_a_worker_makes_room() -> None:
 
 
 class Slow:
-    """Checks that wait for a worker until they are done, and what is said to those that may not wait."""
+    """Checks that wait for a worker until they end, and the problems of those that may not wait."""
 
     def __init__(self) -> None:
         self.check_threads, self.done = CheckThreads(threads=1), threading.Event()

@@ -1,4 +1,4 @@
-"""A mesh that somebody waits for goes straight to a free worker, and a queue is never overtaken."""
+"""A mesh whose request waits goes straight to a free worker, and never overtakes a queue."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MESH_INPUT = MeshInput(spec=SPEC, samples={})
 
 
 class Patient:
-    """An engine with two workers, whose tasks end when a test says so."""
+    """An engine of two workers whose tasks end when a test ends them."""
 
     def __init__(self) -> None:
         self.tasks: list[Future[Any]] = []
@@ -183,7 +183,7 @@ def test_a_dispatcher_that_is_stuck_is_not_alive(
 
 
 def _finish(store: Store, engine: Patient, number: int, name: str) -> None:
-    """Have the worker of a task end its mesh."""
+    """End the mesh of a task, as its worker does."""
     store.queue.finish(Claim(name, 1))
     engine.tasks[number].set_result(Ending(status="succeeded"))
 

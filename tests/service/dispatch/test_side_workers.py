@@ -1,4 +1,4 @@
-"""Side workers take keys in turn: what one has waiting does not hold up the others."""
+"""Side workers take keys in turn: the waiting tasks of one key do not delay the others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from service.requests import solved
 
 
 class ByHand:
-    """An engine of two workers, whose tasks end when the test says so."""
+    """An engine of two workers whose tasks end when the test ends them."""
 
     def __init__(self) -> None:
         self.begun: list[str] = []
@@ -59,7 +59,7 @@ def test_keys_take_turns() -> None:
     for name in ("a1", "a0", "b0", "c0", "a2", "b1"):
         engine.end(name)
         assert len(engine.running) == 2
-    # Whoever came late does not wait for all that was there before.
+    # A late key does not wait for all earlier tasks.
     assert engine.begun == ["a0", "a1", "a2", "b0", "c0", "a3", "b1", "a4"]
     assert [task.result(0) for task in (*second, third)] == ["B0", "B1", "C0"]
     for name in ("a3", "a4", "a5"):

@@ -1,4 +1,4 @@
-"""Waits for meshes: one look at the store for all of them, and none of them sleeps through what happens."""
+"""Waits for meshes: one query of the store for all, and each wakes at a change."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from equimesh_service.dispatch.wakeups import END, Wakeups
 
 
 class Looks:
-    """What the store says of unfinished meshes; every look is kept, and fails when it is told to."""
+    """A store of unfinished meshes that records its queries, and fails when a test says so."""
 
     def __init__(self) -> None:
         self.asked: list[list[str]] = []
@@ -38,7 +38,7 @@ async def test_one_look_serves_all_waits_and_ends_those_whose_mesh_changed() -> 
         told[f"{name} {seen}"] = await wakeups.wait(name, 600.0, seen=seen)
 
     async def expect(*woken: str) -> None:
-        """Some looks later, these waits have ended and no others."""
+        """Some queries later, exactly these waits have ended."""
         number = len(looks.asked)
         with anyio.fail_after(50.0):
             while len(looks.asked) < number + 3 or len(told) < len(woken):

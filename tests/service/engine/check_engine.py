@@ -1,4 +1,4 @@
-"""What every engine must do. ``check_engine`` runs all of it against an engine of at least two workers."""
+"""The contract of engines. ``check_engine`` runs it against an engine of at least two workers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from equimesh_service.engine.port import Engine
 from equimesh_service.errors import MemoryLimitError, TimeLimitError, WorkerLostError
 
-# Far more than a busy machine takes, and far less than what a task without an end takes.
+# Far more than a busy machine needs.
 SECONDS = 60.0
 
 
@@ -24,12 +24,12 @@ def add(first: int, second: int) -> int:
 
 
 def fail(message: str) -> None:
-    """An error of the task's own."""
+    """An error that the task raises."""
     raise ValueError(message)
 
 
 def time_out() -> None:
-    """A TimeoutError of the task's own, not a time limit."""
+    """A TimeoutError that the task raises, not a time limit."""
     raise TimeoutError("mine")
 
 
@@ -39,7 +39,7 @@ def own_pid() -> int:
 
 
 def meet(here: str, there: str) -> bool:
-    """Whether another task, which waits for this one, runs at the same time."""
+    """Whether another task, which waits for this one, runs in parallel."""
     Path(here).touch()
     deadline = time.monotonic() + SECONDS
     while not Path(there).exists() and time.monotonic() < deadline:
@@ -48,7 +48,7 @@ def meet(here: str, there: str) -> bool:
 
 
 def spin(marker: str) -> None:
-    """Work without end, inside one call that no Python signal handler can interrupt."""
+    """Endless work inside one call that no Python signal handler can interrupt."""
     Path(marker).write_text(str(os.getpid()))
     sum(range(10**12))
 
@@ -64,7 +64,7 @@ def allocate(mebibytes: int) -> int:
 
 
 def check_engine(engine: Engine, folder: Path, memory_limit: int) -> None:
-    """Raise AssertionError where ``engine`` does not keep the contract of its port."""
+    """Raise AssertionError where ``engine`` breaks the contract of its port."""
     _check_results(engine)
     _check_parallel(engine, folder)
     _check_cancel(engine, folder)
@@ -148,7 +148,7 @@ def _alive(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    # A killed process stays visible until its parent has asked for its end.
+    # A killed process stays visible until its parent has waited for it.
     stat = Path(f"/proc/{pid}/stat")
     try:
         return stat.read_text().rpartition(")")[2].split()[0] != "Z"
@@ -157,7 +157,7 @@ def _alive(pid: int) -> bool:
 
 
 def expect_closed(engine: Engine) -> None:
-    """A closed engine takes no tasks and says that it is not ready."""
+    """A closed engine takes no tasks, and is not ready."""
     assert not engine.health().ready
     with pytest.raises(Exception, match="closed"):
         engine.submit(add, 1, 1)

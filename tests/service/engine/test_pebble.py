@@ -38,7 +38,7 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
         engine.close()
 
 
-# In a process of its own: the server is all engines', and there are those of other tests here.
+# In a process of its own, since the engines of a process share the server.
 SERVER_DIES = """
 import os, signal, time
 from equimesh_service.errors import WorkerLostError
@@ -68,7 +68,7 @@ engine.close()
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at processes")
 def test_the_server_of_the_workers_is_replaced_with_them() -> None:
-    """Nothing else than the service may start it: it would have other numbers of threads."""
+    """If anything else starts it, its numbers of threads are different."""
     variables = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     command = [sys.executable, "-c", SERVER_DIES]
     done = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=120, check=False)

@@ -1,4 +1,4 @@
-"""What a worker process gets before its first task."""
+"""The preparation of a worker process before its first task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every implementation of the files port must do; each check gets files that are prepared, and empty."""
+"""The contract of the files port; each check gets prepared and empty files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 
 from equimesh_service.files.port import PIECE_BYTES, Files, ListedFile, StoredFile
 
-# Larger than what goes up, or comes down, in one piece.
+# Larger than one part of an upload, and one piece of a download.
 MIN_POINTS_FOR_THREADS = random.Random(1).randbytes(20_000_001)
 
 
@@ -28,7 +28,7 @@ def keep(files: Files, content: bytes) -> StoredFile:
 
 
 def read(files: Files, sha256: str) -> bytes:
-    """All of a file, as a worker reads it."""
+    """The bytes of a file, as a worker reads them."""
     with files.local(sha256) as path:
         return path.read_bytes()
 
@@ -43,12 +43,12 @@ def read_range(files: Files, sha256: str, start: int, end: int) -> list[bytes]:
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """Temporary files that are left."""
+    """The temporary files that are left."""
     return list((folder / "unfinished").iterdir())
 
 
 def check_life(files: Files, folder: Path) -> None:
-    """A file is there from its publication to its removal, whole, under its content."""
+    """A file exists from its publication to its removal, complete, under its SHA-256."""
     content = b"a mesh"
     file = keep(files, content)
     assert file == StoredFile(hashlib.sha256(content).hexdigest(), len(content))
@@ -80,7 +80,7 @@ def check_large(files: Files, folder: Path) -> None:
 
 
 def check_undone(files: Files, folder: Path) -> None:
-    """What is sealed and not published can be swept, and comes back when it is published after all."""
+    """A sealed file that is not published can be swept, and is uploaded again when it is published after all."""
     with files.unfinished(".bin") as path:
         path.write_bytes(b"undone")
         file = files.seal(path)

@@ -46,8 +46,10 @@ def between(**sides: Any) -> dict[str, Any]:
     return small(domain={**CURVED, **sides})
 
 
-X, ONE = {"expression": "x"}, {"expression": "1"}
-ARC, WEIGHT = {"u": X}, {"kind": "weight", "rho": ONE}
+X = {"expression": "x"}
+ONE = {"expression": "1"}
+ARC = {"u": X}
+WEIGHT = {"kind": "weight", "rho": ONE}
 LINE = [[0, k / 10_000] for k in range(10_001)]
 EXPRESSION = "/monitor/u/expression"
 

@@ -1,4 +1,4 @@
-"""Databases of older releases are brought up to this one with all that is in them, and newer ones are left alone."""
+"""Databases of older releases are upgraded with all their rows, and newer ones are not touched."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_database_of_the_first_release_is_brought_up_to_date(database_url: str
     assert current(database_url) == "0001"
     assert upgrade(database_url) == current(database_url) == LATEST
     with engine.connect() as connection:
-        # SQLite does not tell a default as it was given.
+        # SQLite reports defaults in another form.
         defaults = connection.dialect.name == "postgresql"
         context = MigrationContext.configure(connection, opts={"compare_server_default": defaults})
         assert compare_metadata(context, metadata) == []
@@ -99,7 +99,7 @@ def test_services_that_start_together_change_it_once(database_url: str, engine: 
 def test_a_database_of_a_newer_release_is_refused(
     database_url: str, engine: Engine, tmp_path: Path, change: str
 ) -> None:
-    """Also one that a development version left, whose revision 0004 had fewer tables."""
+    """Also one of a development version, whose revision 0004 had fewer tables."""
     upgrade(database_url)
     with engine.begin() as connection:
         connection.execute(text(change))

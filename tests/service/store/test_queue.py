@@ -1,4 +1,4 @@
-"""The queue keeps its promises: order, fencing of lost attempts, leases."""
+"""The queue: order, fencing of lost attempts, leases."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from service.store.stores import claimed
 
 @dataclass
 class Steps:
-    """The steps of one sequence, which keeps two, and the files that their meshes held."""
+    """The steps of one sequence, which keeps two, and the files of their meshes."""
 
     store: Store
     removed: list[str] = field(default_factory=list)

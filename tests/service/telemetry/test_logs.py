@@ -1,4 +1,4 @@
-"""Log lines: one JSON object each, that leads from a request to its mesh and its worker, and tells no secret."""
+"""Log lines: one JSON object each, with the ids of request, mesh and worker, and without secrets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traces: one from the request into the worker, over a real receiver of OTLP; and nothing where they are off."""
+"""Traces: one from the request into the worker, over a real receiver of OTLP; none when they are off."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from service.observed import Observed
 
 SPEC = small(grid={"n_xi": 8, "n_eta": 11})  # nobody else's, so that it is solved and not reused
 FILE = "GET /v1/meshes/{id}/file"
-TRACE, CALLER = "0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331"
+TRACE = "0af7651916cd43dd8448eb211c80319c"
+CALLER = "b7ad6b7169203331"
 
 
 def test_one_trace_from_the_client_to_the_solve_and_the_export(observed: Observed) -> None:
@@ -54,7 +55,7 @@ def test_a_request_without_a_parent_begins_a_trace_of_its_own(observed: Observed
 
 
 def imports(path: Path) -> set[str]:
-    """What a module imports when it is loaded; not what its functions do."""
+    """The modules that a module imports when it is loaded, without those that its functions import."""
     found = set()
     for node in ast.parse(path.read_text()).body:
         if isinstance(node, ast.Import):

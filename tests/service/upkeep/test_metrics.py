@@ -1,4 +1,4 @@
-"""Metrics: each moves when its event happens, over a real service; labels are bounded; documents name what exists."""
+"""Metrics: each changes with its event, over a real service; labels are bounded; documents name existing metrics."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def read(text: str) -> Samples:
 
 
 class Watch:
-    """What metrics have moved by since the last look."""
+    """The changes of metrics since the last scrape."""
 
     def __init__(self, http: httpx.Client) -> None:
         self._http = http
@@ -119,7 +119,7 @@ def test_the_queue_streams_and_cancels(http: httpx.Client, watch: Watch) -> None
 
 
 def busiest() -> int:
-    """The process below this one that works; on a loaded machine it takes a while to show."""
+    """The process below this one that works; on a busy machine it takes a while to find."""
     before = {pid: ticks(pid) for pid in children(os.getpid())}
     used: dict[int, int] = until(
         lambda: max((now := {pid: ticks(pid) - then for pid, then in before.items()}).values()) > 10 and now
@@ -128,7 +128,7 @@ def busiest() -> int:
 
 
 def kill_the_worker(watch: Watch) -> None:
-    """Kill the worker that solves; one that only warms up may be busier for a moment, and is killed for nothing."""
+    """Kill the worker that solves; one that only warms up may be busier for a moment, and be killed instead."""
     for _ in range(5):
         os.kill(busiest(), signal.SIGKILL)
         with suppress(AssertionError):
@@ -138,7 +138,7 @@ def kill_the_worker(watch: Watch) -> None:
 
 
 def ticks(pid: int) -> int:
-    """Processor time of a process, in hundredths of a second; 0 of one that is gone."""
+    """Processor time of a process, in hundredths of a second; 0 for one that is gone."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -267,7 +267,7 @@ def test_the_document_lists_all_metrics() -> None:
 
 
 def queries() -> Iterator[tuple[str, str]]:
-    """Every query of the dashboard, the rules and the document, and where it stands."""
+    """Every query of the dashboard, the rules and the document, with its place."""
     for panel in json.loads((ROOT / "deploy/grafana/equimesh.json").read_text())["panels"]:
         for target in panel.get("targets", ()):
             yield panel["title"], target["expr"]

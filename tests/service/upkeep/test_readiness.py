@@ -1,4 +1,4 @@
-"""/readyz is true: what does not work is named, without its address; and probes cannot hurt."""
+"""/readyz names the parts that do not work, without their addresses; frequent probes cost nothing."""
 
 from __future__ import annotations
 

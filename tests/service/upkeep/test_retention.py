@@ -1,4 +1,4 @@
-"""What has had its time is removed, and nothing else is: meshes, samples, and files without an owner."""
+"""Only expired meshes and samples, and unnamed files, are removed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def files(tmp_path: Path) -> FolderFiles:
 
 
 def keep(files: FolderFiles, content: bytes, *, hours: float = 0.0) -> StoredFile:
-    """A published file, written so many hours ago."""
+    """A published file that was written this many hours ago."""
     with files.unfinished(".bin") as path:
         path.write_bytes(content)
         sealed = files.seal(path)
@@ -86,7 +86,7 @@ def test_finished_meshes_and_unused_samples_go_after_their_time(store: Store, cl
     assert not files.path(uploaded.sha256).exists()
     assert store.retention.has_removed("s-1", "key")
     assert not store.retention.has_removed("s-1", "")
-    # Samples that come back are there; when they have had their time again that is noted again.
+    # Samples that are uploaded again are there; when they expire again, that is recorded again.
     store.samples.add(SamplesRow("s-1", uploaded.sha256, uploaded.size, {}, clock()), key_id="key")
     assert not store.retention.has_removed("s-1", "key")
     clock.now += 301 * DAY

@@ -1,4 +1,4 @@
-"""Files of each kind, which are sent."""
+"""Files of each kind, to be sent."""
 
 from service.storages import files, s3
 

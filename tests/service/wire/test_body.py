@@ -1,4 +1,4 @@
-"""Bodies that cannot be read are refused: what is not JSON, too large, of a wrong type, or broken multipart."""
+"""Bodies that are refused: not JSON, too large, of a wrong type, or broken multipart."""
 
 from __future__ import annotations
 

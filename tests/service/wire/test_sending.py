@@ -1,4 +1,4 @@
-"""A stored file over HTTP: whole, in parts, not changed, and never whole in memory."""
+"""A stored file over HTTP: whole, in parts, under conditions, and never whole in memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from service.storages import CONTENT
 
 
 def answered(files: Files, file: StoredFile, *requests: dict[str, str], method: str = "GET") -> list[httpx.Response]:
-    """What requests with these headers for a file get."""
+    """The answers to requests for a file with these headers."""
 
     async def route(request: Request) -> Response:
         try:
@@ -154,6 +154,6 @@ def test_memory_does_not_grow_with_the_file(files: Files, s3: S3Server) -> None:
 
 
 def _peak() -> int:
-    """Most bytes of memory that this process held since its peak was cleared."""
+    """The peak of the memory of this process in bytes, since it was cleared."""
     text = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s*(\d+) kB", text)[1]) * 1024  # type: ignore[index]

@@ -1,4 +1,4 @@
-"""What is recorded of a convergence."""
+"""The history of a convergence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files of a mesh until they are published, written one after the other or each by a thread of its own."""
+"""The files of a mesh until they are published, written one after the other or each in a thread of its own."""
 
 import threading
 import time
@@ -22,7 +22,7 @@ def files(tmp_path: Path) -> FolderFiles:
 
 @pytest.mark.parametrize("in_threads", [False, True])
 def test_files_are_there_in_their_order_once_they_are_published(files: FolderFiles, in_threads: bool) -> None:
-    """The first is the last to be ready where each has a thread, which is what the order must not depend on."""
+    """With threads the first is ready last, and the order must not depend on that."""
     second = threading.Event()
     with ExitStack() as stack:
         output = Output(files, stack, in_threads=in_threads)
@@ -40,7 +40,7 @@ def test_files_are_there_in_their_order_once_they_are_published(files: FolderFil
 
 @pytest.mark.parametrize("in_threads", [False, True])
 def test_a_file_that_cannot_be_written_leaves_nothing(files: FolderFiles, tmp_path: Path, in_threads: bool) -> None:
-    """Not even of another that a thread is writing meanwhile: whoever gives up waits for it."""
+    """Also none that a thread is still writing, since a failure waits for the thread."""
     ended = threading.Event()
 
     def late(path: Path) -> None:

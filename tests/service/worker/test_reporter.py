@@ -1,4 +1,4 @@
-"""Progress is told sparingly, never goes back, and ends the work of an attempt that is lost."""
+"""Progress is reported rarely, never falls, and ends the work of a lost attempt."""
 
 from __future__ import annotations
 
