@@ -41,8 +41,8 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
 # In a process of its own, since the engines of a process share the server.
 SERVER_DIES = """
 import os, signal, time
-from equimesh_service.errors import WorkerLostError
 from equimesh_service.engine.pebble import PebbleEngine
+from equimesh_service.errors import WorkerLostError
 
 engine = PebbleEngine(1, preload=["equimesh_service.engine.pebble"])
 assert engine.wait_until_ready(60.0)
@@ -54,14 +54,14 @@ time.sleep(0.2)
 os.kill(server, signal.SIGKILL)
 began = time.monotonic()
 while engine.health().ready:
-    assert time.monotonic() - began < 30.0, "says that it is ready"
+    assert time.monotonic() - began < 30.0, "reports that it is ready"
     time.sleep(0.01)
 assert isinstance(running.exception(30.0), WorkerLostError)
 assert again.pop().result(30.0) != worker  # not lost again, with the pool that is about to be replaced
 assert engine.wait_until_ready(30.0)
 assert engine.submit(os.getppid).result(30.0) != server
 assert engine.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(30.0) == "1"
-assert not os.path.exists(f"/proc/{worker}"), "the worker goes on, and nobody knows of it"
+assert not os.path.exists(f"/proc/{worker}"), "the worker continues, and no one knows of it"
 engine.close()
 """
 

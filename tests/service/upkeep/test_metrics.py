@@ -206,7 +206,7 @@ def test_both_formats_of_prometheus(http: httpx.Client) -> None:
 
 def test_services_do_not_share_their_metrics() -> None:
     one, other = Metrics(), Metrics()
-    one.ended(Ending(status="failed", reason="folded"))
+    one.count_end(Ending(status="failed", reason="folded"))
     name = 'equimesh_meshes_finished_total{reason="folded",status="failed"}'
     assert f"{name} 1.0" in one.scrape("")[0].decode()
     assert name not in other.scrape("")[0].decode()
