@@ -94,7 +94,7 @@ def test_a_service_at_work_is_backed_up_and_restored(tmp_path: Path) -> None:
         with at_work(url):
             run("sqlite: back up", tmp_path)
     said = run("sqlite: restore", tmp_path, EQUIMESH_PORT="0", EQUIMESH_WORKERS="1")
-    (files,) = re.findall(r"^ok +stored +all (\d+) files that the database names are there$", said, re.MULTILINE)
+    (files,) = re.findall(r"^ok +stored +all (\d+) files in the database exist$", said, re.MULTILINE)
     assert int(files) >= 3
     with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as http:
         assert {mesh_id: file_of(http, mesh_id) for mesh_id in before} == before
@@ -133,7 +133,7 @@ def test_a_database_of_postgresql_is_backed_up_and_restored(tmp_path: Path, post
         engine.dispose()
         kept.write_bytes(b"")
         said = run("postgresql: restore", tmp_path, **variables)
-        assert "all 1 files that the database names are there" in said
+        assert "all 1 files in the database exist" in said
         assert kept.read_bytes() == b"12345"
     finally:
         with server.connect() as connection:
