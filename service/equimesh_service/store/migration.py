@@ -9,8 +9,10 @@ from equimesh_service.store.database import Database, lock
 from equimesh_service.store.schema import artifacts, meshes, metadata
 
 # The revision of the tables in `schema`: that of the last step in `migrations`.
-LATEST = "0004"
+LATEST = "0006"
 _FIRST = "0001"
+# The revisions that this release can upgrade from.
+_OLDER = (_FIRST, "0002", "0003")
 _log = logging.getLogger(__name__)
 # The table of Alembic, as Alembic creates it.
 _version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))
@@ -65,8 +67,7 @@ def _revision(connection: Connection) -> str | None:
         # Release 0.1 stored no revision.
         return _FIRST if {meshes.name, artifacts.name} <= tables else None
     found = connection.execute(select(_version.c.version_num)).scalar()
-    # A development version called its revisions 0004 to 0006; its 0004 lacks a table.
-    if found is None or str(found) > LATEST or (found == LATEST and not metadata.tables.keys() <= tables):
+    if found != LATEST and found not in _OLDER:
         raise NewerDatabaseError(
             f"the database is of revision {found}, of a newer release of equimesh or a development version; "
             f"this release knows {LATEST}: install that version again, or restore a backup from before it"

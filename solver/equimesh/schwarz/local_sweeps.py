@@ -12,7 +12,7 @@ from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.sweeps.frame import Frame
-from equimesh.sweeps.sweep import Sweep, memory_needed
+from equimesh.sweeps.sweep import Sweep, memory_needed, take_midpoints
 
 Rest: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -38,7 +38,7 @@ class SubdomainSweeps:
         x, y, moves = start.x, start.y, [math.inf]
         for count in range(1, most + 1):
             found = self._sweep.correct(x, y, None if rest is None else rest(x, y))
-            _, smallest = self._sweep.guard(x, y)
+            _, smallest = self._sweep.guard(x, y, shorten=take_midpoints)
             if not (math.isfinite(found.deviation) and smallest > 0.0):
                 return NewtonSolution(start, count, math.inf, converged=False, swept=True)
             x, y = self._sweep.swap(x, y)

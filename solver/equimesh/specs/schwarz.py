@@ -55,9 +55,10 @@ def build_schwarz(document: object) -> Schwarz | None:
     ``grid`` or ``schwarz``.
     """
     given = mapping(document, "")
-    grid = GRID(given.get("grid", {}), "grid")
     schwarz: Schwarz | None = SCHWARZ(given.get("schwarz"), "schwarz")
-    if schwarz is not None:
-        with within("schwarz"):
-            schwarz.decompose(grid)
+    if schwarz is None:
+        return None
+    grid = GRID(given.get("grid", {}), "grid")
+    with within("schwarz"):
+        schwarz.decompose(grid)
     return schwarz

@@ -11,6 +11,7 @@ The nodes on the sides move by the same rule, at the same time. The iteration is
 solution, for instance from a coarser grid, or damping.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,19 @@ MIN_THREADED_NODES = 16_384
 MAX_NODES_AT_ONCE = 1_024
 # The moves of a sweep that would fold the mesh are halved, but not below this share.
 MIN_MOVE_SHARE = 1 / 64
+
+
+def halve_moves(moved: Array, old: Array) -> None:
+    """Halve the moves from ``old`` to ``moved``, in place."""
+    moved -= old
+    moved *= 0.5
+    moved += old
+
+
+def take_midpoints(moved: Array, old: Array) -> None:
+    """The same as :func:`halve_moves` but for rounding, which the meshes of subdomains show in their last bit."""
+    moved += old
+    moved *= 0.5
 
 
 @dataclass(frozen=True)
@@ -121,19 +135,26 @@ class Sweep:
         return smallest_jacobian(self.new_x, self.new_y)
 
     def guard(
-        self, x: Array, y: Array, *, halve: bool = False, floor: float = 0.0, min_share: float = MIN_MOVE_SHARE
+        self,
+        x: Array,
+        y: Array,
+        *,
+        halve: bool = False,
+        floor: float = 0.0,
+        min_share: float = MIN_MOVE_SHARE,
+        shorten: Callable[[Array, Array], None] = halve_moves,
     ) -> tuple[float, float]:
         """Halve the moves of the last :meth:`correct` until the smallest Jacobian is above ``floor``.
 
         ``x`` and ``y`` are the nodes before the sweep. ``halve`` halves at least once. Moves are not
-        reduced below ``min_share``. Returns the remaining share and the smallest Jacobian, 0 if halving did not help.
+        reduced below ``min_share``. ``shorten`` halves the moves of one coordinate. Returns the remaining share and the
+        smallest Jacobian, 0 if halving did not help.
         """
         share, needed = 1.0, halve
         while True:
             if needed:
-                for moved, old in ((self.new_x, x), (self.new_y, y)):
-                    moved += old
-                    moved *= 0.5
+                shorten(self.new_x, x)
+                shorten(self.new_y, y)
                 share *= 0.5
             smallest = self.smallest_jacobian
             if smallest > floor:

@@ -64,7 +64,8 @@ def test_a_fault_has_the_path_of_the_document(settings: object, field: str) -> N
     assert caught.value.field == field
 
 
-def test_the_grid_is_checked_for_a_single_domain_too() -> None:
+def test_settings_are_refused_before_the_grid_is_read() -> None:
     with pytest.raises(InputError) as caught:
-        build_schwarz({"grid": {"n_xi": 3}})
-    assert caught.value.field == "grid.n_xi"
+        build_schwarz({"grid": {"n_xi": 3}, "schwarz": {"line_correction": 12}})
+    assert caught.value.field == "schwarz.line_correction"
+    assert build_schwarz({"grid": {"n_xi": 3}}) is None

@@ -10,7 +10,7 @@ from cases import problem
 from equimesh.equations.mesh_equations import Cells
 from equimesh.single_domain import iteration
 from equimesh.sweeps import sweep as chord
-from equimesh.sweeps.sweep import Sweep, memory_needed
+from equimesh.sweeps.sweep import Sweep, halve_moves, memory_needed, take_midpoints
 from solver.sweeps.windows import distance, disturbed, sweep_on
 
 
@@ -97,3 +97,16 @@ def test_a_guarded_sweep_halves_its_moves_until_nothing_folds() -> None:
     assert sweep.guard(mesh.x, mesh.y) == (1 / 64, 0.0)
     overshoot(0.5)
     assert sweep.guard(mesh.x, mesh.y, floor=1.0)[1] == 0.0, "no share of a move is above this floor"
+
+
+def test_each_way_to_halve_a_move_keeps_its_rounding() -> None:
+    """Where a coordinate grows by more than a factor of two, the two ways differ in the last bit."""
+    rng = np.random.default_rng(3)
+    old = rng.random((50, 50)) * 1e-2
+    new = old * 7.3
+    halved, middle = new.copy(), new.copy()
+    halve_moves(halved, old)
+    take_midpoints(middle, old)
+    assert (halved == old + (new - old) * 0.5).all()
+    assert (middle == (new + old) * 0.5).all()
+    assert 0.0 < abs(halved - middle).max() < 1e-16

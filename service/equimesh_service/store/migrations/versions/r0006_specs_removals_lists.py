@@ -3,7 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0004"
+# Three steps of a development version, 0004 to 0006, are this one: its last database is one of this release.
+revision = "0006"
 down_revision = "0003"
 
 
