@@ -27,8 +27,7 @@ INTRODUCTION = """\
 {cells} solves with the arc-length monitor and otherwise default settings, each on one thread.
 `benchmarks/robustness.py` runs them and writes this page; the numbers are in `benchmarks/robustness.json`.
 {missing}\
-Results are added cell by cell. 342 of them are older than the last changes of the solver, which now adds less of the
-cross-line term where `a` is reduced, and ends sooner on fine grids where no mesh is valid.
+All of them are of one run of this release.
 
 ## Summary
 """
