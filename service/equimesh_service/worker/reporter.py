@@ -1,9 +1,9 @@
 """The progress of a solve: some of the events of the solver, reported to the store."""
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from time import monotonic
 from typing import Any
 
 from equimesh import Event, Iteration, Schwarz
@@ -40,7 +40,7 @@ class Reporter:
     _fraction: float = 0.0
     _first_change: float = math.nan
     _has_reported: bool = False
-    _last: float = field(default_factory=lambda: time.monotonic())
+    _last: float = field(default_factory=lambda: monotonic())
 
     def __call__(self, event: Event) -> None:
         """Report an event of the solver."""
@@ -71,7 +71,7 @@ class Reporter:
         """Report the progress, unless the last report was a moment ago."""
         if not always and not self._is_due():
             return
-        self._last, self._has_reported = time.monotonic(), True
+        self._last, self._has_reported = monotonic(), True
         numbers = {"residual": residual, **more}
         report = {
             "stage": stage,
@@ -88,7 +88,7 @@ class Reporter:
         self.report(WRITING, None, None, {}, always=self._has_reported)
 
     def _is_due(self) -> bool:
-        return time.monotonic() - self._last >= self.interval
+        return monotonic() - self._last >= self.interval
 
     def _share(self, event: Iteration) -> float:
         if self.schwarz is None:

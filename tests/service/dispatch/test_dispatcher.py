@@ -173,11 +173,11 @@ def test_a_dispatcher_that_is_stuck_is_not_alive(
     go_on = threading.Event()
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
     dispatcher.start(alone=True)
-    until(dispatcher.alive)
+    until(lambda: dispatcher.is_alive())
     monkeypatch.setattr(engine, "health", lambda: (go_on.wait(60.0), Health(ready=True, workers=2))[1])
     until(lambda: not dispatcher.is_alive())
     go_on.set()
-    until(dispatcher.alive)
+    until(lambda: dispatcher.is_alive())
     dispatcher.stop()
     assert not dispatcher.is_alive()
 
