@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from random_functions import KINDS, random_functions
 
 import equimesh as em
 from equimesh_cli.benchmark import newton, peers, solves
@@ -116,10 +117,25 @@ def test_peers_make_as_many_vertices(library: str) -> None:
     assert abs(found.vertices / 33**2 - 1.0) <= peers.NEAR
 
 
+def test_random_functions_are_those_of_their_seed() -> None:
+    functions = random_functions(1, 60)
+    assert functions[:5] == random_functions(1, 5)
+    assert functions[:5] != random_functions(2, 5)
+    assert {function.kind for function in functions} == {*KINDS, "sum"}
+
+
+def test_every_random_function_varies_on_the_square() -> None:
+    at = np.linspace(0.0, 1.0, 33)
+    for kind, u in random_functions(3, 60):
+        (values,) = em.Expression(u).evaluate(*np.meshgrid(at, at, indexing="ij"))
+        assert 0.1 < np.ptp(values) < 10.0, (kind, u)
+
+
 @pytest.mark.parametrize(
     ("script", "arguments", "said"),
     [
         ("newton.py", ["--points", "33"], "Newton with SuperLU"),
+        ("random_functions.py", ["--count", "3"], "tanh("),
         ("peers.py", ["--points", "17", "--functions", "paper"], "equimesh ArcLength"),
     ],
 )
