@@ -12,7 +12,7 @@ from equimesh.plot import draw_decomposition, draw_mesh, draw_surface
 
 # The paper: 18 x 18 points, a = 0.7, b = 0.05, two subdomains with 4 points of overlap in xi, linear Robin, p = 2.3.
 PAPER = em.Problem(
-    monitor=em.ArcLength(u=em.Expression("(1 - exp(15*(x - 1))) * sin(pi*y)"), a=0.7, b=0.05),
+    monitor=em.ArcLength(u=em.Expression("(1 - exp(15*(x - 1))) * sin(pi*y)"), a=0.7, b=0.05, scaled=False),
     grid=em.Grid(n_xi=18, n_eta=18),
     boundary=em.Boundary.EQUIDISTRIBUTED_1D,
 )

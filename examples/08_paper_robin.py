@@ -14,7 +14,7 @@ import equimesh as em
 from equimesh.plot import draw_histories
 
 PAPER = em.Problem(
-    monitor=em.ArcLength(u=em.Expression("(1 - exp(15*(x - 1))) * sin(pi*y)"), a=0.7, b=0.05),
+    monitor=em.ArcLength(u=em.Expression("(1 - exp(15*(x - 1))) * sin(pi*y)"), a=0.7, b=0.05, scaled=False),
     grid=em.Grid(n_xi=12, n_eta=12),
     boundary=em.Boundary.EQUIDISTRIBUTED_1D,
 )

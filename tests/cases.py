@@ -17,10 +17,11 @@ def problem(
     boundary: em.Boundary = em.Boundary.TRACE,
     a: float = 0.7,
     b: float = 0.05,
+    scaled: bool = False,
 ) -> em.Problem:
-    """The mesh of one of the :data:`FUNCTIONS`, on a square grid unless ``n_eta`` is given."""
+    """The mesh of one of the :data:`FUNCTIONS`, on a square grid unless ``n_eta`` is given. u is not scaled."""
     return em.Problem(
-        monitor=em.ArcLength(u=em.Expression(FUNCTIONS[name]), a=a, b=b),
+        monitor=em.ArcLength(u=em.Expression(FUNCTIONS[name]), a=a, b=b, scaled=scaled),
         grid=em.Grid(n_xi=n_xi, n_eta=n_eta or n_xi),
         boundary=boundary,
     )

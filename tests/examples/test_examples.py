@@ -126,7 +126,7 @@ def test_a_mesh_that_follows_a_front_keeps_it_sharp(run_alone: Run, tmp_path: Pa
     pytest.importorskip("equimesh_service")
     errors = np.array([list(map(float, line.split())) for line in run_alone("15").splitlines() if line[:2] == "0."])
     assert errors.shape == (10, 3)
-    assert np.all(errors[:, 2] > 4 * errors[:, 1])
+    assert np.all(errors[:, 2] > 3.5 * errors[:, 1])
     assert errors[-1, 1] < 1.3 * errors[0, 1]  # little is lost from mesh to mesh
     check_picture(tmp_path / "moving-front.png")
 

@@ -15,7 +15,7 @@ BOUNDARIES = list(em.Boundary)
 
 
 def mesh_of(u: str, n_xi: int, n_eta: int, boundary: em.Boundary = em.Boundary.TRACE) -> em.Mesh:
-    monitor = em.ArcLength(u=em.Expression(u))
+    monitor = em.ArcLength(u=em.Expression(u), scaled=False)
     return em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=n_xi, n_eta=n_eta), boundary=boundary)).mesh
 
 
@@ -113,7 +113,7 @@ def test_the_schwarz_limit_is_the_single_domain_mesh(
     boundary: em.Boundary,
     ordering: em.Ordering,
 ) -> None:
-    monitor = em.ArcLength(u=em.Expression(CONVERGES[condition.name]))
+    monitor = em.ArcLength(u=em.Expression(CONVERGES[condition.name]), scaled=False)
     case = em.Problem(monitor=monitor, grid=em.Grid(n_xi=16, n_eta=15), boundary=boundary)
     settings = em.Schwarz(
         subdomains=partition, overlap=4, transmission=condition, ordering=ordering, tolerance=1e-11, max_iterations=150

@@ -39,7 +39,7 @@ def test_single_domain(boundary: em.Boundary, b: float) -> None:
 def test_samples() -> None:
     axis = np.linspace(0, 1, 21)
     values = np.sin(4 * axis)[:, None] * np.cos(3 * axis)
-    monitor = em.ArcLength(u=em.GridSamples(x=axis, y=axis, values=values), a=1.0, b=0.0)
+    monitor = em.ArcLength(u=em.GridSamples(x=axis, y=axis, values=values), a=1.0, b=0.0, scaled=False)
     case = em.Problem(monitor=monitor, grid=em.Grid(n_xi=8, n_eta=9))
     equations, mesh = case.equations(), em.Mesh.uniform(case.grid)
     z, v = equations.vector(mesh), np.zeros(2 * equations.size)

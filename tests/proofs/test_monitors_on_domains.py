@@ -90,8 +90,8 @@ SMOOTH: list[tuple[em.Monitor, str, em.Boundary]] = [
     for domain in DOMAINS
     for monitor, boundary in (
         (MONITORS["arc_length"], em.Boundary.TRACE),
-        (em.ArcLength(u=NARROW, a=0.3), em.Boundary.EQUIDISTRIBUTED_1D),
-        (em.ArcLength(u=NARROW, a=0.3), em.Boundary.ORTHOGONAL),
+        (em.ArcLength(u=NARROW, a=0.3, scaled=False), em.Boundary.EQUIDISTRIBUTED_1D),
+        (em.ArcLength(u=NARROW, a=0.3, scaled=False), em.Boundary.ORTHOGONAL),
     )
     if not (domain == "quadrilateral" and boundary is em.Boundary.ORTHOGONAL)  # its corners are no right angles
 ]

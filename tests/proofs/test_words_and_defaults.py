@@ -219,6 +219,7 @@ COMMANDS = {
 DEFAULTS = {
     "-a": em.ArcLength.a,
     "-b": em.ArcLength.b,
+    "--scaled": em.ArcLength.scaled,
     "--norm": em.Curvature.norm,
     "--smoothing": 0,
     "--n-xi": build(DOCUMENTS["least"]).problem.grid.n_xi,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
 ALLOWED = {
-    "arc-length": ("a", "b", "smoothing"),
+    "arc-length": ("a", "b", "scaled", "smoothing"),
     "curvature": ("norm", "isotropic", "smoothing"),
     "weight": ("rho", "smoothing"),
     "tensor": ("m11", "m12", "m22", "smoothing"),
@@ -31,6 +31,12 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--monitor", choices=tuple(ALLOWED), default="arc-length", help="(arc-length)")
     group.add_argument("-a", type=float, help="arc-length: strength of the adaptation, 0 to 1 (0.7)")
     group.add_argument("-b", type=float, help="arc-length: damping where u is steep, not negative (0.05)")
+    group.add_argument(
+        "--scaled",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="arc-length: u in units of its range, lengths in units of the domain (True: --no-scaled as in the paper)",
+    )
     group.add_argument("--norm", choices=("l2", "h1"), help="curvature: the error to be made small (l2)")
     group.add_argument(
         "--isotropic", action="store_true", default=None, help="curvature: small cells, without a preferred direction"

@@ -17,17 +17,21 @@ class ArcLength:
 
     ``a`` in [0, 1] is the strength, ``b`` >= 0 the damping where u is steep. ``smoothing`` in [0, 0.25] is the radius
     over which the metric is averaged, in units of the domain's shorter extent. ``u`` replaces that of `generate`.
+    ``scaled`` takes u in units of its range and lengths in units of the domain's size, so that the mesh does not depend
+    on units. With False they are taken as they are given, as in the paper.
     """
 
     a: float = 0.7
     b: float = 0.05
+    scaled: bool = True
     smoothing: float = 0.0
     u: object = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
         u_json = _u_json(read, self.u, u, required_by="ArcLength")
-        return _with_smoothing({"kind": "arc_length", **u_json, "a": self.a, "b": self.b}, self.smoothing)
+        monitor = {"kind": "arc_length", **u_json, "a": self.a, "b": self.b, "scaled": self.scaled}
+        return _with_smoothing(monitor, self.smoothing)
 
 
 @dataclass(frozen=True, kw_only=True)

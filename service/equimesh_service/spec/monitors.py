@@ -33,6 +33,11 @@ class ArcLengthSpec(Strict):
     u: Source
     a: FiniteFloat = Field(0.7, description="Strength of the adaptation, in [0, 1]; 0 gives the uniform mesh.")
     b: FiniteFloat = Field(0.05, description="Damping where u is steep, not negative.")
+    scaled: bool = Field(
+        True,
+        description="Take u in units of its range on the domain, and lengths in units of the domain's size (the root "
+        "of its area): the mesh does not depend on units. false is the formula of the paper for u as it is given.",
+    )
     smoothing: _Smoothing = 0.0
 
 

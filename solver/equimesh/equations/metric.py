@@ -48,7 +48,13 @@ class ReferenceMetric:
     @cached_property
     def arc_length(self) -> ArcLength | None:
         """The monitor if its gradient of u is taken on the mesh; all others are functions of the point."""
-        return self.monitor if isinstance(self.monitor, ArcLength) else None
+        return self.monitor.on(self.domain) if isinstance(self.monitor, ArcLength) else None
+
+    @cached_property
+    def _factor(self) -> float:
+        """The factor of u of the arc length; see :attr:`equimesh.monitors.arc_length.ArcLength.factor`."""
+        factor = None if self.arc_length is None else self.arc_length.factor
+        return 1.0 if factor is None else factor
 
     @cached_property
     def on_unit_square(self) -> bool:
@@ -64,18 +70,20 @@ class ReferenceMetric:
         return max(1.0, size / variation) if 0.0 < variation < math.inf else 1.0
 
     def u(self, s: Array, t: Array) -> Array:
-        """u of the arc-length monitor at reference points; zero for other monitors."""
+        """u of the arc-length monitor in its units, at reference points; zero for other monitors."""
         if self.arc_length is None:
             return np.zeros(s.shape)
         (u,) = self.arc_length.u.evaluate(*self._physical(s, t))
-        return u
+        return u if self._factor == 1.0 else self._factor * u
 
     def u_with_gradient(self, s: Array, t: Array) -> Tensor:
-        """u of the arc-length monitor and its derivatives by s and t; zeros for other monitors."""
+        """u of the arc-length monitor in its units, and its derivatives by s and t; zeros for other monitors."""
         if self.arc_length is None:
             zero = np.zeros(s.shape)
             return zero, zero, zero
         u, u_x, u_y = self.arc_length.u.evaluate(*self._physical(s, t), order=1)
+        if self._factor != 1.0:
+            u, u_x, u_y = self._factor * u, self._factor * u_x, self._factor * u_y
         if self.on_unit_square:
             return u, u_x, u_y
         x_s, x_t, y_s, y_t = self.domain.jacobian(s, t)

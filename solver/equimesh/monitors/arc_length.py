@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_field
 from equimesh.monitors.monitor import require_strength
+from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.numerics.types import Array
+
+RANGE_CELLS = 90
+"""Cells in a direction, at whose nodes the range of u is measured."""
+MAX_CONSTANT_SHARE = 4 * float(np.finfo(np.float64).eps)
+"""u counts as constant when its range is at most this share of its size: that is rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,12 +28,25 @@ class ArcLength:
 
     ``a`` in [0, 1] is the strength of the adaptation: 0 gives the uniform mesh. ``b >= 0`` bounds the metric where
     u is steep (``k |grad u|^2 < a^2 / b``): raise it when cells get too thin or the solve fails.
+
+    ``scaled`` makes the metric independent of the units of u and of the coordinates: ``grad u`` is then the gradient of
+    u over its range (the largest value minus the smallest one on the domain), by lengths in units of the size of the
+    domain (the root of its area). With False u and the lengths are taken as they are given, as in the paper. The two
+    are equal for a u between 0 and 1 on the unit square.
+
     Raises :class:`~equimesh.errors.InputError` for values outside these ranges.
     """
 
     u: Field
     a: float = 0.7
     b: float = 0.05
+    scaled: bool = True
+    factor: float | None = field(default=None, init=False, compare=False)
+    """The factor of ``grad u``: 1, or the size of the domain over the range of u; known once the monitor is bound.
+
+    0 where u is constant on the domain.
+    """
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_field(self.u, "u")
@@ -33,9 +54,13 @@ class ArcLength:
             raise InputError(f"a = {self.a}: the relaxation parameter a must lie in [0, 1]", field="a")
         if not (self.b >= 0.0 and math.isfinite(self.b)):
             raise InputError(f"b = {self.b}: the damping parameter b must be finite and not negative", field="b")
+        if not isinstance(self.scaled, bool):
+            raise InputError(f"scaled = {str(self.scaled)[:20]}: give True or False", field="scaled")
+        if not self.scaled:
+            object.__setattr__(self, "factor", 1.0)
 
     def strength(self, squared_gradient: Array) -> Array:
-        """``k`` at points where ``|grad u|^2`` is ``squared_gradient``."""
+        """``k`` at points where ``|grad u|^2`` is ``squared_gradient``, both in the units of :attr:`factor`."""
         return self.a**2 / (1.0 + self.b * squared_gradient)
 
     def strength_slope(self, squared_gradient: Array) -> Array:
@@ -43,16 +68,37 @@ class ArcLength:
         return -self.b * self.a**2 / (1.0 + self.b * squared_gradient) ** 2
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """``(m11, m12, m22)`` at physical points, from the exact gradient of u."""
-        _, u_x, u_y = self.u.evaluate(x, y, order=1)
+        """``(m11, m12, m22)`` at physical points, from the exact gradient of u.
+
+        Raises :class:`~equimesh.errors.InputError` before a scaled monitor is bound to a domain.
+        """
+        if self.factor is None:
+            raise InputError("the scale of an arc length depends on the domain: call monitor.on(domain) first")
+        _, u_x, u_y = (self.factor * values for values in self.u.evaluate(x, y, order=1))
         xx, yy = u_x * u_x, u_y * u_y
         k = self.strength(xx + yy)
         return 1.0 + k * xx, k * u_x * u_y, 1.0 + k * yy
 
-    def on(self, domain: Domain) -> ArcLength:  # noqa: ARG002 - every monitor can be bound
-        """The monitor itself: nothing in it depends on the domain."""
-        return self
+    def on(self, domain: Domain) -> ArcLength:
+        """The monitor with the :attr:`factor` of ``domain``."""
+        if is_bound_to(self._domain, domain):
+            return self
+        return bound_copy(self, domain, factor=self._scale(domain) if self.scaled else 1.0)
 
     def weakened(self, strength: float) -> ArcLength:
         """The monitor with ``strength * a`` for ``a``."""
-        return replace(self, a=require_strength(strength) * self.a)
+        weaker = replace(self, a=require_strength(strength) * self.a)
+        return weaker if self._domain is None else bound_copy(weaker, self._domain, factor=self.factor)
+
+    def _scale(self, domain: Domain) -> float:
+        """The size of the domain over the range of u, from the finite values of u; 0 where there is no range."""
+        probe = Probe.of_closure(domain, RANGE_CELLS)
+        with np.errstate(all="ignore"):
+            (u,) = self.u.evaluate(probe.x, probe.y)
+        known = u[np.isfinite(u)]
+        if known.size == 0:
+            return 1.0
+        low, high = float(known.min()), float(known.max())
+        if not high - low > MAX_CONSTANT_SHARE * max(abs(low), abs(high)):
+            return 0.0
+        return math.sqrt(domain.area) / (high - low)

@@ -35,7 +35,7 @@ def build_monitor(document: object, domain: Domain, find_samples: FindSamples, p
 def _monitor(function: Reader) -> ByKind[Monitor]:
     """The reader of monitors whose functions ``function`` reads."""
     plain = {
-        "arc_length": _record(ArcLength, u=function, a=number, b=number),
+        "arc_length": _record(ArcLength, u=function, a=number, b=number, scaled=flag),
         "curvature": _record(Curvature, u=function, norm=as_given, isotropic=flag),
         "weight": _record(Weight, rho=function, u=optional(function)),
         "tensor": _record(Tensor, m11=function, m12=function, m22=function, u=optional(function)),

@@ -17,11 +17,11 @@ def read(function: object) -> dict[str, Any]:
 X, Y = read("x"), read("y")
 # the monitor, the u of `generate`, the JSON
 GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
-    (ArcLength(), "x", {"kind": "arc_length", "u": X, "a": 0.7, "b": 0.05}),
+    (ArcLength(), "x", {"kind": "arc_length", "u": X, "a": 0.7, "b": 0.05, "scaled": True}),
     (
         ArcLength(a=0.5, smoothing=0.1, u="y"),
         None,
-        {"kind": "arc_length", "u": Y, "a": 0.5, "b": 0.05, "smoothing": 0.1},
+        {"kind": "arc_length", "u": Y, "a": 0.5, "b": 0.05, "scaled": True, "smoothing": 0.1},
     ),
     (Curvature(norm="h1"), "x", {"kind": "curvature", "u": X, "norm": "h1", "isotropic": False}),
     (Weight("y"), None, {"kind": "weight", "rho": Y}),
@@ -37,7 +37,7 @@ GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
             "monitors": [
                 {"kind": "curvature", "u": X, "norm": "l2", "isotropic": False},
                 {"kind": "weight", "rho": Y},
-                {"kind": "arc_length", "u": Y, "a": 0.7, "b": 0.05},
+                {"kind": "arc_length", "u": Y, "a": 0.7, "b": 0.05, "scaled": True},
             ],
         },
     ),

@@ -37,7 +37,7 @@ def test_smoothing_is_the_mean_with_a_gaussian() -> None:
 
 
 def test_a_smoothed_front_is_milder_and_its_metric_positive_definite_and_smooth() -> None:
-    sharp = em.ArcLength(u=em.Expression("tanh(200*(x - y))"), a=1.0, b=0.0)
+    sharp = em.ArcLength(u=em.Expression("tanh(200*(x - y))"), a=1.0, b=0.0, scaled=False)
     x, y = points(n=301)
     low = []
     for radius in (0.002, 0.02, 0.1):
@@ -54,7 +54,7 @@ def test_a_smoothed_front_is_milder_and_its_metric_positive_definite_and_smooth(
 
 
 def test_the_smoothed_metric_goes_on_beyond_the_sides() -> None:
-    smoothed = em.Smoothed(monitor=em.ArcLength(u=STEEP), radius=0.02).on(SECTOR)
+    smoothed = em.Smoothed(monitor=em.ArcLength(u=STEEP, scaled=False), radius=0.02).on(SECTOR)
     line = np.linspace(0, 1, 50)
     for s, t in ((0 * line, line), (0 * line + 1, line), (line, 0 * line), (line, 0 * line + 1)):
         inside = smoothed.metric(*SECTOR.map(s, t))[0]
@@ -65,13 +65,13 @@ def test_the_smoothed_metric_goes_on_beyond_the_sides() -> None:
 @pytest.mark.parametrize("radius", [0.0, -0.1, 0.3, math.nan])
 def test_a_radius_out_of_range_is_refused(radius: float) -> None:
     with pytest.raises(em.InputError, match="radius") as caught:
-        em.Smoothed(monitor=em.ArcLength(u=STEEP), radius=radius)
+        em.Smoothed(monitor=em.ArcLength(u=STEEP, scaled=False), radius=radius)
     assert caught.value.field == "radius"
 
 
 def test_an_unbound_smoothed_monitor_says_what_to_do() -> None:
     with pytest.raises(em.InputError, match=r"monitor\.on\(domain\)"):
-        em.Smoothed(monitor=em.ArcLength(u=STEEP)).metric(*points(n=3))
+        em.Smoothed(monitor=em.ArcLength(u=STEEP, scaled=False)).metric(*points(n=3))
 
 
 @settings(max_examples=20, deadline=None)

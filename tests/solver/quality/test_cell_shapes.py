@@ -23,14 +23,14 @@ def test_rectangles(ratio: float) -> None:
 def test_a_rectangle_that_is_square_in_the_metric_is_aligned() -> None:
     # u = 2x, a = 1, b = 0: M = diag(5, 1), so a cell sqrt(5) times as tall as wide is a square to M.
     mesh = one_quad((0, 0), (0.2, 0), (0.2, 0.2 * math.sqrt(5)), (0, 0.2 * math.sqrt(5)))
-    monitor = ArcLength(u=SLOPE, a=1.0, b=0.0)
+    monitor = ArcLength(u=SLOPE, a=1.0, b=0.0, scaled=False)
     assert alignment(mesh, monitor)[0, 0] == pytest.approx(1.0)
     assert shape_regularity(mesh)[0, 0] == pytest.approx(3 / math.sqrt(5))
 
 
 def test_alignment_sees_the_off_diagonal_of_the_metric() -> None:
     diagonal = Analytic(lambda x, y: x + y, constant(1.0), constant(1.0))
-    monitor = ArcLength(u=diagonal, a=1.0, b=0.0)  # M = [[2, 1], [1, 2]], det 3
+    monitor = ArcLength(u=diagonal, a=1.0, b=0.0, scaled=False)  # M = [[2, 1], [1, 2]], det 3
     square = one_quad((0, 0), (1, 0), (1, 1), (0, 1))
     assert alignment(square, monitor)[0, 0] == pytest.approx(4 / (2 * math.sqrt(3)))
     # F' = sheared so that F'^T M F' = diag(2, 3/2): columns (1, 0) and (-1/2, 1).
@@ -51,7 +51,7 @@ def test_a_skewed_quadrilateral_by_hand() -> None:
         np.repeat(columns[:, None], 4, axis=1),
         np.stack([low, high, high + 1 / 3, high + 2 / 3], axis=1),
     )
-    q = measure(tiled, ArcLength(u=CONSTANT))
+    q = measure(tiled, ArcLength(u=CONSTANT, scaled=False))
     row = np.s_[:, 0]
     assert q.q_geo.cells[row] == pytest.approx([1.5, 1.5, 1.5])
     assert q.scaled_jacobian.cells[row] == pytest.approx([math.cos(tilt)] * 3)
@@ -88,15 +88,15 @@ def test_skewness_of_a_kite(reach: float) -> None:
     angles = [90, tip, (270 - tip) / 2]
     expected = max(max(angles) - 90, 90 - min(angles)) / 90
     assert (max(angles) - 90 > 90 - min(angles)) == (reach == 0.6)
-    assert measure(Mesh(x, y), ArcLength(u=CONSTANT)).skewness.cells[1, 1] == pytest.approx(expected)
+    assert measure(Mesh(x, y), ArcLength(u=CONSTANT, scaled=False)).skewness.cells[1, 1] == pytest.approx(expected)
 
 
 def test_size_ratio_takes_the_worst_neighbour_along_both_directions() -> None:
     x = np.array([0.0, 0.1, 0.4, 1.0])  # widths 1, 3, 6
     y = np.array([0.0, 0.4, 0.8, 1.0])  # heights 2, 2, 1
-    q = measure(Mesh(*np.meshgrid(x, y, indexing="ij")), ArcLength(u=CONSTANT))
+    q = measure(Mesh(*np.meshgrid(x, y, indexing="ij")), ArcLength(u=CONSTANT, scaled=False))
     assert q.size_ratio.cells == pytest.approx(np.array([[3, 3, 3], [3, 3, 3], [2, 2, 2]], dtype=float))
-    tall = measure(Mesh(*np.meshgrid(y, x, indexing="ij")), ArcLength(u=CONSTANT))
+    tall = measure(Mesh(*np.meshgrid(y, x, indexing="ij")), ArcLength(u=CONSTANT, scaled=False))
     assert tall.size_ratio.cells == pytest.approx(q.size_ratio.cells.T)
 
 
@@ -104,7 +104,7 @@ def test_the_measures_of_shape_do_not_see_scale_or_rotation() -> None:
     mesh, c, s = wavy(), math.cos(0.7), math.sin(0.7)
     moved = Mesh(5 + 1e-3 * (c * mesh.x - s * mesh.y), 1e-3 * (s * mesh.x + c * mesh.y))
     assert shape_regularity(moved) == pytest.approx(shape_regularity(mesh), rel=1e-9)
-    first, second = (measure(m, ArcLength(u=CONSTANT)) for m in (mesh, moved))
+    first, second = (measure(m, ArcLength(u=CONSTANT, scaled=False)) for m in (mesh, moved))
     for name in ("scaled_jacobian", "skewness", "aspect_ratio", "size_ratio"):
         assert getattr(second, name).cells == pytest.approx(getattr(first, name).cells, rel=1e-9), name
     assert second.min_jacobian_over_mean == pytest.approx(first.min_jacobian_over_mean)
@@ -115,7 +115,7 @@ def test_a_collapsed_cell_is_degenerate() -> None:
     mesh = uniform(6)
     x = mesh.x.copy()
     x[2, :] = x[1, :]
-    q = measure(Mesh(x, mesh.y), ArcLength(u=PAPER))
+    q = measure(Mesh(x, mesh.y), ArcLength(u=PAPER, scaled=False))
     assert np.isinf(q.q_ali.cells[1]).all()
     assert np.isinf(q.aspect_ratio.cells[1]).all()
     assert q.scaled_jacobian.cells[1] == pytest.approx(np.zeros(5))

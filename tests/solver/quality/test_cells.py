@@ -14,9 +14,9 @@ from solver.quality.handmade import CONSTANT, PAPER, Analytic, uniform, wavy
 
 
 def test_blocks_do_not_change_the_measures(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = measure(wavy(), ArcLength(u=PAPER)).summary(arrays=True)
+    whole = measure(wavy(), ArcLength(u=PAPER, scaled=False)).summary(arrays=True)
     monkeypatch.setattr(bilinear, "BLOCK_POINTS", 64 * 7)  # seven cells at a time, 96 in all
-    blocked = measure(wavy(), ArcLength(u=PAPER)).summary(arrays=True)
+    blocked = measure(wavy(), ArcLength(u=PAPER, scaled=False)).summary(arrays=True)
     for name in measures.PER_CELL:
         assert np.array(blocked[name]["cells"]) == pytest.approx(np.array(whole[name]["cells"]), rel=1e-12)
     assert blocked["interpolation_error"] == pytest.approx(whole["interpolation_error"], rel=1e-12)
@@ -29,7 +29,7 @@ def test_memory_is_bounded_and_large_meshes_use_fewer_gauss_points() -> None:
         seen.append(x.size)
         return PAPER.value(x, y)
 
-    counting = ArcLength(u=Analytic(value, PAPER.along_x, PAPER.along_y))
+    counting = ArcLength(u=Analytic(value, PAPER.along_x, PAPER.along_y), scaled=False)
     equidistribution(uniform(17, 33), counting)  # 512 cells
     assert sum(seen) == 16 * 32 * 8**2
     seen.clear()
@@ -46,7 +46,7 @@ def test_memory_is_bounded_and_large_meshes_use_fewer_gauss_points() -> None:
 def test_a_mesh_of_equal_parallelograms_has_jacobian_one(name: str) -> None:
     x, y = uniform(9, 14).x, uniform(9, 14).y
     mesh = Mesh(3 * x + y, 0.5 * y + x / 7) if name == "parallelogram" else Mesh(200 * x - 3, 1e-3 * y)
-    q = measure(mesh, ArcLength(u=CONSTANT))
+    q = measure(mesh, ArcLength(u=CONSTANT, scaled=False))
     assert q.min_jacobian == pytest.approx(1.0)
     assert q.min_jacobian_over_mean == pytest.approx(1.0)
     assert q.q_eq.cells == pytest.approx(np.ones((8, 13)))

@@ -33,17 +33,17 @@ from solver.quality.handmade import (
 def test_interpolation_error_by_hand() -> None:
     # u = y^2 on cells of height h: u - u_h = -t (h - t), so L2^2 = h^4/30 and H1^2 = h^2/3 on the square.
     square_y = Analytic(lambda x, y: 0 * x + y**2, constant(0.0), lambda x, y: 2 * y + 0 * x)
-    error = measure(uniform(5, 11), ArcLength(u=square_y)).interpolation_error
+    error = measure(uniform(5, 11), ArcLength(u=square_y, scaled=False)).interpolation_error
     assert error.l2 == pytest.approx(math.sqrt(1e-4 / 30), rel=1e-12)
     assert error.h1 == pytest.approx(math.sqrt(1e-2 / 3), rel=1e-12)
     # On a distorted mesh the bilinear space still holds x and y themselves.
-    error = measure(wavy(), ArcLength(u=SLOPE)).interpolation_error
+    error = measure(wavy(), ArcLength(u=SLOPE, scaled=False)).interpolation_error
     assert max(error.l2, error.h1) < 1e-12
 
 
 @pytest.mark.parametrize("text", [PAPER_TEXT, TANH20.text])
 def test_few_points_a_cell_suffice_on_many_cells(text: str) -> None:
-    monitor = ArcLength(u=em.Expression(text))
+    monitor = ArcLength(u=em.Expression(text), scaled=False)
     grid = uniform(257)
     x, y = grid.x, grid.y  # towards the front of the second function
     mesh = Mesh(x + 0.2 * x * (1 - x) * np.sin(3 * y), y - 0.15 * y * (1 - y) * (1 + x))
@@ -74,7 +74,7 @@ def test_a_sample_of_the_cells_gives_the_errors_of_all() -> None:
 
     some = interpolation_errors(mesh, Counting())
     assert sum(seen) < 2 * 12 * mesh.grid.cells / 5 + 100
-    measured = measure(mesh, ArcLength(u=u)).interpolation_error
+    measured = measure(mesh, ArcLength(u=u, scaled=False)).interpolation_error
     for name in ERRORS:
         assert getattr(some, name) == pytest.approx(getattr(full, name), rel=5e-3), name
         assert getattr(measured, name) == getattr(some, name)
@@ -84,11 +84,11 @@ def test_gains_compare_with_the_uniform_mesh_of_the_domain() -> None:
     sector = em.AnnulusSector()
     plain = Mesh(*sector.map(uniform(12).x, uniform(12).y))
     u = em.Expression("exp(-20*(x**2 + y**2 - 1))")  # a layer at the inner arc
-    same = measure(plain, ArcLength(u=u), uniform=plain).interpolation_error
+    same = measure(plain, ArcLength(u=u, scaled=False), uniform=plain).interpolation_error
     assert same is not None
     assert same.gain_l2 == same.gain_h1 == 1.0
     adapted = Mesh(*sector.map(uniform(12).x ** 1.5, uniform(12).y))
-    error = measure(adapted, ArcLength(u=u), uniform=plain).interpolation_error
+    error = measure(adapted, ArcLength(u=u, scaled=False), uniform=plain).interpolation_error
     assert error is not None
     assert error.gain_l2 == error.l2_uniform / error.l2 > 1.5
     assert error.gain_h1 == error.h1_uniform / error.h1 > 1.2
@@ -99,7 +99,7 @@ def test_gains_compare_with_the_uniform_mesh_of_the_domain() -> None:
 
 def test_rounding_is_no_gain_and_no_loss() -> None:
     for u in (CONSTANT, SLOPE, em.Expression("1e9*x + 7")):
-        error = measure(wavy(), ArcLength(u=u)).interpolation_error
+        error = measure(wavy(), ArcLength(u=u, scaled=False)).interpolation_error
         assert error is not None
         assert error.gain_l2 == error.gain_h1 == 1.0
         assert interpolation_errors(wavy(41, 30), u).gain_h1 == 1.0
@@ -118,7 +118,7 @@ def test_interpolation_error_falls_at_second_order_and_its_gradient_at_first() -
         lambda x, y: 3 * np.cos(3 * x) * np.exp(y),
         lambda x, y: np.sin(3 * x) * np.exp(y),
     )
-    errors = [measure(uniform(n), ArcLength(u=smooth)).interpolation_error for n in (9, 17, 33)]
+    errors = [measure(uniform(n), ArcLength(u=smooth, scaled=False)).interpolation_error for n in (9, 17, 33)]
     for coarse, fine in itertools.pairwise(errors):
         assert math.log2(coarse.l2 / fine.l2) == pytest.approx(2.0, abs=0.02)
         assert math.log2(coarse.h1 / fine.h1) == pytest.approx(1.0, abs=0.02)
@@ -130,6 +130,6 @@ def test_interpolation_error_falls_at_second_order_and_its_gradient_at_first() -
 
 def test_a_mesh_that_gathers_in_the_layer_interpolates_better_than_the_uniform_one() -> None:
     start = uniform(12)
-    error = measure(Mesh(1 - (1 - start.x) ** 1.5, start.y), ArcLength(u=PAPER)).interpolation_error
+    error = measure(Mesh(1 - (1 - start.x) ** 1.5, start.y), ArcLength(u=PAPER, scaled=False)).interpolation_error
     assert error.l2 < 0.7 * error.l2_uniform
     assert error.h1 < 0.7 * error.h1_uniform

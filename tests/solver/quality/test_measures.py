@@ -19,27 +19,27 @@ from solver.quality.handmade import CONSTANT, CUBIC_Y, ERRORS, PAPER, TANH20, An
 
 
 def test_uniform_mesh_has_the_q_eq_of_table_1() -> None:
-    q = equidistribution(uniform(12), ArcLength(u=PAPER, a=0.7, b=0.05))
+    q = equidistribution(uniform(12), ArcLength(u=PAPER, a=0.7, b=0.05, scaled=False))
     assert q.shape == (11, 11)
     assert f"{q.max():.4f}" == "1.6375"
 
 
 def test_eight_gauss_points_are_enough_for_the_paper() -> None:
-    monitor = ArcLength(u=PAPER)
+    monitor = ArcLength(u=PAPER, scaled=False)
     fine = equidistribution(uniform(12), monitor, gauss=20)
     assert np.abs(equidistribution(uniform(12), monitor) - fine).max() < 1e-9
     assert np.abs(equidistribution(uniform(12), monitor, gauss=4) - fine).max() > 1e-9
 
 
 def test_the_largest_q_eq_sits_where_the_layer_is() -> None:
-    q = equidistribution(uniform(12), ArcLength(u=PAPER))
+    q = equidistribution(uniform(12), ArcLength(u=PAPER, scaled=False))
     i, j = np.unravel_index(q.argmax(), q.shape)
     assert i == 10
     assert j == 5
 
 
 def test_nothing_to_adapt_to_makes_every_measure_perfect() -> None:
-    q = measure(uniform(7), ArcLength(u=CONSTANT))
+    q = measure(uniform(7), ArcLength(u=CONSTANT, scaled=False))
     for name in ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "aspect_ratio", "size_ratio"):
         assert getattr(q, name).cells == pytest.approx(np.ones((6, 6)), abs=1e-12), name
     assert q.skewness.max == pytest.approx(0.0, abs=1e-12)
@@ -55,7 +55,9 @@ def test_mean_metric_is_the_integral_over_the_cell_and_not_its_centre_value() ->
     means = np.array([0.5**5, 1 - 0.5**5]) / 5 / 0.5
     share = np.sqrt(1 + 9 * 0.25 * means)
     expected = 2 * share / share.sum()
-    assert equidistribution(mesh, ArcLength(u=CUBIC_Y, a=0.5, b=0.0))[0] == pytest.approx(expected, rel=1e-12)
+    assert equidistribution(mesh, ArcLength(u=CUBIC_Y, a=0.5, b=0.0, scaled=False))[0] == pytest.approx(
+        expected, rel=1e-12
+    )
 
 
 def test_mean_metric_weighs_by_area_in_a_tapered_cell() -> None:
@@ -66,12 +68,12 @@ def test_mean_metric_weighs_by_area_in_a_tapered_cell() -> None:
     moment = np.array([1 / 5 - 0.5 / 6, 1 / 5 + 0.5 / 6])  # int y^4 (1 -+ y/2)
     share = area * np.sqrt(1 + 9 * moment / area)
     expected = 2 * share / share.sum()
-    got = equidistribution(mesh, ArcLength(u=CUBIC_Y, a=1.0, b=0.0))[:, 0]
+    got = equidistribution(mesh, ArcLength(u=CUBIC_Y, a=1.0, b=0.0, scaled=False))[:, 0]
     assert got == pytest.approx(expected, rel=1e-12)
 
 
 def test_q_eq_averages_to_one_and_the_others_are_at_least_one() -> None:
-    q = measure(wavy(), ArcLength(u=PAPER))
+    q = measure(wavy(), ArcLength(u=PAPER, scaled=False))
     assert q.q_eq.mean == pytest.approx(1.0, abs=1e-14)
     assert q.q_eq.min > 0
     assert q.q_eq.rms > 1.0
@@ -85,7 +87,7 @@ def test_q_eq_averages_to_one_and_the_others_are_at_least_one() -> None:
 def test_reflection_reflects_every_measure() -> None:
     mesh = wavy()
     mirrored = Mesh(mesh.x[:, ::-1], 1 - mesh.y[:, ::-1])
-    first, second = (measure(m, ArcLength(u=PAPER)) for m in (mesh, mirrored))
+    first, second = (measure(m, ArcLength(u=PAPER, scaled=False)) for m in (mesh, mirrored))
     for name in measures.PER_CELL:
         assert getattr(second, name).cells == pytest.approx(getattr(first, name).cells[:, ::-1]), name
     assert second.interpolation_error.l2 == pytest.approx(first.interpolation_error.l2)
@@ -95,13 +97,16 @@ def test_reflection_reflects_every_measure() -> None:
 def test_exchanging_the_axes_transposes_every_measure() -> None:
     mesh, u = wavy(), PAPER
     turned = Analytic(lambda x, y: u.value(y, x), lambda x, y: u.along_y(y, x), lambda x, y: u.along_x(y, x))
-    first, second = measure(mesh, ArcLength(u=u)), measure(Mesh(mesh.y.T, mesh.x.T), ArcLength(u=turned))
+    first, second = (
+        measure(mesh, ArcLength(u=u, scaled=False)),
+        measure(Mesh(mesh.y.T, mesh.x.T), ArcLength(u=turned, scaled=False)),
+    )
     for name in measures.PER_CELL:
         assert getattr(second, name).cells == pytest.approx(getattr(first, name).cells.T), name
 
 
 def test_the_temporaries_of_a_large_mesh_are_small() -> None:
-    mesh, monitor = uniform(513), ArcLength(u=TANH20)
+    mesh, monitor = uniform(513), ArcLength(u=TANH20, scaled=False)
     measure(uniform(320), monitor)  # what is kept for good
     tracemalloc.start()
     try:
@@ -136,7 +141,7 @@ def test_a_folded_mesh_is_infinite_where_it_folds_and_raises_no_warning() -> Non
     assert 0 < bad.sum() < bad.size
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        q = measure(mesh, ArcLength(u=PAPER))
+        q = measure(mesh, ArcLength(u=PAPER, scaled=False))
         summary = q.summary(arrays=True)
     for name in ("q_eq", "q_ali", "q_geo"):
         cells = getattr(q, name).cells
@@ -158,14 +163,14 @@ def test_coordinates_that_are_not_finite_count_as_folded(value: float) -> None:
     mesh = uniform(6)
     x = mesh.x.copy()
     x[2, 3] = value
-    q = measure(Mesh(x, mesh.y), ArcLength(u=PAPER))
+    q = measure(Mesh(x, mesh.y), ArcLength(u=PAPER, scaled=False))
     assert np.isinf(q.q_eq.cells[1:3, 2:4]).all()
     assert np.isinf(q.q_ali.cells[1:3, 2:4]).all()
     json.dumps(q.summary(arrays=True), allow_nan=False)
 
 
 def test_summary_is_plain_json() -> None:
-    q = measure(wavy(5, 4), ArcLength(u=PAPER))
+    q = measure(wavy(5, 4), ArcLength(u=PAPER, scaled=False))
     plain = q.summary()
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
     assert set(plain["q_eq"]) == {"max", "min", "mean", "rms"}

@@ -13,7 +13,7 @@ from equimesh.single_domain.iteration import single_domain_steps
 
 def two_peaks(points: int, **settings: float) -> em.Problem:
     u = em.Expression("exp(-80*((x - 0.3)**2 + (y - 0.3)**2)) + exp(-80*((x - 0.7)**2 + (y - 0.7)**2))")
-    return em.Problem(monitor=em.ArcLength(u=u, **settings), grid=em.Grid(n_xi=points, n_eta=points))
+    return em.Problem(monitor=em.ArcLength(u=u, **settings, scaled=False), grid=em.Grid(n_xi=points, n_eta=points))
 
 
 def test_the_cross_line_term_gives_a_mesh_where_there_was_none() -> None:
@@ -51,7 +51,7 @@ def test_relaxed_is_a_failure_where_it_is_not_allowed() -> None:
 
 def test_a_term_that_helped_is_given_up_where_it_is_not_needed() -> None:
     """A front thinner than the coarsest cells: the term leads there, finer grids do without."""
-    steep = em.ArcLength(u=em.Expression("tanh(100*(x - y))"))
+    steep = em.ArcLength(u=em.Expression("tanh(100*(x - y))"), scaled=False)
     steps = list(single_domain_steps(em.Problem(monitor=steep, grid=em.Grid(n_xi=129, n_eta=129))))
     last = {step.grid.n_xi: step for step in steps}
     assert last[17].relaxation.cross_line > 0.0
@@ -112,7 +112,9 @@ def test_the_cross_line_term_is_in_the_jacobian(boundary: em.Boundary) -> None:
 def test_a_monitor_without_a_solution_at_all_is_no_success() -> None:
     """Only the uniform mesh is left of a jump: that adapts to nothing, and is not called relaxed."""
     jump = em.Expression("where(x + 0.3*sin(7*y) < y, 100, 2)")
-    solution = em.solve(em.Problem(monitor=em.ArcLength(u=jump, b=0.0), grid=em.Grid(n_xi=9, n_eta=9)), check=False)
+    solution = em.solve(
+        em.Problem(monitor=em.ArcLength(u=jump, b=0.0, scaled=False), grid=em.Grid(n_xi=9, n_eta=9)), check=False
+    )
     assert not solution.mesh.is_folded
     assert solution.status is em.Status.NEWTON_FAILED
     assert "No mesh was found" in solution.message

@@ -12,7 +12,7 @@ from cases import problem
 
 def on_ring(n_xi: int, n_eta: int) -> em.Problem:
     """So few points around a ring that a valid mesh of the reference square folds on it."""
-    monitor = em.ArcLength(u=em.Expression("tanh(3*(x - y))"), b=0.0)
+    monitor = em.ArcLength(u=em.Expression("tanh(3*(x - y))"), b=0.0, scaled=False)
     domain = em.AnnulusSector(radii=(0.1, 1.0), angles=(0.0, 355.0))
     return em.Problem(monitor=monitor, grid=em.Grid(n_xi=n_xi, n_eta=n_eta), domain=domain)
 
@@ -36,7 +36,7 @@ def test_the_error_is_not_told_where_it_cannot_be_known() -> None:
 
 
 def test_a_constant_added_to_u_does_not_matter() -> None:
-    monitors = [em.ArcLength(u=em.Expression(f"{offset} + sin(9*x*y)")) for offset in ("0", "1e6")]
+    monitors = [em.ArcLength(u=em.Expression(f"{offset} + sin(9*x*y)"), scaled=False) for offset in ("0", "1e6")]
     plain, lifted = (em.solve(em.Problem(monitor=m, grid=em.Grid(n_xi=33, n_eta=33))) for m in monitors)
     assert plain.status is lifted.status is em.Status.CONVERGED
     assert abs(plain.mesh.x - lifted.mesh.x).max() < 1e-5
@@ -44,7 +44,8 @@ def test_a_constant_added_to_u_does_not_matter() -> None:
 
 def test_what_is_not_finite_is_named_and_warns_nobody() -> None:
     solution = em.solve(
-        em.Problem(monitor=em.ArcLength(u=em.Expression("sqrt(x)")), grid=em.Grid(n_xi=9, n_eta=9)), check=False
+        em.Problem(monitor=em.ArcLength(u=em.Expression("sqrt(x)"), scaled=False), grid=em.Grid(n_xi=9, n_eta=9)),
+        check=False,
     )
     assert solution.status is em.Status.NEWTON_FAILED
     assert "gradient of u is not finite" in solution.message
@@ -53,7 +54,7 @@ def test_what_is_not_finite_is_named_and_warns_nobody() -> None:
 
 
 def test_where_the_uniform_mesh_is_exact_that_is_said() -> None:
-    bilinear = em.Problem(monitor=em.ArcLength(u=em.Expression("x*y")), grid=em.Grid(n_xi=17, n_eta=17))
+    bilinear = em.Problem(monitor=em.ArcLength(u=em.Expression("x*y"), scaled=False), grid=em.Grid(n_xi=17, n_eta=17))
     (warning,) = em.solve(bilinear).certificate.warnings
     assert "exactly" in warning
 
