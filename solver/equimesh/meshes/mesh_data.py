@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.meshes.cuts import CUTS, better_cuts
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
-
-# Below this difference of angles both diagonals are equally good.
-TIE_RADIANS = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,16 +56,6 @@ class MeshData:
         leaves the larger smallest angle. An inverted triangle has a negative angle, so a cut with two positive
         triangles is taken wherever there is one.
         """
-        cells = self.mesh.cells
-        cuts = np.stack([cells[:, [0, 1, 2, 0, 2, 3]], cells[:, [0, 1, 3, 1, 2, 3]]]).reshape(2, -1, 2, 3)
-        first, second = (_smallest_angle(self.mesh.points[cut]).min(axis=1) for cut in cuts)
-        chosen: IntArray = np.where((second > first + TIE_RADIANS)[:, None, None], cuts[1], cuts[0])
-        return chosen.reshape(-1, 3)
-
-
-def _smallest_angle(corners: Array) -> Array:
-    """The smallest signed angle of triangles with ``corners`` of shape ``(..., 3, 2)``."""
-    ahead, behind = np.roll(corners, -1, axis=-2) - corners, np.roll(corners, 1, axis=-2) - corners
-    cross = ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
-    angle: Array = np.arctan2(cross, (ahead * behind).sum(axis=-1)).min(axis=-1)
-    return angle
+        corners = CUTS[better_cuts(self.mesh.points[self.mesh.cells])].reshape(-1, 6)
+        triangles: IntArray = np.take_along_axis(self.mesh.cells, corners, axis=1)
+        return triangles.reshape(-1, 3)

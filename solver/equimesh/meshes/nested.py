@@ -83,11 +83,16 @@ def _extrapolated(mesh: Mesh, coarser: Mesh, grid: Grid) -> Mesh:
     return Mesh(mesh.x + share * (mesh.x - lifted.x), mesh.y + share * (mesh.y - lifted.y))
 
 
+def interpolated_values(values: Array, shape: tuple[int, ...], *, cubic: bool = True) -> Array:
+    """Nodal ``values`` of shape ``(n_xi, n_eta)`` on a grid of another shape, by cubic or linear interpolation."""
+    rules = [_rule(m, n, _CUBIC if cubic else _LINEAR) for m, n in zip(values.shape, shape, strict=True)]
+    fine = np.empty(shape)
+    interpolate(np.ascontiguousarray(values), *rules[0], *rules[1], fine, True)
+    return fine
+
+
 def _interpolated(mesh: Mesh, shape: tuple[int, ...], width: int) -> Mesh:
-    rules = [_rule(m, n, width) for m, n in zip(mesh.x.shape, shape, strict=True)]
-    x, y = np.empty(shape), np.empty(shape)
-    for coarse, fine in ((mesh.x, x), (mesh.y, y)):
-        interpolate(np.ascontiguousarray(coarse), *rules[0], *rules[1], fine, True)
+    x, y = (interpolated_values(q, shape, cubic=width == _CUBIC) for q in (mesh.x, mesh.y))
     x[0], x[-1], y[:, 0], y[:, -1] = 0.0, 1.0, 0.0, 1.0
     return Mesh(x, y)
 

@@ -1,0 +1,1 @@
+"""Node positions that minimise the measured interpolation error of u."""

@@ -1,0 +1,118 @@
+"""Preconditioned descent: limited-memory BFGS whose first matrix is the 2 x 2 block of every node.
+
+J. Nocedal and S. J. Wright, *Numerical Optimization* (Springer, 2006), algorithm 7.4. The Armijo condition and a floor
+of the Jacobian decide how far a step goes, so that every mesh is valid, and its objective lower than that before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from equimesh.least_error import kernels
+from equimesh.least_error.objective import Evaluation, Objective
+from equimesh.numerics.types import Array
+
+PAIRS = 8
+"""Moves, and the changes of the gradient by them, that are kept."""
+STEPS_A_PRECONDITIONER = 5
+"""Steps after which the blocks are renewed."""
+MAX_MOVE_CELLS = 2.0
+"""The longest move of a coordinate in one step, in spacings of the uniform mesh."""
+SHORTENING = 0.4
+"""The factor by which a step that was not accepted is shortened."""
+MAX_TRIALS = 9
+"""Lengths of a step that are tried."""
+MIN_DECREASE_SHARE = 1e-4
+"""The share of the expected decrease that a step must reach: the Armijo condition."""
+MIN_JACOBIAN_SHARE = 1e-4
+"""The smallest Jacobian of a corner relative to the start; lower only where the first mesh has less."""
+MIN_DECREASE = 5e-3
+"""Mean decrease of the objective, thus of the logarithm of the error, in a step at which the descent ends."""
+PATIENCE = 3
+"""Steps over which that mean is taken."""
+MIN_CURVATURE = 1e-12
+"""The smallest cosine between a move and the change of the gradient for which the pair is kept."""
+
+
+class History:
+    """The last moves and changes of the gradient: an approximation of the inverse of the second derivatives."""
+
+    def __init__(self, unknowns: int) -> None:
+        self._moves, self._changes = np.empty((PAIRS, unknowns)), np.empty((PAIRS, unknowns))
+        self._added = 0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no pair is known."""
+        return self._added == 0
+
+    def add(self, move: Array, change: Array) -> None:
+        """Keep a pair whose curvature is positive, in place of the oldest one."""
+        product = float(np.vdot(move, change))
+        if product > MIN_CURVATURE * math.sqrt(float(np.vdot(move, move)) * float(np.vdot(change, change))):
+            slot = self._added % PAIRS
+            self._moves[slot], self._changes[slot] = move.reshape(-1), change.reshape(-1)
+            self._added += 1
+
+    def clear(self) -> None:
+        """Forget all pairs."""
+        self._added = 0
+
+    def direction(self, gradient: Array, blocks: Array) -> Array:
+        """The approximate inverse times the ``gradient``."""
+        out = np.empty_like(gradient)
+        kernels.quasi_newton_direction(self._moves, self._changes, self._added, blocks, gradient, out)
+        return out
+
+
+def descend(objective: Objective, mesh: Array, steps: int) -> Iterator[tuple[Array, Evaluation]]:
+    """The meshes of a descent with their evaluations, from ``mesh`` itself on; at most ``steps`` steps.
+
+    Ends early where a step lowers the objective by less than ``MIN_DECREASE``, or not at all. Yields nothing where the
+    objective cannot be evaluated at ``mesh``: u is then interpolated exactly.
+    """
+    now, history = objective.evaluate(mesh), History(mesh.size)
+    if now is None:
+        return
+    yield mesh, now
+    floor = min(MIN_JACOBIAN_SHARE, 0.9 * objective.smallest_share(mesh))
+    blocks, values = now.blocks, [now.value]
+    for step in range(steps):
+        if step % STEPS_A_PRECONDITIONER == 0:
+            blocks = now.blocks
+        found = search(objective, mesh, now, history.direction(now.gradient, blocks), floor)
+        if found is None and not history.is_empty:
+            history.clear()
+            blocks = now.blocks
+            found = search(objective, mesh, now, history.direction(now.gradient, blocks), floor)
+        if found is None:
+            return
+        moved, then = found
+        history.add(moved - mesh, then.gradient - now.gradient)
+        mesh, now = moved, then
+        yield mesh, now
+        values.append(now.value)
+        if len(values) > PATIENCE and values[-1 - PATIENCE] - values[-1] < PATIENCE * MIN_DECREASE:
+            return
+
+
+def search(
+    objective: Objective, mesh: Array, now: Evaluation, direction: Array, floor: float
+) -> tuple[Array, Evaluation] | None:
+    """The mesh at an accepted length along minus ``direction``, with its evaluation; ``None`` where there is none."""
+    slope, longest = float(np.vdot(now.gradient, direction)), float(np.abs(direction).max())
+    if not (slope > 0.0 and math.isfinite(longest)):
+        return None
+    length = min(1.0, MAX_MOVE_CELLS / math.sqrt(objective.cells.count) / longest)
+    for _ in range(MAX_TRIALS):
+        moved = mesh - length * direction
+        if objective.smallest_share(moved) > floor:
+            then = objective.evaluate(moved)
+            if then is not None and then.value <= now.value - MIN_DECREASE_SHARE * length * slope:
+                return moved, then
+        length *= SHORTENING
+    return None
+

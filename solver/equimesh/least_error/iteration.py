@@ -1,0 +1,179 @@
+"""The least-error mesh: descent on nested grids, from the start that leads to the smallest measured error.
+
+On the coarse grids the descent runs from each of a few starts. The finer grids continue from the one with the smallest
+error there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.domains.domain import Domain, map_mesh
+from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.descent import descend
+from equimesh.least_error.elements import Rule
+from equimesh.least_error.levels import Level, nested_levels
+from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.starts import product, rectilinear, resampled
+from equimesh.least_error.steps import Descent
+from equimesh.least_error.ways import Way, coordinates_of, mesh_of
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import interpolated_values
+from equimesh.monitors.least_error import LeastError
+from equimesh.numerics.types import Array
+
+MAX_COMPARED_POINTS = 17 * 17
+"""Points of the grid, at most, on which the starts are compared."""
+MAX_LINES = 33
+"""Lines of each family, at most, of the rectilinear starts that are compared."""
+MAX_FINE_LINES = 257
+"""Lines of each family, at most, of the start that is taken."""
+FLOORS = (1.0, 0.1, 0.01)
+"""Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.rectilinear`."""
+DISTORTION_WEIGHT = 0.06
+"""The weight of distortion in the objective for ``distortion = 1``."""
+SMOOTHNESS_WEIGHT = 0.1
+"""The weight of smoothness in the objective for ``smoothness = 1``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reached:
+    """The end of a descent on one grid."""
+
+    way: Way
+    level: Level
+    mesh: Array
+    """Reference coordinates, shape ``(2, nodes)``."""
+    record: Descent
+    """The record of the last step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeastErrorSolve:
+    """A solve for the mesh of least error of ``monitor`` on the points of ``grid``, which shares work on ``threads``."""
+
+    monitor: LeastError
+    domain: Domain
+    grid: Grid
+    threads: int = 1
+
+    @property
+    def weights(self) -> Weights:
+        """The weights of the objective."""
+        return Weights(
+            distortion=DISTORTION_WEIGHT * self.monitor.distortion,
+            smoothness=SMOOTHNESS_WEIGHT * self.monitor.smoothness,
+        )
+
+    def steps(self, start: Mesh | None = None) -> Iterator[Descent]:
+        """The records of all steps; the mesh of the last one is the result.
+
+        With ``start``, a valid mesh of the reference square on the same grid, the descent begins with that mesh on a
+        coarse grid. Otherwise it begins with the uniform mesh and with a rectilinear one.
+        """
+        levels = nested_levels(self.grid)
+        last = max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)
+        coarse, fine = levels[: last + 1], levels[last + 1 :]
+        reached = []
+        if start is not None:
+            reached += yield from self._from_given(coarse[-1], start)
+        if not reached:
+            for way in self._ways(coarse[-1]):
+                reached.append((yield from self._climb(way, coarse)))
+        if fine:
+            best = min(reached, key=lambda end: self._lifted_error(end, fine[0]))
+            yield from self._climb(best.way, fine, best)
+        else:
+            yield min(reached, key=lambda end: end.record.error).record
+
+    def _lifted_error(self, reached: Reached, level: Level) -> float:
+        """The error of a mesh on the next finer grid, which tells more of how the descent will end there."""
+        mesh = reached.way.lifted(reached.mesh, reached.level.grid, level.grid)
+        return self._objective(level, reached.way).error(mesh)
+
+    def _ways(self, level: Level) -> Iterator[Way]:
+        """The ways that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
+        uniform = Way.uniform(self.weights)
+        yield uniform
+        objective = self._objective(level, uniform)
+        best, least = None, objective.error(uniform.start(level.grid))
+        for floor in FLOORS:
+            lines = self._lines(MAX_LINES, floor)
+            if lines is None:
+                continue
+            mesh = product(*(resampled(line, n) for line, n in zip(lines, level.grid.shape, strict=True)))
+            if objective.smallest_share(mesh) > 0.0:
+                error = objective.error(mesh)
+                if error < least:
+                    best, least = floor, error
+        lines = None if best is None else self._lines(MAX_FINE_LINES, best)
+        if lines is not None:
+            yield Way(name="rectilinear", s=lines[0], t=lines[1], weights=self.weights)
+
+    def _lines(self, most: int, floor: float) -> tuple[Array, Array] | None:
+        """Rectilinear lines, at most ``most`` of each family."""
+        counts = min(self.grid.n_xi, most), min(self.grid.n_eta, most)
+        return rectilinear(self.monitor.u, self.domain, counts, self.monitor.norm, floor)
+
+    def _from_given(self, level: Level, start: Mesh) -> Generator[Descent, None, list[Reached]]:
+        """The end of the descent from a given mesh, on a coarse grid; none where it is folded there."""
+        way = Way.uniform(self.weights, "given")
+        sampled = np.stack([interpolated_values(q, level.grid.shape).reshape(-1) for q in (start.x, start.y)])
+        if mesh_of(sampled, level.grid).is_folded:
+            return []
+        return [(yield from self._descend(way, level, sampled))]
+
+    def _climb(self, way: Way, levels: list[Level], before: Reached | None = None) -> Generator[Descent, None, Reached]:
+        """Descent on each of the levels, from the mesh of the level before it."""
+        for level in levels:
+            start = way.start(level.grid) if before is None else way.lifted(before.mesh, before.level.grid, level.grid)
+            before = yield from self._descend(way, level, start)
+        if before is None:
+            raise AssertionError("there is at least one level")
+        return before
+
+    def _descend(self, way: Way, level: Level, start: Array) -> Generator[Descent, None, Reached]:
+        """Descent on one grid."""
+        objective = self._objective(level, way)
+        objective.cut(start)
+        uniform_error = objective.error(coordinates_of(Mesh.uniform(level.grid)))
+
+        def record(step: int, mesh: Array, error: float, distortion: float) -> Descent:
+            square = mesh_of(mesh, level.grid)
+            return Descent(
+                level=level.number,
+                levels=level.count,
+                grid=level.grid,
+                step=step,
+                steps=level.steps,
+                error=error,
+                gain=uniform_error / error if error > 0.0 else 1.0,
+                distortion=distortion,
+                min_jacobian=map_mesh(square, self.domain).min_jacobian / self.domain.area,
+                mesh=square,
+                start=way.name,
+            )
+
+        mesh, last = start, record(0, start, objective.error(start), 0.0)
+        for step, (mesh, now) in enumerate(descend(objective, start, level.steps)):
+            last = record(step, mesh, now.error, now.distortion)
+            yield last
+        if last.step == 0:
+            yield last
+        return Reached(way=way, level=level, mesh=mesh, record=last)
+
+    def _objective(self, level: Level, way: Way) -> Objective:
+        rule = Rule(norm=self.monitor.norm, cells=self.monitor.cells, points=level.gauss_points)
+        return Objective(
+            self.monitor.u,
+            self.domain,
+            cells_of_grid(level.grid.shape),
+            way.start(level.grid),
+            way.weights,
+            rule,
+            self.threads,
+        )

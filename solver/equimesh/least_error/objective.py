@@ -1,0 +1,206 @@
+"""The function of the node positions that is made small: the error, with a barrier against folds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.domains.domain import Domain, Rectangle
+from equimesh.fields.field import Field
+from equimesh.least_error import kernels
+from equimesh.least_error.cells import Cells
+from equimesh.least_error.elements import Rule
+from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
+from equimesh.numerics.threads import run_on_threads
+from equimesh.numerics.types import Array
+
+MAX_BLOCK_POINTS = 16_384
+"""Points at which u is evaluated at once: their arrays stay in the cache."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """The weights of distortion and smoothness in the objective, dimensionless and not negative."""
+
+    distortion: float
+    smoothness: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """The objective at one mesh, with its derivatives."""
+
+    value: float
+    """The objective."""
+    error: float
+    """The norm of the interpolation error, in the units of u, or of its gradient times a length."""
+    distortion: float
+    """The mean of ``(r^2 - 1) / 2``, 0 for the start."""
+    gradient: Array
+    """The derivatives by the reference coordinates of the nodes, shape ``(2, nodes)``; 0 where these are fixed."""
+    blocks: Array
+    """A positive definite approximation of the second derivatives of each node, ``(ss, st, tt)``, ``(3, nodes)``."""
+
+
+class Objective:
+    """``log |e| + distortion mean((r^2 - 1) / 2) + smoothness sum(b^2) / 2`` of meshes of the reference square.
+
+    ``|e|`` is the norm of the interpolation error. r is the distortion of a corner relative to the mesh ``start``: 1
+    for a similar one, unbounded towards a fold. b are the second differences of the displacement from the start along
+    grid lines. The logarithm makes the objective independent of the units of u. Where it is at most that of the start,
+    the error is at most that of the start: the other terms are 0 there, and nowhere negative.
+
+    Meshes are arrays of reference coordinates, of shape ``(2, nodes)``.
+    """
+
+    def __init__(
+        self,
+        u: Field,
+        domain: Domain,
+        cells: Cells,
+        start: Array,
+        weights: Weights,
+        rule: Rule,
+        threads: int = 1,
+    ) -> None:
+        self.cells, self.start = cells, start
+        self._u, self._domain, self._weights, self._rule, self._threads = u, domain, weights, rule, threads
+        self._on_unit_square = isinstance(domain, Rectangle) and domain.is_unit_square
+        self._first = self.nodes(start)
+        self._shares = np.empty((4 * cells.count, SHARES))
+        size = max(1, MAX_BLOCK_POINTS // rule.points_per_cell)
+        self._spans = [(first, min(first + size, cells.count)) for first in range(0, cells.count, size)]
+        self._elements = rule.elements(cells.count)
+
+    def nodes(self, mesh: Array) -> Nodes:
+        """The physical nodes of a mesh."""
+        corners = self.cells.corners.reshape(-1)
+        if self._on_unit_square:
+            return Nodes(mesh[0], mesh[1], corners)
+        x, y = self._domain.map(mesh[0], mesh[1])
+        return Nodes(np.ascontiguousarray(x), np.ascontiguousarray(y), corners)
+
+    def cut(self, mesh: Array) -> None:
+        """Measure the errors of triangles, if the rule has these, on the cells cut as those of ``mesh`` are best cut."""
+        nodes = self.nodes(mesh)
+        self._elements = self._rule.elements(self.cells.count, nodes)
+
+    def smallest_share(self, mesh: Array) -> float:
+        """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""
+        return float(kernels.smallest_share(self.nodes(mesh), self._first))
+
+    def error(self, mesh: Array) -> float:
+        """The norm of the interpolation error; infinite where u is not finite."""
+        return math.sqrt(self._squared_error(self.nodes(mesh)))
+
+    def evaluate(self, mesh: Array) -> Evaluation | None:
+        """The objective with its derivatives; ``None`` where a cell is folded, or u not finite or exactly interpolated."""
+        nodes, count = self.nodes(mesh), self.cells.count
+        square = self._squared_error(nodes)
+        if not 0.0 < square < math.inf:
+            return None
+        # All shares are scaled by twice the squared error here, and divided by it once they are collected.
+        scale = 2.0 * square * self._weights.distortion / (4 * count)
+        distortion = self._distortion(nodes, scale) / (4 * count)
+        if not math.isfinite(distortion):
+            return None
+        collected = np.empty((SHARES, self.cells.nodes))
+        self._collect(collected)
+        collected *= 0.5 / square
+        gradient, blocks = self._on_reference(mesh, collected)
+        bend, bends = self._weights.smoothness, np.zeros_like(mesh)
+        moves = mesh - self.start
+        smoothness = sum(kernels.bends(moves[k], self.cells.triples, bends[k]) for k in (0, 1))
+        gradient += bend * bends
+        gradient *= self.cells.free
+        blocks[::2] += bend * self.cells.stiffness
+        blocks[1] *= self.cells.free[0] * self.cells.free[1]
+        return Evaluation(
+            value=0.5 * math.log(square) + self._weights.distortion * distortion + bend * smoothness,
+            error=math.sqrt(square),
+            distortion=distortion,
+            gradient=gradient,
+            blocks=blocks,
+        )
+
+    def _squared_error(self, nodes: Nodes) -> float:
+        """The square of the error, with its shares in place of all others."""
+        if len(self._spans) == 1:
+            return self._squared_error_of(nodes, None, self._spans[0])
+        nodal = np.empty((3, nodes.x.size))
+        parts = [(first, first + MAX_BLOCK_POINTS) for first in range(0, nodes.x.size, MAX_BLOCK_POINTS)]
+
+        def evaluate(part: tuple[int, int]) -> float:
+            here = slice(*part)
+            nodal[:, here] = self._u.evaluate(nodes.x[here], nodes.y[here], order=1)
+            return 0.0
+
+        self._sum(parts, evaluate)
+        return self._sum(self._spans, lambda span: self._squared_error_of(nodes, NodalValues(*nodal), span))
+
+    def _squared_error_of(self, nodes: Nodes, nodal: NodalValues | None, span: tuple[int, int]) -> float:
+        """That of a span of cells; ``nodal`` is evaluated together with the other points where it is not given."""
+        per_cell, element = self._elements.shape[0] // self.cells.count, self._rule.element
+        elements = self._elements[per_cell * span[0] : per_cell * span[1]]
+        shares, of_slopes = self._shares[4 * span[0] : 4 * span[1]], self._rule.norm == "h1"
+        shares[:] = 0.0
+        shape, split = (len(elements), element.weights.size), 0 if nodal is not None else nodes.x.size
+        x, y = np.empty(split + shape[0] * shape[1]), np.empty(split + shape[0] * shape[1])
+        kernels.place_points(nodes, elements, element.shape, x[split:].reshape(shape), y[split:].reshape(shape))
+        if nodal is None:
+            x[:split], y[:split] = nodes.x, nodes.y
+        values = self._u.evaluate(x, y, order=2 if of_slopes else 1)
+        if not math.isfinite(sum(float(part.sum()) for part in values)):
+            return math.inf
+        if nodal is None:
+            nodal = NodalValues(*(part[:split] for part in values[:3]))
+        at = [part[split:].reshape(shape) for part in values]
+        if of_slopes:
+            return float(kernels.slope_errors(nodes, elements, element, nodal, Values(*at), self._shares))
+        return float(kernels.value_errors(nodes, elements, element, nodal, NodalValues(*at), self._shares))
+
+    def _distortion(self, nodes: Nodes, weight: float) -> float:
+        """The sum of the distortions over all corners; adds ``weight`` times the shares of its derivatives."""
+        return self._sum(
+            self._spans, lambda span: kernels.distortions(nodes, self._first, span, weight, self._shares)
+        )
+
+    def _collect(self, out: Array) -> None:
+        cells, size = self.cells, MAX_BLOCK_POINTS
+        spans = [(first, min(first + size, cells.nodes)) for first in range(0, cells.nodes, size)]
+
+        def collect(span: tuple[int, int]) -> float:
+            kernels.collect(self._shares, cells.starts, cells.places, span, out)
+            return 0.0
+
+        self._sum(spans, collect)
+
+    def _on_reference(self, mesh: Array, collected: Array) -> tuple[Array, Array]:
+        """The derivatives by reference coordinates, from those by physical ones: the chain rule through the map."""
+        if self._on_unit_square:
+            return collected[:2], collected[2:]
+        (g, h), (a, b, d) = collected[:2], collected[2:]
+        x_s, x_t, y_s, y_t = self._domain.jacobian(mesh[0], mesh[1])
+        gradient = np.stack([g * x_s + h * y_s, g * x_t + h * y_t])
+        blocks = np.stack(
+            [
+                a * x_s * x_s + 2.0 * b * x_s * y_s + d * y_s * y_s,
+                a * x_s * x_t + b * (x_s * y_t + x_t * y_s) + d * y_s * y_t,
+                a * x_t * x_t + 2.0 * b * x_t * y_t + d * y_t * y_t,
+            ]
+        )
+        return gradient, blocks
+
+    def _sum(self, spans: list[tuple[int, int]], part: Callable[[tuple[int, int]], float]) -> float:
+        """The sum of ``part`` over the spans, on threads; it does not depend on their number."""
+        sums, threads = np.zeros(len(spans)), min(self._threads, len(spans))
+
+        def work(worker: int) -> None:
+            for k in range(worker, len(spans), threads):
+                sums[k] = part(spans[k])
+
+        run_on_threads(threads, work)
+        return float(sums.sum())

@@ -1,0 +1,66 @@
+"""Ways to a mesh: where the descent starts, and how it goes up from grid to grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from equimesh.least_error.objective import Weights
+from equimesh.least_error.starts import product, resampled
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import interpolated_values
+from equimesh.numerics.types import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Way:
+    """The straight lines ``s`` and ``t`` from which cells are measured and displaced, on grids of any size."""
+
+    name: str
+    s: Array
+    t: Array
+    weights: Weights
+    _starts: dict[Grid, Array] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def uniform(cls, weights: Weights, name: str = "uniform") -> Way:
+        """From the uniform mesh."""
+        ends = np.array([0.0, 1.0])
+        return cls(name=name, s=ends, t=ends, weights=weights)
+
+    def start(self, grid: Grid) -> Array:
+        """The first mesh on a grid, shape ``(2, nodes)``."""
+        if grid not in self._starts:
+            self._starts[grid] = product(resampled(self.s, grid.n_xi), resampled(self.t, grid.n_eta))
+        return self._starts[grid]
+
+    def lifted(self, mesh: Array, coarse: Grid, fine: Grid) -> Array:
+        """A ``mesh`` on a finer grid: its displacements by cubic, else linear interpolation, else its positions.
+
+        Linear interpolation of positions does not fold where every coarse line is a fine one. The first mesh of the
+        grid where all of them fold.
+        """
+        start, first = self.start(fine), self.start(coarse)
+        nothing = np.zeros(1)
+        for origin, cubic, added in ((first, True, start), (first, False, start), (nothing, False, nothing)):
+            parts = (mesh - origin).reshape(2, *coarse.shape)
+            moved = [interpolated_values(part, fine.shape, cubic=cubic).reshape(-1) for part in parts]
+            lifted = (np.stack(moved) + added).reshape(2, *fine.shape)
+            for ends in (lifted[0], lifted[1].T):
+                ends[0], ends[-1] = 0.0, 1.0
+            flat = lifted.reshape(2, -1)
+            if not mesh_of(flat, fine).is_folded:
+                return flat
+        return start
+
+
+def mesh_of(mesh: Array, grid: Grid) -> Mesh:
+    """The mesh of the reference square with these coordinates, shape ``(2, nodes)``."""
+    return Mesh(mesh[0].reshape(grid.shape), mesh[1].reshape(grid.shape))
+
+
+def coordinates_of(mesh: Mesh) -> Array:
+    """The coordinates of a mesh of the reference square, shape ``(2, nodes)``."""
+    return np.stack([mesh.x.reshape(-1), mesh.y.reshape(-1)])
