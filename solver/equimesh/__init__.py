@@ -22,12 +22,15 @@ from equimesh.fields.field import Field
 from equimesh.fields.nodal_field import NodalField, transfer
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.least_error.steps import Descent
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.intersection import Intersection
+from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
@@ -46,7 +49,7 @@ from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
 from equimesh.single_domain.steps import Mode, Step
-from equimesh.solving.certificate import Certificate, Relaxed
+from equimesh.solving.certificate import Candidate, Certificate, Relaxed
 from equimesh.solving.options import Event, Initial
 from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
@@ -72,6 +75,8 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "transfer",
     # Monitors: metrics that a mesh equidistributes
     "Monitor",
+    "Auto",
+    "LeastError",
     "ArcLength",
     "Curvature",
     "Weight",
@@ -99,6 +104,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     # Records of a running solve
     "Event",
     "Step",
+    "Descent",
     "Iteration",
     "SubdomainRecord",
     # Results
@@ -106,6 +112,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Status",
     "Certificate",
     "Relaxed",
+    "Candidate",
     # Meshes and their quality
     "Mesh",
     "MeshData",

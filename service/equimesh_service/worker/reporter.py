@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
 
-from equimesh import Event, Iteration, Schwarz
+from equimesh import Descent, Event, Iteration, Schwarz
 from equimesh.inputs import finite_or_none
 from equimesh_service.errors import AttemptLostError
 
@@ -14,6 +14,7 @@ from equimesh_service.errors import AttemptLostError
 SINGLE_DOMAIN = "single_domain"
 START = "start"
 SCHWARZ = "schwarz"
+LEAST_ERROR = "least_error"
 # The files are being written.
 WRITING = "writing"
 # The share of the start of a Schwarz iteration in the whole work.
@@ -52,12 +53,19 @@ class Reporter:
             more = {"max_q_eq": event.max_q_eq, "change": event.change, "min_jacobian": event.min_jacobian}
             self.report(SCHWARZ, event.iteration, residual, more)
             return
+        points = [event.grid.n_xi, event.grid.n_eta]
+        place: dict[str, Any] = {"level": event.level, "levels": event.levels, "grid": points}
+        if isinstance(event, Descent):
+            done = (event.level + event.step / event.steps) / event.levels
+            self._fraction = max(self._fraction, _SOLVE_SHARE * done)
+            more = {"error": event.error, "gain": event.gain, "min_jacobian": event.min_jacobian}
+            self.report(LEAST_ERROR, event.step, None, {**place, **more})
+            return
         done = (event.level + min(event.step / _USUAL_NEWTON_STEPS, 1.0)) / event.levels
         share = _START_SHARE if self.schwarz is not None else _SOLVE_SHARE
         self._fraction = max(self._fraction, share * done)
         stage = SINGLE_DOMAIN if self.schwarz is None else START
-        points = [event.grid.n_xi, event.grid.n_eta]
-        self.report(stage, event.step, event.residual, {"level": event.level, "levels": event.levels, "grid": points})
+        self.report(stage, event.step, event.residual, place)
 
     def report(
         self,

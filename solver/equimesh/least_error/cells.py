@@ -33,7 +33,7 @@ class Cells:
     @property
     def count(self) -> int:
         """Number of cells."""
-        return self.corners.shape[0]
+        return len(self.corners)
 
     @property
     def nodes(self) -> int:

@@ -115,4 +115,3 @@ def search(
                 return moved, then
         length *= SHORTENING
     return None
-

@@ -52,7 +52,11 @@ class Rule:
         """
         if self.cells == "quad":
             return np.arange(4 * count).reshape(count, 4)
-        cuts = np.zeros(count, dtype=np.int64) if nodes is None else better_cuts(np.stack([nodes.x, nodes.y], axis=-1)[nodes.corners].reshape(-1, 4, 2))
+        cuts = (
+            np.zeros(count, dtype=np.int64)
+            if nodes is None
+            else better_cuts(np.stack([nodes.x, nodes.y], axis=-1)[nodes.corners].reshape(-1, 4, 2))
+        )
         triangles: IntArray = CUTS[cuts] + 4 * np.arange(count)[:, None, None]
         return triangles.reshape(-1, 3)
 

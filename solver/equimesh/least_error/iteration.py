@@ -54,12 +54,13 @@ class Reached:
 
 @dataclass(frozen=True, kw_only=True)
 class LeastErrorSolve:
-    """A solve for the mesh of least error of ``monitor`` on the points of ``grid``, which shares work on ``threads``."""
+    """A solve for the mesh of least error of ``monitor`` on the points of ``grid``."""
 
     monitor: LeastError
     domain: Domain
     grid: Grid
     threads: int = 1
+    """How many threads share the work; the mesh does not depend on it."""
 
     @property
     def weights(self) -> Weights:
@@ -69,11 +70,11 @@ class LeastErrorSolve:
             smoothness=SMOOTHNESS_WEIGHT * self.monitor.smoothness,
         )
 
-    def steps(self, start: Mesh | None = None) -> Iterator[Descent]:
+    def steps(self, start: Mesh | None = None, *, uniform_only: bool = False) -> Iterator[Descent]:
         """The records of all steps; the mesh of the last one is the result.
 
         With ``start``, a valid mesh of the reference square on the same grid, the descent begins with that mesh on a
-        coarse grid. Otherwise it begins with the uniform mesh and with a rectilinear one.
+        coarse grid. Otherwise it begins with the uniform mesh and, unless ``uniform_only``, with a rectilinear one.
         """
         levels = nested_levels(self.grid)
         last = max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)
@@ -82,7 +83,7 @@ class LeastErrorSolve:
         if start is not None:
             reached += yield from self._from_given(coarse[-1], start)
         if not reached:
-            for way in self._ways(coarse[-1]):
+            for way in [Way.uniform(self.weights)] if uniform_only else self._ways(coarse[-1]):
                 reached.append((yield from self._climb(way, coarse)))
         if fine:
             best = min(reached, key=lambda end: self._lifted_error(end, fine[0]))

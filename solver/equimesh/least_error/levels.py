@@ -52,7 +52,8 @@ def nested_levels(grid: Grid) -> list[Level]:
     levels = []
     for number in range(count):
         cells = [
-            max(3, round((n - 1) / 2 ** max(halved - number, 0))) for n, halved in zip(grid.shape, halvings, strict=True)
+            max(3, round((n - 1) / 2 ** max(halved - number, 0)))
+            for n, halved in zip(grid.shape, halvings, strict=True)
         ]
         levels.append(Level(number=number, count=count, grid=Grid(n_xi=cells[0] + 1, n_eta=cells[1] + 1)))
     return levels

@@ -84,7 +84,7 @@ class Objective:
         return Nodes(np.ascontiguousarray(x), np.ascontiguousarray(y), corners)
 
     def cut(self, mesh: Array) -> None:
-        """Measure the errors of triangles, if the rule has these, on the cells cut as those of ``mesh`` are best cut."""
+        """From now on measure on the triangles into which ``mesh`` is best cut, if the rule is one for triangles."""
         nodes = self.nodes(mesh)
         self._elements = self._rule.elements(self.cells.count, nodes)
 
@@ -97,7 +97,7 @@ class Objective:
         return math.sqrt(self._squared_error(self.nodes(mesh)))
 
     def evaluate(self, mesh: Array) -> Evaluation | None:
-        """The objective with its derivatives; ``None`` where a cell is folded, or u not finite or exactly interpolated."""
+        """The objective with its derivatives; ``None`` where a cell is folded, u not finite, or the error 0."""
         nodes, count = self.nodes(mesh), self.cells.count
         square = self._squared_error(nodes)
         if not 0.0 < square < math.inf:
@@ -164,9 +164,7 @@ class Objective:
 
     def _distortion(self, nodes: Nodes, weight: float) -> float:
         """The sum of the distortions over all corners; adds ``weight`` times the shares of its derivatives."""
-        return self._sum(
-            self._spans, lambda span: kernels.distortions(nodes, self._first, span, weight, self._shares)
-        )
+        return self._sum(self._spans, lambda span: kernels.distortions(nodes, self._first, span, weight, self._shares))
 
     def _collect(self, out: Array) -> None:
         cells, size = self.cells, MAX_BLOCK_POINTS

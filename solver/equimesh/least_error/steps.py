@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+from equimesh.inputs import finite_or_none
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 
@@ -34,3 +36,13 @@ class Descent:
     """The mesh of the reference square."""
     start: str
     """The first mesh of the way: ``"uniform"``, ``"rectilinear"`` or ``"given"``."""
+
+    def numbers(self) -> dict[str, Any]:
+        """The record without the mesh, as plain Python data, ready for JSON."""
+        return {
+            "level": self.level,
+            "grid": [self.grid.n_xi, self.grid.n_eta],
+            "start": self.start,
+            "step": self.step,
+            **{name: finite_or_none(getattr(self, name)) for name in ("error", "gain", "distortion", "min_jacobian")},
+        }

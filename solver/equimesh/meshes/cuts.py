@@ -13,7 +13,8 @@ TIE_RADIANS = 1e-9
 def better_cuts(corners: Array) -> IntArray:
     """The cut of every cell, 0 or 1 as in ``CUTS``: along the diagonal that leaves the larger smallest angle.
 
-    ``corners`` has the shape ``(cells, 4, 2)``. An inverted triangle has a negative angle, so a cut with two positive triangles is taken wherever there is one.
+    ``corners`` has the shape ``(cells, 4, 2)``. An inverted triangle has a negative angle, so a cut with two positive
+    triangles is taken wherever there is one.
     """
     first, second = (_smallest_angle(corners[:, cut]).min(axis=1) for cut in CUTS)
     chosen: IntArray = (second > first + TIE_RADIANS).astype(np.int64)

@@ -1,7 +1,8 @@
 """The certificate of a mesh: how well it solves the requested equations, and warnings."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from equimesh.inputs import finite_or_none
@@ -37,6 +38,26 @@ class Relaxed:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A monitor that was compared with others on a coarse grid: its ``kind``, its ``settings``, and its gains there.
+
+    The gains are those of :class:`~equimesh.quality.interpolation.InterpolationErrors`, ``None`` where there was no
+    mesh of the requested equations.
+    """
+
+    kind: str
+    settings: Mapping[str, Any]
+    gain_l2: float | None
+    gain_h1: float | None
+    chosen: bool
+
+    def __str__(self) -> str:
+        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
+        gains = "no mesh" if self.gain_l2 is None else f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
+        return f"{self.kind}{f' ({settings})' if settings else ''}: {gains}{'  (chosen)' if self.chosen else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How well a mesh solves the requested equations, measured on the mesh itself wherever possible."""
 
@@ -44,11 +65,11 @@ class Certificate:
     """How the solve ended."""
     mode: Mode | None
     """When a single-domain solve ends; ``None`` for a Schwarz iteration."""
-    equation_residual: float
+    equation_residual: float | None
     """The largest relative difference of a squared metric length from the mean of its grid line.
 
     It is the residual of the requested equations, also where relaxed ones were solved. It is 0 on their exact
-    solution.
+    solution. ``None`` for a mesh that minimises the interpolation error, which solves no such equations.
     """
     min_jacobian: float
     """The smallest corner Jacobian: positive on every valid mesh, 1 on the uniform mesh of a rectangle."""
@@ -65,6 +86,8 @@ class Certificate:
     """Sentences to read before using the mesh."""
     interpolation: InterpolationErrors | None = None
     """The errors of interpolating u on the mesh and on the uniform one; ``None`` where there is no u."""
+    comparison: tuple[Candidate, ...] = ()
+    """The monitors that were compared on a coarse grid, the best one first; empty where the monitor was given."""
 
     def summary(self) -> dict[str, Any]:
         """The certificate as plain Python data, ready for JSON; a number that is not known or finite is ``None``."""
@@ -78,6 +101,7 @@ class Certificate:
             "min_jacobian": finite_or_none(self.min_jacobian),
             "relaxed": [{"what": r.what, "asked": r.asked, "reached": r.reached} for r in self.relaxed],
             "warnings": list(self.warnings),
+            "comparison": [asdict(candidate) for candidate in self.comparison],
             "interpolation_gain": gain and {"l2": finite_or_none(gain.gain_l2), "h1": finite_or_none(gain.gain_h1)},
         }
 
@@ -85,16 +109,19 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.value.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        lines.append(f"  equation residual     {_short(self.equation_residual)}  (of squared metric lengths, relative)")
-        grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
-        lines.append(
-            f"  estimated error       {grid}"
-            + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
-        )
+        if self.equation_residual is not None:
+            residual = _short(self.equation_residual)
+            lines.append(f"  equation residual     {residual}  (of squared metric lengths, relative)")
+            grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
+            lines.append(
+                f"  estimated error       {grid}"
+                + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
+            )
         lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
         if self.interpolation is not None:
             gains = f"{_short(self.interpolation.gain_l2)} in L2, {_short(self.interpolation.gain_h1)} in H1"
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+        lines += [f"  compared              {candidate}" for candidate in self.comparison]
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
 

@@ -6,11 +6,12 @@ from difflib import get_close_matches
 from enum import StrEnum
 from typing import TypeAlias, TypedDict
 
+from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.records import Iteration
 from equimesh.single_domain.steps import Mode, Step
 
-Event: TypeAlias = Step | Iteration
+Event: TypeAlias = Step | Iteration | Descent
 Observer: TypeAlias = Callable[[Event], None]
 
 
@@ -37,8 +38,8 @@ class SolveArguments(TypedDict, total=False):
     threads: int | None
     """How many threads share the work on large grids; the mesh does not depend on it. Default: None, one a core."""
     observe: Observer | None
-    """Called with every step of a single-domain solve, also that of a nested start, and with every Schwarz iteration.
-    Default: None.
+    """Called with every step of a single-domain solve, also that of a nested start, with every Schwarz iteration, and
+    with every step of descent. Default: None.
     """
     check: bool
     """Whether a solve without the requested mesh raises. Default: True. With False, its status reports the failure."""

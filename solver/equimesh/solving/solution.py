@@ -1,5 +1,6 @@
 """The result of a solve: a mesh, the record of its computation, and whether it is the requested one."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +13,7 @@ from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
+from equimesh.monitors.least_error import LeastError
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import MonitorMeasures, Quality, complete_quality, measure_interpolation
 from equimesh.schwarz.decomposition import Decomposition
@@ -20,7 +22,7 @@ from equimesh.schwarz.records import Iteration, observed_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving import remedies
-from equimesh.solving.certificate import Certificate, Relaxed
+from equimesh.solving.certificate import Candidate, Certificate, Relaxed
 from equimesh.solving.status import Status
 from equimesh.sweeps import sweep
 
@@ -51,6 +53,10 @@ class Solution:
     """When a single-domain solve ends; ``None`` for a Schwarz iteration."""
     iterations: tuple[Iteration, ...] = ()
     """One record for each Schwarz iteration; empty for a single-domain solve."""
+    descent: tuple[Mapping[str, Any], ...] = ()
+    """One record for each step of a least-error solve, as :meth:`~equimesh.least_error.steps.Descent.numbers`."""
+    comparison: tuple[Candidate, ...] = ()
+    """The candidates among which the monitor was chosen; empty where it was given."""
     detours: tuple[str, ...] = ()
     """Sentences about deviations of the solve from the request."""
     note: str = ""
@@ -89,14 +95,22 @@ class Solution:
         return Certificate(
             status=self.status,
             mode=self.mode,
-            equation_residual=sweep.deviation(self.problem.metric, self.problem.boundary, self.reference),
+            equation_residual=self._deviation,
             min_jacobian=self.mesh.min_jacobian / self.problem.domain.area,
             discretization_error=self.discretization_error,
             algebraic_error=self.algebraic_error,
             relaxed=self.relaxed,
             warnings=(*self.detours, *remedies.warnings(self.status, self.relaxed, self.interpolation)),
             interpolation=self.interpolation,
+            comparison=self.comparison,
         )
+
+    @property
+    def _deviation(self) -> float | None:
+        """The residual of the equidistribution equations; ``None`` where these were not solved."""
+        if isinstance(self.problem.monitor, LeastError):
+            return None
+        return sweep.deviation(self.problem.metric, self.problem.boundary, self.reference)
 
     # A file and the quality share these two arrays, whichever is requested first; no memory beyond the quality's own.
     @cached_property
@@ -123,8 +137,9 @@ class Solution:
         return predicted_rate(self.decomposition, self.schwarz)
 
     def convergence(self) -> dict[str, Any]:
-        """The history of the Schwarz iteration as plain numbers, ``None`` where a number is not known."""
-        return plain(self.iterations, self.rate, self.predicted_rate)
+        """The history of the Schwarz iteration or of the descent as plain numbers, ``None`` where one is not known."""
+        history = plain(self.iterations, self.rate, self.predicted_rate)
+        return {**history, "descent": list(self.descent)} if self.descent else history
 
     def data(self) -> MeshData:
         """The contents of a mesh file: nodes, u, Q_eq and the owner of every cell."""

@@ -1,4 +1,4 @@
-"""One call from a problem to its mesh, by a single-domain or a Schwarz solve."""
+"""One call from a problem to its mesh: by a single-domain solve, a Schwarz iteration, or a descent."""
 
 from dataclasses import replace
 from typing import Unpack
@@ -12,9 +12,14 @@ from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.auto import Auto
+from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
+from equimesh.solving.auto import choose_monitor
+from equimesh.solving.certificate import Candidate
+from equimesh.solving.least_error import solve_least_error
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
@@ -27,7 +32,9 @@ MAX_START_DEVIATION = 0.25
 
 
 def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> Solution:
-    """The locally equidistributed mesh of ``problem``, by Schwarz iteration if ``schwarz`` is given.
+    """The mesh of ``problem``: of least error where its monitor asks for that, else locally equidistributed.
+
+    An equidistributed mesh is found by Schwarz iteration if ``schwarz`` is given, else on the whole grid.
 
     ``options`` are those of :class:`~equimesh.solving.options.SolveArguments`: ``initial``, ``mode``,
     ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
@@ -47,27 +54,56 @@ def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[So
         observer=arguments["observe"],
     )
     _check_start(problem, initial)
+    _check_ways(problem, schwarz)
+    comparison: tuple[Candidate, ...] = ()
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
-        is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
-        initial = Initial.NESTED if is_far else initial
-        if schwarz is None:
-            solution = solve_single_domain(problem, initial, checked)
-        else:
-            solution = solve_by_schwarz(problem, schwarz, initial, checked)
+        if isinstance(problem.monitor, Auto):
+            problem, comparison = choose_monitor(problem, metrics_only=schwarz is not None, threads=checked.threads)
+        solution = _solve(problem, schwarz, initial, checked)
+        if comparison:
+            solution = replace(solution, comparison=comparison)
+    if arguments["check"] and not solution.status.succeeded:
+        raise SolveError(solution.message, solution)
+    return solution
+
+
+def _solve(problem: Problem, schwarz: Schwarz | None, initial: Initial | Mesh, options: SolveOptions) -> Solution:
+    """The solution by the way that belongs to the monitor and the settings."""
+    if isinstance(problem.monitor, LeastError):
+        return solve_least_error(problem, initial, options)
+    is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
+    initial = Initial.NESTED if is_far else initial
+    if schwarz is None:
+        solution = solve_single_domain(problem, initial, options)
+    else:
+        solution = solve_by_schwarz(problem, schwarz, initial, options)
     if is_far:
         detour = "The given mesh is too far from the solution to start from; the start was nested."
         note = f"{detour} {solution.note}".strip()
         solution = replace(solution, detours=(detour, *solution.detours), note=note)
-    if arguments["check"] and not solution.status.succeeded:
-        raise SolveError(solution.message, solution)
     return solution
+
+
+def _check_ways(problem: Problem, schwarz: Schwarz | None) -> None:
+    """Refuse a monitor that subdomains cannot solve."""
+    if schwarz is not None and isinstance(problem.monitor, LeastError):
+        raise InputError(
+            "a least-error mesh minimises one integral over all cells, and its nodes satisfy no equations that"
+            " subdomains could exchange: leave the Schwarz settings out, or take the curvature or the arc-length"
+            " monitor",
+            field="schwarz",
+        )
 
 
 def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
     """Refuse a grid that is too coarse for its domain or too fine for its start, and a start on another grid."""
     if isinstance(initial, Mesh):
         _check_mesh(problem, initial)
-    if initial is Initial.UNIFORM and problem.grid.points > MAX_FACTORISED_POINTS:
+    if (
+        initial is Initial.UNIFORM
+        and not isinstance(problem.monitor, LeastError)
+        and problem.grid.points > MAX_FACTORISED_POINTS
+    ):
         raise InputError(
             f"a start from the uniform mesh takes Newton's method, on at most {MAX_FACTORISED_POINTS} points;"
             f" {problem.grid} are more: start nested",

@@ -14,7 +14,7 @@ class Status(StrEnum):
     RELAXED = "relaxed"
     """The mesh is valid and satisfies weaker equations, which the certificate lists: success, if allowed."""
     COMPLETED = "completed"
-    """A Schwarz iteration without a tolerance has run its number of iterations: success."""
+    """All steps were taken, without a tolerance to meet: those of a Schwarz iteration, or of a descent. Success."""
     NOT_CONVERGED = "not_converged"
     """A Schwarz iteration reached its limit of iterations before its tolerance."""
     NEWTON_FAILED = "newton_failed"
@@ -36,7 +36,7 @@ class Status(StrEnum):
 _SENTENCES = {
     Status.CONVERGED: "The mesh satisfies the equidistribution equations to the requested tolerance.",
     Status.RELAXED: "The mesh is valid, but solves weaker equations: no valid mesh was found for the requested ones.",
-    Status.COMPLETED: "The requested number of Schwarz iterations was run, without a tolerance to meet.",
+    Status.COMPLETED: "All steps were taken; there was no tolerance to meet.",
     Status.NOT_CONVERGED: "The Schwarz iteration did not reach its tolerance within the allowed iterations.",
     Status.NEWTON_FAILED: "No valid mesh was found that satisfies the requested equations.",
     Status.FOLDED: "The mesh has an inverted cell.",

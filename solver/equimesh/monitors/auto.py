@@ -1,0 +1,62 @@
+"""The request to choose the monitor by the measured interpolation error of u."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from equimesh.domains.domain import Domain
+from equimesh.errors import InputError
+from equimesh.fields.field import Field, require_field
+from equimesh.monitors.curvature import NORMS
+from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.probe import bound_copy, is_bound_to
+from equimesh.numerics.types import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Auto:
+    """The monitor that :func:`equimesh.solve` chooses: of several, that with the smallest error on a coarse grid.
+
+    ``norm`` is that of the interpolation error of u that is compared: ``"l2"`` of u, ``"h1"`` of its gradient.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`, whose metric only serves before the choice: that of
+    :class:`~equimesh.monitors.least_error.LeastError`. Raises :class:`~equimesh.errors.InputError` for another norm.
+    """
+
+    u: Field
+    norm: Literal["l2", "h1"] = "l2"
+    _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_field(self.u, "u")
+        if self.norm not in NORMS:
+            raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` of the curvature of u at physical points.
+
+        Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
+        """
+        return self._bound.metric(x, y)
+
+    def on(self, domain: Domain) -> Auto:
+        """The monitor bound to ``domain``.
+
+        Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or its gradient is not finite.
+        """
+        if is_bound_to(self._domain, domain):
+            return self
+        return bound_copy(self, domain, _least_error=LeastError(u=self.u, norm=self.norm).on(domain))
+
+    def weakened(self, strength: float) -> Monitor:
+        """The metric to the matrix power ``strength``."""
+        return self._bound.weakened(strength)
+
+    @property
+    def _bound(self) -> LeastError:
+        if self._least_error is None:
+            raise InputError("the metric of an auto monitor depends on the domain: call monitor.on(domain) first")
+        return self._least_error

@@ -1,0 +1,74 @@
+"""The solution of a least-error solve: never worse than the uniform mesh, by the rule of the certificate."""
+
+import math
+from dataclasses import replace
+
+from equimesh.domains.domain import map_mesh
+from equimesh.equations.problem import Problem
+from equimesh.least_error.iteration import LeastErrorSolve
+from equimesh.least_error.steps import Descent
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.least_error import LeastError
+from equimesh.solving.options import Initial, SolveOptions
+from equimesh.solving.solution import Solution, status_unless_folded
+from equimesh.solving.status import Status
+
+NO_BETTER = "No mesh was found with a smaller error than that of the uniform mesh, which this is."
+
+
+def solve_least_error(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Solution:
+    """The mesh of least error, whose gain is at least 1 in L2 and in the norm of the monitor.
+
+    The descent lowers the error by the quadrature of its grids. Where the measures of the certificate see no gain, the
+    mesh from the uniform start is tried, and then the uniform mesh itself is the result.
+    """
+    if not isinstance(problem.monitor, LeastError):
+        raise TypeError("a least-error solve needs a LeastError monitor")
+    solve = LeastErrorSolve(monitor=problem.monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
+    starts = [initial if isinstance(initial, Mesh) else None]
+    records: list[Descent] = []
+    found = _finish(problem, solve, starts[0], Initial.UNIFORM is initial, options, records)
+    if is_no_worse(found, problem.monitor.norm):
+        return found
+    if records[-1].start != "uniform":
+        again = _finish(problem, solve, None, True, options, records)
+        if is_no_worse(again, problem.monitor.norm):
+            return again
+    uniform = Mesh.uniform(problem.grid)
+    return replace(found, mesh=map_mesh(uniform, problem.domain), reference=uniform, note=NO_BETTER)
+
+
+def is_no_worse(solution: Solution, norm: str) -> bool:
+    """Whether the mesh interpolates u at least as well as the uniform mesh, in L2 and in ``norm``."""
+    errors = solution.interpolation
+    if errors is None or solution.mesh.is_folded:
+        return False
+    gains = [errors.gain_l2, errors.gain_h1] if norm == "h1" else [errors.gain_l2]
+    return all(gain >= 1.0 for gain in gains)
+
+
+def _finish(
+    problem: Problem,
+    solve: LeastErrorSolve,
+    start: Mesh | None,
+    uniform_only: bool,
+    options: SolveOptions,
+    records: list[Descent],
+) -> Solution:
+    """The solution at the end of a descent."""
+    first = len(records)
+    for record in solve.steps(start, uniform_only=uniform_only):
+        options.observe(record)
+        records.append(record)
+    reference = Mesh.of_unit_square(records[-1].mesh.x, records[-1].mesh.y)
+    mesh = map_mesh(reference, problem.domain)
+    return Solution(
+        problem=problem,
+        schwarz=None,
+        mesh=mesh,
+        reference=reference,
+        status=status_unless_folded(Status.COMPLETED, mesh),
+        newton_steps=sum(record.grid == problem.grid for record in records[first:]),
+        residual=math.nan,
+        descent=tuple(record.numbers() for record in records),
+    )
