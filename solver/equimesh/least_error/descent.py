@@ -29,10 +29,8 @@ MIN_DECREASE_SHARE = 1e-4
 """The share of the expected decrease that a step must reach: the Armijo condition."""
 MIN_JACOBIAN_SHARE = 1e-4
 """The smallest Jacobian of a corner relative to the start; lower only where the first mesh has less."""
-MIN_DECREASE = 5e-3
-"""Mean decrease of the objective, thus of the logarithm of the error, in a step at which the descent ends."""
 PATIENCE = 3
-"""Steps over which that mean is taken."""
+"""Steps over which the mean decrease is taken that ends the descent."""
 MIN_CURVATURE = 1e-12
 """The smallest cosine between a move and the change of the gradient for which the pair is kept."""
 
@@ -68,11 +66,11 @@ class History:
         return out
 
 
-def descend(objective: Objective, mesh: Array, steps: int) -> Iterator[tuple[Array, Evaluation]]:
+def descend(objective: Objective, mesh: Array, steps: int, min_decrease: float) -> Iterator[tuple[Array, Evaluation]]:
     """The meshes of a descent with their evaluations, from ``mesh`` itself on; at most ``steps`` steps.
 
-    Ends early where a step lowers the objective by less than ``MIN_DECREASE``, or not at all. Yields nothing where the
-    objective cannot be evaluated at ``mesh``: u is then interpolated exactly.
+    Ends early where a step lowers the objective by less than ``min_decrease`` in the mean of the last ``PATIENCE``, or
+    not at all. Yields nothing where the objective cannot be evaluated at ``mesh``: u is then interpolated exactly.
     """
     now, history = objective.evaluate(mesh), History(mesh.size)
     if now is None:
@@ -95,7 +93,7 @@ def descend(objective: Objective, mesh: Array, steps: int) -> Iterator[tuple[Arr
         mesh, now = moved, then
         yield mesh, now
         values.append(now.value)
-        if len(values) > PATIENCE and values[-1 - PATIENCE] - values[-1] < PATIENCE * MIN_DECREASE:
+        if len(values) > PATIENCE and values[-1 - PATIENCE] - values[-1] < PATIENCE * min_decrease:
             return
 
 

@@ -34,6 +34,12 @@ MAX_FINE_LINES = 257
 """Lines of each family, at most, of the start that is taken."""
 FLOORS = (1.0, 0.1, 0.01)
 """Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.rectilinear`."""
+MIN_DECREASE = 5e-3
+"""Mean decrease of the objective, thus of the logarithm of the error, in a step at which a descent ends."""
+MAX_EFFORT = 10.0
+"""The largest factor by which a low smoothness lowers that decrease."""
+MAX_MORE_STEPS = 2.0
+"""The largest factor by which it raises the limit of steps."""
 DISTORTION_WEIGHT = 0.06
 """The weight of distortion in the objective for ``distortion = 1``."""
 SMOOTHNESS_WEIGHT = 0.1
@@ -70,13 +76,42 @@ class LeastErrorSolve:
             smoothness=SMOOTHNESS_WEIGHT * self.monitor.smoothness,
         )
 
-    def steps(self, start: Mesh | None = None, *, uniform_only: bool = False) -> Iterator[Descent]:
+    @property
+    def effort(self) -> float:
+        """How much farther a descent goes than with the usual smoothness: less of it asks for a smaller error."""
+        return min(max(1.0, 1.0 / self.monitor.smoothness), MAX_EFFORT)
+
+    def steps(
+        self, start: Mesh | None = None, *, uniform_only: bool = False, coarse: Reached | None = None
+    ) -> Iterator[Descent]:
         """The records of all steps; the mesh of the last one is the result.
 
         With ``start``, a valid mesh of the reference square on the same grid, the descent begins with that mesh on a
         coarse grid. Otherwise it begins with the uniform mesh and, unless ``uniform_only``, with a rectilinear one.
+        ``coarse`` continues from the result of :meth:`coarse`.
         """
         levels = nested_levels(self.grid)
+        if coarse is None:
+            last = max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)
+            coarse = yield from self._coarse(levels[: last + 2], start, uniform_only=uniform_only)
+        elif coarse.level.is_finest:
+            yield coarse.record
+        yield from self._climb(coarse.way, levels[coarse.level.number + 1 :], coarse)
+
+    def coarse(self, level: Level) -> Reached:
+        """The end of the descent on one of the nested grids."""
+        steps = self._coarse(nested_levels(self.grid)[: level.number + 1], None, uniform_only=False)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                reached: Reached = end.value
+                return reached
+
+    def _coarse(
+        self, levels: list[Level], start: Mesh | None, *, uniform_only: bool
+    ) -> Generator[Descent, None, Reached]:
+        """The descents from all starts, up to the last of the ``levels`` for the best of them."""
         last = max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)
         coarse, fine = levels[: last + 1], levels[last + 1 :]
         reached = []
@@ -85,11 +120,13 @@ class LeastErrorSolve:
         if not reached:
             for way in [Way.uniform(self.weights)] if uniform_only else self._ways(coarse[-1]):
                 reached.append((yield from self._climb(way, coarse)))
-        if fine:
-            best = min(reached, key=lambda end: self._lifted_error(end, fine[0]))
-            yield from self._climb(best.way, fine, best)
-        else:
-            yield min(reached, key=lambda end: end.record.error).record
+        if not fine:
+            best = min(reached, key=lambda end: end.record.error)
+            if best is not reached[-1]:
+                yield best.record
+            return best
+        best = min(reached, key=lambda end: self._lifted_error(end, fine[0]))
+        return (yield from self._climb(best.way, fine, best))
 
     def _lifted_error(self, reached: Reached, level: Level) -> float:
         """The error of a mesh on the next finer grid, which tells more of how the descent will end there."""
@@ -143,6 +180,8 @@ class LeastErrorSolve:
         objective.cut(start)
         uniform_error = objective.error(coordinates_of(Mesh.uniform(level.grid)))
 
+        steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
+
         def record(step: int, mesh: Array, error: float, distortion: float) -> Descent:
             square = mesh_of(mesh, level.grid)
             return Descent(
@@ -150,7 +189,7 @@ class LeastErrorSolve:
                 levels=level.count,
                 grid=level.grid,
                 step=step,
-                steps=level.steps,
+                steps=steps,
                 error=error,
                 gain=uniform_error / error if error > 0.0 else 1.0,
                 distortion=distortion,
@@ -160,7 +199,7 @@ class LeastErrorSolve:
             )
 
         mesh, last = start, record(0, start, objective.error(start), 0.0)
-        for step, (mesh, now) in enumerate(descend(objective, start, level.steps)):
+        for step, (mesh, now) in enumerate(descend(objective, start, steps, MIN_DECREASE / self.effort)):
             last = record(step, mesh, now.error, now.distortion)
             yield last
         if last.step == 0:

@@ -1,11 +1,12 @@
 """The solution of a least-error solve: never worse than the uniform mesh, by the rule of the certificate."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.least_error.iteration import LeastErrorSolve
+from equimesh.least_error.iteration import LeastErrorSolve, Reached
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import LeastError
@@ -16,22 +17,26 @@ from equimesh.solving.status import Status
 NO_BETTER = "No mesh was found with a smaller error than that of the uniform mesh, which this is."
 
 
-def solve_least_error(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Solution:
+def solve_least_error(
+    problem: Problem, initial: Initial | Mesh, options: SolveOptions, coarse: Reached | None = None
+) -> Solution:
     """The mesh of least error, whose gain is at least 1 in L2 and in the norm of the monitor.
 
     The descent lowers the error by the quadrature of its grids. Where the measures of the certificate see no gain, the
-    mesh from the uniform start is tried, and then the uniform mesh itself is the result.
+    mesh from the uniform start is tried, and then the uniform mesh itself is the result. ``coarse`` is a mesh of a
+    coarse grid from which the same solve continues.
     """
     if not isinstance(problem.monitor, LeastError):
         raise TypeError("a least-error solve needs a LeastError monitor")
     solve = LeastErrorSolve(monitor=problem.monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
-    starts = [initial if isinstance(initial, Mesh) else None]
+    start = initial if isinstance(initial, Mesh) else None
     records: list[Descent] = []
-    found = _finish(problem, solve, starts[0], Initial.UNIFORM is initial, options, records)
+    steps = solve.steps(start, uniform_only=initial is Initial.UNIFORM, coarse=coarse)
+    found = _finish(problem, steps, options, records)
     if is_no_worse(found, problem.monitor.norm):
         return found
     if records[-1].start != "uniform":
-        again = _finish(problem, solve, None, True, options, records)
+        again = _finish(problem, solve.steps(uniform_only=True), options, records)
         if is_no_worse(again, problem.monitor.norm):
             return again
     uniform = Mesh.uniform(problem.grid)
@@ -47,17 +52,10 @@ def is_no_worse(solution: Solution, norm: str) -> bool:
     return all(gain >= 1.0 for gain in gains)
 
 
-def _finish(
-    problem: Problem,
-    solve: LeastErrorSolve,
-    start: Mesh | None,
-    uniform_only: bool,
-    options: SolveOptions,
-    records: list[Descent],
-) -> Solution:
-    """The solution at the end of a descent."""
+def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, records: list[Descent]) -> Solution:
+    """The solution at the end of a descent, whose steps are added to the ``records``."""
     first = len(records)
-    for record in solve.steps(start, uniform_only=uniform_only):
+    for record in steps:
         options.observe(record)
         records.append(record)
     reference = Mesh.of_unit_square(records[-1].mesh.x, records[-1].mesh.y)

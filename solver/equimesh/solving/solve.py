@@ -11,6 +11,7 @@ from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import InputError
 from equimesh.inputs import choice
+from equimesh.least_error.iteration import Reached
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
@@ -18,8 +19,7 @@ from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.auto import choose_monitor
-from equimesh.solving.certificate import Candidate
-from equimesh.solving.least_error import solve_least_error
+from equimesh.solving.least_error import is_no_worse, solve_least_error
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
@@ -55,22 +55,49 @@ def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[So
     )
     _check_start(problem, initial)
     _check_ways(problem, schwarz)
-    comparison: tuple[Candidate, ...] = ()
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         if isinstance(problem.monitor, Auto):
-            problem, comparison = choose_monitor(problem, metrics_only=schwarz is not None, threads=checked.threads)
-        solution = _solve(problem, schwarz, initial, checked)
-        if comparison:
-            solution = replace(solution, comparison=comparison)
+            solution = _solve_chosen(problem, schwarz, initial, checked)
+        else:
+            solution = _solve(problem, schwarz, initial, checked)
     if arguments["check"] and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
 
 
-def _solve(problem: Problem, schwarz: Schwarz | None, initial: Initial | Mesh, options: SolveOptions) -> Solution:
+def _solve_chosen(
+    problem: Problem, schwarz: Schwarz | None, initial: Initial | Mesh, options: SolveOptions
+) -> Solution:
+    """The solution for the best monitor; of least error where the mesh of another one turns out to be worse.
+
+    From a given mesh the error is minimised without a comparison, which would take longer than that.
+    """
+    auto = problem.monitor
+    if not isinstance(auto, Auto):
+        raise TypeError("only an Auto monitor is chosen")
+    if isinstance(initial, Mesh) and schwarz is None:  # the mesh before was chosen, or is as good a start as any
+        return _solve(replace(problem, monitor=LeastError(u=auto.u, norm=auto.norm)), None, initial, options)
+    choice, solution = choose_monitor(problem, metrics_only=schwarz is not None, threads=options.threads), None
+    while solution is None or not is_no_worse(solution, auto.norm):
+        chosen = replace(problem, monitor=choice.chosen.monitor)
+        solution = _solve(chosen, schwarz, initial, options, choice.chosen.coarse)
+        solution = replace(solution, comparison=choice.comparison)
+        if choice.least_error is None:
+            break
+        choice = choice.least_error
+    return solution
+
+
+def _solve(
+    problem: Problem,
+    schwarz: Schwarz | None,
+    initial: Initial | Mesh,
+    options: SolveOptions,
+    coarse: Reached | None = None,
+) -> Solution:
     """The solution by the way that belongs to the monitor and the settings."""
     if isinstance(problem.monitor, LeastError):
-        return solve_least_error(problem, initial, options)
+        return solve_least_error(problem, initial, options, coarse)
     is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
     initial = Initial.NESTED if is_far else initial
     if schwarz is None:
