@@ -58,8 +58,8 @@ class Reporter:
         if isinstance(event, Descent):
             done = (event.level + event.step / event.steps) / event.levels
             self._fraction = max(self._fraction, _SOLVE_SHARE * done)
-            more = {"error": event.error, "gain": event.gain, "min_jacobian": event.min_jacobian}
-            self.report(LEAST_ERROR, event.step, None, {**place, **more})
+            numbers: dict[str, Any] = {"error": event.error, "gain": event.gain, "min_jacobian": event.min_jacobian}
+            self.report(LEAST_ERROR, event.step, None, {**place, **numbers})
             return
         done = (event.level + min(event.step / _USUAL_NEWTON_STEPS, 1.0)) / event.levels
         share = _START_SHARE if self.schwarz is not None else _SOLVE_SHARE

@@ -38,8 +38,8 @@ MIN_CURVATURE = 1e-12
 class History:
     """The last moves and changes of the gradient: an approximation of the inverse of the second derivatives."""
 
-    def __init__(self, unknowns: int) -> None:
-        self._moves, self._changes = np.empty((PAIRS, unknowns)), np.empty((PAIRS, unknowns))
+    def __init__(self, unknowns: int, pairs: int) -> None:
+        self._moves, self._changes = np.empty((pairs, unknowns)), np.empty((pairs, unknowns))
         self._added = 0
 
     @property
@@ -51,7 +51,7 @@ class History:
         """Keep a pair whose curvature is positive, in place of the oldest one."""
         product = float(np.vdot(move, change))
         if product > MIN_CURVATURE * math.sqrt(float(np.vdot(move, move)) * float(np.vdot(change, change))):
-            slot = self._added % PAIRS
+            slot = self._added % len(self._moves)
             self._moves[slot], self._changes[slot] = move.reshape(-1), change.reshape(-1)
             self._added += 1
 
@@ -72,7 +72,7 @@ def descend(objective: Objective, mesh: Array, steps: int, min_decrease: float) 
     Ends early where a step lowers the objective by less than ``min_decrease`` in the mean of the last ``PATIENCE``, or
     not at all. Yields nothing where the objective cannot be evaluated at ``mesh``: u is then interpolated exactly.
     """
-    now, history = objective.evaluate(mesh), History(mesh.size)
+    now, history = objective.evaluate(mesh), History(mesh.size, max(1, min(PAIRS, steps)))
     if now is None:
         return
     yield mesh, now

@@ -34,6 +34,8 @@ MAX_FINE_LINES = 257
 """Lines of each family, at most, of the start that is taken."""
 FLOORS = (1.0, 0.1, 0.01)
 """Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.rectilinear`."""
+MAX_GAIN_POINTS = 129 * 129
+"""Points of the finest grid on whose records the gain is measured: on finer ones that would take as long as a step."""
 MIN_DECREASE = 5e-3
 """Mean decrease of the objective, thus of the logarithm of the error, in a step at which a descent ends."""
 MAX_EFFORT = 10.0
@@ -178,7 +180,9 @@ class LeastErrorSolve:
         """Descent on one grid."""
         objective = self._objective(level, way)
         objective.cut(start)
-        uniform_error = objective.error(coordinates_of(Mesh.uniform(level.grid)))
+        uniform_error = None
+        if level.grid.points <= MAX_GAIN_POINTS:
+            uniform_error = objective.error(coordinates_of(Mesh.uniform(level.grid)))
 
         steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
 
@@ -191,7 +195,7 @@ class LeastErrorSolve:
                 step=step,
                 steps=steps,
                 error=error,
-                gain=uniform_error / error if error > 0.0 else 1.0,
+                gain=None if uniform_error is None else uniform_error / error if error > 0.0 else 1.0,
                 distortion=distortion,
                 min_jacobian=map_mesh(square, self.domain).min_jacobian / self.domain.area,
                 mesh=square,

@@ -189,19 +189,21 @@ def distortions(nodes: Nodes, start: Nodes, cells: tuple[int, int], weight: floa
             det0, det = cx * dy - cy * dx, ax * by - ay * bx
             if not det > 0.0:
                 return np.inf
-            k00, k01, k10, k11 = dy / det0, -dx / det0, -cy / det0, cx / det0
+            per_det0, per_det = 1.0 / det0, 1.0 / det
+            k00, k01, k10, k11 = dy * per_det0, -dx * per_det0, -cy * per_det0, cx * per_det0
             a00, a01 = ax * k00 + bx * k10, ax * k01 + bx * k11
             a10, a11 = ay * k00 + by * k10, ay * k01 + by * k11
-            inverse = det0 / det  # of det A
+            inverse = det0 * per_det  # of det A
             r = 0.5 * (a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11) * inverse
             total += 0.5 * (r * r - 1.0)
-            # The derivatives of r by a, by b, and by the position of the corner itself; those of det.
-            gx, gy = (a00 * k00 + a01 * k01) * inverse - r * by / det, (a10 * k00 + a11 * k01) * inverse + r * bx / det
-            hx, hy = (a00 * k10 + a01 * k11) * inverse + r * ay / det, (a10 * k10 + a11 * k11) * inverse - r * ax / det
-            add_corner(shares, ahead, weight, r, (gx, gy), (by / det, -bx / det), (k00**2 + k01**2) * inverse)
-            add_corner(shares, behind, weight, r, (hx, hy), (-ay / det, ax / det), (k10**2 + k11**2) * inverse)
-            size = ((k00 + k10) ** 2 + (k01 + k11) ** 2) * inverse
-            add_corner(shares, here, weight, r, (-gx - hx, -gy - hy), ((ay - by) / det, (bx - ax) / det), size)
+            # The derivatives of the logarithm of det by a and by b, then those of r.
+            na, ma, nb, mb = by * per_det, -bx * per_det, -ay * per_det, ax * per_det
+            ga, ha = (a00 * k00 + a01 * k01) * inverse - r * na, (a10 * k00 + a11 * k01) * inverse - r * ma
+            gb, hb = (a00 * k10 + a01 * k11) * inverse - r * nb, (a10 * k10 + a11 * k11) * inverse - r * mb
+            add_corner(shares, ahead, weight, r, (ga, ha), (na, ma), (k00 * k00 + k01 * k01) * inverse)
+            add_corner(shares, behind, weight, r, (gb, hb), (nb, mb), (k10 * k10 + k11 * k11) * inverse)
+            size = ((k00 + k10) * (k00 + k10) + (k01 + k11) * (k01 + k11)) * inverse
+            add_corner(shares, here, weight, r, (-ga - gb, -ha - hb), (-na - nb, -ma - mb), size)
     return total
 
 

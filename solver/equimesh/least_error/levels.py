@@ -9,9 +9,9 @@ from equimesh.meshes.grid import Grid
 
 COARSEST_CELLS = 8
 """Cells a side of the coarsest grid, or up to a half more."""
-STEPS = ((17 * 17, 40), (33 * 33, 30), (65 * 65, 12), (129 * 129, 8), (257 * 257, 5))
+STEPS = ((17 * 17, 40), (33 * 33, 30), (65 * 65, 12), (129 * 129, 4), (257 * 257, 2))
 """Steps of descent, at most, on grids of at most this many points."""
-STEPS_BEYOND = 3
+STEPS_BEYOND = 1
 """Steps on finer grids, at most: the coarser ones have done the work."""
 GAUSS_POINTS = ((9 * 9, 4), (17 * 17, 3))
 """Gauss points a direction and cell on grids of at most this many points."""

@@ -26,8 +26,8 @@ class Descent:
     """How many steps the level has at most."""
     error: float
     """The norm of the interpolation error, by the quadrature of the level."""
-    gain: float
-    """The error of the uniform mesh of the same grid over ``error``."""
+    gain: float | None
+    """The error of the uniform mesh of the same grid over ``error``; ``None`` on fine grids, where it takes long."""
     distortion: float
     """The mean distortion of the cells relative to the first mesh of the way, 0 for that mesh."""
     min_jacobian: float
