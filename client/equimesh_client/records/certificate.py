@@ -39,32 +39,34 @@ class Certificate:
     """How well a mesh solves the requested equations; nan for what is not known.
 
     ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is the largest
-    relative difference of a squared metric length from the mean of its grid line. ``discretization_error`` and
-    ``algebraic_error`` estimate errors of the nodes in units of the reference square. ``min_jacobian`` is 1 for the
-    uniform mesh. ``relaxed`` lists the relaxed requirements, ``warnings`` are sentences. ``interpolation_gain`` is the
-    error on the uniform mesh over that on this one, in the norms ``"l2"`` and ``"h1"``; None without a u. ``record``
-    is the JSON of the service.
+    relative difference of a squared metric length from the mean of its grid line, None for a mesh that solves no
+    equations. ``discretization_error`` and ``algebraic_error`` estimate errors of the nodes in units of the reference
+    square. ``min_jacobian`` is 1 for the uniform mesh. ``relaxed`` lists the relaxed requirements, ``warnings`` are
+    sentences. ``interpolation_gain`` is the error on the uniform mesh over that on this one, in the norms ``"l2"`` and
+    ``"h1"``; None without a u. ``resolved`` is False where a gain is not known, because a layer of u lies inside a
+    cell; it is nan then. ``record`` is the JSON of the service.
     """
 
     status: str
     mode: str
-    equation_residual: float
+    equation_residual: float | None
     discretization_error: float
     algebraic_error: float
     min_jacobian: float
     relaxed: tuple[Relaxed, ...]
     warnings: tuple[str, ...]
+    resolved: bool
     interpolation_gain: Mapping[str, float] | None
     record: Mapping[str, Any] = field(repr=False)
 
     @classmethod
     def from_json(cls, record: Mapping[str, Any]) -> Certificate:
         """The certificate in the JSON of the service, or of ``equimesh``'s ``Certificate.summary()``."""
-        gain = record.get("interpolation_gain")
+        gain, residual = record.get("interpolation_gain"), record.get("equation_residual")
         return cls(
             status=str(record.get("status") or ""),
             mode=str(record.get("mode") or ""),
-            equation_residual=real_or_nan(record.get("equation_residual")),
+            equation_residual=None if residual is None else real_or_nan(residual),
             discretization_error=real_or_nan(record.get("discretization_error")),
             algebraic_error=real_or_nan(record.get("algebraic_error")),
             min_jacobian=real_or_nan(record.get("min_jacobian")),
@@ -77,6 +79,7 @@ class Certificate:
                 for part in record.get("relaxed") or ()
             ),
             warnings=tuple(map(str, record.get("warnings") or ())),
+            resolved=bool(record.get("resolved", True)),
             interpolation_gain=None if gain is None else {name: real_or_nan(value) for name, value in gain.items()},
             record=record,
         )
@@ -85,7 +88,9 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        lines.append(f"  equation residual     {_short(self.equation_residual)}  (of squared metric lengths, relative)")
+        if self.equation_residual is not None:
+            residual = _short(self.equation_residual)
+            lines.append(f"  equation residual     {residual}  (of squared metric lengths, relative)")
         grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
         lines.append(
             f"  estimated error       {grid}"

@@ -91,7 +91,8 @@ class MeshCertificate(BaseModel):
     status: str = Field(description="As in convergence; relaxed: for a weaker or smoother monitor than requested.")
     mode: str | None
     equation_residual: float | None = Field(
-        description="Largest relative difference of a squared metric length from the mean of its grid line."
+        description="Largest relative difference of a squared metric length from the mean of its grid line; null for a "
+        "mesh that solves no equations."
     )
     discretization_error: float | None = Field(
         description="Estimated error of the nodes that a finer grid would remove, in units of the reference square."
@@ -100,6 +101,10 @@ class MeshCertificate(BaseModel):
     min_jacobian: float | None = Field(description="Smallest corner Jacobian; 1 for the uniform mesh.")
     relaxed: list[Relaxation]
     warnings: list[str] = Field(description="What a user of the mesh should know.")
+    resolved: bool = Field(
+        True,
+        description="Whether the gains are known; false where a layer of u lies inside a cell: it is null.",
+    )
     interpolation_gain: InterpolationGain | None = Field(description="null without a u.")
 
 

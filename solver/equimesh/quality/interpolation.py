@@ -4,20 +4,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, IntArray, Pair
-from equimesh.quality.cells import BilinearCells, CellMap, CellPoints
+from equimesh.numerics.types import IntArray
+from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.pieces import add_gradients, add_values
+from equimesh.quality.resolution import resolved_integrals
 
 MIN_SAMPLED_CELLS = 30_000
 """Cells that :func:`interpolation_errors` samples, or up to three times as many; on smaller meshes all cells."""
 SAMPLING = ((34, 13), (13, 5), (5, 2))  # one cell of this many; the shift from row to row
 ROUNDING_SHARE = 1e-13
 """Share of u that counts as rounding in its values."""
+CORNERS = CellPoints(np.array([0.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0]), np.full(4, 0.25))
+"""The corners of a cell, counter-clockwise."""
+CENTRE = CellPoints(np.array([0.5]), np.array([0.5]), np.array([1.0]))
+"""The centre of a cell."""
+
+
+class LargestError(NamedTuple):
+    """The largest error of interpolation at a point of quadrature, and the centre of its cell."""
+
+    value: float
+    x: float
+    y: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +40,9 @@ class InterpolationErrors:
 
     ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain, in the units of
     u and of its gradient times a length. Infinite on a folded mesh. ``rounding`` is the part of the two that is due to
-    rounding.
+    rounding. ``size`` is the largest size of u at a corner, ``variation`` the largest value of u at the points of
+    quadrature minus the smallest one, ``largest`` the largest error there on this mesh; NaN and ``None`` on a folded
+    mesh. ``resolved`` says of each norm whether two rules of quadrature agree to 5 % on both meshes.
     """
 
     l2: float
@@ -34,15 +50,28 @@ class InterpolationErrors:
     h1: float
     h1_uniform: float
     rounding: tuple[float, float] = (0.0, 0.0)
+    resolved: tuple[bool, bool] = (True, True)
+    size: float = math.nan
+    variation: float = math.nan
+    largest: LargestError | None = None
 
     @property
     def gain_l2(self) -> float:
-        """``l2_uniform / l2``: how many times smaller the error is than on the uniform mesh; below 1 it is larger."""
-        return _gain(self.l2_uniform, self.l2, self.rounding[0])
+        """``l2_uniform / l2``: how many times smaller the error is than on the uniform mesh; below 1 it is larger.
+
+        NaN where the norm is not resolved.
+        """
+        return self.estimated_gain("l2") if self.resolved[0] else math.nan
 
     @property
     def gain_h1(self) -> float:
-        """``h1_uniform / h1``."""
+        """``h1_uniform / h1``, NaN where the norm is not resolved."""
+        return self.estimated_gain("h1") if self.resolved[1] else math.nan
+
+    def estimated_gain(self, norm: str) -> float:
+        """The gain in ``norm``, ``"l2"`` or ``"h1"``, by the best estimate of the errors: also where not resolved."""
+        if norm == "l2":
+            return _gain(self.l2_uniform, self.l2, self.rounding[0])
         return _gain(self.h1_uniform, self.h1, self.rounding[1])
 
 
@@ -95,39 +124,73 @@ def errors_of(
     cells: BilinearCells, uniform: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None = None
 ) -> InterpolationErrors:
     """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``."""
-    l2, h1, size = _norms(cells, u, rule, numbers)
-    l2_uniform, h1_uniform, _ = _norms(uniform, u, rule, numbers)
-    noise = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
-    finest = max(cells.shape) / math.sqrt(abs(cells.total_area) or 1.0)
+    here, there = _norms(cells, u, rule, numbers), _norms(uniform, u, rule, numbers)
     return InterpolationErrors(
-        l2=l2, l2_uniform=l2_uniform, h1=h1, h1_uniform=h1_uniform, rounding=(noise, 10.0 * noise * finest)
+        l2=here.l2,
+        l2_uniform=there.l2,
+        h1=here.h1,
+        h1_uniform=there.h1,
+        rounding=_noise(cells, here.size),
+        size=here.size,
+        variation=here.variation,
+        largest=here.largest,
+        resolved=(here.resolved[0] and there.resolved[0], here.resolved[1] and there.resolved[1]),
     )
 
 
-def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None) -> tuple[float, float, float]:
-    """L2 norm and H1 seminorm of u minus its Q1 interpolant, and the largest value of u at the corners."""
+class Norms(NamedTuple):
+    """L2 norm and H1 seminorm of an error, the largest value of u at a corner, and whether the two are resolved."""
+
+    l2: float
+    h1: float
+    size: float
+    resolved: tuple[bool, bool] = (True, True)
+    variation: float = math.nan
+    largest: LargestError | None = None
+
+
+def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None) -> Norms:
+    """The norms of u minus its Q1 interpolant: by ``rule``, or by a finer one where a second rule does not agree."""
     if not cells.all_valid:
-        return math.inf, math.inf, math.nan
+        return Norms(math.inf, math.inf, math.nan)
     nodal = None if numbers is not None else u.evaluate(*cells.nodes)[0]
-    corners = CellPoints(np.array([0.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0]), np.full(4, 0.25))
-    sums, size = np.zeros(2), 0.0
+    known, done = np.arange(cells.count) if numbers is None else numbers, 0
+    values, sums, largest = np.empty((4, known.size)), np.zeros((2, known.size)), np.zeros(known.size)
+    low, high = math.inf, -math.inf
     for block in cells.blocks(rule.inner, numbers):
+        here = slice(done, done + block.size)
+        done += block.size
         if nodal is None:
-            at = cells.at(corners, block)
-            (values,) = u.evaluate(at.x, at.y)
+            at = cells.at(CORNERS, block)
+            (values[:, here],) = u.evaluate(at.x, at.y)
         else:
-            values = cells.corner_values(nodal, block)
-        size = max(size, float(np.abs(values).max()))
+            values[:, here] = cells.corner_values(nodal, block)
+        corner, parts = np.ascontiguousarray(values[:, here]), np.zeros((4, block.size))
         at = cells.at(rule.inner, block)
         there, u_x, u_y = u.evaluate(at.x, at.y, order=1)
-        add_values(values, there, rule.inner, at.det, sums)
-        add_gradients(values, (u_x, u_y), rule.inner, at, sums)
+        add_values(corner, there, rule.inner, at.det, parts[0], largest[here])
+        add_gradients(corner, (u_x, u_y), rule.inner, at, parts[1], parts[2:])
         if rule.edge.s.size:
             at = cells.at(rule.edge, block)
             (there,) = u.evaluate(at.x, at.y)
-            add_values(values, there, rule.edge, at.det, sums)
-    share = 1.0 if numbers is None else numbers.size / cells.count
-    return math.sqrt(sums[0] / share), math.sqrt(sums[1] / share), size
+            add_values(corner, there, rule.edge, at.det, parts[0], largest[here])
+        low, high = min(low, float(there.min())), max(high, float(there.max()))
+        sums[:, here] = parts[:2]
+    size = float(np.abs(values).max())
+    noise = _noise(cells, size)
+    found = resolved_integrals(cells, known, values, sums, u, (noise[0] ** 2, noise[1] ** 2))
+    l2, h1 = (math.sqrt(square * cells.count / known.size) for square in found.squares)
+    worst, known_range = int(largest.argmax()), (min(low, float(values.min())), max(high, float(values.max())))
+    at = cells.at(CENTRE, known[worst : worst + 1])
+    peak = LargestError(float(largest[worst]), float(at.x[0, 0]), float(at.y[0, 0]))
+    return Norms(l2, h1, size, found.resolved, known_range[1] - known_range[0], peak)
+
+
+def _noise(cells: BilinearCells, size: float) -> tuple[float, float]:
+    """The parts of the two norms that rounding causes, where ``size`` is the largest value of u."""
+    noise = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
+    finest = max(cells.shape) / math.sqrt(abs(cells.total_area) or 1.0)
+    return noise, 10.0 * noise * finest
 
 
 def sample(shape: tuple[int, int]) -> IntArray | None:
@@ -145,33 +208,3 @@ def _gain(uniform: float, adapted: float, rounding: float) -> float:
     if max(uniform, adapted) <= rounding:
         return 1.0
     return uniform / adapted if adapted > 0.0 else math.inf
-
-
-@compiled
-def add_values(corner: Array, u: Array, points: CellPoints, det: Array, sums: Array) -> None:
-    """To ``sums[0]`` the weighted squares of the bilinear interpolant of ``corner`` values minus ``u``."""
-    s, t, weights = points
-    total = 0.0
-    for p in range(u.shape[0]):
-        a, b, c, d = (1.0 - s[p]) * (1.0 - t[p]), s[p] * (1.0 - t[p]), s[p] * t[p], (1.0 - s[p]) * t[p]
-        for k in range(u.shape[1]):
-            error = a * corner[0, k] + b * corner[1, k] + c * corner[2, k] + d * corner[3, k] - u[p, k]
-            total += weights[p] * det[p, k] * error * error
-    sums[0] += total
-
-
-@compiled
-def add_gradients(corner: Array, gradient: Pair, points: CellPoints, at: CellMap, sums: Array) -> None:
-    """To ``sums[1]`` the weighted squares of the gradient of the interpolant minus that of u."""
-    (u_x, u_y), (s, t, weights) = gradient, points
-    _, _, x_s, y_s, x_t, y_t, det = at
-    total = 0.0
-    for p in range(u_x.shape[0]):
-        for k in range(u_x.shape[1]):
-            along_s = (1.0 - t[p]) * (corner[1, k] - corner[0, k]) + t[p] * (corner[2, k] - corner[3, k])
-            along_t = (1.0 - s[p]) * (corner[3, k] - corner[0, k]) + s[p] * (corner[2, k] - corner[1, k])
-            per_det = 1.0 / det[p, k]
-            error_x = (along_s * y_t[p, k] - along_t * y_s[p, k]) * per_det - u_x[p, k]
-            error_y = (along_t * x_s[p, k] - along_s * x_t[p, k]) * per_det - u_y[p, k]
-            total += weights[p] * det[p, k] * (error_x * error_x + error_y * error_y)
-    sums[1] += total

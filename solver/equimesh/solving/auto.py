@@ -49,8 +49,8 @@ class Tried:
         """How many times smaller the error is than that of the uniform mesh; 0 where there is no mesh."""
         if self.errors is None:
             return 0.0
-        gain = self.errors.gain_l2 if norm == "l2" else self.errors.gain_h1
-        return gain if gain is not None and math.isfinite(gain) else 0.0
+        gain = self.errors.estimated_gain(norm)
+        return gain if math.isfinite(gain) else 0.0
 
     def candidate(self, *, chosen: bool) -> Candidate:
         """The entry of the certificate."""

@@ -89,6 +89,11 @@ class Certificate:
     comparison: tuple[Candidate, ...] = ()
     """The monitors that were compared on a coarse grid, the best one first; empty where the monitor was given."""
 
+    @property
+    def resolved(self) -> bool:
+        """Whether the gains of interpolation are known: two rules of quadrature agree, or there is no u."""
+        return self.interpolation is None or all(self.interpolation.resolved)
+
     def summary(self) -> dict[str, Any]:
         """The certificate as plain Python data, ready for JSON; a number that is not known or finite is ``None``."""
         gain = self.interpolation
@@ -102,6 +107,7 @@ class Certificate:
             "relaxed": [{"what": r.what, "asked": r.asked, "reached": r.reached} for r in self.relaxed],
             "warnings": list(self.warnings),
             "comparison": [asdict(candidate) for candidate in self.comparison],
+            "resolved": self.resolved,
             "interpolation_gain": gain and {"l2": finite_or_none(gain.gain_l2), "h1": finite_or_none(gain.gain_h1)},
         }
 

@@ -48,8 +48,7 @@ def is_no_worse(solution: Solution, norm: str) -> bool:
     errors = solution.interpolation
     if errors is None or solution.mesh.is_folded:
         return False
-    gains = [errors.gain_l2, errors.gain_h1] if norm == "h1" else [errors.gain_l2]
-    return all(gain >= 1.0 for gain in gains)
+    return all(errors.estimated_gain(one) >= 1.0 for one in {"l2", norm})
 
 
 def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, records: list[Descent]) -> Solution:

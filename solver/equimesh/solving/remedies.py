@@ -1,7 +1,6 @@
-"""Warnings about a mesh, and remedies after a solve that did not reach the requested mesh."""
+"""Remedies after a solve that did not reach the requested mesh."""
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from equimesh.equations.boundary import Boundary
@@ -9,35 +8,14 @@ from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import DecompositionError
 from equimesh.monitors.arc_length import ArcLength
-from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.schwarz.conditions import Optimized, label
 from equimesh.schwarz.records import Iteration
 from equimesh.schwarz.settings import Acceleration, Schwarz
-from equimesh.solving.certificate import Relaxed
-from equimesh.solving.status import Status
 
 # More iterations than this are not suggested.
 MAX_SUGGESTED_ITERATIONS = 1000
 # From fewer iterations than this the number of those still needed cannot be predicted.
 MIN_RECORDED_ITERATIONS = 5
-# A mesh whose L2 gain is smaller interpolates u worse than the uniform mesh by a hundredth, and deserves a warning.
-MIN_GAIN = 0.99
-
-
-def warnings(status: Status, relaxed: Sequence[Relaxed], errors: InterpolationErrors | None) -> Iterator[str]:
-    """Sentences to read before using a mesh."""
-    if status is Status.RELAXED:
-        what = ", ".join(map(str, relaxed))
-        yield f"The mesh solves relaxed equations, not the requested ones: {what}."
-    if errors is None or status is Status.FOLDED or errors.gain_l2 >= MIN_GAIN:
-        return
-    if errors.l2_uniform <= errors.rounding[0]:
-        yield "The uniform mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
-    elif errors.gain_l2 > 0.0:
-        yield (
-            f"The mesh interpolates u worse than the uniform one: its L2 error is {1 / errors.gain_l2:.2g} times as"
-            " large. Take the curvature monitor to interpolate u well."
-        )
 
 
 def after_newton(problem: Problem, *, nested: bool, reached: float = 1.0) -> str:
@@ -58,6 +36,11 @@ def _weaker(problem: Problem, reached: float) -> list[str]:
         lower = f"lower a to {reached * monitor.a:.2g} or less" if 0.0 < reached < 1.0 else "lower a"
         return [lower, "raise b", "smooth the monitor"]
     return ["smooth the monitor"]
+
+
+def after_rounding() -> str:
+    """The remedy where rounding errors of u are as large as its variation over a cell."""
+    return _sentence("subtract a constant from u, so that its values are not much larger than it varies")
 
 
 def after_mapping() -> str:

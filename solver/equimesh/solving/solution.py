@@ -21,8 +21,8 @@ from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, observed_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving import remedies
 from equimesh.solving.certificate import Candidate, Certificate, Relaxed
+from equimesh.solving.mesh_warnings import warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps import sweep
 
@@ -100,7 +100,7 @@ class Solution:
             discretization_error=self.discretization_error,
             algebraic_error=self.algebraic_error,
             relaxed=self.relaxed,
-            warnings=(*self.detours, *remedies.warnings(self.status, self.relaxed, self.interpolation)),
+            warnings=(*self.detours, *self._warnings()),
             interpolation=self.interpolation,
             comparison=self.comparison,
         )
@@ -111,6 +111,10 @@ class Solution:
         if isinstance(self.problem.monitor, LeastError):
             return None
         return sweep.deviation(self.problem.metric, self.problem.boundary, self.reference)
+
+    def _warnings(self) -> tuple[str, ...]:
+        meshes = self.mesh, self.reference
+        return tuple(warnings(self.problem, self.status, self.relaxed, meshes, self.interpolation))
 
     # A file and the quality share these two arrays, whichever is requested first; no memory beyond the quality's own.
     @cached_property

@@ -21,6 +21,7 @@ from equimesh.single_domain.steps import Mode
 from equimesh.solving.auto import choose_monitor
 from equimesh.solving.least_error import is_no_worse, solve_least_error
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
+from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
 from equimesh.solving.solution import Solution, SolveError
@@ -100,7 +101,9 @@ def _solve(
         return solve_least_error(problem, initial, options, coarse)
     is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
     initial = Initial.NESTED if is_far else initial
-    if schwarz is None:
+    if is_lost_in_rounding(problem):
+        solution = solution_lost_in_rounding(problem, schwarz, options.mode)
+    elif schwarz is None:
         solution = solve_single_domain(problem, initial, options)
     else:
         solution = solve_by_schwarz(problem, schwarz, initial, options)

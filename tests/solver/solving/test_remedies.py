@@ -63,14 +63,6 @@ def test_other_monitors_are_not_told_of_a() -> None:
     assert remedies.after_newton(case, nested=True, reached=0.5) == "Smooth the monitor, or add grid points."
 
 
-def test_a_mesh_that_is_worse_than_the_uniform_one_is_warned_about() -> None:
-    """Arc length is no error monitor: it moves the points away from the extrema."""
-    (warning,) = em.solve(problem("sine", 33)).certificate.warnings
-    assert "worse than the uniform one" in warning
-    assert "curvature" in warning
-    assert em.solve(problem("tanh20", 33)).certificate.warnings == ()
-
-
 def test_where_nothing_helps_a_jump_is_suspected() -> None:
     said = remedies.after_newton(PAPER, nested=True, reached=0.0)
     assert said.startswith("Replace a jump of u")

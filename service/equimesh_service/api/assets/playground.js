@@ -41,6 +41,8 @@ async function finished(mesh) {
   return mesh;
 }
 
+const number = (value) => (typeof value === "number" ? value.toFixed(2) : "not known");
+
 async function show(mesh) {
   const format = mesh.grid.n_xi > 65 ? "png" : "svg";
   const picture = await (await answer(`${under(mesh.links.plot)}?kind=mesh&format=${format}`)).blob();
@@ -48,7 +50,7 @@ async function show(mesh) {
   element("picture").src = URL.createObjectURL(picture);
   const gain = mesh.certificate.interpolation_gain || {};
   const told = {
-    "interpolation error, uniform over this mesh": gain.l2 ? `${gain.l2.toFixed(2)} in L2, ${gain.h1.toFixed(2)} in H1` : "unknown",
+    "interpolation error, uniform over this mesh": `${number(gain.l2)} in L2, ${number(gain.h1)} in H1`,
     "largest Q_eq": mesh.quality.q_eq.max.toFixed(3),
     "smallest Jacobian, 1 for a uniform mesh": mesh.quality.min_jacobian.toPrecision(3),
     "solved in": `${(1000 * mesh.timings.solve).toFixed(0)} ms`,

@@ -1,0 +1,133 @@
+"""Warnings about a mesh: sentences to read before using it."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from equimesh.equations.problem import Problem
+from equimesh.equations.rounding import smallest_residual
+from equimesh.fields.field import Field
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.arc_length import ArcLength
+from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.quality.probes import probe_errors
+from equimesh.solving.certificate import Relaxed
+from equimesh.solving.status import Status
+
+# A mesh whose L2 gain is smaller interpolates u worse than the uniform mesh by a hundredth, and deserves a warning.
+MIN_GAIN = 0.99
+# A residual that rounding alone causes deserves a warning above this.
+MAX_SILENT_ROUNDING = 1e-6
+# Largest error of interpolation, as a share of the range of u, that a mesh may have without a warning.
+MAX_ERROR_SHARE = 0.25
+# The same for a uniform mesh of a monitor that does not see u.
+MAX_UNIFORM_ERROR_SHARE = 0.05
+# A u that varies by less, as a share of its size, may count as constant or linear because of rounding.
+MIN_VARIATION_SHARE = 1e-8
+# A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
+MAX_UNIFORM_MOVE = 0.01
+
+
+def warnings(
+    problem: Problem,
+    status: Status,
+    relaxed: Sequence[Relaxed],
+    meshes: tuple[Mesh, Mesh],
+    errors: InterpolationErrors | None,
+) -> Iterator[str]:
+    """Sentences to read before using a mesh. ``meshes`` are that of the domain and that of the reference square."""
+    if status is Status.RELAXED:
+        what = ", ".join(map(str, relaxed))
+        yield f"The mesh solves relaxed equations, not the requested ones: {what}."
+    yield from _about_rounding(problem, status)
+    if errors is None or status is Status.FOLDED:
+        return
+    yield from _about_resolution(errors)
+    if status.succeeded:
+        yield from _about_structure(problem, meshes, errors)
+    yield from _about_gains(errors)
+
+
+def _about_rounding(problem: Problem, status: Status) -> Iterator[str]:
+    floor = smallest_residual(problem.metric, problem.grid.shape)
+    if floor > MAX_SILENT_ROUNDING and status.succeeded:
+        yield (
+            f"Rounding errors of u alone cause a residual of up to {floor:.0e}, since u is"
+            f" {problem.metric.cancellation:.0e} times as large as it varies: subtract a constant from u."
+        )
+
+
+def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
+    if not all(errors.resolved):
+        names = [name for name, known in zip(("L2", "H1"), errors.resolved, strict=True) if not known]
+        yield (
+            f"A layer or a jump of u lies inside a cell: the {' and the '.join(names)} gain is not known, as two rules"
+            " of quadrature do not agree. Add grid points, or replace a jump by a steep tanh."
+        )
+
+
+def _about_structure(problem: Problem, meshes: tuple[Mesh, Mesh], errors: InterpolationErrors) -> Iterator[str]:
+    """What the monitor does not see of u, and what the grid does not."""
+    mesh, reference = meshes
+    u = problem.monitor.u
+    if u is None or errors.largest is None:
+        return
+    (error, x, y), variation = errors.largest, errors.variation
+    uniform = _is_uniform(reference)
+    if uniform and errors.l2 <= errors.rounding[0] and 0.0 < variation < MIN_VARIATION_SHARE * errors.size:
+        yield (
+            f"u counts as constant or linear: it varies by {variation:.2g}, and its size is {errors.size:.2g}. If it is"
+            " not, subtract a constant from it."
+        )
+    elif uniform:
+        yield from _about_uniformity(problem, mesh, u, errors)
+    elif error > MAX_ERROR_SHARE * variation and error > errors.rounding[0]:
+        yield (
+            f"Between the nodes near (x, y) = ({x:.4g}, {y:.4g}) u differs from its interpolant by"
+            f" {_percent(error / variation)} of its range: the grid does not resolve it. Add grid points."
+        )
+
+
+def _about_uniformity(problem: Problem, mesh: Mesh, u: Field, errors: InterpolationErrors) -> Iterator[str]:
+    """Where a mesh is uniform, u is probed at many more points."""
+    monitor = problem.monitor
+    if isinstance(monitor, ArcLength) and monitor.a == 0.0:
+        return
+    (error, x, y), variation = probe_errors(mesh, u)
+    share = error / variation if variation > 0.0 else 0.0
+    blind = isinstance(monitor, ArcLength) and errors.l2 > errors.rounding[0]
+    if not (blind or (share > MAX_UNIFORM_ERROR_SHARE and error > errors.rounding[0])):
+        return
+    if isinstance(monitor, ArcLength) and not monitor.scaled:
+        advice = "Take a scaled arc length, so that the units of u do not matter."
+    else:
+        advice = "Add grid points, or take another monitor; replace a jump by a steep tanh."
+    yield (
+        f"The mesh is uniform although u varies by {variation:.2g}: the monitor sees nothing of u at the points where"
+        f" it is evaluated. Near (x, y) = ({x:.4g}, {y:.4g}) u differs from its interpolant by {_percent(share)} of its"
+        f" range. {advice}"
+    )
+
+
+def _about_gains(errors: InterpolationErrors) -> Iterator[str]:
+    if not errors.gain_l2 < MIN_GAIN:
+        return
+    if errors.l2_uniform <= errors.rounding[0]:
+        yield "The uniform mesh interpolates u exactly, and this one does not: there is nothing to adapt to."
+    elif errors.gain_l2 > 0.0:
+        yield (
+            f"The mesh interpolates u worse than the uniform one: its L2 error is {1 / errors.gain_l2:.2g} times as"
+            " large. Take the curvature monitor to interpolate u well."
+        )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.2g} %"
+
+
+def _is_uniform(reference: Mesh) -> bool:
+    uniform = Mesh.uniform(reference.grid)
+    moves = np.abs(reference.x - uniform.x).max() * (reference.grid.n_xi - 1)
+    return max(float(moves), float(np.abs(reference.y - uniform.y).max() * (reference.grid.n_eta - 1))) < (
+        MAX_UNIFORM_MOVE
+    )

@@ -1,0 +1,90 @@
+"""Layers inside a cell: their interpolation errors are integrated finely enough, or not called known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.meshes.mesh import Mesh
+from equimesh.quality import resolution
+from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.interpolation import InterpolationErrors, interpolation_errors
+from equimesh.quality.measures import measure_interpolation
+from solver.quality.handmade import uniform, wavy
+
+
+def by_many_points(mesh: Mesh, u: em.Expression, points: int = 160) -> tuple[float, float]:
+    """The errors by the midpoint rule with ``points`` points a direction in every cell."""
+    cells, middles = BilinearCells(mesh), (np.arange(points) + 0.5) / points
+    s, t = (q.ravel()[:, None] for q in np.meshgrid(middles, middles, indexing="ij"))
+    rule, squares = CellPoints(s.ravel(), t.ravel(), np.ones(s.size)), np.zeros(2)
+    nodal = u.evaluate(*cells.nodes)[0]
+    for numbers in np.array_split(np.arange(cells.count), max(1, cells.count // 64)):
+        at, (a, b, c, d) = cells.at(rule, numbers), cells.corner_values(nodal, numbers)
+        there, u_x, u_y = u.evaluate(at.x, at.y, order=1)
+        error = (1 - s) * (1 - t) * a + s * (1 - t) * b + s * t * c + (1 - s) * t * d - there
+        along_s, along_t = (1 - t) * (b - a) + t * (c - d), (1 - s) * (d - a) + s * (c - b)
+        error_x = (along_s * at.y_t - along_t * at.y_s) / at.det - u_x
+        error_y = (along_t * at.x_s - along_s * at.x_t) / at.det - u_y
+        squares += [np.sum(at.det * error**2), np.sum(at.det * (error_x**2 + error_y**2))]
+    l2, h1 = np.sqrt(squares / points**2)
+    return float(l2), float(h1)
+
+
+def measured(mesh: Mesh, u: em.Expression) -> InterpolationErrors:
+    found = measure_interpolation(mesh, u)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("u", ["exp(-x/.001) + exp(-y/.001)", "tanh(300*(x + y - 0.15))", "tanh(100*(x - 0.37))"])
+@pytest.mark.parametrize("mesh", [uniform(17), wavy(17, 12)], ids=["uniform", "wavy"])
+def test_a_layer_inside_a_cell_is_measured_to_a_few_percent(mesh: Mesh, u: str) -> None:
+    field = em.Expression(u)
+    found = measured(mesh, field)
+    assert found.resolved == (True, True)
+    assert (found.l2, found.h1) == pytest.approx(by_many_points(mesh, field), rel=0.04)
+    assert (found.l2_uniform, found.h1_uniform) == pytest.approx(
+        by_many_points(uniform(*mesh.x.shape), field), rel=0.04
+    )
+
+
+@pytest.mark.parametrize("u", ["where(x + y < 0.9, 0, 1)", "exp(-x/1e-6)"])
+@pytest.mark.parametrize("n", [9, 33, 65])
+def test_a_gradient_that_no_rule_resolves_is_not_called_known(u: str, n: int) -> None:
+    found = measured(wavy(n, n), em.Expression(u))
+    assert found.resolved == (True, False)
+    assert found.gain_l2 > 0.0
+    assert math.isnan(found.gain_h1)
+
+
+def test_a_resolved_function_takes_few_points_more() -> None:
+    u, points = em.Expression("(1 - exp(15*(x - 1)))*sin(pi*y)"), []
+
+    class Counting:
+        def evaluate(self, x: np.ndarray, y: np.ndarray, order: int = 0) -> tuple[np.ndarray, ...]:
+            points.append(x.size)
+            return u.evaluate(x, y, order)
+
+    mesh = wavy(65, 65)
+    assert measured(mesh, Counting()).resolved == (True, True)  # type: ignore[arg-type]
+    rule = mesh.grid.points + 8 * mesh.grid.cells  # nodes, 4 Gauss points, the middles of 4 edges
+    assert 2 * rule < sum(points) < 1.25 * 2 * rule
+
+
+def test_the_cost_of_a_function_that_nothing_resolves_is_bounded() -> None:
+    noise, points = np.random.default_rng(0), []
+
+    class Noise:
+        def evaluate(self, x: np.ndarray, y: np.ndarray, order: int = 0) -> tuple[np.ndarray, ...]:
+            points.append(x.size)
+            return tuple(noise.standard_normal(x.shape) for _ in (x, x, y)[: 1 if order == 0 else 3])
+
+    mesh = wavy(33, 33)
+    found = interpolation_errors(mesh, Noise())
+    assert found.resolved[1] is False
+    pieces = resolution.MAX_PIECES + (resolution.MAX_PIECES_PER_CELL + 2) * mesh.grid.cells
+    assert sum(points) < 2 * 24 * pieces

@@ -1,0 +1,101 @@
+"""Warnings about a mesh: what its monitor, its grid, or rounding has not seen is said."""
+
+from __future__ import annotations
+
+import pytest
+
+import equimesh as em
+from cases import problem
+
+SPIKE = "exp(-1e5*((x - 0.503)**2 + (y - 0.507)**2))"
+FRONT = "tanh(20*(x - y**2))"
+
+
+def warnings(monitor: em.Monitor, n: int = 33) -> tuple[str, ...]:
+    solution = em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=n, n_eta=n)))
+    assert solution.status is em.Status.CONVERGED
+    return solution.certificate.warnings
+
+
+def arc(u: str, **settings: object) -> em.ArcLength:
+    return em.ArcLength(u=em.Expression(u), **settings)  # type: ignore[arg-type]
+
+
+def curvature(u: str) -> em.Curvature:
+    return em.Curvature(u=em.Expression(u))
+
+
+def test_a_mesh_that_is_worse_than_the_uniform_one_is_warned_about() -> None:
+    """Arc length is no error monitor: it moves the points away from the extrema."""
+    (warning,) = em.solve(problem("sine", 33)).certificate.warnings
+    assert "worse than the uniform one" in warning
+    assert "curvature" in warning
+    assert em.solve(problem("tanh20", 33)).certificate.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("monitor", "n", "share"),
+    [
+        (curvature("where(x + y < 0.9, 0, 1)"), 33, 75),
+        (curvature(SPIKE), 33, 95),
+        (curvature("sin(64*pi*x)*sin(64*pi*y)"), 65, 50),
+        (arc("sin(64*pi*x)*sin(64*pi*y)"), 65, 50),
+    ],
+)
+def test_a_monitor_that_sees_nothing_of_u_is_told_of(monitor: em.Monitor, n: int, share: float) -> None:
+    said = warnings(monitor, n)[-1]
+    assert said.startswith("The mesh is uniform although u varies by ")
+    assert float(said.partition("interpolant by ")[2].partition(" %")[0]) == pytest.approx(share, abs=10)
+    assert "Add grid points, or take another monitor" in said
+
+
+def test_a_monitor_whose_units_hide_u_is_told_of() -> None:
+    (said,) = warnings(arc("1e-8*sin(3*x)*y", scaled=False))
+    assert said.startswith("The mesh is uniform although u varies by 1e-08")
+    assert said.endswith("Take a scaled arc length, so that the units of u do not matter.")
+
+
+def test_structure_between_the_nodes_is_told_of_with_its_place() -> None:
+    said = warnings(arc(SPIKE))[0]
+    assert said.startswith("Between the nodes near (x, y) = (0.5")
+    assert "99 % of its range: the grid does not resolve it" in said
+
+
+@pytest.mark.parametrize(
+    "monitor",
+    [
+        arc("7"),
+        arc("x + 2*y"),
+        arc(FRONT),
+        arc(FRONT, a=0.0),
+        curvature("x**2 + y**2"),
+        curvature("tanh(5*(x - y**2))"),
+        em.Weight(rho=em.Expression("1"), u=em.Expression("sin(3*x)*y")),
+    ],
+    ids=str,
+)
+def test_nothing_is_said_where_all_is_well(monitor: em.Monitor) -> None:
+    assert warnings(monitor) == ()
+
+
+def test_a_layer_inside_a_cell_has_no_known_gain() -> None:
+    solution = em.solve(em.Problem(monitor=arc("exp(-x/1e-6)"), grid=em.Grid(n_xi=33, n_eta=33)))
+    certificate = solution.certificate
+    assert certificate.resolved is False
+    assert certificate.summary()["resolved"] is False
+    assert certificate.summary()["interpolation_gain"]["h1"] is None
+    assert "not known in H1" in str(certificate)
+    assert certificate.warnings[0].startswith("A layer or a jump of u lies inside a cell: the H1 gain is not known")
+
+
+def test_rounding_of_u_is_told_of_before_it_decides() -> None:
+    (said,) = warnings(arc(f"1e8 + {FRONT}"))
+    assert said.startswith("Rounding errors of u alone cause a residual of up to 2e-05")
+    assert "subtract a constant" in said
+    assert warnings(arc(f"1e4 + {FRONT}")) == ()
+
+
+@pytest.mark.parametrize("monitor", [arc("sin(x)**2 + cos(x)**2"), curvature(f"1e13 + {FRONT}")], ids=str)
+def test_a_function_that_counts_as_constant_because_of_rounding_is_told_of(monitor: em.Monitor) -> None:
+    (said,) = warnings(monitor)
+    assert said.startswith("u counts as constant or linear")
