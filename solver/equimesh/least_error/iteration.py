@@ -133,7 +133,9 @@ class LeastErrorSolve:
     def _lifted_error(self, reached: Reached, level: Level) -> float:
         """The error of a mesh on the next finer grid, which tells more of how the descent will end there."""
         mesh = reached.way.lifted(reached.mesh, reached.level.grid, level.grid)
-        return self._objective(level, reached.way).error(mesh)
+        objective = self._objective(level, reached.way)
+        objective.cut(mesh)
+        return objective.error(mesh)
 
     def _ways(self, level: Level) -> Iterator[Way]:
         """The ways that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
@@ -141,6 +143,8 @@ class LeastErrorSolve:
         yield uniform
         objective = self._objective(level, uniform)
         best, least = None, objective.error(uniform.start(level.grid))
+        if not least > objective.rounding:
+            return
         for floor in FLOORS:
             lines = self._lines(MAX_LINES, floor)
             if lines is None:
@@ -202,11 +206,12 @@ class LeastErrorSolve:
                 start=way.name,
             )
 
-        mesh, last = start, record(0, start, objective.error(start), 0.0)
+        mesh, last = start, None
         for step, (mesh, now) in enumerate(descend(objective, start, steps, MIN_DECREASE / self.effort)):
             last = record(step, mesh, now.error, now.distortion)
             yield last
-        if last.step == 0:
+        if last is None:
+            last = record(0, start, objective.error(start), 0.0)
             yield last
         return Reached(way=way, level=level, mesh=mesh, record=last)
 

@@ -19,6 +19,8 @@ from equimesh.numerics.types import Array
 
 MAX_BLOCK_POINTS = 16_384
 """Points at which u is evaluated at once: their arrays stay in the cache."""
+ROUNDING_SHARE = 1e-13
+"""The share of the largest value of u below which its error is rounding; of the gradient, times ten over a spacing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +76,7 @@ class Objective:
         size = max(1, MAX_BLOCK_POINTS // rule.points_per_cell)
         self._spans = [(first, min(first + size, cells.count)) for first in range(0, cells.count, size)]
         self._elements = rule.elements(cells.count)
+        self.rounding = self._rounding()
 
     def nodes(self, mesh: Array) -> Nodes:
         """The physical nodes of a mesh."""
@@ -82,6 +85,14 @@ class Objective:
             return Nodes(mesh[0], mesh[1], corners)
         x, y = self._domain.map(mesh[0], mesh[1])
         return Nodes(np.ascontiguousarray(x), np.ascontiguousarray(y), corners)
+
+    def _rounding(self) -> float:
+        """The error that rounding alone can make; infinite where u is not finite at a node of the start."""
+        size = float(np.abs(self._u.evaluate(self._first.x, self._first.y)[0]).max())
+        noise = ROUNDING_SHARE * size * math.sqrt(self._domain.area)
+        if self._rule.norm == "h1":
+            noise *= 10.0 * math.sqrt(self.cells.count / self._domain.area)
+        return noise if math.isfinite(noise) else math.inf
 
     def cut(self, mesh: Array) -> None:
         """From now on measure on the triangles into which ``mesh`` is best cut, if the rule is one for triangles."""
@@ -97,10 +108,10 @@ class Objective:
         return math.sqrt(self._squared_error(self.nodes(mesh)))
 
     def evaluate(self, mesh: Array) -> Evaluation | None:
-        """The objective with its derivatives; ``None`` where a cell is folded, u not finite, or the error 0."""
+        """The objective with its derivatives; ``None`` where a cell is folded, u not finite, or the error rounding."""
         nodes, count = self.nodes(mesh), self.cells.count
         square = self._squared_error(nodes)
-        if not 0.0 < square < math.inf:
+        if not self.rounding < math.sqrt(square) < math.inf:
             return None
         # All shares are scaled by twice the squared error here, and divided by it once they are collected.
         scale = 2.0 * square * self._weights.distortion / (4 * count)

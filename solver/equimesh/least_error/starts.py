@@ -18,6 +18,8 @@ MAX_CROSSINGS = 33
 """Lines of the other family, at most, over which the mean is taken."""
 EXPONENTS = {"l2": 0.2, "h1": 1.0 / 3.0}
 """The power of the integral of the squared second derivative that is the density of lines with the least error."""
+ROUNDING_SHARE = 1e-13
+"""The share of the largest derivative of u that counts as rounding in a derivative, or in its change."""
 
 
 def rectilinear(
@@ -31,12 +33,12 @@ def rectilinear(
     """
     s, t = (np.linspace(0.0, 1.0, count) for count in counts)
     for _ in range(MAX_PASSES):
-        along_s = _slopes(u, domain, s, resampled(t, min(t.size, MAX_CROSSINGS)))
-        along_t = _slopes(u, domain, resampled(s, min(s.size, MAX_CROSSINGS)), t)
-        if along_s is None or along_t is None:
+        few_s, few_t = resampled(s, min(s.size, MAX_CROSSINGS)), resampled(t, min(t.size, MAX_CROSSINGS))
+        along_s, along_t = _slopes(u, domain, s, few_t)[0], _slopes(u, domain, few_s, t)[1].T
+        if not (np.isfinite(along_s).all() and np.isfinite(along_t).all()):
             return None
-        new_s = _equidistributed(s, along_s[0], resampled(t, along_s[0].shape[1]), EXPONENTS[norm], floor)
-        new_t = _equidistributed(t, along_t[1].T, resampled(s, along_t[1].shape[0]), EXPONENTS[norm], floor)
+        new_s = _equidistributed(s, along_s, few_t, EXPONENTS[norm], floor)
+        new_t = _equidistributed(t, along_t, few_s, EXPONENTS[norm], floor)
         change = max(_change(s, new_s), _change(t, new_t))
         s, t = new_s, new_t
         if change < MIN_CHANGE_CELLS:
@@ -59,19 +61,26 @@ def resampled(line: Array, count: int) -> Array:
     return np.asarray(PchipInterpolator(np.arange(line.size), line)(at))
 
 
-def _slopes(u: Field, domain: Domain, s: Array, t: Array) -> tuple[Array, Array] | None:
-    """The derivatives of u by s and by t at the crossings of the lines."""
+def _slopes(u: Field, domain: Domain, s: Array, t: Array) -> tuple[Array, Array]:
+    """The derivatives of u by s and by t at the crossings of the lines, 0 where they are nothing but rounding."""
     at_s, at_t = np.meshgrid(s, t, indexing="ij")
     _, u_x, u_y = u.evaluate(*domain.map(at_s, at_t), order=1)
     x_s, x_t, y_s, y_t = domain.jacobian(at_s, at_t)
-    slopes = u_x * x_s + u_y * y_s, u_x * x_t + u_y * y_t
-    return slopes if np.isfinite(slopes).all() else None
+    return _sum(u_x * x_s, u_y * y_s), _sum(u_x * x_t, u_y * y_t)
+
+
+def _sum(one: Array, other: Array) -> Array:
+    """The sum, 0 where it is nothing but rounding."""
+    both = one + other
+    smallest = ROUNDING_SHARE * np.maximum(np.abs(one), np.abs(other)).max()
+    return np.where(np.isfinite(both) & (np.abs(both) <= smallest), 0.0, both)
 
 
 def _equidistributed(line: Array, slopes: Array, other: Array, exponent: float, floor: float) -> Array:
     """The line moved to equal integrals of its density; second derivatives are differences of ``slopes``."""
-    steps = np.diff(line)
-    bends = np.diff(slopes, axis=0) / steps[:, None]
+    steps, changes = np.diff(line), np.diff(slopes, axis=0)
+    changes[np.abs(changes) <= ROUNDING_SHARE * np.abs(slopes).max()] = 0.0
+    bends = changes / steps[:, None]
     size = float(np.abs(bends).max())
     if not size > 0.0:
         return line

@@ -1,0 +1,83 @@
+"""Elements: shape functions, quadrature, and triangles that are those of the mesh file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.least_error.elements import Rule, quadrilateral, triangle
+from equimesh.least_error.kernels import Nodes
+from solver.least_error.bent import bent, objective_on, uniform
+
+ELEMENTS = {**{f"quad {n}": quadrilateral(n) for n in (2, 3, 4, 5)}, "triangle": triangle()}
+CORNERS = {4: np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]), 3: np.array([[0, 0], [1, 0], [0, 1.0]])}
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_weights_sum_to_the_area_and_shape_functions_to_one(name: str) -> None:
+    element = ELEMENTS[name]
+    assert element.weights.sum() == pytest.approx(1.0 if element.shape.shape[1] == 4 else 0.5, rel=1e-14)
+    assert np.abs(element.shape.sum(axis=1) - 1.0).max() < 1e-14
+    assert np.abs(element.along_s.sum(axis=1)).max() < 1e-14
+    assert np.abs(element.along_t.sum(axis=1)).max() < 1e-14
+    assert (element.shape > 0.0).all()
+    assert (element.weights > 0.0).all()
+
+
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_shape_functions_and_their_derivatives_belong_to_the_points(name: str) -> None:
+    element = ELEMENTS[name]
+    s, t = (element.shape @ CORNERS[element.shape.shape[1]]).T
+    if element.shape.shape[1] == 3:
+        expected = [1 - s - t, s, t], [-1, 1, 0], [-1, 0, 1]
+    else:
+        expected = (
+            [(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t],
+            [t - 1, 1 - t, t, -t],
+            [s - 1, -s, s, 1 - s],
+        )
+    for got, parts in zip((element.shape, element.along_s, element.along_t), expected, strict=True):
+        for corner, part in enumerate(parts):
+            assert got[:, corner] == pytest.approx(part, abs=1e-14)
+
+
+def test_the_rule_of_triangles_is_exact_to_degree_4() -> None:
+    element = triangle()
+    s, t = (element.shape @ CORNERS[3]).T
+    factorial = [1, 1, 2, 6, 24, 120, 720]
+    for p in range(5):
+        for q in range(5 - p):
+            exact = factorial[p] * factorial[q] / factorial[p + q + 2]
+            assert element.weights @ (s**p * t**q) == pytest.approx(exact, rel=1e-13)
+
+
+def test_the_squared_error_of_a_quadratic_on_triangles_is_exact() -> None:
+    # Of x^2 the linear interpolant on right triangles of width h has the squared error h^4 / 30 a unit of area:
+    # x (h - x) along x alone.
+    grid, h = em.Grid(n_xi=9, n_eta=5), 1 / 8
+    error = objective_on(grid, em.Expression("x**2"), rule=Rule(cells="triangle")).error(uniform(grid))
+    assert error == pytest.approx(h**2 / 30**0.5, rel=1e-12)
+    # The gradient's error is 2 x - h on every triangle: its square has the mean h^2 / 3.
+    slope = objective_on(grid, em.Expression("x**2"), rule=Rule(cells="triangle", norm="h1")).error(uniform(grid))
+    assert slope == pytest.approx(h / 3**0.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_triangles_are_those_of_the_mesh_file(seed: int) -> None:
+    grid = em.Grid(n_xi=9, n_eta=6)
+    s, t = bent(grid, seed, share=0.45)
+    mesh = em.Mesh(s.reshape(grid.shape), t.reshape(grid.shape))
+    nodes = Nodes(s, t, mesh.cells.reshape(-1))
+    elements = Rule(cells="triangle").elements(len(mesh.cells), nodes)
+    cells = np.zeros((grid.n_xi - 1, grid.n_eta - 1))
+    data = em.MeshData(mesh=mesh, u=None, q_eq=cells, subdomain=cells.astype(np.int64))
+    assert np.array_equal(nodes.corners[elements], data.triangles())
+    assert len({tuple(row) for row in elements[::2] % 4}) == 2  # both cuts occur
+
+
+def test_quadrilaterals_are_the_cells() -> None:
+    rule = Rule(points=3)
+    assert np.array_equal(rule.elements(5), np.arange(20).reshape(5, 4))
+    assert rule.points_per_cell == 9
+    assert Rule(cells="triangle").points_per_cell == 12

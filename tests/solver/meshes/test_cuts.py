@@ -1,0 +1,50 @@
+"""Cuts of quadrilaterals: the diagonal that leaves the larger smallest angle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from equimesh.meshes.cuts import CUTS, better_cuts
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def angles(triangle: np.ndarray) -> list[float]:
+    """The signed angles, in degrees, from sines and cosines of plain vectors."""
+    found = []
+    for k in range(3):
+        a, b = triangle[(k + 1) % 3] - triangle[k], triangle[(k + 2) % 3] - triangle[k]
+        found.append(np.degrees(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
+    return found
+
+
+def test_the_diagonal_with_the_larger_smallest_angle_is_taken() -> None:
+    corners = SQUARE + np.random.default_rng(1).uniform(-0.4, 0.4, (200, 4, 2))
+    chosen = better_cuts(corners)
+    assert set(chosen) == {0, 1}
+    for cell, cut in zip(corners, chosen, strict=True):
+        smallest = [min(min(angles(cell[list(part)])) for part in parts) for parts in CUTS]
+        assert smallest[cut] == max(smallest)
+
+
+def test_a_dent_is_cut_from_its_corner() -> None:
+    # One corner is pushed inwards: only the cut through it leaves two positive triangles.
+    for dented in range(4):
+        cell = SQUARE.copy()
+        cell[dented] = 0.55 * SQUARE[(dented + 2) % 4] + 0.45 * SQUARE[dented]
+        assert better_cuts(cell[None])[0] == dented % 2
+        assert all(min(angles(cell[list(part)])) > 0 for part in CUTS[dented % 2])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 2.0])
+def test_equal_diagonals_give_the_first_cut(turn: float) -> None:
+    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    assert better_cuts((SQUARE @ matrix)[None]).tolist() == [0]
+
+
+def test_the_triangles_cover_the_cell() -> None:
+    for parts in CUTS:
+        assert sorted({*parts.ravel()}) == [0, 1, 2, 3]
+        areas = [np.linalg.det(np.diff(SQUARE[list(part)], axis=0)) / 2 for part in parts]
+        assert areas == pytest.approx([0.5, 0.5])

@@ -1,0 +1,64 @@
+"""The choice of a monitor: the comparison, the chosen one, and what subdomains can solve."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import equimesh as em
+from equimesh.solving.auto import choose_monitor, coarse_level
+
+FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
+METRICS = ["arc_length", "curvature"]
+
+
+def problem(u: em.Field = FRONT, n_xi: int = 33, n_eta: int = 33, norm: Any = "l2") -> em.Problem:
+    return em.Problem(monitor=em.Auto(u=u, norm=norm), grid=em.Grid(n_xi=n_xi, n_eta=n_eta))
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_the_comparison_lists_the_best_first_and_that_is_chosen(norm: str) -> None:
+    solution = em.solve(problem(norm=norm), threads=1)
+    comparison = solution.comparison
+    gains = [getattr(one, f"gain_{norm}") or 0.0 for one in comparison]
+    assert gains == sorted(gains, reverse=True)
+    assert [one.chosen for one in comparison] == [True] + [False] * (len(comparison) - 1)
+    assert {*METRICS, "least_error"} == {one.kind for one in comparison}
+    assert solution.certificate.comparison == comparison
+    monitor = solution.problem.monitor
+    assert isinstance(monitor, em.LeastError)
+    assert (monitor.distortion, monitor.smoothness) == (
+        comparison[0].settings["distortion"],
+        comparison[0].settings["smoothness"],
+    )
+    assert solution.interpolation is not None
+    assert getattr(solution.interpolation, f"gain_{norm}") > 2.0
+
+
+def test_subdomains_choose_among_metrics() -> None:
+    solution = em.solve(problem(em.Expression("sin(3*x)*y + x**2")), em.Schwarz(subdomains=(2, 1)), threads=1)
+    assert sorted(one.kind for one in solution.comparison) == METRICS
+    assert solution.schwarz is not None
+    assert not isinstance(solution.problem.monitor, em.LeastError | em.Auto)
+
+
+@pytest.mark.parametrize("shape", [(33, 33), (65, 65), (4, 4), (5, 300), (40, 171), (1025, 257)])
+def test_the_coarse_grid_has_few_points(shape: tuple[int, int]) -> None:
+    grid = em.Grid(n_xi=shape[0], n_eta=shape[1])
+    assert coarse_level(grid).grid.points <= 1600
+    assert all(n <= m for n, m in zip(coarse_level(grid).grid.shape, shape, strict=True))
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (5, 4), (9, 9), (5, 40)])
+def test_grids_with_few_points_have_a_choice(shape: tuple[int, int]) -> None:
+    solution = em.solve(problem(n_xi=shape[0], n_eta=shape[1]), threads=1)
+    assert not solution.mesh.is_folded
+    assert solution.interpolation is not None
+    assert solution.interpolation.gain_l2 >= 1.0
+
+
+def test_only_auto_is_chosen() -> None:
+    other = em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9))
+    with pytest.raises(TypeError, match="Auto"):
+        choose_monitor(other, metrics_only=False, threads=1)

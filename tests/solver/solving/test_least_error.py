@@ -1,0 +1,98 @@
+"""Least-error solves: never worse than the uniform mesh, with records, and what goes with them."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.least_error.steps import Descent
+from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.solving import least_error
+from equimesh.solving.solution import Solution
+
+FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
+GRID = em.Grid(n_xi=25, n_eta=21)
+
+
+def problem(u: em.Field = FRONT, grid: em.Grid = GRID, **asked: Any) -> em.Problem:
+    return em.Problem(monitor=em.LeastError(u=u, **asked), grid=grid)
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_a_solve_gains_and_is_completed(norm: str) -> None:
+    solution = em.solve(problem(norm=norm), threads=1)
+    errors = solution.interpolation
+    assert errors is not None
+    assert (errors.gain_l2 if norm == "l2" else errors.gain_h1) > 2.0
+    assert min(errors.gain_l2, errors.gain_h1 if norm == "h1" else 1.0) >= 1.0
+    assert solution.status is em.Status.COMPLETED
+    assert solution.note == ""
+    assert not solution.mesh.is_folded
+    assert solution.certificate.equation_residual is None
+
+
+def test_sides_are_met_exactly() -> None:
+    solution = em.solve(problem(), threads=1)
+    x, y = solution.mesh.x, solution.mesh.y
+    for side in (x[0], 1 - x[-1], y[:, 0], 1 - y[:, -1]):
+        assert (side == 0.0).all()
+
+
+def test_the_observer_gets_every_step_and_the_solution_keeps_their_numbers() -> None:
+    seen: list[Any] = []
+    solution = em.solve(problem(), threads=1, observe=seen.append)
+    assert all(isinstance(step, Descent) for step in seen)
+    assert [step.numbers() for step in seen] == list(solution.descent)
+    assert json.loads(json.dumps(solution.convergence()))["descent"] == [step.numbers() for step in seen]
+    assert np.array_equal(seen[-1].mesh.x, solution.reference.x)
+    assert solution.newton_steps == sum(step.grid == GRID for step in seen) > 0
+
+
+def test_a_solution_can_be_pickled() -> None:
+    solution = em.solve(problem(), threads=1)
+    copy = pickle.loads(pickle.dumps(solution))
+    assert np.array_equal(copy.mesh.x, solution.mesh.x)
+    assert copy.certificate.summary() == solution.certificate.summary()
+    assert copy.descent == solution.descent
+
+
+def test_subdomains_are_refused() -> None:
+    with pytest.raises(em.InputError, match="least-error mesh") as caught:
+        em.solve(problem(), em.Schwarz(subdomains=(2, 1)))
+    assert caught.value.field == "schwarz"
+
+
+def test_the_uniform_mesh_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[Solution] = []
+
+    def never(solution: Solution, norm: str) -> bool:  # noqa: ARG001
+        tried.append(solution)
+        return False
+
+    monkeypatch.setattr(least_error, "is_no_worse", never)
+    u = em.Expression("exp(-x/0.01) + exp(-y/0.01)")  # begins rectilinear, then from the uniform mesh
+    solution = em.solve(problem(u), threads=1)
+    assert len(tried) == 2
+    assert tried[0].mesh.distance(tried[1].mesh) > 1e-6
+    assert {record["start"] for record in tried[1].descent[len(tried[0].descent) :]} == {"uniform"}
+    assert solution.mesh.distance(em.Mesh.uniform(GRID)) == 0.0
+    assert solution.reference.distance(em.Mesh.uniform(GRID)) == 0.0
+    assert solution.note == least_error.NO_BETTER
+    assert solution.interpolation is not None
+    assert solution.interpolation.gain_l2 == 1.0
+
+
+@pytest.mark.parametrize(
+    ("l2", "h1", "norm", "kept"),
+    [(0.5, 2.0, "l2", True), (0.5, 2.0, "h1", False), (2.0, 0.5, "l2", False), (2.0, 0.5, "h1", False)],
+)
+def test_both_norms_count_where_the_gradient_is_requested(l2: float, h1: float, norm: str, kept: bool) -> None:
+    solution = em.solve(problem(), threads=1)
+    errors = InterpolationErrors(l2=l2, l2_uniform=1.0, h1=h1, h1_uniform=1.0)
+    vars(solution)["interpolation"] = errors  # in place of the measured ones
+    assert least_error.is_no_worse(solution, norm) is kept
