@@ -8,13 +8,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import least_error
+import least_error_gains
+import least_error_goals
 import numpy as np
 import pytest
-from random_functions import KINDS, random_functions
+from random_functions import KINDS, RandomFunction, random_functions
 
 import equimesh as em
-from equimesh_cli.benchmark import newton, peers, solves
-from equimesh_cli.benchmark.quadrature import l2_error
+from equimesh_cli.benchmark import budget, newton, peers, solves
+from equimesh_cli.benchmark.budget import Bought, Curve
+from equimesh_cli.benchmark.quadrature import errors, l2_error
 from equimesh_cli.benchmark.rows import Row, lines
 from equimesh_cli.commands import bench
 
@@ -99,13 +103,107 @@ def test_the_quadrature_is_exact_where_the_error_is_known(kind: str) -> None:
 
 def test_our_meshes_are_measured_beside_the_uniform_one() -> None:
     found = {mesh.mesher: mesh for mesh in peers.ours("ring", em.Expression(peers.FUNCTIONS["ring"]), 33)}
-    assert list(found) == ["uniform", "equimesh ArcLength", "equimesh Curvature"]
+    assert list(found) == ["uniform", "equimesh LeastError", "equimesh ArcLength", "equimesh Curvature"]
     assert {mesh.vertices for mesh in found.values()} == {33 * 33}
-    assert found["equimesh Curvature"].l2 < found["uniform"].l2
+    assert found["equimesh LeastError"].l2 < found["equimesh Curvature"].l2 < found["uniform"].l2
     ring = em.Curvature(u=em.Expression(peers.FUNCTIONS["ring"]))
     errors = em.solve(em.Problem(monitor=ring, grid=em.Grid(n_xi=33, n_eta=33)))
     assert errors.interpolation is not None
     assert found["equimesh Curvature"].l2 == pytest.approx(errors.interpolation.l2, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["quads", "triangles"])
+def test_the_quadrature_of_gradients_is_exact_where_the_error_is_known(kind: str) -> None:
+    n = 5
+    mesh = em.Mesh.uniform(em.Grid(n_xi=n, n_eta=n))
+    points, cells = (mesh.points, mesh.cells) if kind == "quads" else peers._uniform_triangles(n)
+    bent = points + 0.05 * np.sin(7 * points[:, ::-1])  # linear functions are exact on any mesh
+    h = 1.0 / (n - 1)
+    l2, h1 = errors(points, cells, lambda x, y: (x**2 + y, 2 * x, np.ones_like(y)))
+    assert l2 == pytest.approx(h**2 / math.sqrt(30.0), rel=1e-12)
+    assert h1 == pytest.approx(h / math.sqrt(3.0), rel=1e-12)  # the error of the slope is 2 x - h, from -h to h
+    assert max(errors(bent, cells, lambda x, y: (2 * x - 3 * y, np.full_like(x, 2.0), np.full_like(y, -3.0)))) < 1e-13
+
+
+def test_a_budget_buys_the_best_mesh_that_took_no_longer() -> None:
+    meshes = (Bought(0.04, 1e-4), Bought(0.01, 1e-2), Bought(0.02, 2e-2), Bought(1.0, 1e-5))
+    curve = Curve(function="u", mesher="one", meshes=meshes)
+    assert curve.at(0.005) is None
+    assert curve.at(0.04) == pytest.approx(1e-4)
+    assert curve.at(0.02) == pytest.approx(1e-3)  # between 0.01 and 0.04, not the mesh that is worse
+    assert curve.at(0.2) == pytest.approx(1e-4 * 0.1**0.5)
+    assert curve.at(5.0) == 1e-5
+
+
+def test_the_least_error_of_a_budget_is_starred() -> None:
+    found = [
+        Curve(function="u", mesher="slow", meshes=(Bought(0.5, 1e-5), Bought(2.0, 1e-6))),
+        Curve(function="u", mesher="quick", meshes=(Bought(0.01, 1e-3), Bought(2.0, 1e-4))),
+    ]
+    _, slow, quick = budget.lines(found, (0.1, 2.0))
+    assert slow.split() == ["u", "slow", "-", "1.00e-06*"]
+    assert quick.split()[2].endswith("*")
+    assert quick.split()[3] == "1.00e-04"
+
+
+def test_curves_of_all_meshers_stop_after_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(budget, "SIZES", (9, 13, 17))
+    u = em.Expression(peers.FUNCTIONS["ring"])
+    curves = list(budget.curves("ring", u, {"ours": em.ArcLength(u=u)}))
+    sizes = {curve.mesher: len(curve.meshes) for curve in curves}
+    assert sizes["ours"] == 3
+    assert sizes.get("Mmg2d", 3 * peers.PASSES) == 3 * peers.PASSES
+    assert sizes.get("Gmsh", 3) == 3
+    assert all(mesh.cpu > 0.0 for curve in curves for mesh in curve.meshes)
+    spent = list(budget.curves("ring", u, {"ours": em.ArcLength(u=u)}, budget=0.0))
+    assert len(spent[0].meshes) == 1
+
+
+def test_gains_are_those_of_the_solution() -> None:
+    u = em.Expression(least_error_goals.CURVED["paper"].u)
+    solution = least_error_gains.solve(em.LeastError(u=u), 33)
+    found, own = least_error_gains.measure(u, solution.mesh), solution.interpolation
+    assert own is not None
+    assert found.l2 == pytest.approx(own.gain_l2, rel=0.05)
+    assert found.h1 == pytest.approx(own.gain_h1, rel=0.05)
+    assert least_error_gains.measure(u, em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))) == (1.0, 1.0)
+
+
+def test_what_goes_wrong_with_random_functions_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    solutions = iter(["raise", "folded", "worse", "uniform"] * 3)
+
+    class Solved:
+        def __init__(self, mesh: em.Mesh) -> None:
+            self.mesh = mesh
+
+    def fake(_: em.Monitor, n: int) -> Solved:
+        kind, mesh = next(solutions), em.Mesh.uniform(em.Grid(n_xi=n, n_eta=n))
+        if kind == "raise":
+            raise ZeroDivisionError
+        if kind == "folded":
+            return Solved(em.Mesh(1.0 - mesh.x, mesh.y))
+        return Solved(em.Mesh(mesh.x**3, mesh.y**3) if kind == "worse" else mesh)
+
+    monkeypatch.setattr(least_error_gains, "solve", fake)
+    same = [RandomFunction("peak", "exp(9*(1 - x)*y)")] * 4
+    monkeypatch.setattr(least_error_gains, "random_functions", lambda *_: same)
+    rows = {row.what.partition("l2: ")[2]: row for row in least_error_gains.unseen(1, 4, 9) if "norm l2" in row.what}
+    assert {what: row.value for what, row in rows.items() if row.goal == 0} == {
+        "gain below 1 in L2": 1,
+        "folded": 1,
+        "exceptions": 1,
+    }
+    assert rows["exceptions"].note == "ZeroDivisionError: 1"
+    assert rows["folded"].met is False
+
+
+def test_the_section_of_the_page_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "page.md"
+    monkeypatch.setattr(least_error, "PAGE", page)
+    page.write_text("# Title\n\n## Other mesh generators\n\nlast\n")
+    for number in (1, 2):
+        least_error.write(f"{least_error.HEADING}\n\n{number}\n")
+        assert page.read_text() == f"# Title\n\n## Least error\n\n{number}\n\n## Other mesh generators\n\nlast\n"
 
 
 @pytest.mark.parametrize("library", ["mmgpy", "gmsh"])
@@ -114,7 +212,7 @@ def test_peers_make_as_many_vertices(library: str) -> None:
         pytest.skip(f"{library} is not installed")
     work = peers.mmg if library == "mmgpy" else peers.gmsh
     found = work("ring", em.Expression(peers.FUNCTIONS["ring"]), 33)
-    assert abs(found.vertices / 33**2 - 1.0) <= peers.NEAR
+    assert abs(found.vertices / 33**2 - 1.0) <= peers.MAX_VERTEX_DEVIATION_SHARE
 
 
 def test_random_functions_are_those_of_their_seed() -> None:
@@ -134,6 +232,7 @@ def test_every_random_function_varies_on_the_square() -> None:
 @pytest.mark.parametrize(
     ("script", "arguments", "said"),
     [
+        ("least_error.py", ["--points", "17", "--functions", "paper", "--parts", "gains"], "paper, smoothness"),
         ("newton.py", ["--points", "33"], "Newton with SuperLU"),
         ("random_functions.py", ["--count", "3"], "tanh("),
         ("peers.py", ["--points", "17", "--functions", "paper"], "equimesh ArcLength"),

@@ -8,6 +8,7 @@ import importlib
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -36,6 +37,8 @@ PASSES = 3
 """Passes of Mmg, after which its error no longer falls."""
 SIZES = 257
 """Points a side of the table of sizes for Gmsh."""
+AREA_SHARE = 0.43
+"""The area of an equilateral triangle of unit edges."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,11 +99,15 @@ def is_installed(name: str) -> bool:
 
 
 def ours(name: str, u: em.Expression, n: int) -> Iterator[Meshed]:
-    """The uniform mesh, and those of the arc-length and the curvature monitor."""
+    """The uniform mesh, and those of the least error and of the arc-length and the curvature monitor."""
     grid = em.Grid(n_xi=n, n_eta=n)
     uniform = em.Mesh.uniform(grid)
-    yield _measure(name, u, "uniform", 0.0, (uniform.points, uniform.cells))
-    monitors: dict[str, em.Monitor] = {"ArcLength": em.ArcLength(u=u), "Curvature": em.Curvature(u=u)}
+    yield measure(name, u, "uniform", 0.0, (uniform.points, uniform.cells))
+    monitors: dict[str, em.Monitor] = {
+        "LeastError": em.LeastError(u=u),
+        "ArcLength": em.ArcLength(u=u),
+        "Curvature": em.Curvature(u=u),
+    }
     for kind, monitor in monitors.items():
         problem = em.Problem(monitor=monitor, grid=grid)
         em.solve(replace(problem, grid=em.Grid(n_xi=17, n_eta=17)), threads=1, check=False)  # loads the kernels
@@ -110,31 +117,58 @@ def ours(name: str, u: em.Expression, n: int) -> Iterator[Meshed]:
         relaxed = ", ".join(f"{r.what} {r.reached:.2g}" for r in solution.relaxed)
         note = f"{solution.status}: {relaxed}" if relaxed else str(solution.status)
         mesh = solution.mesh
-        yield _measure(name, u, f"equimesh {kind}", seconds, (mesh.points, mesh.cells), note)
+        yield measure(name, u, f"equimesh {kind}", seconds, (mesh.points, mesh.cells), note)
 
 
 def mmg(name: str, u: em.Expression, n: int) -> Meshed:
     """Mmg2d, from the uniform mesh, with the tensors of the curvature monitor."""
-    library = importlib.import_module("mmgpy")
-    monitor = em.Curvature(u=u).on(em.Rectangle())
 
     def adapt(scale: float) -> Triangles:
-        points, triangles = _uniform_triangles(n)
-        for _ in range(PASSES):
-            mesh = library.MmgMesh2D(points, np.ascontiguousarray(triangles, dtype=np.int32))
-            metric = np.column_stack(monitor.metric(points[:, 0], points[:, 1]))
-            mesh.set_field("tensor", np.ascontiguousarray(scale * metric))
-            mesh.remesh(verbose=-1)
-            points, triangles = np.ascontiguousarray(mesh.get_vertices()), mesh.get_triangles()
-        return points, triangles
+        *_, last = mmg_passes(u, n, scale)
+        return last
 
-    # The metric has an area of 2; an equilateral triangle of unit edges has 0.43 for each half vertex.
-    seconds, found = _scale(adapt, 0.43 * n**2, n**2)
-    return _measure(name, u, "Mmg2d, Hessian", seconds, found, f"{PASSES} passes")
+    seconds, found = _scale(adapt, first_scale(n), n**2)
+    return measure(name, u, "Mmg2d, Hessian", seconds, found, f"{PASSES} passes")
+
+
+def mmg_passes(u: em.Expression, n: int, scale: float) -> Iterator[Triangles]:
+    """The meshes of Mmg2d after every pass, from the uniform mesh of ``n`` x ``n`` vertices.
+
+    Mmg2d adapts to the tensors of the curvature monitor times ``scale``.
+    """
+    library = importlib.import_module("mmgpy")
+    monitor = em.Curvature(u=u).on(em.Rectangle())
+    points, triangles = _uniform_triangles(n)
+    for _ in range(PASSES):
+        mesh = library.MmgMesh2D(points, np.ascontiguousarray(triangles, dtype=np.int32))
+        metric = np.column_stack(monitor.metric(points[:, 0], points[:, 1]))
+        mesh.set_field("tensor", np.ascontiguousarray(scale * metric))
+        mesh.remesh(verbose=-1)
+        points, triangles = np.ascontiguousarray(mesh.get_vertices()), mesh.get_triangles()
+        yield points, triangles
+
+
+def first_scale(n: int) -> float:
+    """The scale of the metric that gives about ``n`` x ``n`` vertices.
+
+    The metric has an area of 2; an equilateral triangle of unit edges has 0.43 for each half vertex.
+    """
+    return AREA_SHARE * n**2
 
 
 def gmsh(name: str, u: em.Expression, n: int) -> Meshed:
     """Gmsh, Frontal-Delaunay, with an isotropic size from the curvature."""
+    with gmsh_generator(u) as generate:
+        seconds, found = _scale(generate, first_scale(n), n**2)
+    return measure(name, u, "Gmsh, size field", seconds, found, "isotropic")
+
+
+@contextmanager
+def gmsh_generator(u: em.Expression) -> Iterator[Callable[[float], Triangles]]:
+    """A function that gives the mesh of Gmsh for a scale of the curvature, while Gmsh is open.
+
+    The table of sizes is evaluated once, before.
+    """
     library = importlib.import_module("gmsh")
     monitor = em.Curvature(u=u, isotropic=True).on(em.Rectangle())
     axis = np.linspace(0.0, 1.0, SIZES)
@@ -148,10 +182,9 @@ def gmsh(name: str, u: em.Expression, n: int) -> Meshed:
 
         library.initialize(interruptible=False)
         try:
-            seconds, found = _scale(generate, 0.43 * n**2, n**2)
+            yield generate
         finally:
             library.finalize()
-    return _measure(name, u, "Gmsh, size field", seconds, found, "isotropic")
 
 
 def _gmsh_mesh(library: Any, table: Path) -> Triangles:
@@ -201,7 +234,7 @@ def _uniform_triangles(n: int) -> Triangles:
     return mesh.points, np.concatenate([mesh.cells[:, [0, 1, 2]], mesh.cells[:, [0, 2, 3]]])
 
 
-def _measure(name: str, u: em.Expression, mesher: str, seconds: float, found: Triangles, note: str = "") -> Meshed:
+def measure(name: str, u: em.Expression, mesher: str, seconds: float, found: Triangles, note: str = "") -> Meshed:
     points, cells = found
     error = l2_error(points, cells, lambda x, y: u.evaluate(x, y)[0])
     return Meshed(function=name, mesher=mesher, vertices=len(points), cpu=seconds, l2=error, note=note)
