@@ -51,6 +51,7 @@ KINDS: dict[str, Callable[[float, float], em.Monitor]] = {
     "curvature, isotropic": lambda c, w: em.Curvature(u=scaled(BEND, c, w), isotropic=True),
     "curvature of samples": lambda c, w: em.Curvature(u=samples(c, w)),
     "weight": lambda c, w: em.Weight(rho=scaled(HUMP, c, w)),
+    "weight, gradient map": lambda c, w: em.Weight(rho=scaled(HUMP, c, w), map="gradient"),
     "tensor": tensor,
     "intersection": lambda c, w: em.Intersection(monitors=(arc(c, w), bend(c, w))),
     "smoothed": lambda c, w: em.Smoothed(monitor=arc(c, w), radius=0.05),

@@ -19,6 +19,7 @@ import pytest
 import equimesh as em
 from equimesh.io.write import CELLS
 from equimesh.monitors.curvature import NORMS
+from equimesh.monitors.tensor import MAPS
 from equimesh.specs import BuiltSpec, build
 from equimesh_cli.command import build_parser
 from equimesh_cli.options import problem
@@ -67,6 +68,7 @@ WORDS: dict[str, list[str]] = {
     "domain": list(DOMAINS),
     "transmission": list(CONDITIONS),
     "norm": list(NORMS),
+    "map": list(MAPS),
     "boundary": list(em.Boundary),
     "initial": list(em.Initial),
     "mode": list(em.Mode),
@@ -112,6 +114,7 @@ def test_words_of_the_service() -> None:
         "domain": kinds_of(domains.AnyDomain),
         "transmission": sorted(kinds_of(schwarz.AnyTransmission), key=WORDS["transmission"].index),
         "norm": words_of(monitors.CurvatureSpec, "norm"),
+        "map": words_of(monitors.WeightSpec, "map"),
         **{name: words_of(MeshSpec, name) for name in ("boundary", "initial", "mode", "cells")},
         "interface_data": words_of(schwarz.OptimizedSpec, "data"),
         **{name: words_of(settings, name) for name in ("ordering", "acceleration", "local_solver")},
@@ -176,6 +179,7 @@ def test_words_of_the_client() -> None:
         "domain": list(client_domains.KINDS),
         "transmission": sorted(client_schwarz.TRANSMISSIONS, key=WORDS["transmission"].index),
         "norm": list(get_args(inspect.get_annotations(client_monitors.Curvature, eval_str=True)["norm"])),
+        "map": list(get_args(inspect.get_annotations(client_monitors.Weight, eval_str=True)["map"])),
     }.items() <= WORDS.items()
     # the other words are strings that only the service checks: the docstrings of the client name them all
     for described, names in (
@@ -221,6 +225,7 @@ DEFAULTS = {
     "-b": em.ArcLength.b,
     "--scaled": em.ArcLength.scaled,
     "--norm": em.Curvature.norm,
+    "--map": em.Weight.map,
     "--smoothing": 0,
     "--n-xi": build(DOCUMENTS["least"]).problem.grid.n_xi,
     "--boundary": em.Problem.boundary,

@@ -17,7 +17,7 @@ NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
 ALLOWED = {
     "arc-length": ("a", "b", "scaled", "smoothing"),
     "curvature": ("norm", "isotropic", "smoothing"),
-    "weight": ("rho", "smoothing"),
+    "weight": ("rho", "map", "smoothing"),
     "tensor": ("m11", "m12", "m22", "smoothing"),
 }
 SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
@@ -42,6 +42,11 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         "--isotropic", action="store_true", default=None, help="curvature: small cells, without a preferred direction"
     )
     group.add_argument("--rho", metavar="R", help="weight: the function, positive; U is not needed")
+    group.add_argument(
+        "--map",
+        choices=("lines", "gradient"),
+        help="weight: equal lengths along mesh lines, or equal areas times R by a map that is a gradient (lines)",
+    )
     for name in ("m11", "m12", "m22"):
         group.add_argument(f"--{name}", metavar=name.upper(), help="tensor: an entry; U is not needed")
     group.add_argument(

@@ -56,15 +56,20 @@ class Curvature:
 
 @dataclass(frozen=True)
 class Weight:
-    """Small cells where ``rho`` > 0 is large. The interpolation error is that of ``u``, or of u of `generate`."""
+    """Small cells where ``rho`` > 0 is large. The interpolation error is that of ``u``, or of u of `generate`.
+
+    ``map`` is ``"lines"`` for equal metric lengths along each mesh line, ``"gradient"`` for equal rho times area of the
+    cells by a map that is a gradient: smoother meshes, also where rho is steep, and no subdomains.
+    """
 
     rho: object
     smoothing: float = 0.0
     u: object = None
+    map: Literal["lines", "gradient"] = "lines"
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
-        monitor = {"kind": "weight", "rho": read(self.rho), **_u_json(read, self.u, u)}
+        monitor = {"kind": "weight", "rho": read(self.rho), **_u_json(read, self.u, u), "map": self.map}
         return _with_smoothing(monitor, self.smoothing)
 
 

@@ -57,6 +57,11 @@ class WeightSpec(Strict):
     kind: Literal["weight"]
     rho: Source = Field(description="Positive on the whole domain.")
     u: Source | None = Field(None, description="The function whose interpolation is measured.")
+    map: Literal["lines", "gradient"] = Field(
+        "lines",
+        description="lines: equal metric lengths along each mesh line. gradient: equal rho times area of the cells, by "
+        "a map that is a gradient; smoother meshes, also where rho is steep, and no subdomains.",
+    )
     smoothing: _Smoothing = 0.0
 
 

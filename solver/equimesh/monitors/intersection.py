@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.numerics.spd import intersection
 from equimesh.numerics.types import Array
 
@@ -26,7 +26,7 @@ class Intersection:
     that has one.
 
     A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` for fewer than 2 or more
-    than 8 monitors.
+    than 8 monitors, and for one that asks for a gradient map.
     """
 
     monitors: tuple[Monitor, ...]
@@ -38,6 +38,12 @@ class Intersection:
                 f"{len(self.monitors)} monitors: an intersection is of {MIN_MONITORS} to {MAX_MONITORS}",
                 field="monitors",
             )
+        for number, monitor in enumerate(self.monitors):
+            if map_of(monitor) != "lines":
+                raise InputError(
+                    "an intersection is equidistributed along mesh lines: leave out map = 'gradient' of its members",
+                    field=f"monitors.{number}.map",
+                )
 
     @property
     def u(self) -> Field | None:

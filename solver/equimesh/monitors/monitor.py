@@ -46,6 +46,19 @@ class Monitor(Protocol):
         ...
 
 
+def map_of(monitor: Monitor) -> str:
+    """How cells get equal shares of the metric: ``"gradient"`` for a gradient map, otherwise ``"lines"``."""
+    return str(getattr(monitor, "map", "lines"))
+
+
+def require_lines(monitor: Monitor) -> None:
+    """Raises :class:`~equimesh.errors.InputError` for a gradient map where subdomains are requested."""
+    if map_of(monitor) != "lines":
+        raise InputError(
+            "a gradient map is not made of subdomains: leave out schwarz, or take map = 'lines'", field="schwarz"
+        )
+
+
 def require_strength(strength: float) -> float:
     """``strength`` if it lies in [0, 1]; otherwise raises :class:`~equimesh.errors.InputError`."""
     if not 0.0 <= strength <= 1.0:

@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
@@ -91,6 +91,11 @@ class Smoothed:
     def u(self) -> Field | None:
         """The u of the monitor."""
         return self.monitor.u
+
+    @property
+    def map(self) -> str:
+        """The map of the monitor."""
+        return map_of(self.monitor)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points, from the table.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from equimesh.monitors.weakened import weaken
 from equimesh.numerics.spd import eigenvalues
 from equimesh.numerics.types import Array
 
+MAPS = ("lines", "gradient")
+"""What gives cells equal shares of a weight: equal lengths along mesh lines, or a map that is a gradient."""
 MIN_EIGENVALUE_RATIO = 1e-10
 """The smaller eigenvalue of a tensor over the larger one must exceed this: less is rounding."""
 
@@ -24,17 +27,26 @@ class Weight:
     """The metric ``M = rho I``: cells are small where ``rho`` is large, and are not stretched on purpose.
 
     Metric lengths are lengths times ``sqrt(rho)``. ``rho`` must be positive on the domain; only its proportions
-    matter. ``u``, if given, is the function whose interpolation is measured. A
-    :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` when ``rho`` is no field,
-    and in :meth:`on` where it is not finite and positive.
+    matter. ``u``, if given, is the function whose interpolation is measured.
+
+    ``map`` says how cells get equal shares of ``rho``. ``"lines"`` makes the metric lengths along each mesh line equal,
+    as for all monitors. ``"gradient"`` moves the nodes by a gradient, so that the areas of cells times ``rho`` are
+    equal (:mod:`equimesh.gradient_map.level`): smoother meshes, in a few microseconds a point also where ``rho`` is
+    steep. A gradient map has no subdomains.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`. Raises :class:`~equimesh.errors.InputError` when ``rho`` is no field
+    or ``map`` is unknown, and in :meth:`on` where ``rho`` is not finite and positive.
     """
 
     rho: Field
     u: Field | None = None
+    map: Literal["lines", "gradient"] = "lines"
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_field(self.rho, "rho")
+        if self.map not in MAPS:
+            raise InputError(f"map = {self.map!r}: choose 'lines' or 'gradient'", field="map")
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(rho, 0, rho)`` at physical points."""

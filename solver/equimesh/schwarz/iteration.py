@@ -17,6 +17,7 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.monitor import require_lines
 from equimesh.numerics.threads import run_on_threads
 from equimesh.schwarz.acceleration import AccelerationResult, accelerator
 from equimesh.schwarz.claims import Claim, examine
@@ -43,7 +44,7 @@ def schwarz_iterations(
     ``reference`` are meshes of the reference square, of shape ``(n_xi, n_eta)``. Errors are recorded against
     ``reference``, the single-domain solution. ``threads`` share the subdomains; the meshes do not depend on their
     number. Haynes and Howse, section 3. Raises :class:`~equimesh.errors.DecompositionError` where the subdomains do not
-    fit the grid.
+    fit the grid, and :class:`~equimesh.errors.InputError` for a gradient map.
 
     Where a condition of the paper stalls, the optimized condition takes over from ``start``, if the settings allow it.
     The records name the condition in use.
@@ -64,6 +65,7 @@ class SchwarzRun:
 
     def __init__(self, problem: Problem, settings: Schwarz, start: Mesh, threads: int) -> None:
         self.problem, self.settings, self.mesh, self.threads = problem, settings, start, threads
+        require_lines(problem.monitor)
         decomposition, rounding = settings.decompose(problem.grid), smallest_tolerance(problem)
         self.enough = max(settings.tolerance, rounding) if isinstance(settings.tolerance, float) else 0.0
         self.turns = turns(decomposition, settings.ordering)

@@ -64,12 +64,13 @@ class Certificate:
     status: Status
     """How the solve ended."""
     mode: Mode | None
-    """When a single-domain solve ends; ``None`` for a Schwarz iteration."""
+    """When a single-domain solve ends; ``None`` for a Schwarz iteration and for a gradient map."""
     equation_residual: float | None
     """The largest relative difference of a squared metric length from the mean of its grid line.
 
     It is the residual of the requested equations, also where relaxed ones were solved. It is 0 on their exact
-    solution. ``None`` for a mesh that minimises the interpolation error, which solves no such equations.
+    solution. For a gradient map it is the root mean square of the relative deviations of the cells' shares from their
+    mean. ``None`` for a mesh that minimises the interpolation error, which solves no such equations.
     """
     min_jacobian: float
     """The smallest corner Jacobian: positive on every valid mesh, 1 on the uniform mesh of a rectangle."""

@@ -1,4 +1,4 @@
-"""The solution of a single-domain solve."""
+"""The solution of a single-domain solve, by equations along mesh lines or by a gradient map."""
 
 from collections.abc import Iterable
 
@@ -6,10 +6,12 @@ import numpy as np
 
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
+from equimesh.gradient_map.iteration import gradient_map_steps
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
 from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.monitor import map_of
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import Step
 from equimesh.solving import remedies
@@ -31,7 +33,7 @@ def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: Solv
         mesh=mesh,
         reference=reference,
         status=status_unless_folded(status, mesh),
-        mode=options.mode,
+        mode=None if map_of(problem.monitor) == "gradient" else options.mode,
         newton_steps=step.step,
         residual=step.residual,
         note="" if exact else what_was_found(step, problem),
@@ -43,7 +45,9 @@ def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: Solv
 
 
 def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Step:
-    """The last step of a single-domain solve from its ``initial`` mesh."""
+    """The last step of a single-domain solve from its ``initial`` mesh, on which a gradient map does not depend."""
+    if map_of(problem.monitor) == "gradient":
+        return last_of(gradient_map_steps(problem), options.observe)
     if isinstance(initial, Mesh):
         return last_of(iteration.steps_from(problem, initial, threads=options.threads), options.observe)
     start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None

@@ -14,6 +14,7 @@ from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import map_of
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import MonitorMeasures, Quality, complete_quality, measure_interpolation
 from equimesh.schwarz.decomposition import Decomposition
@@ -47,10 +48,11 @@ class Solution:
     """The largest residual at the end; of a Schwarz iteration, over all subdomains. Dimensionless.
 
     For sweeps it is the largest relative deviation of a squared metric length from the mean of its line. For Newton's
-    method it is the residual relative to the mean flux.
+    method it is the residual relative to the mean flux. For a gradient map it is the root mean square of the relative
+    deviations of the cells' shares from their mean.
     """
     mode: Mode | None = None
-    """When a single-domain solve ends; ``None`` for a Schwarz iteration."""
+    """When a single-domain solve ends; ``None`` for a Schwarz iteration and for a gradient map."""
     iterations: tuple[Iteration, ...] = ()
     """One record for each Schwarz iteration; empty for a single-domain solve."""
     descent: tuple[Mapping[str, Any], ...] = ()
@@ -110,6 +112,8 @@ class Solution:
         """The residual of the equidistribution equations; ``None`` where these were not solved."""
         if isinstance(self.problem.monitor, LeastError):
             return None
+        if map_of(self.problem.monitor) == "gradient":
+            return self.residual
         return sweep.deviation(self.problem.metric, self.problem.boundary, self.reference)
 
     def _warnings(self) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from equimesh.least_error.iteration import Reached
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import map_of, require_lines
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
@@ -99,7 +100,8 @@ def _solve(
     """The solution by the way that belongs to the monitor and the settings."""
     if isinstance(problem.monitor, LeastError):
         return solve_least_error(problem, initial, options, coarse)
-    is_far = isinstance(initial, Mesh) and not _is_near(problem, initial)
+    starts = map_of(problem.monitor) == "lines"  # a gradient map has no use for a mesh to start from
+    is_far = isinstance(initial, Mesh) and starts and not _is_near(problem, initial)
     initial = Initial.NESTED if is_far else initial
     if is_lost_in_rounding(problem):
         solution = solution_lost_in_rounding(problem, schwarz, options.mode)
@@ -123,6 +125,8 @@ def _check_ways(problem: Problem, schwarz: Schwarz | None) -> None:
             " monitor",
             field="schwarz",
         )
+    if schwarz is not None:
+        require_lines(problem.monitor)
 
 
 def _check_start(problem: Problem, initial: Initial | Mesh) -> None:

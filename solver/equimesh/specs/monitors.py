@@ -37,7 +37,7 @@ def _monitor(function: Reader) -> ByKind[Monitor]:
     plain = {
         "arc_length": _record(ArcLength, u=function, a=number, b=number, scaled=flag),
         "curvature": _record(Curvature, u=function, norm=as_given, isotropic=flag),
-        "weight": _record(Weight, rho=function, u=optional(function)),
+        "weight": _record(Weight, rho=function, u=optional(function), map=as_given),
         "tensor": _record(Tensor, m11=function, m12=function, m22=function, u=optional(function)),
     }
     members = several(ByKind(plain, USUAL_KIND))

@@ -15,6 +15,7 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
 from equimesh.meshes.grid import Grid
+from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.options import Initial
@@ -53,6 +54,8 @@ def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -
     parts = _PARTS(document)
     schwarz = build_schwarz(document)
     monitor = build_monitor(parts.monitor, parts.domain, find_samples)
+    if schwarz is not None:
+        require_lines(monitor)
     return BuiltSpec(
         problem=Problem(monitor=monitor, grid=parts.grid, boundary=parts.boundary, domain=parts.domain),
         schwarz=schwarz,

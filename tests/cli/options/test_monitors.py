@@ -41,5 +41,14 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
     words = ("--monitor", "weight", "--rho", str(tmp_path / "rho.csv"), "--domain", f"@{tmp_path / 'd.json'}")
     assert generate("x", *words)[0] == 0
     sent = json.loads(parts_of(service.seen("POST", "meshes")[-1])["spec"][1])
-    assert sent["monitor"] == {"kind": "weight", "rho": {"samples": "upload"}, "u": {"expression": "x"}}
+    assert sent["monitor"] == {
+        "kind": "weight",
+        "rho": {"samples": "upload"},
+        "u": {"expression": "x"},
+        "map": "lines",
+    }
     assert sent["domain"] == CURVED
+    words = ("--monitor", "weight", "--rho", "1 + x", "--map", "gradient")
+    assert generate(*words)[0] == 0
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["monitor"] == {"kind": "weight", "rho": {"expression": "1 + x"}, "map": "gradient"}

@@ -24,8 +24,12 @@ GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
         {"kind": "arc_length", "u": Y, "a": 0.5, "b": 0.05, "scaled": True, "smoothing": 0.1},
     ),
     (Curvature(norm="h1"), "x", {"kind": "curvature", "u": X, "norm": "h1", "isotropic": False}),
-    (Weight("y"), None, {"kind": "weight", "rho": Y}),
-    (Weight("y", smoothing=0.2), "x", {"kind": "weight", "rho": Y, "u": X, "smoothing": 0.2}),
+    (Weight("y"), None, {"kind": "weight", "rho": Y, "map": "lines"}),
+    (
+        Weight("y", smoothing=0.2, map="gradient"),
+        "x",
+        {"kind": "weight", "rho": Y, "u": X, "map": "gradient", "smoothing": 0.2},
+    ),
     (Tensor("x", "0", "y"), None, {"kind": "tensor", "m11": X, "m12": read("0"), "m22": Y}),
     ({"kind": "curvature"}, "x", {"kind": "curvature", "u": X}),
     ({"kind": "weight", "rho": X}, None, {"kind": "weight", "rho": X}),
@@ -36,7 +40,7 @@ GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
             "kind": "intersection",
             "monitors": [
                 {"kind": "curvature", "u": X, "norm": "l2", "isotropic": False},
-                {"kind": "weight", "rho": Y},
+                {"kind": "weight", "rho": Y, "map": "lines"},
                 {"kind": "arc_length", "u": Y, "a": 0.7, "b": 0.05, "scaled": True},
             ],
         },
@@ -46,7 +50,10 @@ GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
         "x",
         {
             "kind": "intersection",
-            "monitors": [{"kind": "weight", "rho": X, "u": X}, {"kind": "weight", "rho": Y}],
+            "monitors": [
+                {"kind": "weight", "rho": X, "u": X, "map": "lines"},
+                {"kind": "weight", "rho": Y, "map": "lines"},
+            ],
             "smoothing": 0.1,
         },
     ),

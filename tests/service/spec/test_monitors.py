@@ -49,13 +49,26 @@ MONITORS: dict[str, Refusal] = {
     "nested intersection": (both(ARC, both(ARC, ARC)["monitor"]), "/monitor/monitors/1/kind", "tensor", None),
     "bad u inside": (both(ARC, {"u": {"expression": "1+foo"}}), "/monitor/monitors/1/u/expression", "foo", 3),
     "bad a inside": (both(ARC, {"u": X, "a": 2}), "/monitor/monitors/1/a", "[0, 1]", None),
+    "unknown map": (monitor("weight", rho=ONE, map="rows"), "/monitor/map", "'lines' or 'gradient'", None),
+    "gradient map inside": (both(ARC, {**WEIGHT, "map": "gradient"}), "/monitor/monitors/1/map", "leave out map", None),
+    "gradient map with subdomains": (
+        {"monitor": {**WEIGHT, "map": "gradient"}, "schwarz": {}},
+        "/schwarz",
+        "not made of subdomains",
+        None,
+    ),
     "negative rho inside": (
         both(ARC, {"kind": "weight", "rho": {"expression": "y - 1"}}),
         "/monitor/monitors/1/rho",
         "positive",
         None,
     ),
-    "unknown key inside": (both(ARC, {**WEIGHT, "a": 1}), "/monitor/monitors/1/a", "kind, rho, u, smoothing", None),
+    "unknown key inside": (
+        both(ARC, {**WEIGHT, "a": 1}),
+        "/monitor/monitors/1/a",
+        "kind, rho, u, map, smoothing",
+        None,
+    ),
     "unknown samples inside": (
         both({"u": {"samples": "s-nothing"}}, WEIGHT),
         "/monitor/monitors/0/u/samples",

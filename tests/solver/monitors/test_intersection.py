@@ -23,3 +23,10 @@ def test_an_intersection_dominates_its_monitors_and_takes_the_first_u() -> None:
     for number in (1, 9):
         with pytest.raises(em.InputError, match="2 to 8"):
             em.Intersection(monitors=(weight,) * number)
+
+
+def test_a_gradient_map_in_an_intersection_is_refused() -> None:
+    rho = em.Expression("1 + x")
+    with pytest.raises(em.InputError, match="leave out map") as caught:
+        em.Intersection(monitors=(em.Weight(rho=rho), em.Weight(rho=rho, map="gradient")))
+    assert caught.value.field == "monitors.1.map"

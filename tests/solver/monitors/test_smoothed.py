@@ -80,3 +80,10 @@ def test_smoothed_curvature_is_positive_definite(p: float, q: float, k: float, r
     u = em.Expression("p*tanh(k*(x - y**2)) + q*cos(9*x*y) + 0.01*x", parameters={"p": p, "q": q, "k": k})
     monitor = em.Smoothed(monitor=em.Curvature(u=u), radius=radius).on(UNIT)
     assert np.linalg.eigvalsh(matrices(monitor.metric(*points(n=41)))).min() > 0
+
+
+def test_the_map_of_a_smoothed_weight_is_that_of_the_weight() -> None:
+    rho = em.Expression("1 + x")
+    assert em.Smoothed(monitor=em.Weight(rho=rho, map="gradient")).on(UNIT).map == "gradient"
+    assert em.Smoothed(monitor=em.Weight(rho=rho)).map == "lines"
+    assert em.Smoothed(monitor=em.ArcLength(u=rho)).map == "lines"

@@ -52,3 +52,9 @@ def test_a_tensor_is_checked_on_its_domain_and_not_elsewhere() -> None:
     assert weight.on(em.Rectangle(x=(1.5, 2.0))).metric(np.array([1.75]), np.array([0.0]))[0] == 0.75
     with pytest.raises(em.InputError, match="rho"):
         weight.on(UNIT)
+
+
+def test_an_unknown_map_of_a_weight_is_refused() -> None:
+    with pytest.raises(em.InputError, match="choose 'lines' or 'gradient'") as caught:
+        em.Weight(rho=em.Expression("1"), map="rows")  # type: ignore[arg-type]
+    assert caught.value.field == "map"

@@ -22,6 +22,7 @@ MONITORS: dict[str, em.Monitor] = {
     "curvature h1": em.Curvature(u=STEEP, norm="h1"),
     "isotropic": em.Curvature(u=STEEP, isotropic=True),
     "weight": em.Weight(rho=em.Expression("1 + 9*exp(-20*(x - y)**2)"), u=WAVE),
+    "gradient map": em.Weight(rho=em.Expression("1 + 9*exp(-20*(x - y)**2)"), map="gradient"),
     "tensor": em.Tensor(m11=em.Expression("2 + x**2"), m12=em.Expression("sin(x*y)"), m22=em.Expression("3")),
     "intersection": em.Intersection(monitors=(ARC, em.Curvature(u=WAVE))),
     "smoothed": em.Smoothed(monitor=ARC, radius=0.04),
