@@ -7,6 +7,7 @@ import numpy as np
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_residual
 from equimesh.fields.field import Field
+from equimesh.fields.noise import noise_share
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.quality.interpolation import InterpolationErrors
@@ -24,6 +25,8 @@ MAX_ERROR_SHARE = 0.25
 MAX_UNIFORM_ERROR_SHARE = 0.05
 # A u that varies by less, as a share of its size, may count as constant or linear because of rounding.
 MIN_VARIATION_SHARE = 1e-8
+# Noise of this share of the range of u deserves a warning: meshes then begin to follow it.
+MIN_NOISE_SHARE = 5e-4
 # A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
 MAX_UNIFORM_MOVE = 0.01
 
@@ -42,6 +45,7 @@ def warnings(
     yield from _about_rounding(problem, status)
     if errors is None or status is Status.FOLDED:
         return
+    yield from _about_noise(problem.monitor.u)
     yield from _about_resolution(errors)
     if status.succeeded:
         yield from _about_structure(problem, meshes, errors)
@@ -54,6 +58,15 @@ def _about_rounding(problem: Problem, status: Status) -> Iterator[str]:
         yield (
             f"Rounding errors of u alone cause a residual of up to {floor:.0e}, since u is"
             f" {problem.metric.cancellation:.0e} times as large as it varies: subtract a constant from u."
+        )
+
+
+def _about_noise(u: Field | None) -> Iterator[str]:
+    share = noise_share(u)
+    if share >= MIN_NOISE_SHARE:
+        yield (
+            f"The samples of u have noise of about {_percent(share)} of their range. The mesh follows the noise, and"
+            " the gains are those of the noisy samples: smooth the samples before, or give u as an expression."
         )
 
 

@@ -1,0 +1,87 @@
+"""The noise of samples: the part that changes from sample to sample without any relation to its neighbours."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from equimesh.fields.field import Field
+from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.samples import GridSamples
+from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.numerics.types import Array
+
+MEDIAN_OF_NORMAL = 0.6745
+"""The median of the size of a normal variable over its standard deviation."""
+SECOND = np.array([1.0, -2.0, 1.0])
+"""The second difference: 0 for linear functions."""
+FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+"""The fourth difference: 0 for cubic functions."""
+MIN_AXIS_SAMPLES = 9
+"""Samples along an axis; from fewer the noise cannot be told from u."""
+MAX_AXIS_SAMPLES = 257
+"""Samples along an axis that are looked at."""
+MIN_WHITE_SHARE = 0.5
+"""Both differences see the same noise. They see a smooth u by very different amounts."""
+NEIGHBOURS = 12
+"""Scattered samples near one of them, to which a polynomial is fitted."""
+MAX_FITTED_SAMPLES = 1_000
+"""Scattered samples at which it is fitted."""
+
+
+def noise_share(field: Field | None) -> float:
+    """The standard deviation of the noise in the samples of ``field`` over their range; 0 where none is seen.
+
+    Second and fourth differences of samples on a grid, or linear and quadratic fits of scattered ones, are compared.
+    Noise gives the same estimate by both. Where the estimates differ by more than a factor of two, what is seen is u.
+    The median over all samples leaves out fronts. Functions that are not samples have no noise.
+    """
+    if isinstance(field, GridSamples | NodalField):
+        middle = _middle(field.values)
+        return _share(field.values, *(_of_differences(middle, stencil) for stencil in (SECOND, FOURTH)))
+    if isinstance(field, ScatteredSamples):
+        return _share(field.values, *_of_fits(field.points, field.values))
+    return 0.0
+
+
+def _share(values: Array, low: float, high: float) -> float:
+    size = float(np.ptp(values))
+    return high / size if size > 0.0 and high > MIN_WHITE_SHARE * low else 0.0
+
+
+def _middle(values: Array) -> Array:
+    """The samples in the middle, at most ``MAX_AXIS_SAMPLES`` along an axis: enough for a median."""
+    first = [max(0, (count - MAX_AXIS_SAMPLES) // 2) for count in values.shape]
+    return values[first[0] : first[0] + MAX_AXIS_SAMPLES, first[1] : first[1] + MAX_AXIS_SAMPLES]
+
+
+def _of_differences(values: Array, stencil: Array) -> float:
+    """The noise by the product of a difference in both directions, whose size it scales with the stencil's norm."""
+    if min(values.shape) < MIN_AXIS_SAMPLES:
+        return 0.0
+    for _ in range(2):
+        windows = np.lib.stride_tricks.sliding_window_view(values, stencil.size, axis=0)
+        values = (windows @ stencil).T
+    return float(np.median(np.abs(values))) / (MEDIAN_OF_NORMAL * float(stencil @ stencil))
+
+
+def _of_fits(points: Array, values: Array) -> tuple[float, float]:
+    """The noise by what linear and quadratic fits leave of the nearest samples."""
+    if len(points) < MIN_AXIS_SAMPLES**2:
+        return 0.0, 0.0
+    chosen = np.linspace(0, len(points) - 1, min(len(points), MAX_FITTED_SAMPLES)).astype(np.int64)
+    _, near = cKDTree(points).query(points[chosen], k=NEIGHBOURS)
+    x, y = np.moveaxis(points[near] - points[chosen][:, None, :], -1, 0)
+    scale = np.maximum(np.hypot(x, y).max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    x, y = x / scale, y / scale
+    terms = [np.ones_like(x), x, y, x * x, x * y, y * y]
+    return _left_of_fit(terms[:3], values[near]), _left_of_fit(terms, values[near])
+
+
+def _left_of_fit(terms: list[Array], values: Array) -> float:
+    basis, _ = np.linalg.qr(np.stack(terms, axis=-1))
+    rest = values - np.einsum("pik,pjk,pj->pi", basis, basis, values)
+    squares = np.sum(rest**2, axis=1) / (NEIGHBOURS - len(terms))
+    return math.sqrt(float(np.median(squares)))
