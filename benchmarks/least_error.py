@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -35,6 +36,8 @@ from equimesh_cli.benchmark.rows import Row, lines
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
 HEADING = "## Least error"
+WIDTH = 120
+"""Of a line of the page."""
 INTRODUCTION = f"""\
 `benchmarks/least_error.py --write` measures all of this and writes this section. The errors are those of the bilinear
 interpolant, or of the linear one on triangles, by {measured.GAUSS_POINTS} x {measured.GAUSS_POINTS} Gauss points in a
@@ -101,7 +104,8 @@ def report(options: argparse.Namespace) -> Iterator[str]:
         "budget": lambda: budget.lines(bought(curved)),
     }
     for part in options.parts:
-        yield from ("", TEXTS[part].format(n=options.points, goal=POINTS, seed=options.seed), "", "```text")
+        text = TEXTS[part].format(n=options.points, goal=POINTS, seed=options.seed)
+        yield from ("", *textwrap.wrap(text, WIDTH), "", "```text")
         yield from parts[part]()
         yield "```"
 

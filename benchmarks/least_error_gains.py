@@ -106,7 +106,9 @@ def unseen(seed: int, count: int, n: int) -> Iterator[Row]:
     }
     functions: list[RandomFunction] = random_functions(seed, count)
     for kind, (norm, monitor) in kinds.items():
-        found, worse, failed, folded = [], [], Counter[str](), []
+        found: list[Gains] = []
+        worse: list[str] = []
+        failed, folded = Counter[str](), []
         for number, function in enumerate(functions):
             u = em.Expression(function.u)
             try:
@@ -117,8 +119,8 @@ def unseen(seed: int, count: int, n: int) -> Iterator[Row]:
             if mesh.is_folded:
                 folded.append(number)
                 continue
-            gain = getattr(measure(u, mesh), norm)
-            found.append(gain)
+            found.append(measure(u, mesh))
+            gain = getattr(found[-1], norm)
             if gain < MIN_GAIN:
                 worse.append(f"{number} ({function.kind}, {gain:.3g})")
         what = f"{count} random functions, {kind}"
@@ -126,9 +128,15 @@ def unseen(seed: int, count: int, n: int) -> Iterator[Row]:
         yield Row(what=f"{what}: folded", value=len(folded), unit="", goal=0, note=_few([str(n) for n in folded]))
         raised = [f"{name}: {times}" for name, times in failed.items()]
         yield Row(what=f"{what}: exceptions", value=failed.total(), unit="", goal=0, note=_few(raised))
-        mean = math.exp(float(np.mean(np.log(found)))) if found else math.nan
-        note = f"smallest {min(found):.3g}, median {median(found):.3g}" if found else ""
-        yield Row(what=f"{what}: geometric mean {norm.upper()} gain", value=mean, unit="", note=note)
+        for one in Gains._fields:
+            yield _mean(f"{what}: geometric mean {one.upper()} gain", [getattr(each, one) for each in found])
+
+
+def _mean(what: str, gains: list[float]) -> Row:
+    if not gains:
+        return Row(what=what, value=math.nan, unit="")
+    note = f"smallest {min(gains):.3g}, median {median(gains):.3g}"
+    return Row(what=what, value=math.exp(float(np.mean(np.log(gains)))), unit="", note=note)
 
 
 def _few(items: list[str], most: int = 5) -> str:

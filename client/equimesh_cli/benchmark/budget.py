@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from statistics import median
 from typing import NamedTuple
 
@@ -72,12 +72,13 @@ def curves(
 
 
 def lines(found: Iterable[Curve], budgets: Sequence[float] = BUDGETS) -> Iterator[str]:
-    """The lines of a table with a heading: the errors at the budgets, and the smallest one of each column marked."""
+    """The lines of a table with a heading, each as soon as all curves of its function are known.
+
+    They have the errors at the budgets; the smallest one is marked. Curves of one function follow each other.
+    """
     yield f"{'u':<9}{'mesher':<26}" + "".join(f"{f'{seconds:g} s':>12}" for seconds in budgets)
-    together: dict[str, list[Curve]] = {}
-    for curve in found:
-        together.setdefault(curve.function, []).append(curve)
-    for name, group in together.items():
+    for name, curves_of in groupby(found, lambda curve: curve.function):
+        group = list(curves_of)
         errors = [[curve.at(seconds) for seconds in budgets] for curve in group]
         least = [min((e for e in column if e is not None), default=None) for column in zip(*errors, strict=True)]
         for curve, row in zip(group, errors, strict=True):
