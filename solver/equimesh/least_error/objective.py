@@ -19,6 +19,8 @@ from equimesh.numerics.types import Array
 
 MAX_BLOCK_POINTS = 16_384
 """Points at which u is evaluated at once: their arrays stay in the cache."""
+NEARBY_SHARE = 1e-3
+"""The way from a node to the centre of a cell at which slopes are taken that are infinite at the node."""
 ROUNDING_SHARE = 1e-13
 """The share of the largest value of u below which its error is rounding; of the gradient, times ten over a spacing."""
 
@@ -150,7 +152,26 @@ class Objective:
             return 0.0
 
         self._sum(parts, evaluate)
+        if not self._has_slopes(nodes, NodalValues(*nodal)):
+            return math.inf
         return self._sum(self._spans, lambda span: self._squared_error_of(nodes, NodalValues(*nodal), span))
+
+    def _has_slopes(self, nodes: Nodes, nodal: NodalValues) -> bool:
+        """Whether u is finite at all nodes. Slopes that are infinite at a node become those nearby.
+
+        Such a node is a corner or on a side where u is like the square root of the distance, and cannot leave it.
+        """
+        if not math.isfinite(float(nodal.u.sum())):
+            return False
+        bad = np.flatnonzero(~np.isfinite(nodal.u_x + nodal.u_y))
+        if bad.size:
+            cells = self.cells.places[self.cells.starts[bad]] // 4
+            x, y = (
+                (1.0 - NEARBY_SHARE) * q[bad] + NEARBY_SHARE * q[self.cells.corners[cells]].mean(axis=1)
+                for q in (nodes.x, nodes.y)
+            )
+            _, nodal.u_x[bad], nodal.u_y[bad] = self._u.evaluate(x, y, order=1)
+        return True
 
     def _squared_error_of(self, nodes: Nodes, nodal: NodalValues | None, span: tuple[int, int]) -> float:
         """That of a span of cells; ``nodal`` is evaluated together with the other points where it is not given."""
@@ -164,10 +185,12 @@ class Objective:
         if nodal is None:
             x[:split], y[:split] = nodes.x, nodes.y
         values = self._u.evaluate(x, y, order=2 if of_slopes else 1)
-        if not math.isfinite(sum(float(part.sum()) for part in values)):
-            return math.inf
         if nodal is None:
-            nodal = NodalValues(*(part[:split] for part in values[:3]))
+            nodal = NodalValues(*(part[:split].copy() for part in values[:3]))
+            if not self._has_slopes(nodes, nodal):
+                return math.inf
+        if not math.isfinite(sum(float(part[split:].sum()) for part in values)):
+            return math.inf
         at = [part[split:].reshape(shape) for part in values]
         if of_slopes:
             return float(kernels.slope_errors(nodes, elements, element, nodal, Values(*at), self._shares))

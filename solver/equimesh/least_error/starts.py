@@ -18,6 +18,8 @@ MAX_CROSSINGS = 33
 """Lines of the other family, at most, over which the mean is taken."""
 EXPONENTS = {"l2": 0.2, "h1": 1.0 / 3.0}
 """The power of the integral of the squared second derivative that is the density of lines with the least error."""
+INSET_SHARE = 0.1
+"""The share of a spacing by which lines are moved from a side where u has no finite slope."""
 ROUNDING_SHARE = 1e-13
 """The share of the largest derivative of u that counts as rounding in a derivative, or in its change."""
 
@@ -34,7 +36,7 @@ def rectilinear(
     s, t = (np.linspace(0.0, 1.0, count) for count in counts)
     for _ in range(MAX_PASSES):
         few_s, few_t = resampled(s, min(s.size, MAX_CROSSINGS)), resampled(t, min(t.size, MAX_CROSSINGS))
-        along_s, along_t = _slopes(u, domain, s, few_t)[0], _slopes(u, domain, few_s, t)[1].T
+        along_s, along_t = _finite_slopes(u, domain, s, few_t)[0], _finite_slopes(u, domain, few_s, t)[1].T
         if not (np.isfinite(along_s).all() and np.isfinite(along_t).all()):
             return None
         new_s = _equidistributed(s, along_s, few_t, EXPONENTS[norm], floor)
@@ -59,6 +61,20 @@ def resampled(line: Array, count: int) -> Array:
     if line.size == 2:
         return at
     return np.asarray(PchipInterpolator(np.arange(line.size), line)(at))
+
+
+def _finite_slopes(u: Field, domain: Domain, s: Array, t: Array) -> tuple[Array, Array]:
+    """The derivatives of u by s and by t; from points next to the sides where they are infinite on these."""
+    slopes = _slopes(u, domain, s, t)
+    return slopes if np.isfinite(slopes).all() else _slopes(u, domain, _inset(s), _inset(t))
+
+
+def _inset(line: Array) -> Array:
+    """The line with its ends moved inwards by a small share of their spacings."""
+    inset = line.copy()
+    inset[0] += INSET_SHARE * (line[1] - line[0])
+    inset[-1] -= INSET_SHARE * (line[-1] - line[-2])
+    return inset
 
 
 def _slopes(u: Field, domain: Domain, s: Array, t: Array) -> tuple[Array, Array]:

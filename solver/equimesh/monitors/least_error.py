@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
+import numpy as np
+
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_field
@@ -22,6 +24,8 @@ MAX_WEIGHT = 1e3
 """The largest ``distortion`` and ``smoothness``."""
 PROBED_CELLS = 64
 """Points a direction at which u is checked before a solve."""
+MAX_SIZE, MIN_SIZE = 1e140, 1e-140
+"""The largest and smallest size of u: squares of its errors are numbers between them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,13 +72,20 @@ class LeastError:
         """The monitor bound to ``domain``.
 
         Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or a derivative that the norm needs
-        is not finite.
+        is not finite, and where u is so large or small that the squares of its errors are no numbers.
         """
         if is_bound_to(self._domain, domain):
             return self
         probe = Probe.of(domain, PROBED_CELLS)
         values = self.u.evaluate(probe.x, probe.y, order=1 if self.norm == "l2" else 2)
         probe.require_finite(values, "u or its derivatives are", field="u")
+        size = float(np.abs(values[0]).max())
+        if size > MAX_SIZE or 0.0 < size < MIN_SIZE:
+            raise InputError(
+                f"u has the size {size:.3g}: squares of its errors are no numbers; multiply u by a constant, which does"
+                " not change the mesh",
+                field="u",
+            )
         return bound_copy(self, domain)
 
     def weakened(self, strength: float) -> Monitor:

@@ -178,7 +178,7 @@ def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | 
         sums[:, here] = parts[:2]
     size = float(np.abs(values).max())
     noise = _noise(cells, size)
-    found = resolved_integrals(cells, known, values, sums, u, (noise[0] ** 2, noise[1] ** 2))
+    found = resolved_integrals(cells, known, values, sums, u, (noise[0] * noise[0], noise[1] * noise[1]))
     l2, h1 = (math.sqrt(square * cells.count / known.size) for square in found.squares)
     worst, known_range = int(largest.argmax()), (min(low, float(values.min())), max(high, float(values.max())))
     at = cells.at(CENTRE, known[worst : worst + 1])

@@ -1,7 +1,7 @@
 """The solution of a least-error solve: never worse than the uniform mesh, by the rule of the certificate."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from equimesh.domains.domain import map_mesh
@@ -23,8 +23,8 @@ def solve_least_error(
     """The mesh of least error, whose gain is at least 1 in L2 and in the norm of the monitor.
 
     The descent lowers the error by the quadrature of its grids. Where the measures of the certificate see no gain, the
-    mesh from the uniform start is tried, and then the uniform mesh itself is the result. ``coarse`` is a mesh of a
-    coarse grid from which the same solve continues.
+    mesh from the uniform start is tried, then for H1 that of L2, and at last the uniform mesh itself is the result.
+    ``coarse`` is a mesh of a coarse grid from which the same solve continues.
     """
     if not isinstance(problem.monitor, LeastError):
         raise TypeError("a least-error solve needs a LeastError monitor")
@@ -35,12 +35,23 @@ def solve_least_error(
     found = _finish(problem, steps, options, records)
     if is_no_worse(found, problem.monitor.norm):
         return found
-    if records[-1].start != "uniform":
-        again = _finish(problem, solve.steps(uniform_only=True), options, records)
+    for other in _others(solve, records[-1]):
+        again = _finish(problem, other, options, records)
         if is_no_worse(again, problem.monitor.norm):
             return again
     uniform = Mesh.uniform(problem.grid)
     return replace(found, mesh=map_mesh(uniform, problem.domain), reference=uniform, note=NO_BETTER)
+
+
+def _others(solve: LeastErrorSolve, last: Descent) -> Iterator[Iterator[Descent]]:
+    """Further ways to a mesh: from the uniform start, and by the error of u where that of its gradient is requested.
+
+    The least error of the gradient of a steep front can cost the values of u more than it gains.
+    """
+    if last.start != "uniform":
+        yield solve.steps(uniform_only=True)
+    if solve.monitor.norm == "h1":
+        yield replace(solve, monitor=replace(solve.monitor, norm="l2").on(solve.domain)).steps()
 
 
 def is_no_worse(solution: Solution, norm: str) -> bool:

@@ -86,13 +86,13 @@ def test_a_search_uphill_finds_nothing() -> None:
 
 def test_the_history_keeps_the_last_pairs_of_positive_curvature() -> None:
     rng, blocks = np.random.default_rng(1), np.array([[2.0], [0.0], [2.0]])
-    history, gradient = History(2), np.array([[1.0], [3.0]])
+    history, gradient = History(2, 8), np.array([[1.0], [3.0]])
     assert history.is_empty
     assert np.array_equal(history.direction(gradient, blocks), gradient / 2)
     history.add(np.array([[1.0], [0.0]]), np.array([[-1.0], [0.0]]))
     history.add(np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]]))
     assert history.is_empty
-    for _ in range(3 * descent.PAIRS):
+    for _ in range(24):
         move = rng.normal(size=(2, 1))
         history.add(move, np.array([[4.0], [9.0]]) * move)
         # The last pair is met exactly: its change of the gradient leads to its move.

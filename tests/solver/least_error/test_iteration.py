@@ -97,7 +97,9 @@ def test_every_norm_gains_on_every_domain(domain: str, norm: str, cells: str) ->
     assert not mesh.is_folded
     assert last.gain > 1.3
     if cells == "quad":
-        assert last.gain == pytest.approx(gain(last.mesh, FRONT, DOMAINS[domain], norm), rel=0.2)
+        assert last.gain == pytest.approx(
+            gain(last.mesh, FRONT, DOMAINS[domain], norm), rel=0.5 if norm == "h1" else 0.2
+        )
 
 
 def test_threads_do_not_change_the_mesh() -> None:
@@ -130,3 +132,10 @@ def test_the_weights_trade_error_for_shape() -> None:
     )
     assert loose.error < usual.error < smooth.error
     assert smooth.min_jacobian > usual.min_jacobian
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+@pytest.mark.parametrize("u", ["sqrt(x*y)", "(x**2 + y**2)**(1/3)"])
+def test_infinite_slopes_at_a_side_are_met(u: str, norm: str) -> None:
+    with np.errstate(all="ignore"):
+        assert records(em.Expression(u), 17, 17, norm=norm)[-1].gain > 1.3

@@ -161,3 +161,25 @@ def test_triangles_are_cut_anew_on_request() -> None:
     first = objective.error(mesh)
     objective.cut(mesh)
     assert abs(objective.error(mesh) / first - 1.0) > 1e-3
+
+
+@pytest.mark.parametrize("points", [30, 10_000])
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_infinite_slopes_at_nodes_of_sides_do_no_harm(norm: str, points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MAX_BLOCK_POINTS", points)
+    u, mesh = em.Expression("sqrt(x) + (x**2 + y**2)**(1/3)"), bent(GRID, 14)
+    with np.errstate(all="ignore"):
+        objective = objective_on(GRID, u, rule=Rule(norm=norm))  # type: ignore[arg-type]
+        here = objective.evaluate(mesh)
+        assert here is not None
+        assert np.isfinite(here.gradient).all()
+        assert np.isfinite(here.blocks).all()
+        direction = np.random.default_rng(4).normal(size=mesh.shape) * cells_of_grid(GRID.shape).free
+
+        def value(h: float) -> float:
+            then = objective.evaluate(mesh + h * direction)
+            assert then is not None
+            return then.value
+
+        first, second = remainders(value, float(np.vdot(here.gradient, direction)), 1e-4)
+    assert first / second == pytest.approx(4.0, abs=0.4)

@@ -85,7 +85,18 @@ def test_the_lines_of_a_sector_follow_its_radius() -> None:
 
 def test_there_are_none_where_u_is_not_finite() -> None:
     with np.errstate(all="ignore"):
-        assert rectilinear(em.Expression("log(x)"), SQUARE, (9, 9), "l2", 0.1) is None
+        assert rectilinear(em.Expression("log(x - 0.5)"), SQUARE, (9, 9), "l2", 0.1) is None
+
+
+@pytest.mark.parametrize("text", ["sqrt(x)*(1 + y)", "(x**2 + y**2)**(1/3)"])
+def test_infinite_slopes_on_a_side_draw_lines_to_it(text: str) -> None:
+    with np.errstate(all="ignore"):
+        s, _ = lines(text)
+    assert np.diff(s)[0] == np.diff(s).min() < 0.3 / 64
+
+
+def test_rounding_does_not_draw_lines() -> None:
+    assert np.array_equal(lines("3*x + 5*y + 7")[0], np.linspace(0, 1, 65))
 
 
 def test_resampling_keeps_lines_monotone_and_ends() -> None:

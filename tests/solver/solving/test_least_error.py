@@ -96,3 +96,29 @@ def test_both_norms_count_where_the_gradient_is_requested(l2: float, h1: float, 
     errors = InterpolationErrors(l2=l2, l2_uniform=1.0, h1=h1, h1_uniform=1.0)
     vars(solution)["interpolation"] = errors  # in place of the measured ones
     assert least_error.is_no_worse(solution, norm) is kept
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_the_error_of_u_is_tried_where_its_gradient_alone_gains(monkeypatch: pytest.MonkeyPatch, norm: str) -> None:
+    tried: list[Solution] = []
+
+    def third(solution: Solution, norm: str) -> bool:  # noqa: ARG001
+        tried.append(solution)
+        return len(tried) == 3
+
+    monkeypatch.setattr(least_error, "is_no_worse", third)
+    layers = problem(em.Expression("exp(-x/0.01) + exp(-y/0.01)"), norm=norm)
+    solution = em.solve(layers, threads=1)
+    assert len(tried) == (3 if norm == "h1" else 2)
+    if norm == "h1":
+        monkeypatch.undo()
+        values = em.solve(problem(em.Expression("exp(-x/0.01) + exp(-y/0.01)")), threads=1)
+        assert solution.mesh.distance(values.mesh) == 0.0
+        assert solution.problem == layers
+
+
+def test_a_steep_front_gains_in_both_norms_where_its_gradient_is_requested() -> None:
+    solution = em.solve(problem(em.Expression("tanh(52.4*(x - 0.738))"), em.Grid(n_xi=33, n_eta=33), norm="h1"))
+    errors = solution.interpolation
+    assert errors is not None
+    assert min(errors.gain_l2, errors.gain_h1) > 3.0
