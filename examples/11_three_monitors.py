@@ -1,4 +1,4 @@
-"""One function, three monitors: arc length, curvature, and both at once, smoothed; the gain of each mesh.
+"""One function on a uniform mesh, and on those of three monitors: arc length, curvature and least error.
 
 pip install 'equimesh[solver,plot]'
 python 11_three_monitors.py --output ../docs/images
@@ -12,14 +12,14 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 
 import equimesh as em
-from equimesh.plot import SINGLE_COLOUR, figure_file
+from equimesh.plot import figure_file
 
 # A layer along the right side, a front that meets it, and a hill.
 U = em.Expression("exp(-40*(1 - x)) + tanh(30*(y - 0.3 - 0.2*x))/2 + exp(-40*((x - 0.3)**2 + (y - 0.75)**2))/2")
 MONITORS = {
     "arc length": em.ArcLength(u=U),
     "curvature": em.Smoothed(monitor=em.Curvature(u=U), radius=0.01),
-    "both": em.Smoothed(monitor=em.Intersection(monitors=(em.ArcLength(u=U), em.Curvature(u=U))), radius=0.01),
+    "least error": em.LeastError(u=U),
 }
 
 
@@ -28,21 +28,30 @@ def report(name: str, solution: em.Solution) -> str:
     certificate = solution.certificate
     relaxed = "".join(f", {one.what} {one.reached:g}" for one in certificate.relaxed)
     gain = certificate.interpolation
-    return f"{name:<10}  L2 gain {gain.gain_l2:.2f}, H1 gain {gain.gain_h1:.2f}, {certificate.status}{relaxed}"
+    return f"{name:<11}  L2 gain {gain.gain_l2:.2f}, H1 gain {gain.gain_h1:.2f}, {certificate.status}{relaxed}"
 
 
 def draw(solutions: dict[str, em.Solution], path: Path) -> None:
-    """The meshes next to each other."""
-    with figure_file(path, 10.5, 3.8) as figure:
-        panels = figure.subplots(1, len(solutions))
-        for axes, (name, solution) in zip(panels, solutions.items(), strict=True):
-            x, y = solution.mesh.x, solution.mesh.y
-            lines = [np.column_stack(line) for line in (*zip(x, y, strict=True), *zip(x.T, y.T, strict=True))]
-            axes.add_collection(LineCollection(lines, colors=SINGLE_COLOUR, linewidths=0.6))
+    """The uniform mesh and the others next to each other, over the colours of u."""
+    first = next(iter(solutions.values()))
+    meshes = {"uniform": em.Mesh.uniform(first.problem.grid)}
+    meshes |= {
+        f"{name}: error {solution.interpolation.gain_l2:.1f} times smaller": solution.mesh
+        for name, solution in solutions.items()
+    }
+    axis = np.linspace(0.0, 1.0, 257)
+    (u,) = U.evaluate(*np.meshgrid(axis, axis))
+    with figure_file(path, 9.0, 9.4) as figure:
+        panels = figure.subplots(2, 2).ravel()
+        for axes, (title, mesh) in zip(panels, meshes.items(), strict=True):
+            axes.imshow(u, origin="lower", extent=(0, 1, 0, 1), cmap="viridis", alpha=0.55)
+            lines = [
+                np.column_stack(q) for x, y in ((mesh.x, mesh.y), (mesh.x.T, mesh.y.T)) for q in zip(x, y, strict=True)
+            ]
+            axes.add_collection(LineCollection(lines, colors="black", linewidths=0.4))
             axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=(), yticks=())
-            axes.set_title(f"{name}: error {solution.interpolation.gain_l2:.1f} times smaller")
-            axes.spines[:].set_visible(True)
-    Image.open(path).convert("RGB").quantize(8).save(path, optimize=True)
+            axes.set_title(title)
+    Image.open(path).convert("RGB").quantize(64).save(path, optimize=True)
 
 
 def main(output: Path) -> None:

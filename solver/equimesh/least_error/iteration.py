@@ -7,7 +7,7 @@ error there.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,7 +36,7 @@ FLOORS = (1.0, 0.1, 0.01)
 """Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.rectilinear`."""
 MAX_GAIN_POINTS = 129 * 129
 """Points of the finest grid on whose records the gain is measured: on finer ones that would take as long as a step."""
-MIN_DECREASE = 5e-3
+MIN_DECREASE = 2.5e-3
 """Mean decrease of the objective, thus of the logarithm of the error, in a step at which a descent ends."""
 MAX_EFFORT = 10.0
 """The largest factor by which a low smoothness lowers that decrease."""
@@ -44,8 +44,12 @@ MAX_MORE_STEPS = 2.0
 """The largest factor by which it raises the limit of steps."""
 DISTORTION_WEIGHT = 0.06
 """The weight of distortion in the objective for ``distortion = 1``."""
-SMOOTHNESS_WEIGHT = 0.1
-"""The weight of smoothness in the objective for ``smoothness = 1``."""
+SMOOTHNESS_WEIGHT = 1.2e-4
+"""The weight of smoothness in the objective for ``smoothness = 1``, for each cell of the grid.
+
+Second differences fall with the square of the spacing. Times the number of cells, the sum of their squares is the same
+for one map on all grids.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -222,7 +226,7 @@ class LeastErrorSolve:
             self.domain,
             cells_of_grid(level.grid.shape),
             way.start(level.grid),
-            way.weights,
+            replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),
             rule,
             self.threads,
         )
