@@ -28,7 +28,7 @@ from equimesh.numerics.types import Array
 
 MAX_COMPARED_POINTS = 17 * 17
 """Points of the grid, at most, on which the starts are compared."""
-MAX_LINES = 33
+MAX_LINES = 17
 """Lines of each family, at most, of the rectilinear starts that are compared."""
 MAX_FINE_LINES = 257
 """Lines of each family, at most, of the start that is taken."""
@@ -44,7 +44,7 @@ MAX_MORE_STEPS = 2.0
 """The largest factor by which it raises the limit of steps."""
 DISTORTION_WEIGHT = 0.06
 """The weight of distortion in the objective for ``distortion = 1``."""
-SMOOTHNESS_WEIGHT = 1.2e-4
+SMOOTHNESS_WEIGHT = 2.4e-4
 """The weight of smoothness in the objective for ``smoothness = 1``, for each cell of the grid.
 
 Second differences fall with the square of the spacing. Times the number of cells, the sum of their squares is the same

@@ -9,7 +9,7 @@ from equimesh.meshes.grid import Grid
 
 COARSEST_CELLS = 8
 """Cells a side of the coarsest grid, or up to a half more."""
-STEPS = ((17 * 17, 60), (33 * 33, 45), (65 * 65, 18), (129 * 129, 5), (257 * 257, 2))
+STEPS = ((17 * 17, 45), (33 * 33, 40), (65 * 65, 18), (129 * 129, 5), (257 * 257, 2))
 """Steps of descent, at most, on grids of at most this many points."""
 STEPS_BEYOND = 1
 """Steps on finer grids, at most: the coarser ones have done the work."""
