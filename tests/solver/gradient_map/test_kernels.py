@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import equimesh as em
 from equimesh.gradient_map import kernels
 
 
@@ -53,6 +54,14 @@ def test_areas_fill_the_square_and_folds_have_a_negative_jacobian() -> None:
     assert kernels.measure_cells(x, y, area) < 0.0
     x[6, 4] = np.nan
     assert np.isnan(kernels.measure_cells(x, y, area))
+
+
+def test_the_smallest_jacobian_is_that_of_any_corner() -> None:
+    s, t = np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 4), indexing="ij")
+    for seed in range(20):
+        x, y = (q + 0.1 * np.random.default_rng((seed, k)).normal(size=(4, 4)) for k, q in enumerate((s, t)))
+        expected = em.Mesh(x, y).min_jacobian
+        assert kernels.measure_cells(x, y, np.empty((3, 3))) == pytest.approx(expected, rel=1e-12), seed
 
 
 def test_densities_are_read_at_the_centres_of_cells() -> None:
