@@ -23,7 +23,13 @@ FUNCTIONS = {name: functions.FUNCTIONS[name].u for name in ("paper", "wave", "ta
     "ring100": "tanh(100*((x - 0.5)**2 + (y - 0.5)**2 - 0.09))",
     "ring150": "tanh(150*((x - 0.5)**2 + (y - 0.5)**2 - 0.09))",
 }
-MONITORS: dict[str, Callable[[em.Field], em.Monitor]] = {
+CHOOSERS: dict[str, Callable[[em.Field], em.Monitor]] = {
+    "auto": lambda u: em.Auto(u=u),
+    "least error l2": lambda u: em.LeastError(u=u),
+    "least error h1": lambda u: em.LeastError(u=u, norm="h1"),
+    "least error l2, smoothness 0.1": lambda u: em.LeastError(u=u, smoothness=0.1),
+}
+METRICS: dict[str, Callable[[em.Field], em.Monitor]] = {
     "arc length, a = 0.7": lambda u: em.ArcLength(u=u),
     "arc length, a = 1": lambda u: em.ArcLength(u=u, a=1.0),
     "arc length, a = 1, b = 0.01": lambda u: em.ArcLength(u=u, a=1.0, b=0.01),
@@ -65,7 +71,7 @@ def main() -> None:
         print(f"\nradius {radius:g}, {arguments.points} x {arguments.points} points\n")
         print("| monitor | " + " | ".join(arguments.functions) + " |")
         print("|---" * (len(arguments.functions) + 1) + "|")
-        for title, monitor in MONITORS.items():
+        for title, monitor in (METRICS if radius else CHOOSERS | METRICS).items():
             fields = (em.Expression(FUNCTIONS[name]) for name in arguments.functions)
             entries = [entry(smoothed(monitor(u), radius), arguments.points) for u in fields]
             print(f"| {title} | " + " | ".join(entries) + " |", flush=True)
