@@ -24,8 +24,8 @@ import numpy as np
 MIN_STEEPNESS, MAX_STEEPNESS = 8.0, 100.0
 # The terms of a sum.
 MIN_TERMS, MAX_TERMS = 2, 3
-# Every so many functions are sums.
-SUMS_EVERY = 4
+# Every so many functions are sums, on average.
+SUMS_EVERY = 2
 
 
 class RandomFunction(NamedTuple):
