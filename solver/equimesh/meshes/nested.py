@@ -13,6 +13,8 @@ from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 
 MAX_COARSEST_POINTS = 17  # of the coarsest grid, in each direction
+# Cells of one direction over those of the other, up to which their numbers are alike.
+MAX_SQUARE_RATIO = 1.25
 
 
 def nested_grids(grid: Grid) -> list[Grid]:
@@ -21,6 +23,19 @@ def nested_grids(grid: Grid) -> list[Grid]:
     while max(grids[0].shape) > MAX_COARSEST_POINTS:
         grids.insert(0, halved(grids[0]))
     return grids
+
+
+def square_grids(grid: Grid) -> list[Grid]:
+    """Nested grids to ``grid`` that have like numbers of points in both directions for as long as possible.
+
+    The direction with fewer points reaches its number first, and stays there. :func:`nested_grids` where the numbers
+    are like from the beginning.
+    """
+    most, least = max(grid.shape), min(grid.shape)
+    if most - 1 <= MAX_SQUARE_RATIO * (least - 1):
+        return nested_grids(grid)
+    sizes = [square.n_xi for square in nested_grids(Grid(n_xi=most, n_eta=most))]
+    return [Grid(n_xi=min(size, grid.n_xi), n_eta=min(size, grid.n_eta)) for size in sizes]
 
 
 def halved(grid: Grid) -> Grid:

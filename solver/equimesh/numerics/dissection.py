@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from equimesh.numerics.newton import require_finite
 from equimesh.numerics.types import Array, IntArray
 
 # Blocks of at most this many nodes are not cut any further.
@@ -19,8 +20,9 @@ def factorise(matrix: csc_array, shape: tuple[int, int]) -> Callable[[Array], Ar
     """A function that solves systems with ``matrix``, whose unknowns are x, then y, of the nodes of a grid.
 
     The nodes are eliminated by nested dissection: less work than in an order that ignores the grid. Raises
-    ``RuntimeError`` for a matrix that is exactly singular.
+    ``RuntimeError`` for a matrix that is singular or not finite.
     """
+    require_finite(matrix)
     order = elimination_order(shape)
     turned = csc_array(matrix[order][:, order])
     factors = splu(turned, permc_spec="NATURAL", diag_pivot_thresh=MIN_PIVOT_SHARE, options={"SymmetricMode": True})

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 from equimesh.numerics.types import Array
 
 Solver: TypeAlias = Callable[[Array], Array]
+M = TypeVar("M")
 
 # A step is not damped below this share.
 MIN_DAMPING = 2.0**-12
@@ -36,26 +37,35 @@ class NewtonStep:
 
 
 def superlu(matrix: csc_array) -> Solver:
-    """SuperLU with its default ordering; raises ``RuntimeError`` for a matrix that is exactly singular."""
+    """SuperLU with its default ordering; raises ``RuntimeError`` for a matrix that is singular or not finite."""
+    require_finite(matrix)
     factors = splu(matrix)
     return lambda right: np.asarray(factors.solve(right))
 
 
+def require_finite(matrix: csc_array) -> None:
+    """Raise ``RuntimeError`` for a matrix with an entry that is not finite."""
+    if not np.isfinite(matrix.data).all():
+        raise RuntimeError("the matrix is not finite")
+
+
 def newton_iterations(
     residual: Callable[[Array], Array],
-    jacobian: Callable[[Array], csc_array],
+    jacobian: Callable[[Array], M],
     start: Array,
     *,
     admissible: Callable[[Array], bool],
     tolerance: float,
-    factorise: Callable[[csc_array], Solver] = superlu,
+    factorise: Callable[[M], Solver],
     reuse: bool = False,
 ) -> Iterator[NewtonStep]:
     """Newton steps for ``residual(z) = 0`` from ``start``, until the tolerance is met or the search stalls.
 
     A step is halved until it **both** lowers the Euclidean norm of the residual and is ``admissible``: without the
     second condition Newton's method converges to folded meshes. The caller owns the loop, and with it the limit on the
-    number of steps. With ``reuse`` a factorisation is kept for as long as full steps with it lower the residual well.
+    number of steps. ``factorise`` gives a solver of the linear systems with what ``jacobian`` returns, and raises
+    ``RuntimeError`` where there is none. With ``reuse`` a factorisation is kept for as long as full steps with it lower
+    the residual well.
     The last record has ``residual <= tolerance`` or ``stalled``.
     """
     z, value, damping, step = start, residual(start), 1.0, 0
@@ -81,10 +91,10 @@ def newton_iterations(
         step += 1
 
 
-def _try_factorise(factorise: Callable[[csc_array], Solver], matrix: csc_array) -> Solver | None:
+def _try_factorise(factorise: Callable[[M], Solver], matrix: M) -> Solver | None:
     try:
-        return factorise(matrix) if np.isfinite(matrix.data).all() else None
-    except RuntimeError:  # SuperLU: the matrix is exactly singular
+        return factorise(matrix)
+    except RuntimeError:  # the matrix is singular or not finite
         return None
 
 

@@ -2,7 +2,8 @@
 
 Every level is solved by the chord iteration. The coarsest level starts from the uniform mesh, a finer one from the
 coarser solution. Where the coarsest level does not converge, a solve for half the monitor gives a better start. Where
-that fails, Newton's method and continuation take over.
+that fails, too, the same is tried on grids with like numbers of points in both directions, if the requested one has
+others. There Newton's method and continuation take over.
 """
 
 import math
@@ -15,7 +16,7 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import distance, is_refined, nested_grids, prolong, refinement
+from equimesh.meshes.nested import distance, is_refined, nested_grids, prolong, refinement, square_grids
 from equimesh.numerics.types import Array
 from equimesh.single_domain import continuation
 from equimesh.single_domain.continuation import NONE
@@ -38,35 +39,80 @@ def single_domain_steps(
     ``sweeps=False`` uses Newton's method on all levels: a reference, hundreds of times slower on fine grids. The last
     step has ``converged`` or ``failed`` set; its mesh is valid in any case.
     """
-    grids = [problem.grid] if start is not None else nested_grids(problem.grid)
-    memory = np.empty(memory_needed(problem.grid.shape)) if sweeps and start is None else np.empty(0)
-    solved: list[Step] = []
-    for level, grid in enumerate(grids):
-        here = replace(problem, grid=grid)
-        guess = start or (guess_on(grid, solved) if solved else Mesh.uniform(grid))
-        label = Step(level=level, levels=len(grids), grid=grid, step=0, residual=math.nan, mesh=guess)
-        before = solved[-1] if solved else None
+    if start is not None or not sweeps:
+        grids = [problem.grid] if start is not None else nested_grids(problem.grid)
+        yield from _Climb(problem, mode, threads, grids).by_newton(start)
+        return
+    grids, square = nested_grids(problem.grid), square_grids(problem.grid)
+    solved = yield from _Climb(problem, mode, threads, grids).by_sweeps(only_requested=square != grids)
+    if solved is None:
+        yield from _Climb(problem, mode, threads, square).by_sweeps(only_requested=False)
+
+
+class _Climb:
+    """The levels of one nested iteration, and the last two solutions."""
+
+    def __init__(self, problem: Problem, mode: Mode, threads: int, grids: list[Grid]) -> None:
+        self._problem, self._mode, self._threads, self._grids = problem, mode, threads, grids
+        self._solved: list[Step] = []
+
+    def by_newton(self, start: Mesh | None) -> Iterator[Step]:
+        """Newton's method on all levels, the first one from ``start``."""
+        for level, grid in enumerate(self._grids):
+            here, label = replace(self._problem, grid=grid), self._label(level)
+            label = label if start is None else replace(label, mesh=start)
+            last = yield from _newton_level(here, label, self._before, plain=True, rough=False)
+            yield last
+            if last.failed:
+                return
+            self._solved = [*self._solved[-1:], last]
+
+    def by_sweeps(self, *, only_requested: bool) -> Steps:
+        """Sweeps, and Newton's method where they fail; returns the last step.
+
+        ``None`` is returned where ``only_requested`` equations may be solved, and some level has no solution of them.
+        """
+        memory = np.empty(memory_needed(self._problem.grid.shape))
         last: Step | None = None
-        if sweeps and start is None and (before is None or before.relaxation.is_none):
-            known = before is not None and is_refined(grid, before.grid)  # then the grid's error can be estimated
-            tight = level + 1 == len(grids) and (mode is Mode.TIGHT or not known)
-            last = yield from Level(here, label, before, tight, memory, threads).steps()
-            if last is None and before is None:
-                rough = yield from _weaker(here, replace(label, mesh=Mesh.uniform(grid)), memory, threads)
-                if rough is not None:
-                    label = replace(label, mesh=rough.mesh)
-                    last = yield from Level(here, label, None, tight, memory, threads).steps()
-        if last is None:
-            plain = not sweeps or start is not None
-            if start is None and solved:
-                label = replace(label, mesh=guess_on(grid, solved))  # sweeps have overwritten the first guess
-            elif start is None:
-                label = replace(label, mesh=Mesh.uniform(grid))
-            last = yield from _newton_level(here, label, before, plain=plain)
-        yield last
-        if last.failed:
-            return
-        solved = [*solved[-1:], last]
+        for level, grid in enumerate(self._grids):
+            here = replace(self._problem, grid=grid)
+            last = yield from self._sweeps(here, self._label(level), memory)
+            if last is None and only_requested:
+                return None
+            if last is None:  # sweeps have overwritten the first guess
+                rough = level + 1 < len(self._grids)
+                last = yield from _newton_level(here, self._label(level), self._before, plain=False, rough=rough)
+            yield last
+            if last.failed:
+                break
+            self._solved = [*self._solved[-1:], last]
+        return last
+
+    @property
+    def _before(self) -> Step | None:
+        return self._solved[-1] if self._solved else None
+
+    def _label(self, level: int) -> Step:
+        """The record with which a level begins: its mesh is interpolated from the coarser levels."""
+        grid = self._grids[level]
+        guess = guess_on(grid, self._solved) if self._solved else Mesh.uniform(grid)
+        return Step(level=level, levels=len(self._grids), grid=grid, step=0, residual=math.nan, mesh=guess)
+
+    def _sweeps(self, problem: Problem, label: Step, memory: Array) -> Steps:
+        """The sweeps of one level; ``None`` where they do not converge, or the coarser level is relaxed."""
+        before = self._before
+        if before is not None and not before.relaxation.is_none:
+            return None
+        known = before is not None and is_refined(problem.grid, before.grid)  # the grid's error can be estimated
+        tight = label.level + 1 == label.levels and (self._mode is Mode.TIGHT or not known)
+        last = yield from Level(problem, label, before, tight, memory, self._threads).steps()
+        if last is None and before is None:
+            label = replace(label, mesh=Mesh.uniform(problem.grid))
+            rough = yield from _weaker(problem, label, memory, self._threads)
+            if rough is not None:
+                label = replace(label, mesh=rough.mesh)
+                last = yield from Level(problem, label, None, tight, memory, self._threads).steps()
+        return last
 
 
 def _weaker(problem: Problem, label: Step, memory: Array, threads: int) -> Steps:
@@ -97,11 +143,13 @@ def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[S
 def guess_on(grid: Grid, solved: list[Step]) -> Mesh:
     """The last solution on a finer grid, extrapolated from the last two where they solve the same equations."""
     last = solved[-1]
-    same = len(solved) > 1 and solved[-2].relaxation == last.relaxation
+    same = len(solved) > 1 and solved[-2].relaxation == last.relaxation and is_refined(grid, last.grid)
     return prolong(last.mesh, grid, solved[-2].mesh if same else None)
 
 
-def _newton_level(problem: Problem, label: Step, before: Step | None, *, plain: bool) -> Generator[Step, None, Step]:
+def _newton_level(
+    problem: Problem, label: Step, before: Step | None, *, plain: bool, rough: bool
+) -> Generator[Step, None, Step]:
     """Newton's method and continuation from the label's mesh."""
     relaxation = NONE if before is None else before.relaxation
     if plain and relaxation.is_none:
@@ -114,7 +162,7 @@ def _newton_level(problem: Problem, label: Step, before: Step | None, *, plain: 
             yield step
     found = None
     if before is None or problem.grid.points <= MAX_FACTORISED_POINTS:
-        found = yield from _label_steps(continuation.attempts(problem, label.mesh, relaxation), label)
+        found = yield from _label_steps(continuation.attempts(problem, label.mesh, relaxation, rough=rough), label)
     if found is None and before is not None:
         solved = before.solved or before.grid
         return replace(label, relaxation=relaxation, residual=math.nan, converged=True, solved=solved)

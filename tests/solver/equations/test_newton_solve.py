@@ -21,6 +21,7 @@ def test_the_guard_is_what_keeps_the_mesh_unfolded() -> None:
         equations.vector(start),
         admissible=lambda z: bool(np.isfinite(z).all()),
         tolerance=1e-9,
+        factorise=newton.superlu,
     ):
         folded.append(equations.mesh(record.z).is_folded)
         if record.step == 60:

@@ -28,7 +28,10 @@ def anywhere(z: Array) -> bool:
 
 
 def run(start: float, admissible: Callable[[Array], bool] = anywhere) -> list[newton.NewtonStep]:
-    return list(newton.newton_iterations(square, slope, np.array([start]), admissible=admissible, tolerance=1e-12))
+    steps = newton.newton_iterations(
+        square, slope, np.array([start]), admissible=admissible, tolerance=1e-12, factorise=newton.superlu
+    )
+    return list(steps)
 
 
 def test_quadratic_convergence() -> None:
@@ -75,7 +78,12 @@ def test_a_factorisation_is_kept_while_it_serves() -> None:
     coarse = list(single_domain_steps(problem("tanh20", 17)))[-1].mesh
     start = equations.vector(prolong(coarse, case.grid))
     *_, plain = newton.newton_iterations(
-        equations.residual, equations.jacobian, start, admissible=anywhere, tolerance=1e-10
+        equations.residual,
+        equations.jacobian,
+        start,
+        admissible=anywhere,
+        tolerance=1e-10,
+        factorise=newton.superlu,
     )
     *_, kept = newton.newton_iterations(
         equations.residual,
