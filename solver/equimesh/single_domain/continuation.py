@@ -40,6 +40,8 @@ MAX_TRIED_POINTS = 129 * 129
 # Residual of a solution, relative to the mean flux, and of one that only leads to the next.
 TOLERANCE = 1e-10
 ROUGH_TOLERANCE = 1e-3
+# The residual of the sides, over that of the interior.
+SIDE_SHARE = 0.01
 # Points a side, at most, of the uniform mesh on which the unit of the cross-line term is measured.
 MAX_SCALE_POINTS = 33
 
@@ -115,7 +117,7 @@ def _first_weight(before: Relaxation, cold: bool) -> float:
 
 
 def _climb(problem: Problem, starts: list[Mesh], first: float) -> Attempts:
-    starts = [ready for start in starts if (ready := with_solved_sides(problem, start)) is not None]
+    starts = [ready for start in starts if (ready := with_solved_sides(problem, start, ROUGH_TOLERANCE)) is not None]
     if not starts:
         return None
     for weight_tried in CROSS_LINE_WEIGHTS[CROSS_LINE_WEIGHTS.index(first) :]:
@@ -167,7 +169,7 @@ def _newton(problem: Problem, relaxation: Relaxation, start: Mesh, *, rough: boo
     weaker = problem
     if relaxation.strength < 1.0:
         weaker = replace(problem, monitor=problem.monitor.weakened(relaxation.strength))
-    ready = with_solved_sides(weaker, start)
+    ready = with_solved_sides(weaker, start, SIDE_SHARE * (ROUGH_TOLERANCE if rough else TOLERANCE))
     if ready is None:
         return None
     interior = Interior(weaker, ready, relaxation.cross_line * scale(weaker) if relaxation.cross_line else 0.0)

@@ -67,11 +67,11 @@ class Interior:
         mesh = self.mesh(z)
         return smallest_jacobian(mesh.x, mesh.y) > 0.0
 
-    def residual(self, z: Array) -> Array:
-        """The defects, an equation per unknown; dimensionless."""
+    def residual(self, z: Array, u: Array | None = None) -> Array:
+        """The defects, an equation per unknown; dimensionless. ``u`` is given at all nodes where it is known."""
         mesh, out = self.mesh(z), np.empty((2, *self._shape))
         with np.errstate(all="ignore"):
-            cell_metrics(self._problem.metric, mesh.x, mesh.y, self._cells)
+            cell_metrics(self._problem.metric, mesh.x, mesh.y, self._cells, u)
             defects(mesh.x, mesh.y, self._cells, self._per_spacing, self._cross_line, out)
         return out.reshape(-1)
 
@@ -113,7 +113,8 @@ class _Linearised:
         self._value = equations.residual(z)
         self._shape, self._cross_line = equations._shape, equations._cross_line
         self._per_xi, self._per_eta = equations._per_spacing
-        mesh = equations.mesh(z)
+        mesh, metric = equations.mesh(z), equations._problem.metric
+        self._mesh, self._u = mesh, None if metric.arc_length is None else metric.u_with_gradient(mesh.x, mesh.y)
         found = np.empty((4, *self._shape))
         directions(mesh.x, mesh.y, equations._cells, found)
         self._a, self._b, self._c, self._d = found
@@ -123,12 +124,18 @@ class _Linearised:
             self._across_q = self._cross_line * self._per_xi * (self._a * self._one_over).mean(axis=0)
 
     def product(self, v: Array) -> Array:
-        """The Jacobian times ``v``, by a difference quotient."""
+        """The Jacobian times ``v``, by a difference quotient. The change of u is that of its tangent plane."""
         largest = float(np.abs(v).max())
         if not 0.0 < largest < math.inf:
             return np.zeros_like(v)
         step = QUOTIENT_STEP / (max(self._shape) + 1) / largest
-        return np.asarray((self._equations.residual(self._z + step * v) - self._value) / step)
+        there = self._z + step * v
+        if self._u is None:
+            return np.asarray((self._equations.residual(there) - self._value) / step)
+        u, u_x, u_y = self._u
+        moved = self._equations.mesh(there)
+        u = u + u_x * (moved.x - self._mesh.x) + u_y * (moved.y - self._mesh.y)
+        return np.asarray((self._equations.residual(there, u) - self._value) / step)
 
     def precondition(self, r: Array) -> Array:
         """The change of the unknowns that removes the defects ``r``, to leading order."""

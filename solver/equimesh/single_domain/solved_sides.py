@@ -23,7 +23,7 @@ from equimesh.sweeps.sides import Sides
 
 # Guarded sweeps of all sides before Newton's method takes over.
 MAX_SWEEPS = 30
-# The relative deviation of squared metric lengths from the mean of their side when it is solved.
+# The relative deviation of squared metric lengths from the mean of their side, when it is solved to rounding.
 TOLERANCE = 1e-12
 # Newton steps of one side.
 MAX_NEWTON_STEPS = 30
@@ -39,15 +39,15 @@ SAMPLED_EVENLY = 0.5
 EVEN_SHARES = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)
 
 
-def with_solved_sides(problem: Problem, mesh: Mesh) -> Mesh | None:
+def with_solved_sides(problem: Problem, mesh: Mesh, tolerance: float = TOLERANCE) -> Mesh | None:
     """The mesh with equidistributed nodes on its sides; ``None`` where that fails. Orthogonal sides are left alone.
 
-    The interior follows the sides by transfinite interpolation; where that folds, it stays where it is.
+    Squared metric lengths then differ from the mean of their side by at most ``tolerance`` of it. The interior follows the sides by transfinite interpolation; where that folds, it stays where it is.
     """
     if problem.boundary is Boundary.ORTHOGONAL:
         return mesh
     x, y = mesh.x.copy(), mesh.y.copy()
-    tolerance = max(TOLERANCE, smallest_residual(problem.metric, problem.grid.shape))
+    tolerance = max(tolerance, smallest_residual(problem.metric, problem.grid.shape))
     with np.errstate(all="ignore"):
         if not _swept(problem, x, y, tolerance) and not _solved(problem, x, y, tolerance):
             return None
