@@ -28,10 +28,10 @@ def gmres(apply: Linear, precondition: Linear, right: Array, *, tolerance: float
     used = 0
     for k in range(most):
         product = apply(precondition(basis[k]))
+        if not math.isfinite(dot(product, product)):
+            break
         column = np.array([_removed(product, old) for old in basis])
         length = math.sqrt(dot(product, product))
-        if not math.isfinite(length):
-            break
         for i in range(k):  # the rotations that made the earlier columns triangular
             c, s = turns[i]
             column[i], column[i + 1] = c * column[i] + s * column[i + 1], c * column[i + 1] - s * column[i]

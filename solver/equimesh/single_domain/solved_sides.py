@@ -42,7 +42,8 @@ EVEN_SHARES = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)
 def with_solved_sides(problem: Problem, mesh: Mesh, tolerance: float = TOLERANCE) -> Mesh | None:
     """The mesh with equidistributed nodes on its sides; ``None`` where that fails. Orthogonal sides are left alone.
 
-    Squared metric lengths then differ from the mean of their side by at most ``tolerance`` of it. The interior follows the sides by transfinite interpolation; where that folds, it stays where it is.
+    Squared metric lengths then differ from the mean of their side by at most ``tolerance`` of it. The interior follows
+    the sides by transfinite interpolation; where that folds, it stays where it is.
     """
     if problem.boundary is Boundary.ORTHOGONAL:
         return mesh

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.nested import interpolate, nested_grids, prolong
+from equimesh.meshes.nested import interpolate, nested_grids, prolong, square_grids
 
 
 def test_nested_grids_halve_and_keep_small_directions() -> None:
@@ -33,3 +33,11 @@ def test_interpolation_keeps_or_measures() -> None:
     assert (fine == 7.0).all()
     interpolate(coarse, *rule, *rule, fine, True)
     assert fine == pytest.approx(np.array([[0, 0.5, 1], [1, 2, 3], [2, 3.5, 5]]))
+
+
+def test_square_grids_have_like_numbers_as_long_as_they_can() -> None:
+    shapes = [grid.shape for grid in square_grids(em.Grid(n_xi=129, n_eta=65))]
+    assert shapes == [(17, 17), (33, 33), (65, 65), (129, 65)]
+    assert [grid.shape for grid in square_grids(em.Grid(n_xi=40, n_eta=171))][-1] == (40, 171)
+    alike = em.Grid(n_xi=70, n_eta=60)
+    assert square_grids(alike) == nested_grids(alike)

@@ -8,6 +8,7 @@ import equimesh as em
 from cases import FUNCTIONS, problem
 from equimesh.single_domain import iteration
 from equimesh.single_domain.iteration import single_domain_steps
+from equimesh.sweeps.sweep import deviation
 from solver.sweeps.windows import distance
 
 # Newton steps for tanh20 on 17, 33 and 65 points a side. Blessed numbers: those of today's solver, not of theory.
@@ -53,3 +54,27 @@ def test_half_the_monitor_leads_up_to_one_on_which_sweeps_fail(u: str, monkeypat
         patch.setattr(iteration, "_weaker", lambda *_: iter(()))
         with pytest.raises(TypeError):  # but for what is tested here
             strengths()
+
+
+FLOWER = "1/(1 + exp((hypot(x-0.5, y-0.47) - 0.25 - 0.04*cos(6*atan2(y-0.47001, x-0.50001)))/0.012))"
+
+
+@pytest.mark.parametrize("shape", [(65, 65), (129, 65), (40, 171)])
+def test_a_mesh_is_found_on_every_shape_of_grid(shape: tuple[int, int]) -> None:
+    """A bent thin front: coarse grids with few points in one direction have no mesh, square ones lead to it."""
+    grid = em.Grid(n_xi=shape[0], n_eta=shape[1])
+    *_, last = single_domain_steps(em.Problem(monitor=em.ArcLength(u=em.Expression(FLOWER), scaled=False), grid=grid))
+    assert last.is_exact
+    assert last.mesh.x.shape == shape
+
+
+@pytest.mark.parametrize("u", ["tanh(100*(x - 0.37))", "tanh(100*(y - 0.37))"])
+@pytest.mark.parametrize("boundary", em.Boundary)
+@pytest.mark.parametrize("kind", [em.ArcLength, em.Curvature])
+def test_fronts_along_a_coordinate_have_an_exact_mesh(
+    u: str, boundary: em.Boundary, kind: type[em.ArcLength | em.Curvature]
+) -> None:
+    case = em.Problem(monitor=kind(u=em.Expression(u)), grid=em.Grid(n_xi=33, n_eta=33), boundary=boundary)
+    *_, last = single_domain_steps(case)
+    assert last.is_exact
+    assert deviation(case.metric, case.boundary, last.mesh) < 1e-8
