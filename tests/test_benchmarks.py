@@ -216,7 +216,7 @@ def test_peers_make_as_many_vertices(library: str) -> None:
 
 
 def test_random_functions_are_those_of_their_seed() -> None:
-    functions = random_functions(1, 60)
+    functions = random_functions(1, 120)
     assert functions[:5] == random_functions(1, 5)
     assert functions[:5] != random_functions(2, 5)
     assert {function.kind for function in functions} == {*KINDS, "sum"}
@@ -235,6 +235,7 @@ def test_every_random_function_varies_on_the_square() -> None:
         ("least_error.py", ["--points", "17", "--functions", "paper", "--parts", "gains"], "paper, smoothness"),
         ("newton.py", ["--points", "33"], "Newton with SuperLU"),
         ("random_functions.py", ["--count", "3"], "tanh("),
+        ("unseen.py", ["--count", "3", "--points", "17"], "| 17 x 17 |"),
         ("peers.py", ["--points", "17", "--functions", "paper"], "equimesh ArcLength"),
     ],
 )

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps
+from equimesh.equations.newton_solve import newton_steps
 from equimesh.equations.problem import Problem
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
@@ -24,6 +24,8 @@ from equimesh.single_domain.level import Level
 from equimesh.single_domain.steps import Mode, Step, Steps
 from equimesh.sweeps.sweep import deviation, memory_needed
 
+# On grids of up to this many points relaxed equations are solved. Finer ones take the interpolated mesh.
+MAX_RELAXED_POINTS = 513 * 513
 # The strength of the monitor that gives a start where the sweeps do not converge from the uniform mesh.
 LEADING_STRENGTH = 0.5
 # A mesh of at most this relative deviation satisfies the requested equations, even if relaxed ones were solved.
@@ -161,7 +163,7 @@ def _newton_level(
                 return _with_errors(replace(step, converged=True), before)
             yield step
     found = None
-    if before is None or problem.grid.points <= MAX_FACTORISED_POINTS:
+    if before is None or problem.grid.points <= MAX_RELAXED_POINTS:
         found = yield from _label_steps(continuation.attempts(problem, label.mesh, relaxation, rough=rough), label)
     if found is None and before is not None:
         solved = before.solved or before.grid
