@@ -54,7 +54,7 @@ def body(points: int, number: int) -> bytes:
     x, y = np.meshgrid(axis, axis, indexing="ij")
     samples = io.BytesIO()
     np.savez(samples, x=axis, y=axis, values=np.tanh(20 * (x + y / 2 - 0.5 - 0.5 * number / BODIES)))
-    spec = {"monitor": {"u": {"samples": "upload"}}, "grid": {"n_xi": points, "n_eta": points}}
+    spec = {"monitor": {"kind": "arc_length", "u": {"samples": "upload"}}, "grid": {"n_xi": points, "n_eta": points}}
     head = f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="spec"\r\nContent-Type: application/json\r\n\r\n'
     file = f'\r\n--{BOUNDARY}\r\nContent-Disposition: form-data; name="samples"; filename="u.npz"\r\n\r\n'
     return (head + json.dumps(spec) + file).encode() + samples.getvalue() + f"\r\n--{BOUNDARY}--\r\n".encode()
@@ -126,7 +126,10 @@ def memory(pid: int) -> float:
 
 def large(url: str, pid: int, points: int) -> dict[str, Any]:
     """Time from the solve of a large mesh to its file, and the memory that the process needs to send it."""
-    spec = {"monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}}, "grid": {"n_xi": points, "n_eta": points}}
+    spec = {
+        "monitor": {"kind": "arc_length", "u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}},
+        "grid": {"n_xi": points, "n_eta": points},
+    }
     with httpx.Client(base_url=url, timeout=600.0) as http:
         mesh = http.post("/v1/meshes?format=vtu&reuse=false", json=spec).raise_for_status().json()
         while mesh["status"] not in ("succeeded", "failed"):

@@ -38,12 +38,12 @@ from equimesh_client.errors import (
     TooLarge,
     Unauthorized,
 )
-from equimesh_client.records.certificate import Certificate, Relaxed
+from equimesh_client.records.certificate import Candidate, Certificate, Relaxed
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.state import Progress
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
-from equimesh_client.spec.monitors import ArcLength, Curvature, Intersection, Tensor, Weight
+from equimesh_client.spec.monitors import ArcLength, Auto, Curvature, Intersection, LeastError, Tensor, Weight
 from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
@@ -61,7 +61,9 @@ __all__ = [
     "AsyncClient",
     "AsyncMesh",
     "AsyncSequence",
+    "Auto",
     "BadArgument",
+    "Candidate",
     "Certificate",
     "Classical",
     "Client",
@@ -77,6 +79,7 @@ __all__ = [
     "InputProblem",
     "Intersection",
     "InvalidInput",
+    "LeastError",
     "LinearRobin",
     "Measure",
     "Mesh",

@@ -61,7 +61,7 @@ def at_work(url: str) -> Iterator[None]:
         number = 0
         while not stop.is_set():
             number += 1
-            spec = {**small(), "monitor": {"u": {"expression": f"x + {number}*y*y"}}}
+            spec = {**small(), "monitor": {"kind": "arc_length", "u": {"expression": f"x + {number}*y*y"}}}
             assert httpx.post(f"{url}/v1/meshes", json=spec, headers={"Prefer": "wait=5"}).status_code in (
                 200,
                 201,

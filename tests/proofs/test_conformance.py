@@ -222,7 +222,7 @@ def test_stored_samples(client: Any) -> None:
 
 
 def test_a_key_makes_one_mesh(client: Any) -> None:
-    spec = {"monitor": {"u": {"expression": "x"}}, "grid": {"n_xi": 8, "n_eta": 8}}
+    spec = {"monitor": {"kind": "arc_length", "u": {"expression": "x"}}, "grid": {"n_xi": 8, "n_eta": 8}}
     key = f"once {time.time_ns()}"
     first = client.meshes.create(spec, idempotency_key=key)
     assert client.meshes.create(spec, idempotency_key=key).id == first.id
@@ -402,7 +402,7 @@ def test_a_deadline_cancels(client: Any) -> None:
 
 
 def test_events_tell_the_story(client: Any) -> None:
-    spec = {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 64, "n_eta": 64}}
+    spec = {"monitor": {"kind": "arc_length", "u": {"expression": PAPER}}, "grid": {"n_xi": 64, "n_eta": 64}}
     mesh = client.meshes.create(spec, reuse=False)
     events = list(mesh.events(deadline=60))
     assert [event.id for event in events] == list(range(1, len(events) + 1))

@@ -87,7 +87,7 @@ class Work:
 def _request(job: int) -> dict[str, Any]:
     """One of four ways to request a mesh of 8 x 8 points; every job has its own mesh."""
     spec: dict[str, Any] = {
-        "monitor": {"u": {"expression": PAPER}, "a": 0.5 + job / 1000},
+        "monitor": {"kind": "arc_length", "u": {"expression": PAPER}, "a": 0.5 + job / 1000},
         "grid": {"n_xi": 8, "n_eta": 8},
         "label": f"job {job}",
     }

@@ -25,7 +25,10 @@ def owner(guarded_service: Guarded) -> Iterator[httpx.Client]:
 @pytest.fixture(scope="module")
 def mesh(owner: httpx.Client) -> str:
     """A finished mesh from samples of the owner."""
-    spec = small(monitor={"u": {"samples": owner.post("/v1/samples", json=GRID).json()["id"]}}, label="owned")
+    spec = small(
+        monitor={"kind": "arc_length", "u": {"samples": owner.post("/v1/samples", json=GRID).json()["id"]}},
+        label="owned",
+    )
     made = owner.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30", "Idempotency-Key": "mine"})
     assert made.json()["status"] == "succeeded", made.text
     return str(made.json()["id"])
@@ -67,7 +70,7 @@ def test_nothing_of_another_key_is_there(
             assert mine.content == none.content, (method, path)  # not even that there is something
             walked += 1
         assert walked >= 15
-        refused = other.post("/v1/meshes", json=small(monitor={"u": {"samples": samples}}))
+        refused = other.post("/v1/meshes", json=small(monitor={"kind": "arc_length", "u": {"samples": samples}}))
         assert refused.json()["errors"][0]["pointer"] == "/monitor/u/samples"
         assert other.get("/v1/meshes").json()["items"] == []
         assert other.get("/v1/meshes?label=owned").json()["items"] == []

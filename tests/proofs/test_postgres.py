@@ -127,7 +127,7 @@ def test_a_text_that_the_database_refuses_is_refused_before(served: Served) -> N
     assert served.http.get("/v1/meshes/m-%00").status_code == 404
     assert served.http.get("/v1/samples/s-%00").status_code == 404
     assert served.http.delete("/v1/meshes/%00").status_code == 404
-    spec = small(monitor={"u": {"samples": "\x00"}})
+    spec = small(monitor={"kind": "arc_length", "u": {"samples": "\x00"}})
     assert served.http.post("/v1/meshes", json=spec).status_code == 422
 
 

@@ -29,7 +29,11 @@ _STARTS = re.compile(r"mesh (m-\w+) starts, attempt (\d+)")
 def steady(iterations: int) -> dict[str, Any]:
     """A spec that takes at least some hundredths of a second for each iteration."""
     more = {**SLOW["schwarz"], "max_iterations": iterations}
-    return {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 12, "n_eta": 12}, "schwarz": more}
+    return {
+        "monitor": {"kind": "arc_length", "u": {"expression": PAPER}},
+        "grid": {"n_xi": 12, "n_eta": 12},
+        "schwarz": more,
+    }
 
 
 def _also(url: str, option: str) -> str:

@@ -221,12 +221,12 @@ def listing(folder: Path) -> set[tuple[str, int]]:
 def test_no_file_name_leads_out_of_the_data_folder(guarded_service: Guarded, client: httpx.Client, name: str) -> None:
     before = listing(guarded_service.settings.data_dir.parent)
     upload = {"samples": (name, b"x,y,u\n0,0,1\n", "text/csv")}
-    spec = json.dumps(small(monitor={"u": {"samples": "upload"}}, label=name))
+    spec = json.dumps(small(monitor={"kind": "arc_length", "u": {"samples": "upload"}}, label=name))
     for answer in (
         client.post("/v1/samples", params={"filename": name}, content=b"PK\x03\x04"),
         client.post("/v1/samples", files=upload),
         client.post("/v1/meshes", files=upload, data={"spec": spec}),
-        client.post("/v1/meshes", json=small(monitor={"u": {"samples": name[:90]}})),
+        client.post("/v1/meshes", json=small(monitor={"kind": "arc_length", "u": {"samples": name[:90]}})),
     ):
         assert 400 <= answer.status_code < 500, answer.text
     assert listing(guarded_service.settings.data_dir.parent) == before

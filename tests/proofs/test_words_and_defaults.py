@@ -17,6 +17,7 @@ from typing import Any, get_args
 import pytest
 
 import equimesh as em
+from equimesh import specs
 from equimesh.io.write import CELLS
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.tensor import MAPS
@@ -44,6 +45,8 @@ SIDES: dict[str, Any] = {
 ARC: dict[str, Any] = {"kind": "arc_length", "u": U}
 WEIGHT: dict[str, Any] = {"kind": "weight", "rho": ONE}
 MONITORS: dict[str, dict[str, Any]] = {
+    "auto": {"kind": "auto", "u": U},
+    "least_error": {"kind": "least_error", "u": U},
     "arc_length": ARC,
     "curvature": {"kind": "curvature", "u": U},
     "weight": WEIGHT,
@@ -120,6 +123,9 @@ def test_words_of_the_service() -> None:
         **{name: words_of(settings, name) for name in ("ordering", "acceleration", "local_solver")},
     } == WORDS
     assert {**monitors.USES}.keys() == {*WORDS["monitor"]}
+    assert words_of(monitors.AutoSpec, "norm") == words_of(monitors.LeastErrorSpec, "norm") == WORDS["norm"]
+    assert monitors.FOREIGN_TO_AUTO == specs.monitors.FOREIGN_TO_AUTO
+    assert monitors.LeastErrorSpec.REFUSED == {"smoothing": specs.monitors.NO_SMOOTHING}
     assert {**domains.USES}.keys() == {*WORDS["domain"]}
     for name, uses in (
         ("mode", MODE_USES),
@@ -154,6 +160,8 @@ def read(function: object) -> dict[str, Any]:
 
 
 CLIENT_MONITORS: dict[str, tuple[client_monitors.Monitor, str | None]] = {
+    "auto": (client_monitors.Auto(), "x*y"),
+    "least_error": (client_monitors.LeastError(), "x*y"),
     "arc_length": (client_monitors.ArcLength(), "x*y"),
     "curvature": (client_monitors.Curvature(), "x*y"),
     "weight": (client_monitors.Weight("1"), None),
@@ -178,7 +186,7 @@ def test_words_of_the_client() -> None:
         "monitor": [monitor.json(read, u)["kind"] for monitor, u in CLIENT_MONITORS.values()],
         "domain": list(client_domains.KINDS),
         "transmission": sorted(client_schwarz.TRANSMISSIONS, key=WORDS["transmission"].index),
-        "norm": list(get_args(inspect.get_annotations(client_monitors.Curvature, eval_str=True)["norm"])),
+        "norm": list(get_args(client_monitors.Norm)),
         "map": list(get_args(inspect.get_annotations(client_monitors.Weight, eval_str=True)["map"])),
     }.items() <= WORDS.items()
     # the other words are strings that only the service checks: the docstrings of the client name them all
@@ -211,16 +219,21 @@ def test_defaults_and_keys_of_the_client() -> None:
 
 COMMANDS = {
     "least": "x*y",
+    "auto": "x*y --monitor auto",
+    "least_error": "x*y --monitor least-error",
     "arc_length": "x*y --monitor arc-length",
     "curvature": "x*y --monitor curvature",
     "weight": "--monitor weight --rho 1",
     "tensor": "--monitor tensor --m11 1 --m12 0 --m22 1",
-    "rectangle": "x*y --domain rectangle:0,1,0,1",
-    "annulus_sector": "x*y --domain annulus:1,2,0,90",
-    "schwarz": "x*y --subdomains 2x1",
-    **{name: f"x*y --subdomains 2x1 --transmission {name}" for name in CONDITIONS},
+    "rectangle": "x*y --monitor arc-length --domain rectangle:0,1,0,1",
+    "annulus_sector": "x*y --monitor arc-length --domain annulus:1,2,0,90",
+    "schwarz": "x*y --monitor arc-length --subdomains 2x1",
+    **{name: f"x*y --monitor arc-length --subdomains 2x1 --transmission {name}" for name in CONDITIONS},
 }
 DEFAULTS = {
+    "--monitor": specs.monitors.USUAL_KIND,
+    "--distortion": em.LeastError.distortion,
+    "--smoothness": em.LeastError.smoothness,
     "-a": em.ArcLength.a,
     "-b": em.ArcLength.b,
     "--scaled": em.ArcLength.scaled,
@@ -299,10 +312,12 @@ def test_words_and_defaults_of_the_page_on_the_interface() -> None:
 def test_defaults_that_the_page_on_python_names() -> None:
     page = (DOCS / "python.md").read_text()
     found = 0
-    for name, arguments in re.findall(r"`(ArcLength|Curvature|Rectangle|AnnulusSector)\(([^`]*)\)`", page):
+    for name, arguments in re.findall(
+        r"`(Auto|LeastError|ArcLength|Curvature|Rectangle|AnnulusSector)\(([^`]*)\)`", page
+    ):
         for key, value in re.findall(r"(\w+)=(\([^)]*\)|[^,()]+)", arguments):
             parameter = inspect.signature(getattr(em, name)).parameters.get(key)
             if parameter is not None and parameter.default is not parameter.empty:
                 assert literal_eval(value) == parameter.default, (name, key)
                 found += 1
-    assert found >= 9
+    assert found >= 14

@@ -18,7 +18,7 @@ from service.observed import Observed, observe
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 # A solve that takes many seconds: nothing ends it early, and every iteration factorises.
 SLOW: dict[str, Any] = {
-    "monitor": {"u": {"expression": PAPER}},
+    "monitor": {"kind": "arc_length", "u": {"expression": PAPER}},
     "grid": {"n_xi": 40, "n_eta": 40},
     "schwarz": {
         "tolerance": None,
@@ -32,7 +32,7 @@ SLOW: dict[str, Any] = {
 
 def small(**more: Any) -> dict[str, Any]:
     """A spec that is solved in a moment."""
-    return {"monitor": {"u": {"expression": PAPER}}, "grid": {"n_xi": 8, "n_eta": 9}, **more}
+    return {"monitor": {"kind": "arc_length", "u": {"expression": PAPER}}, "grid": {"n_xi": 8, "n_eta": 9}, **more}
 
 
 def until(condition: Callable[[], Any], seconds: float = 60.0) -> Any:

@@ -37,7 +37,7 @@ def arrays(http: httpx.Client, mesh: dict[str, Any]) -> Any:
 
 GRID = {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2, 5]]}}
 FRONT = small(
-    monitor={"u": {"expression": "tanh(20*(x + y/2 - 0.6))"}},
+    monitor={"kind": "arc_length", "u": {"expression": "tanh(20*(x + y/2 - 0.6))"}, "scaled": False},
     grid={"n_xi": 17, "n_eta": 13},
     domain={"kind": "annulus_sector", "radii": [0.5, 1.5], "angles": [10, 80]},
 )

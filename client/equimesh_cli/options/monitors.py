@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
 ALLOWED = {
+    "auto": ("norm",),
+    "least-error": ("norm", "distortion", "smoothness"),
     "arc-length": ("a", "b", "scaled", "smoothing"),
     "curvature": ("norm", "isotropic", "smoothing"),
     "weight": ("rho", "map", "smoothing"),
@@ -28,7 +31,18 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group(
         "monitor", "R, M11, M12 and M22 are expressions, with the values of --parameter and --t, or files of samples"
     )
-    group.add_argument("--monitor", choices=tuple(ALLOWED), default="arc-length", help="(arc-length)")
+    group.add_argument("--monitor", choices=tuple(ALLOWED), default="auto", help="(auto)")
+    group.add_argument(
+        "--norm", choices=("l2", "h1"), help="auto, least-error, curvature: the error to be made small (l2)"
+    )
+    group.add_argument(
+        "--distortion",
+        type=float,
+        help="least-error: weight of deformed cells, less for a smaller error (0.5)",
+    )
+    group.add_argument(
+        "--smoothness", type=float, help="least-error: weight of uneven neighbours, less for a smaller error (1.0)"
+    )
     group.add_argument("-a", type=float, help="arc-length: strength of the adaptation, 0 to 1 (0.7)")
     group.add_argument("-b", type=float, help="arc-length: damping where u is steep, not negative (0.05)")
     group.add_argument(
@@ -37,7 +51,6 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         default=None,
         help="arc-length: u in units of its range, lengths in units of the domain (True: --no-scaled as in the paper)",
     )
-    group.add_argument("--norm", choices=("l2", "h1"), help="curvature: the error to be made small (l2)")
     group.add_argument(
         "--isotropic", action="store_true", default=None, help="curvature: small cells, without a preferred direction"
     )
@@ -53,7 +66,7 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         "--smoothing",
         metavar="RADIUS",
         type=float,
-        help="average the metric over this part of the domain, at most 0.25 (0)",
+        help="not for auto and least-error: average the metric over this part of the domain, at most 0.25 (0)",
     )
 
 
@@ -67,8 +80,8 @@ def check_monitor(options: argparse.Namespace) -> None:
     every = {name for names in ALLOWED.values() for name in names}
     foreign = [name for name in sorted(every) if getattr(options, name) is not None and name not in ALLOWED[kind]]
     if foreign:
-        owner = next(other for other, names in ALLOWED.items() if foreign[0] in names)
-        raise Refused(f"{_flag(foreign[0])} is for --monitor {owner}, and this is --monitor {kind}")
+        owners = " or ".join(other for other, names in ALLOWED.items() if foreign[0] in names)
+        raise Refused(f"{_flag(foreign[0])} is for --monitor {owners}, and this is --monitor {kind}")
     missing = [_flag(name) for name in needed if getattr(options, name) is None]
     if missing:
         raise Refused(f"--monitor {kind} needs {', '.join(missing)}")
@@ -85,15 +98,21 @@ def function(text: str) -> str | Path:
 
 def monitor_of(options: argparse.Namespace) -> Monitor:
     """The monitor of the client, without its u."""
-    from equimesh_client import ArcLength, Curvature, Tensor, Weight
+    from equimesh_client import ArcLength, Auto, Curvature, LeastError, Tensor, Weight
 
     values = {name: getattr(options, name) for name in ALLOWED[options.monitor]}
     settings: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     for name in NEEDED.get(options.monitor, ()):
         settings[name] = function(settings[name])
-    kinds = {"arc-length": ArcLength, "curvature": Curvature, "weight": Weight, "tensor": Tensor}
-    monitor: Monitor = kinds[options.monitor](**settings)
-    return monitor
+    kinds: dict[str, Callable[..., Monitor]] = {
+        "auto": Auto,
+        "least-error": LeastError,
+        "arc-length": ArcLength,
+        "curvature": Curvature,
+        "weight": Weight,
+        "tensor": Tensor,
+    }
+    return kinds[options.monitor](**settings)
 
 
 def domain(text: str) -> Domain:

@@ -69,7 +69,8 @@ class Sequences:
     ) -> Sequence:
         """A sequence with its first mesh, adapted to ``u``; the arguments are those of :meth:`Client.generate`.
 
-        The monitor is an :class:`ArcLength` or a :class:`Curvature`. The service keeps the last ``keep`` meshes.
+        The monitor is an :class:`Auto`, :class:`LeastError`, :class:`ArcLength` or :class:`Curvature`.
+        The service keeps the last ``keep`` meshes.
         """
         arguments = GenerateArguments(u=u, n=n, options=complete_options(options, self.start))
         flow = steps.begin(arguments, keep, self._session.settings, Deadline.after(deadline))

@@ -35,6 +35,37 @@ class Relaxed:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A monitor that was compared with others on a coarse grid: its ``kind``, its ``settings``, and its gains there.
+
+    The gains are nan where there was no mesh of the requested equations.
+    """
+
+    kind: str
+    settings: Mapping[str, Any]
+    gain_l2: float
+    gain_h1: float
+    chosen: bool
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> Candidate:
+        """The candidate in the JSON of the service."""
+        return cls(
+            kind=str(record["kind"]),
+            settings=dict(record.get("settings") or {}),
+            gain_l2=real_or_nan(record.get("gain_l2")),
+            gain_h1=real_or_nan(record.get("gain_h1")),
+            chosen=bool(record.get("chosen")),
+        )
+
+    def __str__(self) -> str:
+        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
+        gains = f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
+        shown = "no mesh" if math.isnan(self.gain_l2) else gains
+        return f"{self.kind}{f' ({settings})' if settings else ''}: {shown}{'  (chosen)' if self.chosen else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How well a mesh solves the requested equations; nan for what is not known.
 
@@ -44,7 +75,8 @@ class Certificate:
     square. ``min_jacobian`` is 1 for the uniform mesh. ``relaxed`` lists the relaxed requirements, ``warnings`` are
     sentences. ``interpolation_gain`` is the error on the uniform mesh over that on this one, in the norms ``"l2"`` and
     ``"h1"``; None without a u. ``resolved`` is False where a gain is not known, because a layer of u lies inside a
-    cell; it is nan then. ``record`` is the JSON of the service.
+    cell; it is nan then. ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first.
+    ``record`` is the JSON of the service.
     """
 
     status: str
@@ -57,6 +89,7 @@ class Certificate:
     warnings: tuple[str, ...]
     resolved: bool
     interpolation_gain: Mapping[str, float] | None
+    comparison: tuple[Candidate, ...] = ()
     record: Mapping[str, Any] = field(repr=False)
 
     @classmethod
@@ -81,6 +114,7 @@ class Certificate:
             warnings=tuple(map(str, record.get("warnings") or ())),
             resolved=bool(record.get("resolved", True)),
             interpolation_gain=None if gain is None else {name: real_or_nan(value) for name, value in gain.items()},
+            comparison=tuple(map(Candidate.from_json, record.get("comparison") or ())),
             record=record,
         )
 
@@ -91,15 +125,16 @@ class Certificate:
         if self.equation_residual is not None:
             residual = _short(self.equation_residual)
             lines.append(f"  equation residual     {residual}  (of squared metric lengths, relative)")
-        grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
-        lines.append(
-            f"  estimated error       {grid}"
-            + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
-        )
+            grid, solved = _error(self.discretization_error), _error(self.algebraic_error)
+            lines.append(
+                f"  estimated error       {grid}"
+                + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
+            )
         lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
         if self.interpolation_gain is not None:
             gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+        lines += [f"  compared              {candidate}" for candidate in self.comparison]
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
     def __str__(self) -> str:

@@ -15,13 +15,19 @@ class MeshOptions(TypedDict, total=False):
     """Options of a mesh, for `generate` and `sequences.start` of both clients. Each of them may be left out."""
 
     monitor: Monitor | Mapping[str, Any] | None
-    """What the mesh equidistributes. Default: None, which is :class:`ArcLength` of u with ``a`` and ``b``."""
+    """What the mesh minimises or equidistributes. Default: None, which is :class:`Auto` of u, or :class:`ArcLength` of
+    u where ``a`` or ``b`` is given.
+    """
     domain: Domain | Mapping[str, Any] | None
     """The domain of the mesh. Default: None, which is the unit square."""
-    a: float
-    """Strength of the arc length, from 0 to 1. Default: 0.7. A larger one makes cells smaller where u is steep."""
-    b: float
-    """Damping of the arc length where u is steep, not negative. Default: 0.05. A larger one makes cells more equal."""
+    a: float | None
+    """Strength of the arc length, from 0 to 1. Default: None, which is 0.7 where ``b`` is given. A larger one makes
+    cells smaller where u is steep.
+    """
+    b: float | None
+    """Damping of the arc length where u is steep, not negative. Default: None, which is 0.05 where ``a`` is given. A
+    larger one makes cells more equal.
+    """
     schwarz: Schwarz | Mapping[str, Any] | None
     """How the domain is divided into subdomains. Default: None, which solves on a single domain."""
     boundary: str
@@ -45,8 +51,8 @@ class MeshOptions(TypedDict, total=False):
 DEFAULTS: MeshOptions = {
     "monitor": None,
     "domain": None,
-    "a": 0.7,
-    "b": 0.05,
+    "a": None,
+    "b": None,
     "schwarz": None,
     "boundary": "trace",
     "mode": "discretization",

@@ -1,4 +1,4 @@
-"""Monitors, which a mesh equidistributes, as dataclasses and as the JSON of the HTTP interface."""
+"""Monitors: the error that a mesh minimises or the metric that it equidistributes; dataclasses, and their JSON."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,9 +11,49 @@ Read: TypeAlias = Callable[[object], Json]
 """Returns the JSON of a function: an expression, arrays, a callable, a file or stored samples."""
 
 
+Norm: TypeAlias = Literal["l2", "h1"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Auto:
+    """The monitor with the smallest interpolation error of u among candidates, compared on a coarse grid. The default.
+
+    ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient. ``u`` replaces that of `generate`. The
+    certificate lists the candidates in ``comparison``.
+    """
+
+    norm: Norm = "l2"
+    u: object = None
+
+    def json(self, read: Read, u: object) -> Json:
+        """The JSON of the monitor; ``u`` is that of `generate`."""
+        return {"kind": "auto", **_u_json(read, self.u, u, required_by="Auto"), "norm": self.norm}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeastError:
+    """The nodes where the measured error of interpolating u is least.
+
+    ``norm`` and ``u`` as in :class:`Auto`. ``distortion`` and ``smoothness`` are positive weights of how far cells are
+    deformed, and how unevenly neighbours: lower them for a smaller error, raise them for cells nearer to squares. The
+    error is that on the ``cells`` of the file.
+    """
+
+    norm: Norm = "l2"
+    distortion: float = 0.5
+    smoothness: float = 1.0
+    u: object = None
+
+    def json(self, read: Read, u: object) -> Json:
+        """The JSON of the monitor; ``u`` is that of `generate`."""
+        u_json = _u_json(read, self.u, u, required_by="LeastError")
+        weights = {"distortion": self.distortion, "smoothness": self.smoothness}
+        return {"kind": "least_error", **u_json, "norm": self.norm, **weights}
+
+
 @dataclass(frozen=True, kw_only=True)
 class ArcLength:
-    """Equal shares of the arc length of u: small cells where u is steep. The default, and the paper's.
+    """Equal shares of the arc length of u: small cells where u is steep. The paper's.
 
     ``a`` in [0, 1] is the strength, ``b`` >= 0 the damping where u is steep. ``smoothing`` in [0, 0.25] is the radius
     over which the metric is averaged, in units of the domain's shorter extent. ``u`` replaces that of `generate`.
@@ -42,7 +82,7 @@ class Curvature:
     ``smoothing`` and ``u`` as in :class:`ArcLength`.
     """
 
-    norm: Literal["l2", "h1"] = "l2"
+    norm: Norm = "l2"
     isotropic: bool = False
     smoothing: float = 0.0
     u: object = None
@@ -116,7 +156,7 @@ class Intersection:
         return _with_smoothing({"kind": "intersection", "monitors": members}, self.smoothing)
 
 
-Monitor: TypeAlias = PlainMonitor | Intersection
+Monitor: TypeAlias = Auto | LeastError | PlainMonitor | Intersection
 
 
 def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) -> Json:
@@ -124,7 +164,7 @@ def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) ->
 
     Raises :class:`BadArgument` for another object, and for a u that is missing or given twice.
     """
-    if isinstance(monitor, Intersection):
+    if isinstance(monitor, Auto | LeastError | Intersection):
         return monitor.json(read, u)
     return _json(monitor, read, u)
 
@@ -137,7 +177,8 @@ def _json(monitor: object, read: Read, u: object) -> Json:
     if isinstance(monitor, PlainMonitor):
         return monitor.json(read, u)
     raise BadArgument(
-        f"a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Intersection; not {monitor!r:.80}"
+        "a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Auto, a LeastError or an"
+        f" Intersection; not {monitor!r:.80}"
     )
 
 

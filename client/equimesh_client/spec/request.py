@@ -10,7 +10,7 @@ from typing import Any
 from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import UNIT_BOX, Box, read_domain
 from equimesh_client.spec.mesh import MeshOptions, mesh_spec
-from equimesh_client.spec.monitors import ArcLength, Json, Read, monitor_json
+from equimesh_client.spec.monitors import ArcLength, Auto, Json, Read, monitor_json
 from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
 
 UPLOAD = "upload"
@@ -90,9 +90,12 @@ class GenerateArguments:
 
     def _monitor_json(self, read: Read) -> Json:
         monitor, a, b = self.options["monitor"], self.options["a"], self.options["b"]
+        if monitor is None and a is None and b is None:  # the service's default, which earlier services have, too
+            return {"u": Auto().json(read, self.u)["u"]}
         if monitor is None:
-            return monitor_json(ArcLength(a=a, b=b), read, self.u)
-        if (a, b) != (ArcLength.a, ArcLength.b):
+            arc_length = ArcLength(a=ArcLength.a if a is None else a, b=ArcLength.b if b is None else b)
+            return monitor_json(arc_length, read, self.u)
+        if a is not None or b is not None:
             raise BadArgument("a and b belong to the arc length: give them in it, monitor=ArcLength(a=..., b=...)")
         return monitor_json(monitor, read, self.u)
 

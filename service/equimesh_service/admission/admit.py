@@ -21,9 +21,9 @@ from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
 from equimesh_service.files.port import Files
-from equimesh_service.problems.problem import Problem, problem_at
+from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
-from equimesh_service.spec.document import parse
+from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec, read_spec
 from equimesh_service.spec.sources import UPLOAD, GridSource, ScatteredSource
 from equimesh_service.store.rows import SamplesRow
@@ -76,7 +76,14 @@ class Admission:
 
     def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
         """Check a parsed spec, and store its upload; raises a 422 problem with pointers."""
-        spec = read_spec(document)
+        try:
+            return self._admit(read_spec(document), upload, caller)
+        except Problem as problem:
+            if not problem.errors:
+                raise
+            raise repointed(problem, partial(sent_pointer, document)) from None
+
+    def _admit(self, spec: CheckedSpec, upload: Upload | None, caller: Caller) -> Admitted:
         self._check_limits(spec)
         place = _find_upload_place(spec, upload)
         check_schwarz(spec.canonical)

@@ -20,8 +20,8 @@ from equimesh.upload.samples import read_npz
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.files.port import Files, Removed, StoredFile
-from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at
-from equimesh_service.spec.document import escape_token, parse
+from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at, repointed
+from equimesh_service.spec.document import escape_token, parse, sent_pointer
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.sources import ExpressionSource
 from equimesh_service.spec.step import MAX_FIELDS, NodesSource, StepSpec
@@ -34,18 +34,22 @@ Array: TypeAlias = npt.NDArray[np.float64]
 FIELDS = "fields"  # the name of the artifact
 # Names of other arrays in mesh files, and of arguments of numpy.savez.
 RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
-KINDS = ("arc_length", "curvature")
+KINDS = ("auto", "least_error", "arc_length", "curvature")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
 _U = "/monitor/u"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A step as it was sent, not yet compared with the mesh: ``u`` at the nodes or as an expression, and the fields."""
+    """A step as it was sent, not yet compared with the mesh: ``u`` at the nodes or as an expression, and the fields.
+
+    ``sent`` is its JSON.
+    """
 
     step: int
     u: Any
     fields: Mapping[str, Any]
+    sent: Any = None
 
     def check(self, mesh: Mesh) -> tuple[Array | None, dict[str, Array]]:
         """u (None for an expression) and the fields at the nodes of ``mesh``; raises a 422 problem."""
@@ -75,8 +79,10 @@ class Move:
 
 def read_json(data: bytes) -> Move:
     """A step in JSON; raises 400 and 422 problems."""
-    spec = validate(StepSpec, parse(data))
-    return Move(step=spec.step, u=spec.u.nodes if isinstance(spec.u, NodesSource) else spec.u, fields=spec.fields)
+    sent = parse(data)
+    spec = validate(StepSpec, sent)
+    u = spec.u.nodes if isinstance(spec.u, NodesSource) else spec.u
+    return Move(step=spec.step, u=u, fields=spec.fields, sent=sent)
 
 
 def read_arrays(data: bytes, max_bytes: int) -> Move:
@@ -103,7 +109,7 @@ def check_first_spec(admitted: Admitted) -> Admitted:
     """The spec of a sequence's first mesh; raises a 422 problem for a monitor that has no single u."""
     kind = admitted.spec["monitor"]["kind"]
     if kind not in KINDS:
-        message = f"a sequence follows one function u: its monitor is {' or '.join(KINDS)}, not {kind}"
+        message = f"a sequence follows one function u: its monitor is one of {', '.join(KINDS)}, not {kind}"
         raise problem_at("/monitor/kind", message)
     return admitted
 
@@ -137,7 +143,7 @@ class Stepping:
             raise _gone()
         u, fields = move.check(mesh)
         if u is None:
-            admitted = self._of_expression(spec, move.u, caller)
+            admitted = self._of_expression(spec, move, caller)
         else:
             row = self._keep(mesh, u, caller)
             monitor = {**spec["monitor"], "u": {"samples": row.id}}
@@ -149,14 +155,14 @@ class Stepping:
         file = self.files.seal(path)
         return PreparedStep(admitted=admitted, fields=Artifact(FIELDS, file.sha256, file.size), path=path)
 
-    def _of_expression(self, spec: Mapping[str, Any], u: ExpressionSource, caller: Caller) -> Admitted:
-        document = {**spec, "monitor": {**spec["monitor"], "u": u.model_dump(mode="json")}}
+    def _of_expression(self, spec: Mapping[str, Any], move: Move, caller: Caller) -> Admitted:
+        document = {**spec, "monitor": {**spec["monitor"], "u": move.u.model_dump(mode="json")}}
         try:
             return self.admission.admit(document, None, caller)
         except Problem as problem:
             if not problem.errors:
                 raise
-            raise input_problem([_move_pointer(complaint) for complaint in problem.errors]) from None
+            raise repointed(problem, lambda pointer: sent_pointer(move.sent, _pointer_of_step(pointer))) from None
 
     def _mesh(self, mesh_id: str) -> Mesh:
         artifact = self.store.meshes.artifact(mesh_id, "mesh")
@@ -183,11 +189,6 @@ def _gone() -> Problem:
     return Problem("conflict", "The mesh that this step follows was deleted.")
 
 
-def _move_pointer(complaint: Complaint) -> Complaint:
-    """A complaint about the spec of the mesh, with the pointer into the step."""
-    if not complaint.pointer.startswith(_U):
-        return complaint
-    pointer = "/u" + complaint.pointer.removeprefix(_U)
-    return Complaint(
-        pointer=pointer, message=complaint.message, position=complaint.position, parameter=complaint.parameter
-    )
+def _pointer_of_step(pointer: str) -> str:
+    """A pointer into the spec of the mesh as one into the step."""
+    return "/u" + pointer.removeprefix(_U) if pointer.startswith(_U) else pointer

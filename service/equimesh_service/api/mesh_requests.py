@@ -31,12 +31,18 @@ IdempotencyKey = Annotated[
 EXAMPLES: dict[str, Any] = {
     "single domain": {
         "summary": "One expression, everything else by default",
-        "value": {"monitor": {"u": {"expression": "tanh(20*(x + y/2 - 0.75))"}}},
+        "value": {"monitor": {"u": "tanh(20*(x + y/2 - 0.75))"}},
     },
     "paper": {
         "summary": "The mesh of Haynes and Howse's Table 1, classical conditions",
         "value": {
-            "monitor": {"u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"}, "a": 0.7, "b": 0.05},
+            "monitor": {
+                "kind": "arc_length",
+                "u": {"expression": "(1-exp(15*(x-1)))*sin(pi*y)"},
+                "a": 0.7,
+                "b": 0.05,
+                "scaled": False,
+            },
             "grid": {"n_xi": 12, "n_eta": 12},
             "boundary": "equidistributed_1d",
             "initial": "uniform",
@@ -48,6 +54,13 @@ EXAMPLES: dict[str, Any] = {
                 "tolerance": None,
                 "max_iterations": 5,
             },
+        },
+    },
+    "least error": {
+        "summary": "The nodes where the error of the gradient is least, on triangles",
+        "value": {
+            "monitor": {"kind": "least_error", "u": "tanh(30*(y - 0.5 - 0.25*sin(2*pi*x)))", "norm": "h1"},
+            "cells": "triangle",
         },
     },
     "curvature": {

@@ -44,9 +44,9 @@ class Progress(BaseModel):
 
     model_config = ConfigDict(extra="allow")
 
-    stage: str = Field(description="queued, start, single_domain, schwarz, writing, done.")
-    iteration: int | None = Field(None, description="Newton step, or Schwarz iteration.")
-    residual: float | None = Field(None, description="Relative to the mean flux.")
+    stage: str = Field(description="queued, least_error, start, single_domain, schwarz, writing, done.")
+    iteration: int | None = Field(None, description="Step of descent, Newton step, or Schwarz iteration.")
+    residual: float | None = Field(None, description="Relative to the mean flux; null for a descent.")
     fraction: float = Field(0.0, description="Estimated part of the work that is done, 0 to 1.")
 
 
@@ -85,6 +85,16 @@ class InterpolationGain(BaseModel):
     h1: float | None
 
 
+class ComparedMonitor(BaseModel):
+    """A monitor that auto has tried on a coarse grid."""
+
+    kind: str
+    settings: dict[str, Any]
+    gain_l2: float | None = Field(description="As interpolation_gain, on the coarse grid; null where it has no mesh.")
+    gain_h1: float | None
+    chosen: bool = Field(description="Whether it is that of the mesh.")
+
+
 class MeshCertificate(BaseModel):
     """How well the mesh solves the requested equations; null stands for unknown."""
 
@@ -106,6 +116,9 @@ class MeshCertificate(BaseModel):
         description="Whether the gains are known; false where a layer of u lies inside a cell: it is null.",
     )
     interpolation_gain: InterpolationGain | None = Field(description="null without a u.")
+    comparison: list[ComparedMonitor] = Field(
+        default_factory=list, description="The monitors among which auto has chosen, the best one first."
+    )
 
 
 class Timings(BaseModel):

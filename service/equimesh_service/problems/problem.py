@@ -1,8 +1,8 @@
 """Errors over the wire: problem details (RFC 9457), and one table from exceptions to problems."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fastapi.exceptions import RequestValidationError
@@ -92,6 +92,11 @@ def input_problem(complaints: Sequence[Complaint]) -> Problem:
     more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
     detail = f"{where}: {first.message}{more}" if where else f"{first.message}{more}"
     return Problem("invalid-input", detail, complaints)
+
+
+def repointed(problem: Problem, pointer_of: Callable[[str], str]) -> Problem:
+    """The same 422 problem with other pointers."""
+    return input_problem([replace(complaint, pointer=pointer_of(complaint.pointer)) for complaint in problem.errors])
 
 
 def complaint_of(error: InputError, pointer: str) -> Complaint:

@@ -41,6 +41,21 @@ def escape_token(part: object) -> str:
     return "/" + token.replace("~", "~0").replace("/", "~1")
 
 
+def sent_pointer(document: Any, pointer: str) -> str:
+    """The part of ``pointer`` that exists in ``document``: it ends at a text that stands for an expression."""
+    place, kept = document, ""
+    for token in pointer.split("/")[1:]:
+        if isinstance(place, str) and token == "expression":
+            break
+        kept += "/" + token
+        name = token.replace("~1", "/").replace("~0", "~")
+        if isinstance(place, list):
+            place = place[int(name)] if name.isdigit() and int(name) < len(place) else None
+        else:
+            place = place.get(name) if isinstance(place, dict) else None
+    return kept
+
+
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):

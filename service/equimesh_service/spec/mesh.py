@@ -12,7 +12,14 @@ from typing import Any, Literal
 from pydantic import Field, FiniteFloat
 
 from equimesh_service.spec.domains import Domain, RectangleSpec
-from equimesh_service.spec.monitors import ArcLengthSpec, Monitor, sources_of, with_samples
+from equimesh_service.spec.monitors import (
+    ArcLengthSpec,
+    AutoSpec,
+    LeastErrorSpec,
+    Monitor,
+    sources_of,
+    with_samples,
+)
 from equimesh_service.spec.schwarz import SchwarzSpec
 from equimesh_service.spec.sources import UPLOAD, AnySource, ExpressionSource, GridSource, StoredSource
 from equimesh_service.spec.strict import WITHOUT_NUL, Parameters, Strict, validate
@@ -78,8 +85,11 @@ class CheckedSpec:
 
     @property
     def is_plain(self) -> bool:
-        """Whether its monitor is an arc length without smoothing, which needs no work to fit a domain."""
-        return isinstance(self.spec.monitor, ArcLengthSpec) and self.spec.monitor.smoothing == 0.0
+        """Whether its monitor needs no work to fit a domain, or only that of evaluating u at some points."""
+        monitor = self.spec.monitor
+        if isinstance(monitor, ArcLengthSpec):
+            return monitor.smoothing == 0.0
+        return isinstance(monitor, AutoSpec | LeastErrorSpec)
 
     @property
     def is_quick(self) -> bool:
@@ -94,8 +104,10 @@ class CheckedSpec:
 
     @cached_property
     def points_digest(self) -> str:
-        """Equal for specs of the same points, which do not depend on label and cells."""
-        return _digest({key: value for key, value in self.canonical.items() if key not in ("label", "cells")})
+        """Equal for specs of the same points, which depend on the cells only where the error is measured on them."""
+        measured = isinstance(self.spec.monitor, AutoSpec | LeastErrorSpec)
+        other = ("label",) if measured else ("label", "cells")
+        return _digest({key: value for key, value in self.canonical.items() if key not in other})
 
     def with_upload(self, samples_id: str) -> CheckedSpec:
         """The spec that names stored samples in place of the uploaded ones."""

@@ -1,7 +1,7 @@
-"""Monitors in a spec: the functions that a mesh equidistributes."""
+"""Monitors in a spec: the error that a mesh minimises, or the metric that it equidistributes."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import Field, FiniteFloat, Tag
 
@@ -10,12 +10,21 @@ from equimesh_service.spec.strict import TAG, Strict, by_kind
 
 MAX_MONITORS = 8
 USES = {
-    "arc_length": "Fronts and layers: small cells where u is steep. The default, after Haynes and Howse.",
-    "curvature": "The least interpolation error of u (norm l2) or of its gradient (h1): small cells where u is curved.",
+    "auto": "You have u: candidates are tried on a coarse grid, and the one of least error is taken. The default.",
+    "least_error": "You have u, and want the settings in your hand: the measured interpolation error is minimised.",
+    "arc_length": "Fronts and layers: small cells where u is steep, after Haynes and Howse.",
+    "curvature": "A metric made for a small interpolation error of u (norm l2) or of its gradient (h1).",
     "weight": "You know the sizes of cells: they are as small as rho > 0 is large, and not stretched.",
     "tensor": "You know sizes and directions, for instance from an error estimate: a positive definite metric.",
     "intersection": "Several of the others at once: cells as small as each of them requires.",
 }
+# The sentences of the solver, which this room does not import.
+NO_SMOOTHING = (
+    "smoothing averages a metric, and this monitor minimises the interpolation error itself: leave it out, or name a"
+    " kind with a metric, such as curvature"
+)
+OF_ARC_LENGTH = "this belongs to the arc length, which is no longer the kind of a monitor that names none: add kind"
+FOREIGN_TO_AUTO = {"smoothing": NO_SMOOTHING, **dict.fromkeys(("a", "b", "scaled"), f"{OF_ARC_LENGTH} arc_length")}
 
 _Smoothing = Annotated[
     FiniteFloat,
@@ -24,6 +33,36 @@ _Smoothing = Annotated[
         "0 for none."
     ),
 ]
+
+
+_Norm = Annotated[
+    Literal["l2", "h1"], Field(description="The interpolation error to minimise: that of u, or of its gradient.")
+]
+_NO_U = {"u": "the norm is that of the error of interpolating u: give u, an expression or samples"}
+
+
+class AutoSpec(Strict):
+    """The monitor with the smallest measured interpolation error among candidates, compared on a coarse grid."""
+
+    REFUSED: ClassVar[Mapping[str, str]] = FOREIGN_TO_AUTO
+    MISSING: ClassVar[Mapping[str, str]] = _NO_U
+    kind: Literal["auto"] = "auto"
+    u: Source
+    norm: _Norm = "l2"
+
+
+class LeastErrorSpec(Strict):
+    """The mesh of least interpolation error of u, measured on the cells of the file."""
+
+    REFUSED: ClassVar[Mapping[str, str]] = {"smoothing": NO_SMOOTHING}
+    MISSING: ClassVar[Mapping[str, str]] = _NO_U
+    kind: Literal["least_error"]
+    u: Source
+    norm: _Norm = "l2"
+    distortion: FiniteFloat = Field(
+        0.5, description="Weight of the deformation of cells, positive; less for a smaller error."
+    )
+    smoothness: FiniteFloat = Field(1.0, description="Weight of uneven neighbours, positive; less for a smaller error.")
 
 
 class ArcLengthSpec(Strict):
@@ -95,14 +134,18 @@ class IntersectionSpec(Strict):
     smoothing: _Smoothing = 0.0
 
 
-AnyMonitor: TypeAlias = ArcLengthSpec | CurvatureSpec | WeightSpec | TensorSpec | IntersectionSpec
+AnyMonitor: TypeAlias = (
+    AutoSpec | LeastErrorSpec | ArcLengthSpec | CurvatureSpec | WeightSpec | TensorSpec | IntersectionSpec
+)
 Monitor = Annotated[
-    Annotated[ArcLengthSpec, Tag(TAG + "arc_length")]
+    Annotated[AutoSpec, Tag(TAG + "auto")]
+    | Annotated[LeastErrorSpec, Tag(TAG + "least_error")]
+    | Annotated[ArcLengthSpec, Tag(TAG + "arc_length")]
     | Annotated[CurvatureSpec, Tag(TAG + "curvature")]
     | Annotated[WeightSpec, Tag(TAG + "weight")]
     | Annotated[TensorSpec, Tag(TAG + "tensor")]
     | Annotated[IntersectionSpec, Tag(TAG + "intersection")],
-    by_kind(*USES, default="arc_length"),
+    by_kind(*USES, default="auto"),
 ]
 
 _FUNCTIONS = ("u", "rho", "m11", "m12", "m22")

@@ -1,8 +1,9 @@
 """Functions of x and y in a spec: expressions and samples."""
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
-from pydantic import FailFast, Field, FiniteFloat, Tag
+from pydantic import FailFast, Field, FiniteFloat, GetCoreSchemaHandler, GetJsonSchemaHandler, Tag
+from pydantic_core import CoreSchema, core_schema
 
 from equimesh_service.spec.strict import TAG, Numbers, Pair, Parameters, Strict, by_key
 
@@ -57,10 +58,31 @@ class StoredSource(Strict):
 
 
 AnySource: TypeAlias = ExpressionSource | GridSource | ScatteredSource | StoredSource
+
+
+class OrText:
+    """Marks a function that may also be sent as a bare text, which is then its expression."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The schema of the function, with texts replaced before it applies."""
+        return core_schema.no_info_before_validator_function(_as_object, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The JSON schema, to which the text is added."""
+        text = {"type": "string", "description": "An expression in x and y."}
+        objects = handler(schema)
+        return {"oneOf": [*objects.get("oneOf", [objects]), text]}
+
+
+def _as_object(value: Any) -> Any:
+    return {"expression": value} if isinstance(value, str) else value
+
+
 Source = Annotated[
     Annotated[ExpressionSource, Tag(TAG + "expression")]
     | Annotated[GridSource, Tag(TAG + "grid")]
     | Annotated[ScatteredSource, Tag(TAG + "scattered")]
     | Annotated[StoredSource, Tag(TAG + "samples")],
     by_key("expression", "grid", "scattered", "samples"),
+    OrText(),
 ]

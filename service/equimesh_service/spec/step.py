@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import FailFast, Field, Tag
 
-from equimesh_service.spec.sources import ExpressionSource
+from equimesh_service.spec.sources import ExpressionSource, OrText
 from equimesh_service.spec.strict import TAG, Numbers, Strict, by_key
 
 # The most fields of a step.
@@ -25,6 +25,7 @@ class StepSpec(Strict):
     u: Annotated[
         Annotated[NodesSource, Tag(TAG + "nodes")] | Annotated[ExpressionSource, Tag(TAG + "expression")],
         by_key("nodes", "expression"),
+        OrText(),
     ] = Field(description="The function that the next mesh adapts to.")
     fields: dict[str, _Rows] = Field(
         default_factory=dict,

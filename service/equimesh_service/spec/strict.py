@@ -1,7 +1,7 @@
 """Strict models of JSON bodies, and the complaints about a body that does not fit one."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -37,6 +37,10 @@ class Strict(BaseModel):
     """A JSON object without further keys, whose values have exactly the types of the model."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    REFUSED: ClassVar[Mapping[str, str]] = {}
+    """The sentences that refuse keys of other models, by these keys."""
+    MISSING: ClassVar[Mapping[str, str]] = {}
+    """The sentences for keys that are required and absent."""
 
 
 def by_key(*keys: str) -> Discriminator:
@@ -95,10 +99,8 @@ def _complaint(model: type[BaseModel], entry: Any) -> Complaint:
 
 def _sentence(model: type[BaseModel], entry: Any, loc: list[Any]) -> str:
     match entry["type"]:
-        case "missing":
-            return "this key is required"
-        case "extra_forbidden":
-            return f"there is no such key here{_known_keys(model, loc[:-1])}"
+        case "missing" | "extra_forbidden" as fault:
+            return _sentence_of_key(_model_at(model, loc[:-1]), loc[-1], missing=fault == "missing")
         case "finite_number":
             return "this must be a finite number, not NaN or infinity"
         case "model_type" | "model_attributes_type" | "dict_type":
@@ -123,8 +125,19 @@ def _is_tag(part: object) -> bool:
     return isinstance(part, str) and part.startswith(TAG)
 
 
-def _known_keys(model: type[BaseModel], loc: Sequence[Any]) -> str:
-    """The keys of the model at ``loc``, as the end of a sentence; "" when there is no single model."""
+def _sentence_of_key(place: type[BaseModel] | None, key: Any, *, missing: bool) -> str:
+    """What is wrong with a key of the model at a ``place``, None where there is no single model."""
+    if place is not None and issubclass(place, Strict):
+        told = (place.MISSING if missing else place.REFUSED).get(key)
+        if told is not None:
+            return told
+    if missing:
+        return "this key is required"
+    return "there is no such key here" + ("" if place is None else f"; known are {', '.join(place.model_fields)}")
+
+
+def _model_at(model: type[BaseModel], loc: Sequence[Any]) -> type[BaseModel] | None:
+    """The model at ``loc``; None when there is no single one."""
     found: Any = model
     for part in loc:
         models = _models(found)
@@ -134,7 +147,7 @@ def _known_keys(model: type[BaseModel], loc: Sequence[Any]) -> str:
             field = models[0][1].model_fields.get(part) if len(models) == 1 else None
             found = field.annotation if field is not None else None
     models = _models(found)
-    return "; known are " + ", ".join(models[0][1].model_fields) if len(models) == 1 else ""
+    return models[0][1] if len(models) == 1 else None
 
 
 def _models(annotation: Any, tag: str | None = None) -> list[tuple[str | None, type[BaseModel]]]:

@@ -9,7 +9,7 @@ from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_field
 from equimesh.monitors.curvature import NORMS
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import CELLS, LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import bound_copy, is_bound_to
 from equimesh.numerics.types import Array
@@ -20,20 +20,29 @@ class Auto:
     """The monitor that :func:`equimesh.solve` chooses: of several, that with the smallest error on a coarse grid.
 
     ``norm`` is that of the interpolation error of u that is compared: ``"l2"`` of u, ``"h1"`` of its gradient.
+    ``cells`` are those of the least-error candidates.
 
     A :class:`~equimesh.monitors.monitor.Monitor`, whose metric only serves before the choice: that of
-    :class:`~equimesh.monitors.least_error.LeastError`. Raises :class:`~equimesh.errors.InputError` for another norm.
+    :class:`~equimesh.monitors.least_error.LeastError`. Raises :class:`~equimesh.errors.InputError` for other words.
     """
 
     u: Field
     norm: Literal["l2", "h1"] = "l2"
+    cells: Literal["quad", "triangle"] = "quad"
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_field(self.u, "u")
-        if self.norm not in NORMS:
-            raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
+        for name, known in (("norm", NORMS), ("cells", CELLS)):
+            if getattr(self, name) not in known:
+                raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
+
+    def least_error(
+        self, distortion: float = LeastError.distortion, smoothness: float = LeastError.smoothness
+    ) -> LeastError:
+        """The least-error monitor of the same u, norm and cells."""
+        return LeastError(u=self.u, norm=self.norm, distortion=distortion, smoothness=smoothness, cells=self.cells)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` of the curvature of u at physical points.
@@ -49,7 +58,7 @@ class Auto:
         """
         if is_bound_to(self._domain, domain):
             return self
-        return bound_copy(self, domain, _least_error=LeastError(u=self.u, norm=self.norm).on(domain))
+        return bound_copy(self, domain, _least_error=self.least_error().on(domain))
 
     def weakened(self, strength: float) -> Monitor:
         """The metric to the matrix power ``strength``."""

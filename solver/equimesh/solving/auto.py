@@ -17,7 +17,6 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
-from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.quality.interpolation import InterpolationErrors
@@ -115,7 +114,7 @@ def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
 def _descended(problem: Problem, auto: Auto, level: Level, weights: tuple[float, float], threads: int) -> Tried:
     """The candidate that minimises the error."""
     settings = {"norm": auto.norm, "distortion": weights[0], "smoothness": weights[1]}
-    monitor = LeastError(u=auto.u, norm=auto.norm, distortion=weights[0], smoothness=weights[1]).on(problem.domain)
+    monitor = auto.least_error(*weights).on(problem.domain)
     solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=threads)
     reached = solve.coarse(level)
     errors = _errors(replace(problem, grid=level.grid), reached.record.mesh)

@@ -31,6 +31,11 @@ from equimesh.sweeps import sweep
 # Largest deviation of squared metric lengths from the mean of their line, as a share of it, at which a given mesh is
 # near enough to start from: a front may have moved by half a cell.
 MAX_START_DEVIATION = 0.25
+NO_SUBDOMAINS = (
+    "a least-error mesh minimises one integral over all cells, and its nodes satisfy no equations that subdomains could"
+    " exchange: leave the Schwarz settings out, or take the curvature or the arc-length monitor"
+)
+"""Why least error with Schwarz settings is refused."""
 
 
 def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> Solution:
@@ -78,7 +83,7 @@ def _solve_chosen(
     if not isinstance(auto, Auto):
         raise TypeError("only an Auto monitor is chosen")
     if isinstance(initial, Mesh) and schwarz is None:  # the mesh before was chosen, or is as good a start as any
-        return _solve(replace(problem, monitor=LeastError(u=auto.u, norm=auto.norm)), None, initial, options)
+        return _solve(replace(problem, monitor=auto.least_error()), None, initial, options)
     choice, solution = choose_monitor(problem, metrics_only=schwarz is not None, threads=options.threads), None
     while solution is None or not is_no_worse(solution, auto.norm):
         chosen = replace(problem, monitor=choice.chosen.monitor)
@@ -119,12 +124,7 @@ def _solve(
 def _check_ways(problem: Problem, schwarz: Schwarz | None) -> None:
     """Refuse a monitor that subdomains cannot solve."""
     if schwarz is not None and isinstance(problem.monitor, LeastError):
-        raise InputError(
-            "a least-error mesh minimises one integral over all cells, and its nodes satisfy no equations that"
-            " subdomains could exchange: leave the Schwarz settings out, or take the curvature or the arc-length"
-            " monitor",
-            field="schwarz",
-        )
+        raise InputError(NO_SUBDOMAINS, field="schwarz")
     if schwarz is not None:
         require_lines(problem.monitor)
 

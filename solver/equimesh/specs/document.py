@@ -55,10 +55,25 @@ class Record(Generic[T]):
 
 
 @dataclass(frozen=True)
+class Refusing(Generic[T]):
+    """The reader of ``record``, with a sentence for each of some keys that it does not have."""
+
+    record: Record[T]
+    refused: Mapping[str, str]
+
+    def __call__(self, given: object, path: str = "") -> T:
+        """The result of the record."""
+        for key in mapping(given, path):
+            if key in self.refused:
+                raise InputError(self.refused[key], field=joined(path, key))
+        return self.record(given, path)
+
+
+@dataclass(frozen=True)
 class ByKind(Generic[T]):
     """The reader of an object whose key ``kind`` names one of ``records``, or is absent for the ``default``."""
 
-    records: Mapping[str, Record[T]]
+    records: Mapping[str, Callable[[object, str], T]]
     default: str | None = None
 
     def __call__(self, given: object, path: str = "") -> T:

@@ -1,38 +1,65 @@
 """Monitors of a document."""
 
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
+from equimesh.io.write import Cells
 from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.intersection import Intersection
+from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
-from equimesh.specs.document import ByKind, Reader, Record, as_given, flag, number, optional, several, within
+from equimesh.specs.document import (
+    ByKind,
+    Reader,
+    Record,
+    Refusing,
+    as_given,
+    flag,
+    number,
+    optional,
+    several,
+    within,
+)
 from equimesh.specs.sources import FindSamples, build_field
 
-USUAL_KIND = "arc_length"
+USUAL_KIND = "auto"
+"""The kind of a monitor that names none."""
+USUAL_MEMBER = "arc_length"
+"""The kind of a member of an intersection that names none: members need a metric."""
+NO_SMOOTHING = (
+    "smoothing averages a metric, and this monitor minimises the interpolation error itself: leave it out, or name a"
+    " kind with a metric, such as curvature"
+)
+OF_ARC_LENGTH = "this belongs to the arc length, which is no longer the kind of a monitor that names none: add kind"
+FOREIGN_TO_AUTO = {"smoothing": NO_SMOOTHING, **dict.fromkeys(("a", "b", "scaled"), f"{OF_ARC_LENGTH} arc_length")}
+"""Keys of other kinds, with the sentence that refuses them where the kind is ``auto``."""
 
 
-def build_monitor(document: object, domain: Domain, find_samples: FindSamples, path: str = "monitor") -> Monitor:
-    """The monitor that ``document`` describes, bound to ``domain``; an arc length where it has no ``kind``.
+def build_monitor(
+    document: object, domain: Domain, find_samples: FindSamples, path: str = "monitor", *, cells: Cells = "quad"
+) -> Monitor:
+    """The monitor that ``document`` describes, bound to ``domain``; an :class:`Auto` where it has no ``kind``.
 
-    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
+    ``cells`` are those of the file, on which a least-error monitor measures the error. Raises
+    :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
     """
 
     def function(given: object, at: str) -> object:
         return build_field(given, domain, find_samples, at)
 
-    monitor = _monitor(function)(document, path)
+    monitor = _monitor(function, cells)(document, path)
     with within(path):
         return monitor.on(domain)
 
 
-def _monitor(function: Reader) -> ByKind[Monitor]:
+def _monitor(function: Reader, cells: Cells) -> ByKind[Monitor]:
     """The reader of monitors whose functions ``function`` reads."""
     plain = {
         "arc_length": _record(ArcLength, u=function, a=number, b=number, scaled=flag),
@@ -40,8 +67,17 @@ def _monitor(function: Reader) -> ByKind[Monitor]:
         "weight": _record(Weight, rho=function, u=optional(function), map=as_given),
         "tensor": _record(Tensor, m11=function, m12=function, m22=function, u=optional(function)),
     }
-    members = several(ByKind(plain, USUAL_KIND))
-    return ByKind({**plain, "intersection": _record(Intersection, monitors=members)}, USUAL_KIND)
+    members = several(ByKind(plain, USUAL_MEMBER))
+    auto = Record(partial(Auto, cells=cells), {"u": function, "norm": as_given})
+    weights = {"distortion": number, "smoothness": number}
+    least_error = Record(partial(LeastError, cells=cells), {"u": function, "norm": as_given, **weights})
+    kinds: dict[str, Callable[[object, str], Monitor]] = {
+        "auto": Refusing(auto, FOREIGN_TO_AUTO),
+        "least_error": Refusing(least_error, {"smoothing": NO_SMOOTHING}),
+        **plain,
+        "intersection": _record(Intersection, monitors=members),
+    }
+    return ByKind(kinds, USUAL_KIND)
 
 
 def _record(make: Callable[..., Monitor], **keys: Reader) -> Record[Monitor]:

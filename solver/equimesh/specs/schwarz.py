@@ -1,7 +1,11 @@
 """Settings of the Schwarz iteration in a document."""
 
+from collections.abc import Mapping
+
+from equimesh.errors import InputError
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized, TransmissionCondition
 from equimesh.schwarz.settings import Schwarz
+from equimesh.solving.solve import NO_SUBDOMAINS
 from equimesh.specs.document import (
     ByKind,
     Record,
@@ -51,13 +55,16 @@ SCHWARZ = optional(_SETTINGS)
 def build_schwarz(document: object) -> Schwarz | None:
     """The Schwarz settings of a whole ``document``, which fit its grid; None for a single domain.
 
-    Reads neither the monitor nor the domain. Raises :class:`~equimesh.errors.InputError`, whose field begins with
-    ``grid`` or ``schwarz``.
+    Of the monitor it reads the kind alone. Raises :class:`~equimesh.errors.InputError`, whose field begins with
+    ``grid`` or ``schwarz``, also for a monitor that subdomains cannot solve.
     """
     given = mapping(document, "")
     schwarz: Schwarz | None = SCHWARZ(given.get("schwarz"), "schwarz")
     if schwarz is None:
         return None
+    monitor = given.get("monitor")
+    if isinstance(monitor, Mapping) and monitor.get("kind") == "least_error":
+        raise InputError(NO_SUBDOMAINS, field="schwarz")
     grid = GRID(given.get("grid", {}), "grid")
     with within("schwarz"):
         schwarz.decompose(grid)

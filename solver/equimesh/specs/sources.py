@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TypeAlias
 
 from equimesh.domains.domain import Box, Domain
-from equimesh.errors import SamplesError
+from equimesh.errors import InputError, SamplesError
 from equimesh.fields.expression import Expression
 from equimesh.fields.field import Field
 from equimesh.fields.samples import GridSamples
@@ -28,10 +28,16 @@ def build_expression(document: object, domain: Domain, path: str = "") -> Expres
 
 
 def build_field(document: object, domain: Domain, find_samples: FindSamples, path: str = "") -> Field:
-    """The function that ``document`` describes, which can be used on the whole of ``domain``.
+    """The function that ``document`` describes, which can be used on the whole of ``domain``; a text is an expression.
 
     Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
     """
+    if isinstance(document, str):
+        try:
+            return build_expression({"expression": document}, domain, path)
+        except InputError as error:
+            error.field = path
+            raise
 
     def samples(given: object, at: str) -> Field:
         name = text(given, at)

@@ -53,7 +53,7 @@ def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -
     """
     parts = _PARTS(document)
     schwarz = build_schwarz(document)
-    monitor = build_monitor(parts.monitor, parts.domain, find_samples)
+    monitor = build_monitor(parts.monitor, parts.domain, find_samples, cells=parts.cells)
     if schwarz is not None:
         require_lines(monitor)
     return BuiltSpec(

@@ -36,7 +36,7 @@ def test_generate_sends_what_was_asked(generate: Any, service: Any) -> None:
     words = "--subdomains 2x3 --overlap 5 --transmission nonlinear_robin --p 1.5 --ordering coloured"
     words += " --line-correction 2 --acceleration anderson --local-solver newton --no-fallback"
     words += " --tolerance none --max-iterations 7 --compare --boundary orthogonal --initial uniform"
-    words += " --cells triangle -a 0.5 -b 0.1 --label mine --parameter c=2 --t 0.5"
+    words += " --cells triangle --monitor arc-length -a 0.5 -b 0.1 --label mine --parameter c=2 --t 0.5"
     code, out, _ = generate("c*x", "-n", "33", *words.split())
     assert code == 0
     assert "iteration  max_q_eq" in out

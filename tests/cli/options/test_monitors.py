@@ -36,6 +36,18 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
     sent = json.loads(service.seen("POST", "meshes")[-1].body)
     assert sent["monitor"] == {"kind": "curvature", "u": {"expression": "x"}, "norm": "h1", "isotropic": True}
     assert sent["domain"] == {"kind": "rectangle", "x": [0, 2], "y": [0, 1]}
+    words = "--monitor least-error --norm h1 --distortion 0.2 --smoothness 0.3"
+    assert generate("x", *words.split())[0] == 0
+    assert json.loads(service.seen("POST", "meshes")[-1].body)["monitor"] == {
+        "kind": "least_error",
+        "u": {"expression": "x"},
+        "norm": "h1",
+        "distortion": 0.2,
+        "smoothness": 0.3,
+    }
+    assert generate("x", "--norm", "h1")[0] == 0
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["monitor"] == {"kind": "auto", "u": {"expression": "x"}, "norm": "h1"}
     (tmp_path / "rho.csv").write_text("x,y,u\n")
     (tmp_path / "d.json").write_text(json.dumps(CURVED))
     words = ("--monitor", "weight", "--rho", str(tmp_path / "rho.csv"), "--domain", f"@{tmp_path / 'd.json'}")

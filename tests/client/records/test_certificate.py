@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
+
+from client.fake_service import CERTIFICATE
+from equimesh_client import Certificate
 
 
 def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
@@ -17,3 +21,20 @@ def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
     said = str(mesh.certificate)
     for words in ("relaxed", "a of the arc length: 0.7 requested, 0.35 reached", "5.4 in L2", "warning: The mesh"):
         assert words in said
+
+
+def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None:
+    settings = {"norm": "l2", "distortion": 0.5, "smoothness": 1.0}
+    best = {"kind": "least_error", "settings": settings, "gain_l2": 12.5, "gain_h1": 3.0, "chosen": True}
+    none = {"kind": "curvature", "settings": {}, "gain_l2": None, "gain_h1": None, "chosen": False}
+    record = {**CERTIFICATE, "status": "completed", "mode": None, "equation_residual": None, "relaxed": []}
+    certificate = Certificate.from_json({**record, "comparison": [best, none]})
+    assert certificate.equation_residual is None
+    first, second = certificate.comparison
+    assert (first.kind, first.settings, first.gain_l2, first.chosen) == ("least_error", settings, 12.5, True)
+    assert math.isnan(second.gain_h1)
+    said = str(certificate)
+    assert "residual" not in said
+    assert "least_error (norm l2, distortion 0.5, smoothness 1.0): 12 in L2, 3 in H1  (chosen)" in said
+    assert "compared              curvature: no mesh" in said
+    assert Certificate.from_json(record).comparison == ()

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from equimesh_client import ArcLength, BadArgument, Curvature, Intersection, Tensor, Weight
+from equimesh_client import ArcLength, Auto, BadArgument, Curvature, Intersection, LeastError, Tensor, Weight
 from equimesh_client.spec.monitors import monitor_json
 
 
@@ -17,6 +17,12 @@ def read(function: object) -> dict[str, Any]:
 X, Y = read("x"), read("y")
 # the monitor, the u of `generate`, the JSON
 GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
+    (Auto(), "x", {"kind": "auto", "u": X, "norm": "l2"}),
+    (
+        LeastError(norm="h1", smoothness=0.3, u="y"),
+        None,
+        {"kind": "least_error", "u": Y, "norm": "h1", "distortion": 0.5, "smoothness": 0.3},
+    ),
     (ArcLength(), "x", {"kind": "arc_length", "u": X, "a": 0.7, "b": 0.05, "scaled": True}),
     (
         ArcLength(a=0.5, smoothing=0.1, u="y"),
@@ -70,12 +76,15 @@ def test_monitors_as_json(monitor: Any, u: Any, json: dict[str, Any]) -> None:
     [
         (ArcLength(), None, "give u"),
         (Curvature(), None, "give u"),
+        (Auto(), None, "Auto needs a function u"),
+        (LeastError(u="x"), "y", "twice"),
+        (Intersection([ArcLength(), Auto()]), "x", "at the top an Auto"),  # type: ignore[list-item]
         (ArcLength(u="x"), "y", "twice"),
         (Weight("x", u="x"), "y", "twice"),
         ({"kind": "weight", "u": X}, "y", "twice"),
         (Intersection([ArcLength(), Weight("x")]), None, "give u"),
         (Intersection([ArcLength(u="x"), ArcLength(u="y")]), "x", "not used"),
-        (Intersection([Intersection([]), Weight("x")]), None, "at the top an Intersection"),
+        (Intersection([Intersection([]), Weight("x")]), None, "at the top an Auto, a LeastError or an Intersection"),
         (Intersection(3), "x", "list of monitors"),  # type: ignore[arg-type]
         ("curvature", "x", "a monitor is"),
     ],

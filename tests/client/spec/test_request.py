@@ -47,6 +47,11 @@ def test_a_and_b_are_those_of_the_arc_length(connect: Any, service: Any) -> None
     client = connect(service.url)
     client.generate("x", 8, a=0.5)
     assert client.meshes.get("m0").spec()["monitor"]["a"] == 0.5
+    client.generate("x", 8, b=0.05)
+    arc_length = client.meshes.get("m1").spec()["monitor"]
+    assert (arc_length["kind"], arc_length["a"], arc_length["b"]) == ("arc_length", 0.7, 0.05)
+    client.generate("x", 8)
+    assert client.meshes.get("m2").spec()["monitor"] == {"u": {"expression": "x"}}
     with pytest.raises(BadArgument, match="a and b belong to the arc length"):
         client.generate("x", 8, a=0.5, monitor=Curvature())
     with pytest.raises(BadArgument, match="parameters and t belong to an expression"):

@@ -234,7 +234,7 @@ def test_what_is_stored_counts(guarded_service: Guarded) -> None:
         while (answer := upload(len(sizes))).status_code == 201:
             sizes.append(answer.json()["size"])
             assert sum(sizes) < guarded_service.settings.key_max_bytes
-        with_file = {"spec": json.dumps(small(monitor={"u": {"samples": "upload"}}))}
+        with_file = {"spec": json.dumps(small(monitor={"kind": "arc_length", "u": {"samples": "upload"}}))}
         sent = {"samples": ("u.csv", "x,y,u\n" + 4 * rows, "text/csv")}
         assert client.post("/v1/meshes", data=with_file, files=sent).status_code == 429
         assert guarded_service.store.quotas.stored_bytes(row.id) == files + sum(sizes)
@@ -247,7 +247,9 @@ def test_what_is_stored_counts(guarded_service: Guarded) -> None:
 
 def test_samples_in_specs_count(guarded_service: Guarded) -> None:
     values = [[i * j / 7 for j in range(60)] for i in range(60)]
-    spec = small(monitor={"u": {"grid": {"x": [i / 59 for i in range(60)], "y": [0, 1], "values": values}}})
+    spec = small(
+        monitor={"kind": "arc_length", "u": {"grid": {"x": [i / 59 for i in range(60)], "y": [0, 1], "values": values}}}
+    )
     spec["monitor"]["u"]["grid"]["y"] = spec["monitor"]["u"]["grid"]["x"]
     with guarded_service.client("write") as client:
         made = [client.post("/v1/meshes", json=spec, headers={"Prefer": "wait=30"}) for _ in range(5)]

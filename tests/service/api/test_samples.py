@@ -36,9 +36,9 @@ def test_samples_in_every_way_give_the_same_mesh(http: httpx.Client) -> None:
     file = http.get(stored.headers["location"], params={"format": "npz"})
     np.testing.assert_array_equal(np.load(io.BytesIO(file.content))["values"], samples()["values"])
 
-    inline = post(http, small(monitor={"u": {"grid": lists}}), **WAIT)
-    by_id = post(http, small(monitor={"u": {"samples": info["id"]}}), **WAIT)
-    spec = json.dumps(small(monitor={"u": {"samples": "upload"}}))
+    inline = post(http, small(monitor={"kind": "arc_length", "u": {"grid": lists}}), **WAIT)
+    by_id = post(http, small(monitor={"kind": "arc_length", "u": {"samples": info["id"]}}), **WAIT)
+    spec = json.dumps(small(monitor={"kind": "arc_length", "u": {"samples": "upload"}}))
     parts = {"spec": ("", spec, "application/json"), "samples": ("u.npz", data)}
     uploaded = http.post("/v1/meshes", files=parts, headers=WAIT)
     tags = set()
@@ -53,7 +53,9 @@ def test_samples_in_every_way_give_the_same_mesh(http: httpx.Client) -> None:
 def test_scattered_samples(http: httpx.Client) -> None:
     points = np.vstack([np.random.default_rng(1).random((500, 2)), [[0, 0], [1, 0], [0, 1], [1, 1]]])
     values = np.tanh(5 * (points[:, 0] - 0.5))
-    spec = small(monitor={"u": {"scattered": {"points": points.tolist(), "values": values.tolist()}}})
+    spec = small(
+        monitor={"kind": "arc_length", "u": {"scattered": {"points": points.tolist(), "values": values.tolist()}}}
+    )
     mesh = post(http, spec, **WAIT).json()
     assert mesh["status"] == "succeeded", mesh["error"]
 
@@ -64,7 +66,7 @@ def test_samples_are_deleted_when_nobody_needs_them(http: httpx.Client) -> None:
     )
     url, here = stored.headers["location"], stored.json()["id"]
     busy = [post(http, SLOW).json() for _ in range(2)]
-    mesh = post(http, small(monitor={"u": {"samples": here}})).json()
+    mesh = post(http, small(monitor={"kind": "arc_length", "u": {"samples": here}})).json()
     assert http.delete(url).status_code == 409
     for slow in busy:
         http.delete(slow["links"]["self"])
@@ -113,7 +115,7 @@ def test_bad_uploads_are_refused(http: httpx.Client, name: str) -> None:
     answer = http.post("/v1/samples", files={"samples": (filename, data)})
     assert answer.status_code == 422, answer.text
     assert answer.json()["errors"][0]["message"]
-    spec = json.dumps(small(monitor={"u": {"samples": "upload"}}))
+    spec = json.dumps(small(monitor={"kind": "arc_length", "u": {"samples": "upload"}}))
     answer = http.post("/v1/meshes", files={"spec": (None, spec), "samples": (filename, data)})
     assert answer.status_code == 422, answer.text
     assert answer.json()["errors"][0]["pointer"].startswith("/monitor/u/samples")

@@ -63,7 +63,12 @@ def test_a_mesh_follows_a_front_and_carries_fields(http: httpx.Client, document:
         assert (answer.status_code, answer.headers["equimesh-step"]) == (201, str(number + 1))
         assert np.abs(mesh["plane"] - (mesh["x"] - 2 * mesh["y"])).max() < 1e-5
         places.append(answer.headers["location"])
-    by_formula = small(**{**FRONT, "monitor": {"u": {"expression": "tanh(20*(x + y/2 - 0.66))"}}})
+    by_formula = small(
+        **{
+            **FRONT,
+            "monitor": {"kind": "arc_length", "scaled": False, "u": {"expression": "tanh(20*(x + y/2 - 0.66))"}},
+        }
+    )
     there = unpacked(http.post("/v1/meshes?format=npz", json=by_formula, headers=WAIT))
     assert np.abs(mesh["x"] - there["x"]).max() < 0.01
     assert np.abs(mesh["u"] - front(mesh["x"], mesh["y"], 0.06)).max() < 0.025

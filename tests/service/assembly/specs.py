@@ -17,6 +17,8 @@ TENSOR: dict[str, Any] = {
     "m22": {"expression": "2"},
 }
 MONITORS: dict[str, dict[str, Any]] = {
+    "auto": {"kind": "auto", "u": "tanh(20*(x + y/2 - 0.75))", "norm": "h1"},
+    "least error": {"kind": "least_error", "u": {"expression": "tanh(20*(x + y/2 - 0.75))"}, "smoothness": 0.5},
     "arc_length": ARC,
     "smooth arc_length": {**ARC, "smoothing": 0.1},
     "curvature": CURVATURE,

@@ -22,7 +22,14 @@ def test_every_monitor_on_every_domain(http: httpx.Client, monitor: str, domain:
     certificate = mesh["certificate"]
     assert certificate["status"] == mesh["convergence"]["status"]
     assert certificate["min_jacobian"] > 0
-    assert certificate["mode"] == "discretization"
+    by_descent = certificate["status"] == "completed"
+    assert by_descent == (certificate["equation_residual"] is None) == (certificate["mode"] is None)
+    assert by_descent == (monitor == "least error") or monitor == "auto"
+    chosen = [candidate["kind"] for candidate in certificate["comparison"] if candidate["chosen"]]
+    assert len(chosen) == (monitor == "auto")
+    if by_descent:
+        assert certificate["interpolation_gain"]["l2"] >= 1.0
+        assert chosen in ([], ["least_error"])
     has_u = "u" in MONITORS[monitor] or monitor == "intersection"
     assert (certificate["interpolation_gain"] is not None) == has_u
     assert (mesh["quality"]["interpolation_error"] is not None) == has_u
@@ -42,7 +49,7 @@ def test_every_monitor_on_every_domain(http: httpx.Client, monitor: str, domain:
     assert http.get(mesh["links"]["file"], params={"format": "vtu"}).status_code == 200
     # the canonical spec is complete, and gives the same mesh
     canonical = http.get(mesh["links"]["spec"]).json()
-    assert canonical["monitor"]["smoothing"] == MONITORS[monitor].get("smoothing", 0)
+    assert canonical["monitor"].get("smoothing", 0) == MONITORS[monitor].get("smoothing", 0)
     again = solved(http, canonical)
     assert http.get(again["links"]["spec"]).json() == canonical
     np.testing.assert_array_equal(arrays(http, again)["x"], x)
@@ -67,7 +74,12 @@ def test_modes(http: httpx.Client) -> None:
 
 # Too steep for its grid: without relaxing it, there is no valid mesh.
 HARD = {
-    "monitor": {"u": {"expression": "tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))"}, "a": 1.0, "b": 0.0},
+    "monitor": {
+        "kind": "arc_length",
+        "u": {"expression": "tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))"},
+        "a": 1.0,
+        "b": 0.0,
+    },
     "grid": {"n_xi": 16, "n_eta": 16},
 }
 

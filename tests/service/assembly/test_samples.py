@@ -18,20 +18,28 @@ def test_samples_cover_the_box_of_the_domain(http: httpx.Client) -> None:
     values = np.tanh(4 * (x[:, None] - y))
     lists = {"x": x.tolist(), "y": y.tolist(), "values": values.tolist()}
     domain = DOMAINS["rectangle"]
-    inline = solved(http, small(monitor={"u": {"grid": lists}}, domain=domain))
+    inline = solved(http, small(monitor={"kind": "arc_length", "u": {"grid": lists}}, domain=domain))
     stored = http.post("/v1/samples", files={"samples": ("u.npz", npz(x=x, y=y, values=values))})
     assert stored.status_code == 201, stored.text
-    named = solved(http, small(monitor={"u": {"samples": stored.json()["id"]}}, domain=domain))
+    named = solved(http, small(monitor={"kind": "arc_length", "u": {"samples": stored.json()["id"]}}, domain=domain))
     parts = {
-        "spec": (None, json.dumps(small(monitor={"u": {"samples": "upload"}}, domain=domain))),
+        "spec": (None, json.dumps(small(monitor={"kind": "arc_length", "u": {"samples": "upload"}}, domain=domain))),
         "samples": ("u.npz", npz(x=x, y=y, values=values)),
     }
     uploaded = http.post("/v1/meshes", files=parts, headers=WAIT).json()
     etags = {http.head(mesh["links"]["file"]).headers["etag"] for mesh in (inline, named, uploaded)}
     assert len(etags) == 1
-    solved(http, small(monitor={"u": {"samples": stored.json()["id"]}}, domain={"x": [-0.9, 1], "y": [0.1, 2.9]}))
+    solved(
+        http,
+        small(
+            monitor={"kind": "arc_length", "u": {"samples": stored.json()["id"]}},
+            domain={"x": [-0.9, 1], "y": [0.1, 2.9]},
+        ),
+    )
     wide = {"kind": "rectangle", "x": [-1, 2]}
-    refused = http.post("/v1/meshes", json=small(monitor={"u": {"samples": stored.json()["id"]}}, domain=wide))
+    refused = http.post(
+        "/v1/meshes", json=small(monitor={"kind": "arc_length", "u": {"samples": stored.json()["id"]}}, domain=wide)
+    )
     assert refused.status_code == 422
     assert refused.json()["errors"][0]["pointer"] == "/monitor/u/samples/x"
     assert "cover" in refused.json()["errors"][0]["message"]
@@ -43,8 +51,8 @@ def test_values_alone_lie_on_the_box_of_the_domain(http: httpx.Client) -> None:
     domain = DOMAINS["rectangle"]
     stored = http.post("/v1/samples?filename=u.npy", content=buffer.getvalue()).json()
     assert stored["shape"] == [21, 31]
-    mesh = solved(http, small(monitor={"u": {"samples": stored["id"]}}, domain=domain))
-    exact = solved(http, small(monitor={"u": {"expression": "tanh(4*(x - y))"}}, domain=domain))
+    mesh = solved(http, small(monitor={"kind": "arc_length", "u": {"samples": stored["id"]}}, domain=domain))
+    exact = solved(http, small(monitor={"kind": "arc_length", "u": {"expression": "tanh(4*(x - y))"}}, domain=domain))
     np.testing.assert_allclose(arrays(http, mesh)["x"], arrays(http, exact)["x"], atol=0.02)
 
 

@@ -95,7 +95,7 @@ def test_samples_and_files_take_the_turns_of_their_key(
     monkeypatch.setattr(SideWorkers, "submit", note)
     scattered = {"points": [[i / 4, j / 4] for i in range(5) for j in range(5)], "values": [0.1 * k for k in range(25)]}
     with guarded_service.having(secret) as client:
-        mesh = solved(client, small(monitor={"u": {"scattered": scattered}}))
+        mesh = solved(client, small(monitor={"kind": "arc_length", "u": {"scattered": scattered}}))
         samples = len(keys)
         assert samples >= 1
         assert client.get(mesh["links"]["plot"]).status_code == 200

@@ -15,15 +15,15 @@ SCATTERED = {"points": [[0, 0], [1, 0], [0, 1], [1, 1], [0.4, 0.6]], "values": [
 
 
 def u(expression: str, **more: Any) -> dict[str, Any]:
-    return small(monitor={"u": {"expression": expression, **more}})
+    return small(monitor={"kind": "arc_length", "u": {"expression": expression, **more}})
 
 
 def on_grid(**more: Any) -> dict[str, Any]:
-    return small(monitor={"u": {"grid": {**GRID, **more}}})
+    return small(monitor={"kind": "arc_length", "u": {"grid": {**GRID, **more}}})
 
 
 def scattered(**more: Any) -> dict[str, Any]:
-    return small(monitor={"u": {"scattered": {**SCATTERED, **more}}})
+    return small(monitor={"kind": "arc_length", "u": {"scattered": {**SCATTERED, **more}}})
 
 
 def schwarz(**more: Any) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def between(**sides: Any) -> dict[str, Any]:
 
 X = {"expression": "x"}
 ONE = {"expression": "1"}
-ARC = {"u": X}
+ARC: dict[str, Any] = {"u": X}
 WEIGHT = {"kind": "weight", "rho": ONE}
 LINE = [[0, k / 10_000] for k in range(10_001)]
 EXPRESSION = "/monitor/u/expression"

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.spec.document import escape_token, parse
+from equimesh_service.spec.document import escape_token, parse, sent_pointer
 
 
 def test_json_is_read_with_its_numbers() -> None:
@@ -43,3 +43,21 @@ def test_half_a_character_is_refused_where_it_stands(data: bytes, pointer: str) 
 
 def test_parts_of_pointers_are_escaped() -> None:
     assert (escape_token("a/b~c"), escape_token(3), escape_token("\ud800")) == ("/a~1b~0c", "/3", "/\\ud800")
+
+
+@pytest.mark.parametrize(
+    ("pointer", "sent"),
+    [
+        ("/monitor/u/expression", "/monitor/u"),
+        ("/monitor/rho/expression", "/monitor/rho/expression"),
+        ("/monitor/monitors/1/u/expression", "/monitor/monitors/1/u"),
+        ("/monitor/u/expression/more", "/monitor/u"),
+        ("/mode/x", "/mode/x"),
+        ("/absent/0/key", "/absent/0/key"),
+        ("", ""),
+    ],
+)
+def test_a_pointer_ends_where_a_text_was_sent_for_an_expression(pointer: str, sent: str) -> None:
+    members = [{"u": {"expression": "x"}}, {"u": "x"}]
+    document = {"monitor": {"u": "x", "rho": {"expression": "x"}, "monitors": members}, "mode": "tight"}
+    assert sent_pointer(document, pointer) == sent

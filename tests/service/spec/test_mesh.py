@@ -25,7 +25,7 @@ SPECS: dict[str, Refusal] = {
     "many points": (small(grid={"n_xi": 200, "n_eta": 200}), "/grid", "20000", None),
     "absurd points": (small(grid={"n_xi": 10**30, "n_eta": 8}), "/grid/n_xi", "20000", None),
     "endless points": (
-        '{"monitor": {"u": {"expression": "x"}}, "grid": {"n_xi": ' + "9" * 9999 + "}}",
+        '{"monitor": {"kind": "arc_length", "u": {"expression": "x"}}, "grid": {"n_xi": ' + "9" * 9999 + "}}",
         "/grid/n_xi",
         "",
         None,
@@ -51,5 +51,8 @@ def test_a_constant_u_gives_the_uniform_mesh(http: httpx.Client, constant: str) 
 
 
 def test_all_complaints_come_at_once(http: httpx.Client) -> None:
-    answer = http.post("/v1/meshes", json={"monitor": {"u": {"expression": "x"}, "a": "1"}, "cells": "hex", "n": 1})
+    answer = http.post(
+        "/v1/meshes",
+        json={"monitor": {"kind": "arc_length", "u": {"expression": "x"}, "a": "1"}, "cells": "hex", "n": 1},
+    )
     assert [entry["pointer"] for entry in answer.json()["errors"]] == ["/monitor/a", "/cells", "/n"]

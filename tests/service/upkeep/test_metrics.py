@@ -161,7 +161,7 @@ def test_a_killed_worker_is_lost_and_its_mesh_tried_again(http: httpx.Client, wa
 def test_samples_are_counted(http: httpx.Client, watch: Watch) -> None:
     assert http.post("/v1/samples", json={"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [1, 5]]}}).is_success
     assert watch.moved("equimesh_samples_uploaded_total") == 1
-    spec = small(monitor={"u": {"samples": "upload"}})
+    spec = small(monitor={"kind": "arc_length", "u": {"samples": "upload"}})
     parts = {"spec": (None, json.dumps(spec)), "samples": ("a.csv", "x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,5\n")}
     assert http.post("/v1/meshes", files=parts).is_success
     assert watch.moved("equimesh_samples_uploaded_total") == 2

@@ -10,7 +10,7 @@ MALFORMED: dict[str, bytes] = {
     "half an object": b'{"monitor": ',
     "not UTF-8": b'{"label": "\xff"}',
     "UTF-16": '{"monitor": 1}'.encode("utf-16"),
-    "twice a key": b'{"monitor": {"u": {"expression": "x"}}, "grid": {"n_xi": 8, "n_xi": 9}}',
+    "twice a key": b'{"monitor": {"kind": "arc_length", "u": {"expression": "x"}}, "grid": {"n_xi": 8, "n_xi": 9}}',
     "deep lists": b"[" * 200_000,
     "deep objects": b'{"a":' * 100_000,
     "text": b"hello",

@@ -9,7 +9,7 @@ from service.requests import WAIT
 
 def test_a_fallback_is_told(http: httpx.Client) -> None:
     spec = {
-        "monitor": {"u": {"expression": "tanh(20*((x-0.5)**2 + (y-0.5)**2 - 0.09))"}},
+        "monitor": {"kind": "arc_length", "u": {"expression": "tanh(20*((x-0.5)**2 + (y-0.5)**2 - 0.09))"}},
         "grid": {"n_xi": 33, "n_eta": 33},
         "schwarz": {"transmission": {"kind": "linear_robin"}, "ordering": "alternating"},
     }

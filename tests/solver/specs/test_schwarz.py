@@ -69,3 +69,15 @@ def test_settings_are_refused_before_the_grid_is_read() -> None:
         build_schwarz({"grid": {"n_xi": 3}, "schwarz": {"line_correction": 12}})
     assert caught.value.field == "schwarz.line_correction"
     assert build_schwarz({"grid": {"n_xi": 3}}) is None
+
+
+@pytest.mark.parametrize("kind", ["least_error", "auto", "arc_length"])
+def test_only_least_error_is_refused_on_subdomains(kind: str) -> None:
+    document = {"monitor": {"kind": kind, "u": "x"}, "schwarz": {}}
+    if kind != "least_error":
+        assert build_schwarz(document) == Schwarz()
+        return
+    with pytest.raises(InputError, match="minimises one integral over all cells") as caught:
+        build_schwarz(document)
+    assert caught.value.field == "schwarz"
+    assert build_schwarz({**document, "schwarz": None}) is None

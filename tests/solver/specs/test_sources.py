@@ -58,3 +58,10 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(SamplesError, match="No such file") as caught:
         build_field({"samples": "u.npz"}, WIDE, samples_in(tmp_path), "monitor.u")
     assert caught.value.field == "monitor.u.samples"
+
+
+def test_a_text_is_an_expression() -> None:
+    assert build_field("tanh(20*x)", WIDE, no_samples) == Expression("tanh(20*x)")
+    with pytest.raises(InputError) as caught:
+        build_field("tanh(20*x", WIDE, no_samples, "monitor.u")
+    assert caught.value.field == "monitor.u"

@@ -27,7 +27,7 @@ from equimesh.specs import BuiltSpec, build, load
 
 U = {"expression": "tanh(5*(x - y))"}
 SPEC: dict[str, Any] = {
-    "monitor": {"u": U, "a": 0.5},
+    "monitor": {"kind": "arc_length", "u": U, "a": 0.5},
     "domain": {"kind": "annulus_sector"},
     "grid": {"n_xi": 9, "n_eta": 12},
     "boundary": "orthogonal",
@@ -94,14 +94,14 @@ def test_a_document_is_an_object_with_a_monitor() -> None:
 
 def test_samples_are_found_by_their_names() -> None:
     asked = []
-    mesh = solve(build({"monitor": {"u": U}, "grid": {"n_xi": 8, "n_eta": 8}}).problem).mesh
+    mesh = solve(build({"monitor": {"kind": "arc_length", "u": U}, "grid": {"n_xi": 8, "n_eta": 8}}).problem).mesh
     nodal = NodalField(mesh=mesh, values=mesh.x)
 
     def find(name: str, box: object) -> NodalField:
         asked.append((name, box))
         return nodal
 
-    built = build({"monitor": {"u": {"samples": "mine"}}, "domain": {"x": [0, 1]}}, find)
+    built = build({"monitor": {"kind": "arc_length", "u": {"samples": "mine"}}, "domain": {"x": [0, 1]}}, find)
     assert built.problem.monitor == ArcLength(u=nodal)
     assert asked == [("mine", ((0.0, 1.0), (0.0, 1.0)))]
 
@@ -111,7 +111,7 @@ def test_a_problem_file_is_loaded_with_the_samples_next_to_it(tmp_path: Path) ->
     file.write_text(json.dumps(SPEC))
     assert load(file) == load(str(file)) == build(SPEC)
     (tmp_path / "u.csv").write_text("x,y,u\n0,0,0\n0,1,1\n1,0,2\n1,1,4\n")
-    file.write_text(json.dumps({"monitor": {"u": {"samples": "u.csv"}}}))
+    file.write_text(json.dumps({"monitor": {"kind": "arc_length", "u": {"samples": "u.csv"}}}))
     assert load(file).problem.monitor.u.evaluate(np.ones(1), np.ones(1))[0] == pytest.approx(4.0)  # type: ignore[union-attr]
     file.write_text('{"monitor": ')
     with pytest.raises(InputError, match="is not JSON"):
