@@ -30,9 +30,11 @@ class Watch:
         progress = progress_of(record)
         words = []
         if progress.iteration is not None:
-            words.append(f"iteration {progress.iteration}")
+            words.append(f"{'iteration' if progress.gain is None else 'step'} {progress.iteration}")
         if progress.residual is not None:
             words.append(f"residual {progress.residual:.1e}")
+        if progress.gain is not None:
+            words.append(f"error {progress.gain:.1f} times smaller")
         self._bar.set_description_str(progress.stage or str(record.get("status", "")), refresh=False)
         self._bar.set_postfix_str(", ".join(words), refresh=False)
         self._bar.update(max(0.0, 100.0 * progress.fraction - self._bar.n))

@@ -18,6 +18,16 @@ def test_it_shows_stage_figures_and_percentage(capsys: pytest.CaptureFixture[str
         assert words in shown, words
 
 
+def test_of_a_descent_it_shows_the_gain(capsys: pytest.CaptureFixture[str]) -> None:
+    descent = {"stage": "least_error", "iteration": 4, "residual": None, "gain": 3.26, "fraction": 0.25}
+    with Watch(True) as watch:
+        watch.update({"status": "running", "progress": descent})
+    shown = capsys.readouterr().err
+    assert "least_error" in shown
+    assert "step 4, error 3.3 times smaller" in shown
+    assert "residual" not in shown
+
+
 @pytest.mark.parametrize("progress", [False, None])
 def test_without_a_terminal_it_shows_nothing_unless_requested(
     progress: bool | None, capsys: pytest.CaptureFixture[str]

@@ -62,6 +62,7 @@ from equimesh_client.blocking.sequence import Sequences
 equimesh_service = pytest.importorskip("equimesh_service")
 PAPER = "(1-exp(15*(x-1)))*sin(pi*y)"
 TABLE_1 = {
+    "monitor": ArcLength(),
     "schwarz": Schwarz(overlap=2, transmission=LinearRobin(2.3), ordering="alternating", compare_single_domain=True),
     "boundary": "equidistributed_1d",
     "initial": "uniform",
@@ -120,7 +121,7 @@ def test_the_papers_mesh(client: Any) -> None:
 
 
 def test_the_arrays_belong_together(client: Any) -> None:
-    mesh = client.generate("x*y", (9, 7))
+    mesh = client.generate("x*y", (9, 7), a=0.7)
     assert mesh.x.shape == (9, 7)
     assert np.allclose(mesh.u, mesh.x * mesh.y)
     for side, (axis, value) in {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)}.items():
@@ -140,22 +141,22 @@ def test_one_u_in_every_form_gives_one_mesh(client: Any, tmp_path: Path) -> None
     x, y = np.meshgrid(axis, axis, indexing="ij")
     values = (1 - np.exp(15 * (x - 1))) * np.sin(np.pi * y)
     np.savez(tmp_path / "u.npz", x=axis, y=axis, values=values)
-    exact = client.generate(PAPER, 12)
+    exact = client.generate(PAPER, 12, a=0.7)
     forms: list[Any] = [values, (axis, axis, values), tmp_path / "u.npz", client.samples.upload(values)]
     forms.append(lambda x, y: (1 - np.exp(15 * (x - 1))) * np.sin(np.pi * y))
-    meshes = [client.generate(u, 12) for u in forms]
+    meshes = [client.generate(u, 12, a=0.7) for u in forms]
     for mesh in meshes:
         assert abs(mesh.x - exact.x).max() < 1e-4
         assert np.array_equal(mesh.x, meshes[0].x)
     coarse = slice(None, None, 8)
     points = np.column_stack([x[coarse, coarse].ravel(), y[coarse, coarse].ravel()])
-    scattered = client.generate((points, values[coarse, coarse].ravel()), 12)
+    scattered = client.generate((points, values[coarse, coarse].ravel()), 12, a=0.7)
     assert abs(scattered.x - exact.x).max() < 0.1
 
 
 def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
-    mesh = client.generate("x*y", 9, cells="triangle")
+    mesh = client.generate("x*y", 9, cells="triangle", a=0.7)
     for name in ("m.vtu", "m.vtk", "m.msh", "m.npz", "m.xdmf.zip", "n.xdmf"):
         assert mesh.download(tmp_path / name).stat().st_size > 0
     for name in ("m.vtu", "m.vtk", "m.msh", "n.xdmf", "n_facets.xdmf"):
@@ -197,9 +198,9 @@ def test_the_spec_makes_the_same_mesh(client: Any) -> None:
 
 def test_a_mesh_that_is_there_already(client: Any) -> None:
     u = f"x*y + {time.time_ns()}*x"  # nobody has asked for this before
-    first = client.generate(u, 9)
-    again = client.generate(u, 9, label="again", cells="triangle")
-    anew = client.generate(u, 9, reuse=False)
+    first = client.generate(u, 9, a=0.7)
+    again = client.generate(u, 9, label="again", cells="triangle", a=0.7)
+    anew = client.generate(u, 9, reuse=False, a=0.7)
     assert (first.reused_from, again.reused_from, anew.reused_from) == (None, first.id, None)
     assert len({first.id, again.id, anew.id}) == 3
     assert (again.label, again.cells.shape, again.error) == ("again", (128, 3), None)
@@ -231,7 +232,7 @@ def test_a_key_makes_one_mesh(client: Any) -> None:
 
 
 def test_bad_expressions_show_where(client: Any) -> None:
-    for ask in (lambda u: client.generate(u, 8), client.check):
+    for ask in (lambda u: client.generate(u, 8, a=0.7), client.check):
         with pytest.raises(InvalidInput) as caught:
             ask("sin(pi*x) + foo")
         (error,) = caught.value.errors
@@ -311,18 +312,18 @@ def test_every_monitor_on_every_domain(client: Any, monitor: Any, domain: Any) -
 
 
 def test_two_ways_to_say_one_domain(client: Any) -> None:
-    meshes = [client.generate(FRONT, 12, domain=domain, mode="tight") for domain in (AnnulusSector(), BEND)]
+    meshes = [client.generate(FRONT, 12, domain=domain, mode="tight", a=0.7) for domain in (AnnulusSector(), BEND)]
     assert abs(meshes[0].x - meshes[1].x).max() < 1e-8  # a Coons patch of two arcs and two radii is the sector
 
 
 def test_arrays_and_callables_lie_on_the_box_of_the_domain(client: Any) -> None:
-    exact = client.generate(FRONT, 12, domain=BEND)
+    exact = client.generate(FRONT, 12, domain=BEND, a=0.7)
     x, y = np.meshgrid(np.linspace(0, 2, 97), np.linspace(0, 2, 97), indexing="ij")
     for u in (lambda x, y: np.tanh(3 * (x - y)), np.tanh(3 * (x - y))):
-        mesh = client.generate(u, 12, domain=BEND)
+        mesh = client.generate(u, 12, domain=BEND, a=0.7)
         assert abs(mesh.x - exact.x).max() < 1e-3
     stored = client.samples.upload(np.tanh(3 * (x - y)), domain=BEND)
-    assert abs(client.generate(stored, 12, domain=AnnulusSector()).x - exact.x).max() < 1e-3
+    assert abs(client.generate(stored, 12, domain=AnnulusSector(), a=0.7).x - exact.x).max() < 1e-3
     big = np.tanh(3 * (x - y))
     both = client.generate(monitor=Tensor(2 + big, "0", 2 - big), n=12, domain=BEND)
     assert both.u is None
@@ -367,7 +368,7 @@ def test_too_much_is_too_large(client: Any) -> None:
 def test_a_mesh_that_does_not_converge_says_so(client: Any, tmp_path: Path) -> None:
     few = Schwarz(overlap=2, transmission=LinearRobin(2.3), max_iterations=2)
     with pytest.raises(MeshFailed) as caught:
-        client.generate(PAPER, 12, schwarz=few)
+        client.generate(PAPER, 12, schwarz=few, a=0.7)
     assert caught.value.problem["type"] == "/problems/not-converged"
     assert "the estimated error is" in str(caught.value)
     mesh = client.meshes.get(caught.value.mesh.id)
@@ -387,7 +388,7 @@ def test_cancel_and_delete(client: Any) -> None:
     mesh.delete()
     with pytest.raises(NotFound):
         mesh.refresh()
-    done = client.generate("x", 8)
+    done = client.generate("x", 8, a=0.7)
     with pytest.raises(Conflict):
         done.cancel()
 
@@ -439,14 +440,14 @@ def test_keys(
             connect(url, key=key).meshes.get("m")
         said.append(str(unknown.value))
     with pytest.raises(Forbidden, match="write") as forbidden:
-        connect(url, key=secrets["reader"]).generate("x", 8)
+        connect(url, key=secrets["reader"]).generate("x", 8, a=0.7)
     monkeypatch.setenv("EQUIMESH_KEY", secrets["ada"])
     ada, ben = connect(url, retries=impatient), connect(url, key=secrets["ben"])
     mesh = ada.meshes.create(heavy())
     with pytest.raises(NotFound):
         ben.meshes.get(mesh.id)
     with pytest.raises(QuotaExceeded) as full:
-        ada.generate("x", 8)
+        ada.generate("x", 8, a=0.7)
     assert full.value.retry_after is not None
     mesh.cancel()
     mesh.delete()
@@ -550,7 +551,7 @@ def test_every_event_comes_once_over_a_line_that_breaks(
 
 
 def test_a_file_over_a_line_that_breaks(connect: Any, client: Any, proxy: CuttingProxy, tmp_path: Path) -> None:
-    mesh = client.generate(PAPER, 129)
+    mesh = client.generate(PAPER, 129, a=0.7)
     whole = mesh.download(tmp_path / "near.vtu").read_bytes()
     far = connect(proxy.url, retries=RetryPolicy(retries=1, first=0.001)).meshes.get(mesh.id)
     proxy.cut(*(int(cut) for cut in np.random.default_rng(5).integers(2000, 20_000, 9)))
@@ -615,7 +616,7 @@ def test_every_public_name_of_the_twins_works(
     assert client.check("x")["constant"] is False
     assert client.capabilities()["version"]
 
-    mesh = client.generate(PAPER, (9, 7), label="tour", reuse=False)
+    mesh = client.generate(PAPER, (9, 7), label="tour", reuse=False, a=0.7)
     assert (mesh.status, mesh.is_finished, mesh.label) == ("succeeded", True, "tour")
     assert (mesh.error, mesh.reused_from, mesh.id, mesh.record["label"]) == (None, None, mesh.record["id"], "tour")
     assert (mesh.relaxed, mesh.warnings, mesh.certificate.status, mesh.attempts) == (False, (), "converged", 1)
@@ -703,15 +704,24 @@ def test_solver_and_client_print_a_certificate_alike() -> None:
     asked = [("a", 0.7, 0.35), ("points", 129.0, 33.0), ("cross_line", 0.0, 0.03), ("strength", 1.0, 0.123)]
     relaxed = tuple(em.Relaxed(what=what, asked=least, reached=most) for what, least, most in asked)
     gain = errors(l2=1e-3, h1=1e-2, l2_uniform=5.432e-3, h1_uniform=2.0, rounding=(0.0, 0.0))
+    compared = (
+        em.Candidate(kind="least_error", settings={"distortion": 0.5}, gain_l2=12.3, gain_h1=3.0, chosen=True),
+        em.Candidate(kind="curvature", settings={}, gain_l2=None, gain_h1=None, chosen=False),
+    )
     bare = {"status": status.CONVERGED, "mode": None, "equation_residual": 0.0, "min_jacobian": 1.0}
     for certificate in (
         em.Certificate(**bare),
         em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain),
-        em.Certificate(**{**bare, "equation_residual": math.inf}, relaxed=relaxed, warnings=("Beware.",)),
+        em.Certificate(**{**bare, "equation_residual": 1e-3}, relaxed=relaxed, warnings=("Beware.",)),
+        em.Certificate(**{**bare, "equation_residual": math.inf}),
+        em.Certificate(**{**bare, "equation_residual": None}, comparison=compared),
     ):
         assert str(certificate) == str(Certificate.from_json(certificate.summary()))
+    assert "equation residual" not in str(certificate)
+    assert "least_error (distortion 0.5): 12 in L2, 3 in H1  (chosen)" in str(certificate)
+    assert "curvature: no mesh" in str(certificate)
+    certificate = em.Certificate(**{**bare, "equation_residual": 1e-3}, relaxed=relaxed, warnings=("Beware.",))
     assert "warning: Beware." in str(certificate)
-    assert "equation residual     not known" in str(certificate)
     assert "estimated error       not known\n" in str(certificate)
     for words in (
         "129 requested, 33 reached",

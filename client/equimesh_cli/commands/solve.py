@@ -21,12 +21,14 @@ BYTES_PER_POINT = 600
 EXAMPLES = """\
 examples:
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
-  equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 12 --boundary equidistributed_1d --initial uniform \\
+  equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 12 --monitor arc-length --boundary equidistributed_1d \\
+      --initial uniform \\
       --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --ordering alternating --compare \\
       --plot convergence.png --plot-kind convergence
   equimesh solve 'tanh(20*(x-y))' -n 129 --subdomains 8x1 --tolerance discretization -o mesh.vtu
   equimesh solve -n 33 -- '-x*y'
   equimesh solve --samples u.csv -n 129 -o mesh.msh --cells triangle
+  equimesh solve 'tanh(20*(x-y))' -n 65 --monitor least-error --norm h1 --smoothness 0.3 -o mesh.vtu
   equimesh solve 'tanh(20*(x-y))' -n 65 --monitor curvature --norm h1 --domain annulus:1,2,0,90
   equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
 
@@ -154,11 +156,14 @@ class Observer:
         self._line = tqdm(bar_format="{desc} {elapsed}", disable=None if shown else True, leave=False)
 
     def __call__(self, event: Event) -> None:
-        step = getattr(event, "step", None)
-        if step is None:
-            text = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"  # type: ignore[union-attr]
+        from equimesh import Descent, Iteration
+
+        if isinstance(event, Iteration):
+            text = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"
+        elif isinstance(event, Descent):
+            text = f"step {event.step} on {event.grid}, error {event.gain:.1f} times smaller than on the uniform mesh"
         else:
-            text = f"step {step} on {event.grid}, residual {event.residual:.1e}"  # type: ignore[union-attr]
+            text = f"step {event.step} on {event.grid}, residual {event.residual:.1e}"
         self._line.set_description_str(text)
 
     def __enter__(self) -> Observer:

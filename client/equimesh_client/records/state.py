@@ -13,11 +13,15 @@ FINISHED = frozenset({"succeeded", "failed", "canceled"})
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """The progress of a mesh: ``stage`` in a word, ``fraction`` from 0 to 1, and the latest numbers."""
+    """The progress of a mesh: ``stage`` in a word, ``fraction`` from 0 to 1, and the latest numbers.
+
+    ``gain`` is that of a descent: how many times smaller the error is than on the uniform mesh. It has no ``residual``.
+    """
 
     stage: str = ""
     iteration: int | None = None
     residual: float | None = None
+    gain: float | None = None
     fraction: float = 0.0
 
 
@@ -30,6 +34,7 @@ def progress_of(record: Mapping[str, Any]) -> Progress:
         stage=str(progress.get("stage") or record.get("status") or ""),
         iteration=progress["iteration"] if isinstance(progress.get("iteration"), int) else None,
         residual=None if progress.get("residual") is None else real_or_nan(progress["residual"]),
+        gain=None if progress.get("gain") is None else real_or_nan(progress["gain"]),
         fraction=0.0 if math.isnan(fraction) else min(1.0, max(0.0, fraction)),
     )
 

@@ -116,7 +116,7 @@ class Certificate:
         """The certificate in a few lines."""
         lines = [f"certificate: {self.status.value.replace('_', ' ')}" + (f", mode {self.mode}" if self.mode else "")]
         lines += [f"  relaxed               {part}" for part in self.relaxed]
-        if self.equation_residual is not None:
+        if finite_or_none(self.equation_residual) is not None:
             residual = _short(self.equation_residual)
             lines.append(f"  equation residual     {residual}  (of squared metric lengths, relative)")
             grid, solved = _error(self.discretization_error), _error(self.algebraic_error)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from equimesh_cli import main
+from equimesh_cli.commands.solve import Observer
 
 CURVED: dict[str, Any] = {
     "kind": "quadrilateral",
@@ -23,7 +24,7 @@ CURVED: dict[str, Any] = {
 def test_solve_writes_the_partial_mesh_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     path = tmp_path / "m.npz"
-    few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
+    few = "-n 12 --monitor arc-length --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
     command = ["solve", "x*y", *few.split(), "-o", str(path)]
     assert main(command) == 1
     assert not path.exists()
@@ -41,7 +42,8 @@ def test_solve_writes_the_partial_mesh_too(capsys: pytest.CaptureFixture[str], t
 def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     mesh, picture = tmp_path / "m.npz", tmp_path / "m.png"
-    words = "-n 12 --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --compare --plot-kind convergence"
+    words = "-n 12 --monitor arc-length --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3"
+    words += " --compare --plot-kind convergence"
     assert main(["solve", "x*y", *words.split(), "-o", str(mesh), "--plot", str(picture)]) == 0
     out = capsys.readouterr().out
     assert "q_eq" in out
@@ -49,7 +51,36 @@ def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tm
     assert np.load(mesh)["x"].shape == (12, 12)
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(["solve", "x*y", "-n", "8", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["status"] == "converged"
+    said = json.loads(capsys.readouterr().out)
+    kinds = [one["kind"] for one in said["certificate"]["comparison"]]
+    assert sorted(kinds) == ["arc_length", "curvature", "least_error", "least_error"]
+
+
+def test_solve_minimises_the_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    words = "--monitor least-error --norm h1 --distortion 0.3 --smoothness 0.5 -n 17 --cells triangle --threads 1"
+    assert main(["solve", "tanh(20*(x-y))", *words.split(), "-o", str(tmp_path / "m.vtu")]) == 0
+    out = capsys.readouterr().out
+    assert "certificate: completed" in out
+    assert "equation residual" not in out
+    assert "interpolation gain" in out
+
+
+def test_the_line_of_progress_tells_the_gain_of_a_descent() -> None:
+    pytest.importorskip("scipy")
+    import equimesh
+
+    said: list[str] = []
+    with Observer(shown=False) as observer:
+        observer._line.set_description_str = said.append  # type: ignore[method-assign, assignment]
+        mesh = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
+        observer(
+            equimesh.Descent(
+                level=0, levels=2, grid=mesh.grid, step=3, steps=20, error=0.1, gain=4.25, distortion=0.0,
+                min_jacobian=1.0, mesh=mesh, start="uniform",
+            )
+        )  # fmt: skip
+    assert said == ["step 3 on 9 x 9, error 4.2 times smaller than on the uniform mesh"]
 
 
 def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -58,7 +89,7 @@ def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str]
     axis = np.linspace(0, 2, 9)
     np.savez(tmp_path / "rho.npz", x=axis, y=axis, values=1.0 + axis[:, None] * axis)
     for words in (
-        "x*y --domain rectangle:0,2,0,1",
+        "x*y --monitor arc-length --domain rectangle:0,2,0,1",
         "tanh(5*x-5*y) --monitor curvature --norm h1 --isotropic --domain annulus:1,2,0,90 --mode tight",
         f"--monitor weight --rho {tmp_path / 'rho.npz'} --domain rectangle:0,2,0,2 --threads 1",
         f"x --monitor tensor --m11 1+x --m12 0 --m22 1 --smoothing 0.1 --domain @{tmp_path / 'd.json'}",
@@ -68,7 +99,7 @@ def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str]
         assert said["status"] == said["certificate"]["status"] == "converged"
         assert (said["certificate"]["interpolation_gain"] is None) == ("weight" in words)
         assert said["certificate"]["mode"] == ("tight" if "tight" in words else "discretization")
-    assert main(["solve", "x*y", "-n", "9"]) == 0
+    assert main(["solve", "x*y", "-n", "9", "--monitor", "arc-length"]) == 0
     assert capsys.readouterr().out.splitlines()[1] == "certificate: converged, mode discretization"
     (tmp_path / "d.json").write_text(json.dumps({**CURVED, "left": {"x": "0", "y": "foo*t"}}))
     for words, message in (
@@ -92,7 +123,7 @@ def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], 
     assert capsys.readouterr().err.startswith("equimesh: ")
     assert main(["solve", "x", "-n", "9999999"]) == 2
     assert "GB of memory" in capsys.readouterr().err
-    few = "-n 12 --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
+    few = "-n 12 --monitor arc-length --subdomains 2x1 --overlap 2 --transmission classical --max-iterations 2"
     assert main(["solve", "x*y", *few.split()]) == 1
     assert "tolerance" in capsys.readouterr().err
     assert main(["solve", "x*y", *few.split(), "--json"]) == 1
