@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import robustness_ways
 from functions import FUNCTIONS
 
 Result: TypeAlias = dict[str, Any]
@@ -86,6 +87,8 @@ def render(results: Sequence[Result]) -> str:
     for a, b in settings:
         here = {(r["name"], r["n"]): r for r in results if (r["a"], r["b"]) == (a, b)}
         lines += [f"### a = {a:g}, b = {b:g}", "", *_table(here, points), ""]
+    ways = robustness_ways.read()
+    lines += [*robustness_ways.section(ways), ""] if ways else []
     lines += ["## The functions", "", "| name | u | hard for |", "|---|---|---|"]
     lines += [f"| {name} | `{one.u}` | {one.hard} |" for name, one in FUNCTIONS.items() if name in functions]
     return "\n".join(lines) + "\n"
