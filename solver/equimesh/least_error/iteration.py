@@ -42,6 +42,8 @@ MAX_EFFORT = 10.0
 """The largest factor by which a low smoothness lowers that decrease."""
 MAX_MORE_STEPS = 2.0
 """The largest factor by which it raises the limit of steps."""
+MAX_LIFTED_ERRORS = {"l2": 1.5, "h1": 1.0}
+"""The largest error of a mesh from a coarser grid over that of straight lines; above it these are continued."""
 DISTORTION_WEIGHT = 0.06
 """The weight of distortion in the objective for ``distortion = 1``."""
 SMOOTHNESS_WEIGHT = 2.4e-4
@@ -50,6 +52,8 @@ SMOOTHNESS_WEIGHT = 2.4e-4
 Second differences fall with the square of the spacing. Times the number of cells, the sum of their squares is the same
 for one map on all grids.
 """
+MORE_SLOPE_POINTS = 1
+"""Gauss points a direction in addition for errors of the gradient, which are small at the points of a lean rule."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,10 +138,26 @@ class LeastErrorSolve:
         best = min(reached, key=lambda end: self._lifted_error(end, fine[0]))
         return (yield from self._climb(best.way, fine, best))
 
+    def _lifted(self, reached: Reached, level: Level) -> Array:
+        """A mesh on the next finer grid, or the first mesh of its way there where that has a much smaller error.
+
+        Straight lines are drawn for each grid anew, and can meet a thin layer better than a mesh from a coarse grid.
+        """
+        way = reached.way
+        lifted = way.lifted(reached.mesh, reached.level.grid, level.grid)
+        if way.is_uniform:
+            return lifted
+        start = way.start(level.grid)
+        most = MAX_LIFTED_ERRORS[self.monitor.norm] * self._error(way, level, start)
+        return lifted if self._error(way, level, lifted) <= most else start
+
     def _lifted_error(self, reached: Reached, level: Level) -> float:
         """The error of a mesh on the next finer grid, which tells more of how the descent will end there."""
-        mesh = reached.way.lifted(reached.mesh, reached.level.grid, level.grid)
-        objective = self._objective(level, reached.way)
+        return self._error(reached.way, level, self._lifted(reached, level))
+
+    def _error(self, way: Way, level: Level, mesh: Array) -> float:
+        """The error of a mesh on the grid of a level."""
+        objective = self._objective(level, way)
         objective.cut(mesh)
         return objective.error(mesh)
 
@@ -178,7 +198,7 @@ class LeastErrorSolve:
     def _climb(self, way: Way, levels: list[Level], before: Reached | None = None) -> Generator[Descent, None, Reached]:
         """Descent on each of the levels, from the mesh of the level before it."""
         for level in levels:
-            start = way.start(level.grid) if before is None else way.lifted(before.mesh, before.level.grid, level.grid)
+            start = way.start(level.grid) if before is None else self._lifted(before, level)
             before = yield from self._descend(way, level, start)
         if before is None:
             raise AssertionError("there is at least one level")
@@ -220,7 +240,8 @@ class LeastErrorSolve:
         return Reached(way=way, level=level, mesh=mesh, record=last)
 
     def _objective(self, level: Level, way: Way) -> Objective:
-        rule = Rule(norm=self.monitor.norm, cells=self.monitor.cells, points=level.gauss_points)
+        points = level.gauss_points + (MORE_SLOPE_POINTS if self.monitor.norm == "h1" else 0)
+        rule = Rule(norm=self.monitor.norm, cells=self.monitor.cells, points=points)
         return Objective(
             self.monitor.u,
             self.domain,

@@ -30,6 +30,11 @@ class Way:
         ends = np.array([0.0, 1.0])
         return cls(name=name, s=ends, t=ends, weights=weights)
 
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the first meshes are uniform."""
+        return self.s.size == self.t.size == 2
+
     def start(self, grid: Grid) -> Array:
         """The first mesh on a grid, shape ``(2, nodes)``."""
         if grid not in self._starts:
