@@ -97,13 +97,16 @@ class LeastErrorSolve:
         """The records of all steps; the mesh of the last one is the result.
 
         With ``start``, a valid mesh of the reference square on the same grid, the descent begins with that mesh on a
-        coarse grid. Otherwise it begins with the uniform mesh and, unless ``uniform_only``, with a rectilinear one.
-        ``coarse`` continues from the result of :meth:`coarse`.
+        coarse grid, and on the finest grid again where that is better. Otherwise it begins with the uniform mesh and,
+        unless ``uniform_only``, with a rectilinear one. ``coarse`` continues from the result of :meth:`coarse`.
         """
         levels = nested_levels(self.grid)
+        if start is not None:
+            yield from self._continue(start, levels)
+            return
         if coarse is None:
             last = max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)
-            coarse = yield from self._coarse(levels[: last + 2], start, uniform_only=uniform_only)
+            coarse = yield from self._coarse(levels[: last + 2], None, uniform_only=uniform_only)
         elif coarse.level.is_finest:
             yield coarse.record
         yield from self._climb(coarse.way, levels[coarse.level.number + 1 :], coarse)
@@ -117,6 +120,17 @@ class LeastErrorSolve:
             except StopIteration as end:
                 reached: Reached = end.value
                 return reached
+
+    def _continue(self, start: Mesh, levels: list[Level]) -> Iterator[Descent]:
+        """The records of the steps from a given mesh."""
+        *coarse, finest = levels
+        given, mesh = Way.given(self.weights, start), coordinates_of(start)
+        if coarse:
+            reached = yield from self._coarse(coarse, start, uniform_only=False)
+            if self._lifted_error(reached, finest) < self._error(given, finest, mesh):
+                yield from self._climb(reached.way, [finest], reached)
+                return
+        yield from self._descend(given, finest, mesh)
 
     def _coarse(
         self, levels: list[Level], start: Mesh | None, *, uniform_only: bool

@@ -30,6 +30,13 @@ class Way:
         ends = np.array([0.0, 1.0])
         return cls(name=name, s=ends, t=ends, weights=weights)
 
+    @classmethod
+    def given(cls, weights: Weights, mesh: Mesh) -> Way:
+        """From a given mesh on its own grid, where no mesh with a lower objective has a larger error; else uniform."""
+        way = cls.uniform(weights, "given")
+        way._starts[mesh.grid] = coordinates_of(mesh)
+        return way
+
     @property
     def is_uniform(self) -> bool:
         """Whether the first meshes are uniform."""

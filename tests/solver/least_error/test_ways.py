@@ -74,3 +74,11 @@ def test_a_mesh_that_is_nearly_folded_is_lifted_to_a_refined_grid_as_it_is() -> 
 def test_coordinates_and_meshes_are_the_same() -> None:
     mesh = bent(COARSE)
     assert np.array_equal(coordinates_of(mesh_of(mesh, COARSE)), mesh)
+
+
+def test_a_given_mesh_is_the_first_one_on_its_own_grid_alone() -> None:
+    mesh = bent(COARSE)
+    way = Way.given(WEIGHTS, mesh_of(mesh, COARSE))
+    assert np.array_equal(way.start(COARSE), mesh)
+    assert way.start(FINE[0]) == pytest.approx(uniform(FINE[0]), abs=1e-15)
+    assert way.name == "given"

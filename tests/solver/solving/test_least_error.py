@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.least_error.levels import nested_levels
 from equimesh.least_error.steps import Descent
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.solving import least_error
@@ -122,3 +124,41 @@ def test_a_steep_front_gains_in_both_norms_where_its_gradient_is_requested() -> 
     errors = solution.interpolation
     assert errors is not None
     assert min(errors.gain_l2, errors.gain_h1) > 3.0
+
+
+def errors_of(solution: Solution, norm: str) -> float:
+    errors = solution.interpolation
+    assert errors is not None
+    return errors.l2 if norm == "l2" else errors.h1
+
+
+@pytest.mark.parametrize("n", [9, 25, 41])
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+@pytest.mark.parametrize("u", [FRONT, em.Expression("exp(-x/0.001) + exp(-y/0.001)")], ids=["front", "layers"])
+def test_a_given_mesh_is_not_made_worse(u: em.Expression, norm: str, n: int) -> None:
+    grid = em.Grid(n_xi=n, n_eta=n)
+    best = em.solve(problem(u, grid, norm=norm, distortion=0.1, smoothness=0.05), threads=1)
+    again = em.solve(problem(u, grid, norm=norm, distortion=5.0, smoothness=5.0), initial=best.reference, threads=1)
+    assert errors_of(again, norm) <= errors_of(best, norm) * (1.0 + 1e-12)
+
+
+def test_a_given_mesh_of_another_time_is_improved() -> None:
+    before = em.solve(problem(em.Expression("tanh(40*(x + y/2 - 0.7))")), threads=1)
+    after = em.solve(problem(), initial=before.reference, threads=1)
+    fresh = em.solve(problem(), threads=1)
+    assert after.interpolation is not None
+    assert after.interpolation.gain_l2 > 0.3 * fresh.interpolation.gain_l2 > 4.0  # type: ignore[union-attr]
+    assert after.note == ""
+
+
+def test_a_given_mesh_that_descent_does_not_better_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    best = em.solve(problem(), threads=1)
+    monkeypatch.setattr(least_error.LeastErrorSolve, "steps", lambda solve, _start, **_: iter([uniform_record(solve)]))
+    again = em.solve(problem(), initial=best.reference, threads=1)
+    assert again.note == least_error.KEPT
+    assert again.mesh.distance(best.mesh) == 0.0
+
+
+def uniform_record(solve: least_error.LeastErrorSolve) -> Descent:
+    coarse = solve.coarse(nested_levels(solve.grid)[0])
+    return replace(coarse.record, mesh=em.Mesh.uniform(solve.grid), grid=solve.grid)
