@@ -161,7 +161,8 @@ class Observer:
         if isinstance(event, Iteration):
             text = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"
         elif isinstance(event, Descent):
-            text = f"step {event.step} on {event.grid}, error {event.gain:.1f} times smaller than on the uniform mesh"
+            gain = f", {event.gain:.1f} times smaller than on the uniform mesh" if event.gain else ""
+            text = f"step {event.step} on {event.grid}, error {event.error:.1e}{gain}"
         else:
             text = f"step {event.step} on {event.grid}, residual {event.residual:.1e}"
         self._line.set_description_str(text)

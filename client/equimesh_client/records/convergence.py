@@ -1,4 +1,4 @@
-"""The history of a Schwarz iteration, as a table."""
+"""The history of a Schwarz iteration or of a descent, as a table."""
 
 from __future__ import annotations
 
@@ -19,15 +19,17 @@ REMARKS = {"accelerated": "accelerated", "global_step": "global step"}
 
 @dataclass(frozen=True, kw_only=True)
 class Convergence:
-    """The history of the Schwarz iteration.
+    """The history of the Schwarz iteration, or of the descent of a least-error solve.
 
     ``iterations`` starts with the initial mesh and is empty on a single domain. ``rate`` is the observed decrease per
-    iteration, ``predicted_rate`` the theoretical one; None where unknown.
+    iteration, ``predicted_rate`` the theoretical one; None where unknown. ``descent`` has a row for each step of a
+    least-error solve: ``level``, ``grid``, ``start``, ``step``, ``error``, ``gain``, ``distortion``, ``min_jacobian``.
     """
 
     iterations: tuple[Mapping[str, Any], ...]
     rate: float | None
     predicted_rate: float | None
+    descent: tuple[Mapping[str, Any], ...] = ()
     record: Mapping[str, Any] = field(repr=False)
 
     @classmethod
@@ -37,19 +39,22 @@ class Convergence:
             iterations=tuple(record.get("iterations") or ()),
             rate=record.get("rate"),
             predicted_rate=record.get("predicted_rate"),
+            descent=tuple(record.get("descent") or ()),
             record=record,
         )
 
     def column(self, name: str) -> Array:
-        """One figure of every iteration, nan where absent.
+        """One figure of every iteration, or of every step of a descent, nan where absent.
 
         ``name`` is ``max_q_eq``, ``change``, ``estimate``, ``deviation``, ``mismatch``, ``error``, ``min_jacobian``,
-        ``work`` or ``traffic``.
+        ``work`` or ``traffic``; of a descent ``error``, ``gain``, ``distortion`` or ``min_jacobian``.
         """
-        return np.array([real_or_nan(row.get(name)) for row in self.iterations])
+        return np.array([real_or_nan(row.get(name)) for row in self.iterations or self.descent])
 
     def table(self) -> str:
-        """The iterations as an aligned text table."""
+        """The iterations as an aligned text table; of a descent the last step on each grid."""
+        if self.descent:
+            return self._descent_table()
         if not self.iterations:
             return "one domain: no Schwarz iteration"
         known = ("max_q_eq", "change", "estimate", "error", "min_jacobian")
@@ -67,6 +72,17 @@ class Convergence:
         rates = [("observed rate", self.rate), ("predicted rate", self.predicted_rate)]
         known_rates = [f"{name} {number(value)}" for name, value in rates if value is not None]
         return "\n".join([text, ", ".join(known_rates)] if known_rates else [text])
+
+    def _descent_table(self) -> str:
+        last: dict[tuple[object, ...], Mapping[str, Any]] = {}
+        for row in self.descent:
+            last[*row.get("grid", ()), row.get("start")] = row
+        rows = [
+            [" x ".join(map(str, row.get("grid", ()))), str(row.get("start", "")), str(row.get("step", ""))]
+            + [number(real_or_nan(row.get(name))) for name in ("error", "gain", "min_jacobian")]
+            for row in last.values()
+        ]
+        return align(["grid", "start", "step", "error", "gain", "min_jacobian"], rows)
 
     def __str__(self) -> str:
         return self.table()

@@ -92,7 +92,7 @@ async def get_quality(
 
 @router.get(
     "/convergence",
-    summary="The Schwarz iteration",
+    summary="The Schwarz iteration, or the descent",
     operation_id="getMeshConvergence",
     response_class=Response,
     responses={
@@ -107,7 +107,10 @@ async def get_convergence(
     caller: Reader,
     format: Annotated[Literal["json", "csv"] | None, Query(description="It takes precedence over Accept.")] = None,
 ) -> Response:
-    """Each iteration: change, error, work, traffic, and the solves of all subdomains; iteration 0 is the start."""
+    """Each iteration: change, error, work, traffic, and the solves of all subdomains; iteration 0 is the start.
+
+    Of a least-error mesh each step of the descent: its grid, its error, and the gain over the uniform mesh.
+    """
     row = await service.mesh(id, caller)
     artifact = await run_in_threadpool(service.store.meshes.artifact, id, CONVERGENCE)
     if artifact is None and row.result is None:
@@ -140,7 +143,7 @@ async def get_plot(
     kind: Annotated[Literal["mesh", "convergence", "quality"], Query(description="What to draw.")] = "mesh",
     format: Annotated[Literal["svg", "png"] | None, Query(description="It takes precedence over Accept.")] = None,
 ) -> Response:
-    """The mesh with its subdomains, its cells coloured by Q_eq, or the history of the Schwarz iteration."""
+    """The mesh with its subdomains, its cells coloured by Q_eq, or the history of a Schwarz iteration or a descent."""
     name = format or choose_offer(request.headers.get("accept"), PICTURES)
     if name is None:
         raise Problem("not-acceptable", f"Pictures are {', '.join(PICTURES.values())}.")

@@ -1,8 +1,8 @@
-"""The history of a Schwarz iteration: its models, and its table in CSV."""
+"""The history of a Schwarz iteration or of a descent: its models, and its table in CSV."""
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from pydantic import BaseModel, Field
@@ -45,20 +45,37 @@ class IterationHistory(BaseModel):
     subdomains: list[SubdomainHistory]
 
 
+class DescentHistory(BaseModel):
+    """One step of a least-error solve."""
+
+    level: int = Field(description="Number of the nested grid, 0 for the coarsest.")
+    grid: tuple[int, int] = Field(description="Points of that grid along xi and eta.")
+    start: str = Field(description="The first mesh: uniform, rectilinear or given.")
+    step: int = Field(description="Number of the step on its grid; 0 for its first mesh.")
+    error: float | None = Field(description="Interpolation error in the norm of the monitor.")
+    gain: float | None = Field(description="Error of the uniform mesh over `error`; null where it was not measured.")
+    distortion: float | None = Field(description="Mean distortion of the cells, 0 for the first mesh.")
+    min_jacobian: float | None
+
+
 class ConvergenceHistory(BaseModel):
-    """The Schwarz iteration; without iterations for a single domain."""
+    """The Schwarz iteration, or the descent of a least-error solve; without either for a single domain."""
 
     iterations: list[IterationHistory]
+    descent: list[DescentHistory] = Field(default_factory=list, description="The steps of a least-error solve.")
     rate: float | None = Field(description="Observed factor of the error from one iteration to the next.")
     predicted_rate: float | None = Field(description="Factor that theory predicts; null where it predicts none.")
 
 
 # The history of a single domain, which has no file.
 NO_ITERATIONS: Mapping[str, Any] = {"iterations": [], "rate": None, "predicted_rate": None}
+_DESCENT = ("level", "n_xi", "n_eta", "start", "step", "error", "gain", "distortion", "min_jacobian")
 
 
 def table(convergence: Mapping[str, Any]) -> str:
-    """The history as CSV, with one row for each iteration and subdomain."""
+    """The history as CSV: one row for each iteration and subdomain, or for each step of a descent."""
+    if convergence.get("descent"):
+        return _descent_table(convergence["descent"])
     outer = [name for name in IterationHistory.model_fields if name != "subdomains"]
     inner = list(SubdomainHistory.model_fields)
     text = io.StringIO()
@@ -69,4 +86,15 @@ def table(convergence: Mapping[str, Any]) -> str:
             # Histories of meshes of earlier versions have fewer columns.
             cells = [iteration.get(name) for name in outer] + [subdomain.get(name) for name in inner]
             writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in cells])
+    return text.getvalue()
+
+
+def _descent_table(records: Sequence[Mapping[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_DESCENT)
+    for record in records:
+        n_xi, n_eta = record["grid"]
+        row = {**record, "n_xi": n_xi, "n_eta": n_eta}
+        writer.writerow([row.get(name) for name in _DESCENT])
     return text.getvalue()

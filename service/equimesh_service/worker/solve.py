@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -54,6 +55,7 @@ def warm_up() -> None:
     """Do everything once that is slow or takes permanent memory the first time: all kernels are compiled."""
     np.linalg.norm(np.ones((64, 64)) @ np.ones((64, 64)))
     u = equimesh.Expression("tanh(8*(x + y/2 - 0.75))")
+    steep = equimesh.Expression("tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))")
     ring = equimesh.AnnulusSector()
     plain, weight = equimesh.ArcLength(u=u), equimesh.Weight(rho=equimesh.Expression("1 + x"))
     axis = np.linspace(0.0, 1.0, 9)
@@ -64,7 +66,7 @@ def warm_up() -> None:
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
     schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
     paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
-    for monitor, points, domain, settings in (
+    cases: tuple[tuple[equimesh.Monitor, int, equimesh.Domain, equimesh.Schwarz | None], ...] = (
         (plain, 9, equimesh.Rectangle(), paper),
         (plain, 9, equimesh.Rectangle(), schwarz),
         (plain, 193, equimesh.Rectangle(), schwarz),  # this many points are swept in strips, the last of them smaller
@@ -73,7 +75,11 @@ def warm_up() -> None:
         (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
         (curved, 33, equimesh.Rectangle(), None),
-    ):
+        (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, equimesh.Rectangle(), None),  # relaxed
+        (equimesh.Auto(u=u), 33, equimesh.Rectangle(), None),
+        *((least, 17, domain, None) for least in _least_errors(u) for domain in (equimesh.Rectangle(), ring)),
+    )
+    for monitor, points, domain, settings in cases:
         grid = equimesh.Grid(n_xi=points, n_eta=points)
         problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
         solution = equimesh.solve(problem, settings, threads=1, check=False)
@@ -82,6 +88,14 @@ def warm_up() -> None:
         problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
     with TemporaryDirectory() as folder:
         write_mesh(Path(folder) / "mesh.vtu", solution.data())
+
+
+def _least_errors(u: equimesh.Field) -> Iterator[equimesh.LeastError]:
+    """Least-error monitors that together need all compiled loops of a descent."""
+    yield equimesh.LeastError(u=u)
+    yield equimesh.LeastError(u=u, norm="h1")
+    yield equimesh.LeastError(u=u, cells="triangle")
+    yield equimesh.LeastError(u=u, norm="h1", cells="triangle")
 
 
 @lru_cache(maxsize=8)
@@ -172,7 +186,7 @@ def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution
 
 def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Output) -> dict[str, Any]:
     """Begin to write all files; returns what the mesh says of its solution, measured meanwhile."""
-    if work.spec.schwarz is not None:
+    if work.spec.schwarz is not None or solution.descent:
         output.json(CONVERGENCE, solution.convergence())
     quality = None
     if not solution.mesh.is_folded:

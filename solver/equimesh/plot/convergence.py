@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from equimesh.numerics.types import Array
+from equimesh.plot.descent import draw_descent
 from equimesh.plot.figure import figure_file, iteration_axis, semilog
 
 if TYPE_CHECKING:
@@ -36,8 +37,12 @@ def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
     Iterations that deviated from the request are marked.
 
     ``convergence`` is the JSON object of ``GET /v1/meshes/{id}/convergence``. Where there are at most
-    ``MAX_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse.
+    ``MAX_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse. A history with
+    a ``descent`` in place of iterations is drawn by :func:`~equimesh.plot.descent.draw_descent`.
     """
+    if convergence.get("descent"):
+        draw_descent(convergence["descent"], path)
+        return
     records = list(convergence.get("iterations") or ())
     at = _numbers(record.get("iteration", index) for index, record in enumerate(records))
     largest = _numbers(record.get("max_q_eq") for record in records)

@@ -80,7 +80,7 @@ def test_the_line_of_progress_tells_the_gain_of_a_descent() -> None:
                 min_jacobian=1.0, mesh=mesh, start="uniform",
             )
         )  # fmt: skip
-    assert said == ["step 3 on 9 x 9, error 4.2 times smaller than on the uniform mesh"]
+    assert said == ["step 3 on 9 x 9, error 1.0e-01, 4.2 times smaller than on the uniform mesh"]
 
 
 def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -47,6 +47,23 @@ def test_the_fraction_grows_to_nearly_one(schwarz: equimesh.Schwarz | None) -> N
     assert stages == (["single_domain", "writing"] if schwarz is None else ["start", "schwarz", "writing"])
 
 
+def test_a_descent_tells_its_grid_its_error_and_its_gain() -> None:
+    told: list[Mapping[str, Any]] = []
+    reporter = Reporter(None, lambda row: told.append(row) is None, interval=0.0)
+    problem = equimesh.Problem(monitor=equimesh.LeastError(u=U), grid=equimesh.Grid(n_xi=17, n_eta=17))
+    solution = equimesh.solve(problem, observe=reporter, threads=1)
+    reporter.writing()
+    assert len(told) == len(solution.descent) + 1
+    assert {row["stage"] for row in told[:-1]} == {"least_error"}
+    fractions = [row["fraction"] for row in told]
+    assert fractions == sorted(fractions)
+    assert 0.0 <= fractions[0] < fractions[-1] == 0.95
+    for row, record in zip(told, solution.descent, strict=False):
+        assert row["residual"] is None
+        assert (row["iteration"], row["grid"], row["level"]) == (record["step"], record["grid"], record["level"])
+        assert (row["error"], row["gain"]) == (record["error"], record["gain"])
+
+
 def test_nothing_is_told_of_a_solve_that_is_over_in_no_time() -> None:
     assert told_by(equimesh.Schwarz(overlap=2), interval=3600.0) == []
 
