@@ -35,7 +35,10 @@ MAX_FINE_LINES = 257
 FLOORS = (1.0, 0.1, 0.01)
 """Shares of lines for flat parts of u that are tried, as in :func:`~equimesh.least_error.starts.rectilinear`."""
 MAX_GAIN_POINTS = 129 * 129
-"""Points of the finest grid on whose records the gain is measured: on finer ones that would take as long as a step."""
+"""Points of the finest grid on which the errors of other meshes are measured, for the records and to choose a start.
+
+On finer grids that would take as long as a step.
+"""
 MIN_DECREASE = 2.5e-3
 """Mean decrease of the objective, thus of the logarithm of the error, in a step at which a descent ends."""
 MAX_EFFORT = 10.0
@@ -155,11 +158,12 @@ class LeastErrorSolve:
     def _lifted(self, reached: Reached, level: Level) -> Array:
         """A mesh on the next finer grid, or the first mesh of its way there where that has a much smaller error.
 
-        Straight lines are drawn for each grid anew, and can meet a thin layer better than a mesh from a coarse grid.
+        Straight lines are drawn for each grid anew, and can meet a thin layer better than a mesh from a coarse grid. On
+        fine grids the coarser one has met it.
         """
         way = reached.way
         lifted = way.lifted(reached.mesh, reached.level.grid, level.grid)
-        if way.is_uniform:
+        if way.is_uniform or level.grid.points > MAX_GAIN_POINTS:
             return lifted
         start = way.start(level.grid)
         most = MAX_LIFTED_ERRORS[self.monitor.norm] * self._error(way, level, start)
