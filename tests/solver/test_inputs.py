@@ -36,6 +36,9 @@ def test_words_are_what_they_name() -> None:
         (lambda: em.Tensor(m11=U, m12=0.0, m22=U), "m12 = '0.0'"),
         (lambda: em.Problem(monitor=em.ArcLength(u=U), grid=33), r"Grid\(n_xi=..., n_eta=...\)"),
         (lambda: em.Problem(monitor="curvature", grid=GRID), "is no monitor"),
+        (lambda: em.Problem(monitor=em.ArcLength(u=U), grid=GRID, domain=(0, 2)), r"give one, such as Rectangle\("),
+        (lambda: em.solve("tanh(x)"), r"problem = 'tanh\(x\)' is no problem: give Problem\("),
+        (lambda: em.solve(problem("paper", 9), 4), r"schwarz = '4' are no settings .* give Schwarz\("),
     ],
 )
 def test_what_is_of_another_kind_is_refused(wrong: object, said: str) -> None:

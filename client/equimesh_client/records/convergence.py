@@ -14,6 +14,8 @@ COUNTS = ("newton_steps", "sweeps")
 """Counts of each subdomain that the table shows."""
 MAX_TERMS = 4
 """With more subdomains the table shows the sum of their counts."""
+MIN_PREDICTED_RATE = 0.05
+"""A smaller predicted rate is not shown: what the prediction leaves out, the coupling of grid lines, then decides."""
 REMARKS = {"accelerated": "accelerated", "global_step": "global step"}
 
 
@@ -69,7 +71,8 @@ class Convergence:
             for n, row in enumerate(self.iterations)
         ]
         text = align(["iteration", *figures, *counts, *(["remark"] if any(remarks) else [])], rows)
-        rates = [("observed rate", self.rate), ("predicted rate", self.predicted_rate)]
+        predicted = self.predicted_rate if (self.predicted_rate or 0.0) >= MIN_PREDICTED_RATE else None
+        rates = [("observed rate", self.rate), ("predicted rate", predicted)]
         known_rates = [f"{name} {number(value)}" for name, value in rates if value is not None]
         return "\n".join([text, ", ".join(known_rates)] if known_rates else [text])
 

@@ -94,6 +94,17 @@ def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:
     raise BadArgument(f"n is the number of points a side, an integer or a pair (n_xi, n_eta), not {n!r}")
 
 
+def _schwarz_json(schwarz: object) -> Json | None:
+    """The JSON of the settings of a Schwarz iteration; raises :class:`BadArgument` for another object."""
+    if schwarz is None or isinstance(schwarz, Schwarz):
+        return None if schwarz is None else schwarz.json()
+    if isinstance(schwarz, Mapping):
+        return dict(schwarz)
+    raise BadArgument(
+        f"schwarz is a Schwarz, such as Schwarz(subdomains=(2, 1)), or None for a single domain; not {schwarz!r:.80}"
+    )
+
+
 def mesh_spec(
     monitor: Mapping[str, Any],
     n: int | tuple[int, int],
@@ -108,13 +119,12 @@ def mesh_spec(
     """
     options = {**DEFAULTS, **options}
     n_xi, n_eta = points_per_side(n)
-    schwarz = options["schwarz"]
     spec: Json = {
         "monitor": dict(monitor),
         "grid": {"n_xi": n_xi, "n_eta": n_eta},
         "boundary": str(options["boundary"]),
         "initial": str(initial),
-        "schwarz": schwarz.json() if isinstance(schwarz, Schwarz) else (None if schwarz is None else dict(schwarz)),
+        "schwarz": _schwarz_json(options["schwarz"]),
         "cells": str(cells),
     }
     if options["domain"] is not None:

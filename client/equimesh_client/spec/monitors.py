@@ -70,7 +70,9 @@ class ArcLength:
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
         u_json = _u_json(read, self.u, u, required_by="ArcLength")
-        monitor = {"kind": "arc_length", **u_json, "a": self.a, "b": self.b, "scaled": self.scaled}
+        monitor = {"kind": "arc_length", **u_json, "a": self.a, "b": self.b}
+        if not self.scaled:
+            monitor["scaled"] = False
         return _with_smoothing(monitor, self.smoothing)
 
 

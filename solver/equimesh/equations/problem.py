@@ -33,6 +33,11 @@ class Problem:
                 f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as ArcLength(u=...)",
                 field="monitor",
             )
+        if not (callable(getattr(self.domain, "map", None)) and callable(getattr(self.domain, "jacobian", None))):
+            raise InputError(
+                f"domain = {str(self.domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
+                field="domain",
+            )
         object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))
         object.__setattr__(self, "monitor", self.monitor.on(self.domain))
 

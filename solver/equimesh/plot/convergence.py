@@ -30,11 +30,14 @@ WORDS = {
 }
 """The lines in the picture of a Schwarz iteration: errors, else changes, and the names below them here."""
 
+MIN_PREDICTED_RATE = 0.05
+"""A smaller predicted rate is not shown: what the prediction leaves out, the coupling of grid lines, then decides."""
+
 
 def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
     """Draw a Schwarz iteration: its error or else its change, the other quantities of ``WORDS``, and max ``Q_eq``.
 
-    Iterations that deviated from the request are marked.
+    A predicted rate is shown from ``MIN_PREDICTED_RATE`` on. Iterations that deviated from the request are marked.
 
     ``convergence`` is the JSON object of ``GET /v1/meshes/{id}/convergence``. Where there are at most
     ``MAX_COMPONENTS`` errors of x and y in subdomains, they are drawn: the history of Haynes and Howse. A history with
@@ -49,6 +52,8 @@ def draw_convergence(convergence: Mapping[str, Any], path: str | Path) -> None:
     largest[~np.isfinite(largest)] = np.nan
     rates = {"rate": "measured", "predicted_rate": "predicted"}
     known = {label: convergence.get(key) for key, label in rates.items()}
+    if (known["predicted"] or 0.0) < MIN_PREDICTED_RATE:
+        known["predicted"] = None
     parts = [f"{_rate(rate)} {label}" for label, rate in known.items() if rate is not None and math.isfinite(rate)]
     with figure_file(path, 6.6, 7.0 if records else 1.2) as figure:
         if not records:

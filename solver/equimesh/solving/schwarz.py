@@ -16,6 +16,7 @@ from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import ALGEBRAIC_SHARE, Mode, Step
 from equimesh.solving import remedies
+from equimesh.solving.estimates import safe_discretization_error
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.single_domain import last_of, last_step, solve_single_domain, what_was_found
 from equimesh.solving.solution import Solution, status_unless_folded
@@ -44,7 +45,7 @@ def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh
     solution = _finished(problem, schwarz, records, tolerance, note, nested=initial is not Initial.UNIFORM)
     if records[-1].failed and schwarz.fallback:
         return _rescued(solution, options)
-    return replace(solution, discretization_error=finite_or_none(expected))
+    return replace(solution, discretization_error=safe_discretization_error(expected))
 
 
 def _start(

@@ -7,7 +7,6 @@ import numpy as np
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.gradient_map.iteration import gradient_map_steps
-from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
 from equimesh.monitors.arc_length import ArcLength
@@ -16,6 +15,7 @@ from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import Step
 from equimesh.solving import remedies
 from equimesh.solving.certificate import Relaxed
+from equimesh.solving.estimates import safe_algebraic_error, safe_discretization_error
 from equimesh.solving.options import Initial, Observer, SolveOptions
 from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
@@ -39,8 +39,8 @@ def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: Solv
         note="" if exact else what_was_found(step, problem),
         remedy=_single_domain_remedy(step, problem, status, folded=mesh.is_folded, nested=nested),
         relaxed=_relaxed(step, problem),
-        algebraic_error=finite_or_none(step.algebraic_error),
-        discretization_error=finite_or_none(step.discretization_error),
+        algebraic_error=safe_algebraic_error(step.algebraic_error),
+        discretization_error=safe_discretization_error(step.discretization_error),
     )
 
 

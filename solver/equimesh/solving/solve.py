@@ -51,6 +51,7 @@ def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[So
     :class:`~equimesh.errors.InputError` for values of options that cannot be used, and :class:`TypeError` for an option
     that does not exist.
     """
+    _check_arguments(problem, schwarz)
     arguments = complete_arguments(options)
     initial = arguments["initial"]
     initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
@@ -119,6 +120,22 @@ def _solve(
         note = f"{detour} {solution.note}".strip()
         solution = replace(solution, detours=(detour, *solution.detours), note=note)
     return solution
+
+
+def _check_arguments(problem: object, schwarz: object) -> None:
+    """Refuse arguments of other types, with what to give."""
+    if not isinstance(problem, Problem):
+        raise InputError(
+            f"problem = {str(problem)[:40]!r} is no problem: give"
+            " Problem(monitor=Auto(u=Expression('...')), grid=Grid(n_xi=33, n_eta=33))",
+            field="problem",
+        )
+    if schwarz is not None and not isinstance(schwarz, Schwarz):
+        raise InputError(
+            f"schwarz = {str(schwarz)[:40]!r} are no settings of a Schwarz iteration: give Schwarz(subdomains=(2, 1)),"
+            " or None for a single domain",
+            field="schwarz",
+        )
 
 
 def _check_ways(problem: Problem, schwarz: Schwarz | None) -> None:

@@ -46,7 +46,6 @@ def test_generate_sends_what_was_asked(generate: Any, service: Any) -> None:
             "u": {"expression": "c*x", "parameters": {"c": 2.0}, "t": 0.5},
             "a": 0.5,
             "b": 0.1,
-            "scaled": True,
         },
         "grid": {"n_xi": 33, "n_eta": 33},
         "boundary": "orthogonal",

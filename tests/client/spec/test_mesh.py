@@ -52,6 +52,8 @@ def test_an_unknown_option_names_the_nearest(connect: Any, service: Any) -> None
 
 @pytest.mark.parametrize("n", [0.5, "a", None, (1, 2, 3), (4, 4.5), "12"])
 def test_n_is_a_number_or_a_pair(n: Any) -> None:
+    with pytest.raises(BadArgument, match=r"schwarz is a Schwarz, such as .*; not 4"):
+        mesh_spec({"kind": "arc_length"}, 9, {"schwarz": 4})  # type: ignore[typeddict-item]
     with pytest.raises(BadArgument, match="n is the number of points"):
         points_per_side(n)
 

@@ -23,12 +23,13 @@ GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
         None,
         {"kind": "least_error", "u": Y, "norm": "h1", "distortion": 0.5, "smoothness": 0.3},
     ),
-    (ArcLength(), "x", {"kind": "arc_length", "u": X, "a": 0.7, "b": 0.05, "scaled": True}),
+    (ArcLength(), "x", {"kind": "arc_length", "u": X, "a": 0.7, "b": 0.05}),
     (
         ArcLength(a=0.5, smoothing=0.1, u="y"),
         None,
-        {"kind": "arc_length", "u": Y, "a": 0.5, "b": 0.05, "scaled": True, "smoothing": 0.1},
+        {"kind": "arc_length", "u": Y, "a": 0.5, "b": 0.05, "smoothing": 0.1},
     ),
+    (ArcLength(scaled=False), "x", {"kind": "arc_length", "u": X, "a": 0.7, "b": 0.05, "scaled": False}),
     (Curvature(norm="h1"), "x", {"kind": "curvature", "u": X, "norm": "h1", "isotropic": False}),
     (Weight("y"), None, {"kind": "weight", "rho": Y, "map": "lines"}),
     (
@@ -47,7 +48,7 @@ GOOD: list[tuple[Any, Any, dict[str, Any]]] = [
             "monitors": [
                 {"kind": "curvature", "u": X, "norm": "l2", "isotropic": False},
                 {"kind": "weight", "rho": Y, "map": "lines"},
-                {"kind": "arc_length", "u": Y, "a": 0.7, "b": 0.05, "scaled": True},
+                {"kind": "arc_length", "u": Y, "a": 0.7, "b": 0.05},
             ],
         },
     ),
