@@ -262,7 +262,9 @@ class LeastErrorSolve:
     def _objective(self, level: Level, way: Way) -> Objective:
         norm = "l2" if level.grid.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
         points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
-        rule = Rule(norm=norm, cells=self.monitor.cells, points=points)
+        # Cells that move far are cut the other way, which a descent on triangles does not see.
+        cells = self.monitor.cells if level.is_finest else "quad"
+        rule = Rule(norm=norm, cells=cells, points=points)
         return Objective(
             self.monitor.u,
             self.domain,

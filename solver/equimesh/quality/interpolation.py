@@ -12,7 +12,7 @@ from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import IntArray
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.pieces import add_gradients, add_values
+from equimesh.quality.pieces import Pieces, add_gradients, add_values
 from equimesh.quality.resolution import resolved_integrals
 
 MIN_SAMPLED_CELLS = 30_000
@@ -37,6 +37,8 @@ class LargestError(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class InterpolationErrors:
     """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
+
+    Of :func:`~equimesh.quality.triangles.triangle_errors` it is that of the linear interpolant on triangles.
 
     ``l2`` is the norm of ``u - u_h``, ``h1`` that of ``grad u - grad u_h``; both over the whole domain, in the units of
     u and of its gradient times a length. Infinite on a folded mesh. ``rounding`` is the part of the two that is due to
@@ -124,18 +126,7 @@ def errors_of(
     cells: BilinearCells, uniform: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None = None
 ) -> InterpolationErrors:
     """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``."""
-    here, there = _norms(cells, u, rule, numbers), _norms(uniform, u, rule, numbers)
-    return InterpolationErrors(
-        l2=here.l2,
-        l2_uniform=there.l2,
-        h1=here.h1,
-        h1_uniform=there.h1,
-        rounding=_noise(cells, here.size),
-        size=here.size,
-        variation=here.variation,
-        largest=here.largest,
-        resolved=(here.resolved[0] and there.resolved[0], here.resolved[1] and there.resolved[1]),
-    )
+    return compared(cells, _norms(cells, u, rule, numbers), _norms(uniform, u, rule, numbers))
 
 
 class Norms(NamedTuple):
@@ -147,6 +138,21 @@ class Norms(NamedTuple):
     resolved: tuple[bool, bool] = (True, True)
     variation: float = math.nan
     largest: LargestError | None = None
+
+
+def compared(cells: BilinearCells, here: Norms, there: Norms) -> InterpolationErrors:
+    """The errors ``here``, on ``cells``, next to those ``there``, on the uniform mesh."""
+    return InterpolationErrors(
+        l2=here.l2,
+        l2_uniform=there.l2,
+        h1=here.h1,
+        h1_uniform=there.h1,
+        rounding=noise(cells, here.size),
+        size=here.size,
+        variation=here.variation,
+        largest=here.largest,
+        resolved=(here.resolved[0] and there.resolved[0], here.resolved[1] and there.resolved[1]),
+    )
 
 
 def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None) -> Norms:
@@ -177,8 +183,9 @@ def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | 
         low, high = min(low, float(there.min())), max(high, float(there.max()))
         sums[:, here] = parts[:2]
     size = float(np.abs(values).max())
-    noise = _noise(cells, size)
-    found = resolved_integrals(cells, known, values, sums, u, (noise[0] * noise[0], noise[1] * noise[1]))
+    allowed = noise(cells, size)
+    squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
+    found = resolved_integrals(Pieces.of(cells, known, values), cells.shape, known, sums, u, squares)
     l2, h1 = (math.sqrt(square * cells.count / known.size) for square in found.squares)
     worst, known_range = int(largest.argmax()), (min(low, float(values.min())), max(high, float(values.max())))
     at = cells.at(CENTRE, known[worst : worst + 1])
@@ -186,11 +193,11 @@ def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | 
     return Norms(l2, h1, size, found.resolved, known_range[1] - known_range[0], peak)
 
 
-def _noise(cells: BilinearCells, size: float) -> tuple[float, float]:
+def noise(cells: BilinearCells, size: float) -> tuple[float, float]:
     """The parts of the two norms that rounding causes, where ``size`` is the largest value of u."""
-    noise = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
+    of_values = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
     finest = max(cells.shape) / math.sqrt(abs(cells.total_area) or 1.0)
-    return noise, 10.0 * noise * finest
+    return of_values, 10.0 * of_values * finest
 
 
 def sample(shape: tuple[int, int]) -> IntArray | None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from equimesh.numerics.types import Array
 from equimesh.quality.cell_shapes import alignments, angles_and_edges, regularities, size_ratios
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import ErrorRule, InterpolationErrors, errors_of, interpolation_errors
+from equimesh.quality.triangles import triangle_errors
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
 """Gauss points per direction and cell, on meshes of at most this many cells: ``(cells, points)``."""
@@ -237,11 +238,21 @@ def _regularity(cells: BilinearCells) -> Array:
 
 
 def measure_interpolation(
-    mesh: Mesh, u: Field | None, *, uniform: Mesh | None = None, gauss: int | None = None
+    mesh: Mesh,
+    u: Field | None,
+    *,
+    uniform: Mesh | None = None,
+    gauss: int | None = None,
+    kind: Literal["quad", "triangle"] = "quad",
 ) -> InterpolationErrors | None:
-    """How well u is interpolated, ``None`` where there is no u; the arguments are those of :func:`measure`."""
+    """How well u is interpolated, ``None`` where there is no u; the arguments are those of :func:`measure`.
+
+    With ``kind = "triangle"`` it is interpolated linearly on triangles.
+    """
     if u is None:
         return None
+    if kind == "triangle":
+        return triangle_errors(mesh, u, uniform)
     cells = BilinearCells(mesh)
     points = _gauss_points(cells, gauss)
     if gauss is None and points == GAUSS_POINTS_BEYOND:

@@ -13,7 +13,6 @@ import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.numerics.types import Array, BoolArray, IntArray
-from equimesh.quality.cells import BilinearCells
 from equimesh.quality.pieces import Pieces
 
 MAX_DIFFERENCE = 0.1
@@ -43,16 +42,16 @@ class Integrals:
 
 
 def resolved_integrals(
-    cells: BilinearCells, numbers: IntArray, values: Array, first: Array, u: Field, noise: tuple[float, float]
+    cells: Pieces, shape: tuple[int, int], numbers: IntArray, first: Array, u: Field, noise: tuple[float, float]
 ) -> Integrals:
-    """The sums over the cells with these ``numbers``, of the ``first`` rule where a second one agrees.
+    """The sums over ``cells``, of the ``first`` rule where a second one agrees.
 
-    ``values`` of shape ``(4, n)`` are those of u at the corners, ``first`` of shape ``(2, n)`` the integrals over each
-    cell by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
+    The cells have these ``numbers`` on a grid with ``shape`` cells. ``first`` of shape ``(2, n)`` are the integrals
+    over each cell by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
     """
     totals = first.sum(axis=1)
-    chosen, weights = _checked(cells.shape, numbers, first, totals)
-    second = Pieces.of(cells, numbers[chosen], values[:, chosen]).errors(u)
+    chosen, weights = _checked(shape, numbers, first, totals)
+    second = cells.some(chosen).errors(u)
     before, after = first[:, chosen] @ weights, second[:2] @ weights
     missed = float(second[2] @ weights)
     small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
@@ -60,7 +59,7 @@ def resolved_integrals(
     agree[1] &= missed <= MAX_DIFFERENCE * max(after[1], before[1]) or small[1]
     if agree.all() or not np.isfinite(totals).all():
         return Integrals((float(totals[0]), float(totals[1])), (True, True))
-    return _refined(Pieces.of(cells, numbers, values), first, u, np.asarray(noise))
+    return _refined(cells, first, u, np.asarray(noise))
 
 
 def _checked(shape: tuple[int, int], numbers: IntArray, first: Array, totals: Array) -> tuple[IntArray, Array]:

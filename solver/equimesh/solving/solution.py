@@ -87,9 +87,14 @@ class Solution:
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
-        """How well the mesh interpolates u, compared with the uniform mesh; ``None`` where there is no u."""
+        """How well the mesh interpolates u, compared with the uniform mesh; ``None`` where there is no u.
+
+        On triangles where a least-error monitor asks for them, else on quadrilaterals.
+        """
         uniform = map_mesh(Mesh.uniform(self.problem.grid), self.problem.domain)
-        return measure_interpolation(self.mesh, self.problem.monitor.u, uniform=uniform)
+        monitor = self.problem.monitor
+        kind = monitor.cells if isinstance(monitor, LeastError) else "quad"
+        return measure_interpolation(self.mesh, monitor.u, uniform=uniform, kind=kind)
 
     @cached_property
     def certificate(self) -> Certificate:
