@@ -87,7 +87,7 @@ def _about_structure(problem: Problem, meshes: tuple[Mesh, Mesh], errors: Interp
         return
     (error, x, y), variation = errors.largest, errors.variation
     uniform = _is_uniform(reference)
-    if uniform and errors.l2 <= errors.rounding[0] and 0.0 < variation < MIN_VARIATION_SHARE * errors.size:
+    if errors.l2 <= errors.rounding[0] and 0.0 < variation < MIN_VARIATION_SHARE * errors.size:
         yield (
             f"u counts as constant or linear: it varies by {variation:.2g}, and its size is {errors.size:.2g}. If it is"
             " not, subtract a constant from it."

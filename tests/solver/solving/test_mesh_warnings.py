@@ -99,3 +99,13 @@ def test_rounding_of_u_is_told_of_before_it_decides() -> None:
 def test_a_function_that_counts_as_constant_because_of_rounding_is_told_of(monitor: em.Monitor) -> None:
     (said,) = warnings(monitor)
     assert said.startswith("u counts as constant or linear")
+
+
+def test_a_mesh_of_least_error_is_told_of_rounding_and_of_what_it_does_not_see() -> None:
+    def said(u: str, n: int) -> tuple[str, ...]:
+        monitor = em.LeastError(u=em.Expression(u))
+        return em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=n, n_eta=n))).certificate.warnings
+
+    assert said(f"1e15 + {FRONT}", 17)[0].startswith("u counts as constant or linear")
+    assert said("sin(64*pi*x)*sin(64*pi*y)", 65)[0].startswith("The mesh is uniform although u varies")
+    assert said(FRONT, 33) == ()
