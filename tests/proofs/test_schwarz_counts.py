@@ -125,6 +125,23 @@ def test_the_mesh_depends_on_no_ordering(name: str, everything: bool) -> None:
         assert max(counts.values()) <= 7, counts
 
 
+STAR = "tanh(23.9*(sqrt((x-0.4781)**2 + (y-0.5411)**2 + 1e-4) - 0.217 - 0.033*cos(5*atan2(y-0.5411, x-0.4781))))"
+
+
+@pytest.mark.parametrize(("subdomains", "overlap"), [((4, 4), 2), ((6, 1), 3), ((2, 2), 5)])
+def test_a_mesh_that_is_hard_to_find_needs_8_iterations_at_most(subdomains: tuple[int, int], overlap: int) -> None:
+    """Sweeps hardly converge on it; Newton's method takes over the acceleration. No single-domain solve does."""
+    problem = em.Problem(monitor=em.ArcLength(u=em.Expression(STAR)), grid=em.Grid(n_xi=65, n_eta=65))
+    single = em.solve(problem, mode=em.Mode.TIGHT)
+    assert single.status is em.Status.CONVERGED
+    settings = em.Schwarz(subdomains=subdomains, overlap=overlap, compare_single_domain=True, fallback=False)
+    found = em.solve(problem, settings)
+    assert found.status is em.Status.CONVERGED
+    errors = [record.error for record in found.iterations if record.error is not None]
+    assert next(k for k, error in enumerate(errors) if error <= 1e-6 * errors[0]) <= 8, errors
+    assert found.reference.distance(single.reference) < 1e-9
+
+
 def test_line_sums_make_the_count_independent_of_the_number_of_strips() -> None:
     """Without line corrections and acceleration, which would hide it."""
     case = Case.of("paper", 65)

@@ -47,13 +47,16 @@ def schwarz_iterations(
     fit the grid, and :class:`~equimesh.errors.InputError` for a gradient map.
 
     Where a condition of the paper stalls, the optimized condition takes over from ``start``, if the settings allow it.
-    The records name the condition in use.
+    The records name the condition in use. Where the first iterations come no nearer, and the settings leave the choice,
+    Newton's method takes over the acceleration.
     """
     run = SchwarzRun(problem, settings, start, threads)
     yield run.first(reference)
     for number in itertools.count(1):
         if run.stalls.call_for_another_condition(run.rescue):
             run = SchwarzRun(problem, settings.after_fallback(), start, threads)
+        elif run.stalls.call_for_newton and problem.grid.points <= MAX_FACTORISED_POINTS:
+            run = SchwarzRun(problem, run.settings.after_slow_iterations(), run.mesh, threads)
         record = run.next(number, reference)
         yield record
         if record.failed:
@@ -83,7 +86,7 @@ class SchwarzRun:
         corrected = self._correct_lines(rescued.mesh)
         accelerated = self.accelerator.apply(before, corrected, solutions, self.enough)
         claim = self._claim(before, corrected, accelerated)
-        self._continue_from(claim, solutions)
+        self._continue_from(claim, solutions, corrected.deviation)
         return self._record(
             number,
             reference,
@@ -151,14 +154,14 @@ class SchwarzRun:
             return examine(self.problem, claim, self.enough)
         return claim
 
-    def _continue_from(self, claim: Claim, solutions: MergedSolutions) -> None:
+    def _continue_from(self, claim: Claim, solutions: MergedSolutions, deviation: float) -> None:
         """Take the claimed mesh for the start of the next iteration."""
         self.mesh = claim.mesh
         if claim.mesh is not solutions.mesh or self.accelerator.maps_merged_meshes:
             self.subdomains.restart(claim.mesh)
         if claim.is_refuted:
             self.accelerator.forget()
-        self.stalls.note(solutions, claim.change)
+        self.stalls.note(solutions, claim.change, deviation)
 
     def _record(self, number: int, reference: Mesh | None, **values: Any) -> Iteration:
         """The record of the current mesh; ``values`` are the fields that depend on how it was computed."""

@@ -164,6 +164,16 @@ class Schwarz:
         """Whether the optimized condition may take over where this one stalls."""
         return self.fallback and self.transmission != Optimized()
 
+    @property
+    def may_take_newton(self) -> bool:
+        """Whether Newton's method may accelerate a slow iteration: where "auto" leaves the choice to the iteration."""
+        chosen = self.acceleration == "auto" and self.line_correction == "auto"
+        return chosen and self.is_optimized and self.ordering is Ordering.PARALLEL
+
+    def after_slow_iterations(self) -> Schwarz:
+        """The settings that accelerate a slow iteration."""
+        return replace(self, acceleration=Acceleration.NEWTON)
+
     def after_fallback(self) -> Schwarz:
         """The settings that take over where these stall."""
         return replace(

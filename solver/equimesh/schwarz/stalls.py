@@ -20,6 +20,10 @@ STALL_WINDOW = 8
 MAX_RATE = 0.75
 # The same for the classical condition, which is slow by nature.
 MAX_CLASSICAL_RATE = 1.0
+# After this many iterations the deviation of metric lengths tells whether the iteration will be slow.
+JUDGED_ITERATIONS = 2
+# A larger relative deviation from the mean of a line is then far from the solution. Usually it is 1e-3 or less.
+MAX_EARLY_DEVIATION = 1e-2
 # An iteration that took more than this many is slow.
 MAX_TRUSTED_ITERATIONS = 8
 
@@ -33,10 +37,11 @@ class Stalls:
     def __init__(self, settings: Schwarz, rounding: float) -> None:
         self._settings, self._rounding = settings, rounding
         self.changes: list[float] = []
-        self._classical_iterations, self._mismatch = 0, 0.0
+        self._classical_iterations, self._mismatch, self._deviation = 0, 0.0, math.nan
 
-    def note(self, solved: MergedSolutions, change: float) -> None:
-        """Note an iteration."""
+    def note(self, solved: MergedSolutions, change: float, deviation: float) -> None:
+        """Note an iteration; ``deviation`` is that of squared metric lengths from the mean of their line."""
+        self._deviation = deviation
         self.changes.append(change)
         self._classical_iterations += solved.is_rescued
         self._mismatch = solved.mismatch
@@ -49,6 +54,12 @@ class Stalls:
     def was_slow(self) -> bool:
         """Whether more iterations were needed than a fast iteration takes."""
         return len(self.changes) + 1 > MAX_TRUSTED_ITERATIONS
+
+    @property
+    def call_for_newton(self) -> bool:
+        """Whether Newton's method takes over the acceleration: where the first iterations came no nearer."""
+        judged = len(self.changes) == JUDGED_ITERATIONS and self._settings.may_take_newton
+        return judged and not self._deviation <= MAX_EARLY_DEVIATION
 
     def call_for_another_condition(self, rescue: Rescue) -> bool:
         """Whether the optimized condition takes over; never where the settings do not allow it."""

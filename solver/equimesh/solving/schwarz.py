@@ -7,8 +7,9 @@ from dataclasses import replace
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.inputs import finite_or_none
+from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement
+from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement, square_grids
 from equimesh.schwarz.conditions import label
 from equimesh.schwarz.iteration import schwarz_iterations
 from equimesh.schwarz.records import Iteration
@@ -97,18 +98,26 @@ def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]
     coarser = nested_grids(problem.grid)[-2:][0]
     if coarser == problem.grid:
         coarser = halved(problem.grid)
-    solved: list[Step] = []
-    for step in iteration.single_domain_steps(
-        replace(problem, grid=coarser), mode=options.mode, threads=options.threads
-    ):
-        options.observe(step)
-        if step.converged or step.failed:
-            solved = [*solved[-1:], step]
+    solved = _solved_on(coarser, problem, options)
+    square = square_grids(problem.grid)[-2:][0]
+    if not solved[-1].is_exact and square not in (coarser, problem.grid):
+        coarser = square
+        solved = _solved_on(coarser, problem, options)
     error = solved[-1].discretization_error
     if options.mode is Mode.DISCRETIZATION and not math.isfinite(error):
         error = _first_error(replace(problem, grid=coarser), solved[-1], options)
     expected = error / refinement(problem.grid, coarser)
     return iteration.guess_on(problem.grid, solved), expected
+
+
+def _solved_on(grid: Grid, problem: Problem, options: SolveOptions) -> list[Step]:
+    """The last two levels of a single-domain solve on another grid."""
+    solved: list[Step] = []
+    for step in iteration.single_domain_steps(replace(problem, grid=grid), mode=options.mode, threads=options.threads):
+        options.observe(step)
+        if step.converged or step.failed:
+            solved = [*solved[-1:], step]
+    return solved
 
 
 def _first_error(problem: Problem, step: Step, options: SolveOptions) -> float:

@@ -29,7 +29,7 @@ def calls(
     """Whether another condition is called for after these changes, the first ``rescued`` with classical data."""
     stalls = Stalls(em.Schwarz(transmission=transmission, fallback=fallback), 1e-14)
     for k, change in enumerate(changes):
-        stalls.note(solved(MESH, classical=k < rescued, mismatch=mismatch), change)
+        stalls.note(solved(MESH, classical=k < rescued, mismatch=mismatch), change, 0.0)
     return stalls.call_for_another_condition(rescue or Rescue(PAPER))
 
 
@@ -73,7 +73,7 @@ def test_steps_on_the_whole_grid_in_a_row() -> None:
 def test_the_estimate_is_that_of_the_records() -> None:
     stalls = Stalls(em.Schwarz(transmission=ROBIN), 1e-14)
     assert math.isnan(stalls.estimate(0.1))
-    stalls.note(solved(MESH), 0.1)
+    stalls.note(solved(MESH), 0.1, 0.0)
     assert stalls.estimate(0.05) == pytest.approx(0.05)
     assert stalls.estimate(0.09) == pytest.approx(0.09 * 9)
 
@@ -83,5 +83,28 @@ def test_eight_iterations_are_not_slow() -> None:
     found = []
     for change in falling(0.5, 10):
         found.append(stalls.was_slow)
-        stalls.note(solved(MESH), change)
+        stalls.note(solved(MESH), change, 0.0)
     assert found == [False] * 8 + [True] * 2
+
+
+@pytest.mark.parametrize(
+    ("settings", "deviations", "expected"),
+    [
+        (em.Schwarz(), [0.3, 0.05], True),
+        (em.Schwarz(), [0.3, math.nan], True),
+        (em.Schwarz(), [0.05, 1e-3], False),
+        (em.Schwarz(), [0.3], False),
+        (em.Schwarz(), [0.3, 0.05, 0.05], False),
+        (em.Schwarz(acceleration=em.Acceleration.ANDERSON), [0.3, 0.05], False),
+        (em.Schwarz(line_correction=2), [0.3, 0.05], False),
+        (em.Schwarz(ordering=em.Ordering.SYMMETRIC), [0.3, 0.05], False),
+        (em.Schwarz(transmission=ROBIN), [0.3, 0.05], False),
+    ],
+)
+def test_newton_takes_over_after_two_iterations_that_came_no_nearer(
+    settings: em.Schwarz, deviations: list[float], expected: bool
+) -> None:
+    stalls = Stalls(settings, 1e-14)
+    for deviation in deviations:
+        stalls.note(solved(MESH), 0.1, deviation)
+    assert stalls.call_for_newton is expected
