@@ -55,7 +55,8 @@ class Schwarz:
     ``subdomains`` along xi and eta, ``overlap`` in points, as in
     :class:`~equimesh.schwarz.decomposition.Decomposition`. ``line_correction`` is how many times all grid lines are
     corrected as a whole after every iteration; "auto" is 3 for the optimized condition and none for the paper's.
-    ``acceleration="auto"`` is Anderson's for the optimized condition and wherever lines are corrected, or else none.
+    ``acceleration="auto"`` is Anderson's for the optimized condition and wherever lines are corrected, or else none;
+    where the first iterations come no nearer, Newton's method takes over.
     ``fallback`` lets the optimized condition take over where another stalls, and a single domain where all do.
 
     The iteration ends when the estimated error of the merged mesh (max norm of node positions, in units of the
