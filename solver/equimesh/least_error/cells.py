@@ -10,7 +10,9 @@ import numpy as np
 from equimesh.numerics.types import Array, IntArray
 
 MAX_CACHED_GRIDS = 16
-"""Grids whose cells are kept: the levels of one or two solves."""
+"""Small grids whose cells are kept: the levels of one or two solves."""
+MAX_CACHED_POINTS = 129 * 129
+"""Points of a small grid. Of larger ones only the last is kept: its cells take 150 bytes a point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,9 +43,22 @@ class Cells:
         return self.starts.size - 1
 
 
-@lru_cache(maxsize=MAX_CACHED_GRIDS)
 def cells_of_grid(shape: tuple[int, int]) -> Cells:
     """The cells of a grid with this many points, with the numbers of :class:`~equimesh.meshes.mesh.Mesh`."""
+    return _of_small_grid(shape) if shape[0] * shape[1] <= MAX_CACHED_POINTS else _of_large_grid(shape)
+
+
+@lru_cache(maxsize=MAX_CACHED_GRIDS)
+def _of_small_grid(shape: tuple[int, int]) -> Cells:
+    return _cells(shape)
+
+
+@lru_cache(maxsize=1)
+def _of_large_grid(shape: tuple[int, int]) -> Cells:
+    return _cells(shape)
+
+
+def _cells(shape: tuple[int, int]) -> Cells:
     number = np.arange(shape[0] * shape[1]).reshape(shape)
     corners = np.stack([q.ravel() for q in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])], 1)
     along_xi = np.stack([number[:-2], number[1:-1], number[2:]], axis=-1).reshape(-1, 3)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import ref
+
 import numpy as np
 import pytest
 
@@ -61,3 +63,12 @@ def test_stiffness_is_the_diagonal_of_the_sum_of_squared_second_differences(grid
 
 def test_the_cells_of_a_grid_are_kept() -> None:
     assert cells_of_grid((6, 9)) is cells_of_grid((6, 9))
+
+
+def test_of_large_grids_only_the_last_is_kept() -> None:
+    first = cells_of_grid((131, 129))
+    assert cells_of_grid((131, 129)) is first
+    forgotten = ref(first)
+    del first
+    cells_of_grid((129, 131))
+    assert forgotten() is None
