@@ -49,11 +49,12 @@ from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
 from equimesh.single_domain.steps import Mode, Step
-from equimesh.solving.certificate import Candidate, Certificate, Relaxed
+from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
 from equimesh.solving.options import Event, Initial
 from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status
+from equimesh.solving.target import Target, solve_to
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # The problem: a monitor on a grid of a domain
@@ -96,8 +97,10 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "NonlinearRobin",
     "Optimized",
     "LineData",
-    # Solving: one call, or a generator of Schwarz iterations
+    # Solving: one call, for a grid or for an error, or a generator of Schwarz iterations
     "solve",
+    "solve_to",
+    "Target",
     "iterate",
     "Initial",
     "Mode",
@@ -113,6 +116,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Certificate",
     "Relaxed",
     "Candidate",
+    "Aim",
     # Meshes and their quality
     "Mesh",
     "MeshData",

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from equimesh.inputs import finite_or_none
+from equimesh.meshes.grid import Grid
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.status import Status
@@ -58,6 +59,30 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Aim:
+    """A requested interpolation error and what was reached: ``error`` in a ``norm``, on the ``grid`` that was taken.
+
+    ``predicted`` is the error that was expected on this grid, ``reached`` the measured one. ``solves`` counts the grids
+    that were solved, the first one included.
+    """
+
+    norm: str
+    error: float
+    grid: Grid
+    predicted: float
+    reached: float
+    solves: int
+
+    def summary(self) -> dict[str, Any]:
+        """The same as plain Python data, ready for JSON."""
+        return {**asdict(self), "grid": [self.grid.n_xi, self.grid.n_eta]}
+
+    def __str__(self) -> str:
+        numbers = f"{_short(self.error)} in {self.norm.upper()} requested, {_short(self.predicted)} predicted"
+        return f"{numbers}, {_short(self.reached)} reached on {self.grid} points"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How well a mesh solves the requested equations, measured on the mesh itself wherever possible."""
 
@@ -87,6 +112,8 @@ class Certificate:
     """Sentences to read before using the mesh."""
     interpolation: InterpolationErrors | None = None
     """The errors of interpolating u on the mesh and on the uniform one; ``None`` where there is no u."""
+    target: Aim | None = None
+    """The requested interpolation error and what was reached; ``None`` where a grid was given."""
     comparison: tuple[Candidate, ...] = ()
     """The monitors that were compared on a coarse grid, the best one first; empty where the monitor was given."""
 
@@ -107,6 +134,7 @@ class Certificate:
             "min_jacobian": finite_or_none(self.min_jacobian),
             "relaxed": [{"what": r.what, "asked": r.asked, "reached": r.reached} for r in self.relaxed],
             "warnings": list(self.warnings),
+            "target": self.target and self.target.summary(),
             "comparison": [asdict(candidate) for candidate in self.comparison],
             "resolved": self.resolved,
             "interpolation_gain": gain and {"l2": finite_or_none(gain.gain_l2), "h1": finite_or_none(gain.gain_h1)},
@@ -128,6 +156,8 @@ class Certificate:
         if self.interpolation is not None:
             gains = f"{_short(self.interpolation.gain_l2)} in L2, {_short(self.interpolation.gain_h1)} in H1"
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+        if self.target is not None:
+            lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 

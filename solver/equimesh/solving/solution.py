@@ -22,7 +22,7 @@ from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, observed_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.certificate import Candidate, Certificate, Relaxed
+from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
 from equimesh.solving.mesh_warnings import warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps import sweep
@@ -57,6 +57,8 @@ class Solution:
     """One record for each Schwarz iteration; empty for a single-domain solve."""
     descent: tuple[Mapping[str, Any], ...] = ()
     """One record for each step of a least-error solve, as :meth:`~equimesh.least_error.steps.Descent.numbers`."""
+    target: Aim | None = None
+    """The requested interpolation error and what was reached; ``None`` where a grid was given."""
     comparison: tuple[Candidate, ...] = ()
     """The candidates among which the monitor was chosen; empty where it was given."""
     detours: tuple[str, ...] = ()
@@ -109,6 +111,7 @@ class Solution:
             relaxed=self.relaxed,
             warnings=(*self.detours, *self._warnings()),
             interpolation=self.interpolation,
+            target=self.target,
             comparison=self.comparison,
         )
 

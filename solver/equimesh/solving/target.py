@@ -1,0 +1,228 @@
+"""A mesh for a requested interpolation error: the grid is found by prediction, and verified by solving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, Unpack
+
+import numpy as np
+
+from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.equations.boundary import Boundary
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.curvature import NORMS
+from equimesh.monitors.monitor import Monitor
+from equimesh.solving.certificate import Aim
+from equimesh.solving.options import SolveArguments
+from equimesh.solving.solution import Solution
+from equimesh.solving.solve import solve
+
+FIRST_CELLS = 32
+"""Cells a side, about, of the first grid, from whose error the others are predicted."""
+MIN_CELLS = 4
+"""Cells, at least, in each direction of a grid."""
+MAX_POINTS = 1025 * 1025
+"""Points, at most, of the grid, where no other limit is given."""
+ORDERS = {"l2": 2.0, "h1": 1.0}
+"""The power of the spacing to which the error falls in each norm."""
+MARGIN = 1.02
+"""How many times smaller than requested an error is aimed at."""
+LOOSE_SHARE = 0.8
+"""A smaller share of the requested error means that a coarser grid may do."""
+MAX_CORRECTIONS = 2
+"""Solves, at most, after the one on the predicted grid."""
+MEASURED_CELLS = 16
+"""Cells a side of the uniform mesh whose lines are measured for the proportions."""
+MAX_PROPORTION = 64.0
+"""The largest ratio of the numbers of cells in the two directions."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A requested interpolation error of u, in place of a grid.
+
+    ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient; ``error`` is the norm over the whole
+    domain, in the units of u (of its gradient) times a length. ``max_points`` limits the grid. Raises
+    :class:`~equimesh.errors.InputError` for values that cannot be used.
+    """
+
+    norm: Literal["l2", "h1"] = "l2"
+    error: float
+    max_points: int = MAX_POINTS
+
+    def __post_init__(self) -> None:
+        if self.norm not in NORMS:
+            raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
+        if not (isinstance(self.error, int | float) and 0.0 < self.error < math.inf):
+            raise InputError(f"error = {self.error!r}: the requested error must be a positive number", field="error")
+        least = (MIN_CELLS + 1) ** 2
+        if not (isinstance(self.max_points, int) and self.max_points >= least):
+            raise InputError(
+                f"max_points = {self.max_points!r}: at least {least} points are needed", field="max_points"
+            )
+
+    def grid(self, domain: Domain, cells: float = FIRST_CELLS) -> Grid:
+        """The grid of about ``cells`` a side, in the proportions of the mesh lines of ``domain``."""
+        n_xi, n_eta = (max(MIN_CELLS, round(cells * part)) + 1 for part in proportions(domain))
+        return Grid(n_xi=n_xi, n_eta=n_eta)
+
+    def largest_cells(self, domain: Domain) -> float:
+        """How many cells a side the largest allowed grid has."""
+        cells = math.sqrt(self.max_points)
+        while cells > MIN_CELLS and self.grid(domain, cells).points > self.max_points:
+            cells -= 0.5
+        return cells
+
+
+def proportions(domain: Domain) -> tuple[float, float]:
+    """The numbers of cells along xi and eta in units of their geometric mean, for cells of equal sides on average."""
+    mesh = map_mesh(Mesh.uniform(Grid(n_xi=MEASURED_CELLS + 1, n_eta=MEASURED_CELLS + 1)), domain)
+    along = [float(np.hypot(np.diff(mesh.x, axis=k), np.diff(mesh.y, axis=k)).sum()) for k in (0, 1)]
+    ratio = math.sqrt(min(max(along[0] / along[1], 1.0 / MAX_PROPORTION), MAX_PROPORTION))
+    return ratio, 1.0 / ratio
+
+
+def solve_to(
+    target: Target,
+    *,
+    monitor: Monitor,
+    domain: Domain = UNIT_SQUARE,
+    boundary: Boundary = Boundary.TRACE,
+    began: Callable[[Grid], None] | None = None,
+    **options: Unpack[SolveArguments],
+) -> Solution:
+    """The mesh of the smallest grid that was found for the error of ``target``.
+
+    The error on about 33 points a side predicts the grid, since it falls with the square of the spacing in L2, and with
+    the spacing in H1. The mesh on the predicted grid is solved and measured. Where its error is too large, or far
+    smaller than requested, the grid is corrected, at most twice. ``target`` of the certificate has the numbers.
+
+    ``began`` is called with every grid before it is solved. ``options`` are those of :func:`~equimesh.solving.solve.
+    solve`; the start is no mesh. Raises what that raises, and :class:`~equimesh.errors.InputError` for a target out of
+    reach of ``target.max_points``, which names the error that the largest allowed grid would give.
+    """
+    if isinstance(options.get("initial"), Mesh):
+        raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
+    search = _Search(target, _problem(target, monitor, domain, boundary), began, options)
+    tried = [search.at(min(FIRST_CELLS, target.largest_cells(domain)), math.nan)]
+    if not tried[0].solution.status.succeeded:
+        return tried[0].solution
+    while True:
+        last = tried[-1]
+        if last.error <= target.error and last.error >= LOOSE_SHARE * target.error:
+            break
+        cells = search.next_cells(last)
+        if len(tried) > 1 + MAX_CORRECTIONS or target.grid(domain, cells) == last.grid:
+            break
+        if last.error <= target.error and target.grid(domain, cells).points > LOOSE_SHARE * last.grid.points:
+            break
+        tried.append(search.at(cells, search.predicted(last, cells)))
+        if not tried[-1].solution.status.succeeded:
+            return tried[-1].solution
+    return search.finish(tried)
+
+
+def require_reachable(
+    target: Target, *, monitor: Monitor, domain: Domain = UNIT_SQUARE, boundary: Boundary = Boundary.TRACE
+) -> None:
+    """Raise what :func:`solve_to` raises for a target out of reach, at the cost of the solve on the first grid."""
+    search = _Search(target, _problem(target, monitor, domain, boundary), None, {"threads": 1, "check": False})
+    first = search.at(min(FIRST_CELLS, target.largest_cells(domain)), math.nan)
+    if first.solution.status.succeeded and first.error > target.error:
+        search.next_cells(first)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tried:
+    """A solved grid of about ``cells`` a side, with its error and the one that was predicted."""
+
+    cells: float
+    grid: Grid
+    solution: Solution
+    error: float
+    predicted: float
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The search for the grid of a target."""
+
+    target: Target
+    problem: Problem
+    began: Callable[[Grid], None] | None
+    options: SolveArguments
+
+    def at(self, cells: float, predicted: float) -> _Tried:
+        """The solution on about ``cells`` a side."""
+        grid = self.target.grid(self.problem.domain, cells)
+        if self.began is not None:
+            self.began(grid)
+        solution = solve(replace(self.problem, grid=grid), **self.options)
+        errors = solution.interpolation
+        error = math.nan if errors is None else {"l2": errors.l2, "h1": errors.h1}[self.target.norm]
+        return _Tried(cells=_cells_of(grid), grid=grid, solution=solution, error=error, predicted=predicted)
+
+    def predicted(self, last: _Tried, cells: float) -> float:
+        """The error on about ``cells`` a side, from that of another grid."""
+        spacing = last.cells / _cells_of(self.target.grid(self.problem.domain, cells))
+        return float(last.error * spacing ** ORDERS[self.target.norm])
+
+    def next_cells(self, last: _Tried) -> float:
+        """Cells a side of the grid that the target needs; raises :class:`InputError` for one that is too large."""
+        target, domain = self.target, self.problem.domain
+        if not math.isfinite(last.error):
+            raise InputError("the interpolation error of u is not finite on this domain", field="target.error")
+        needed = last.cells * (MARGIN * last.error / target.error) ** (1.0 / ORDERS[target.norm])
+        most = target.largest_cells(domain)
+        if needed <= most:
+            return max(needed, float(MIN_CELLS))
+        best = self.predicted(last, most)
+        if best <= target.error and target.grid(domain, most) != last.grid:
+            return most
+        points = needed**2
+        raise InputError(
+            f"an error of {target.error:g} in {target.norm.upper()} needs about {points:.2g} points, and at most"
+            f" {target.max_points} are allowed: the largest allowed grid, {target.grid(domain, most)}, would give about"
+            f" {best:.2g}",
+            field="target.error",
+        )
+
+    def finish(self, tried: list[_Tried]) -> Solution:
+        """The solution on the smallest grid whose error is as requested, else the one of the smallest error."""
+        target = self.target
+        enough = [one for one in tried if one.error <= target.error]
+        best = min(enough, key=lambda one: one.grid.points) if enough else min(tried, key=lambda one: one.error)
+        predicted = best.predicted if math.isfinite(best.predicted) else best.error
+        aim = Aim(
+            norm=target.norm,
+            error=target.error,
+            grid=best.grid,
+            predicted=predicted,
+            reached=best.error,
+            solves=len(tried),
+        )
+        solution = replace(best.solution, target=aim)
+        if enough:
+            return solution
+        missed = (
+            f"The requested error of {target.error:g} was missed: it is {best.error:.3g} after {len(tried)} solves."
+        )
+        return replace(solution, detours=(*solution.detours, missed))
+
+
+def _cells_of(grid: Grid) -> float:
+    return math.sqrt((grid.n_xi - 1) * (grid.n_eta - 1))
+
+
+def _problem(target: Target, monitor: Monitor, domain: Domain, boundary: Boundary) -> Problem:
+    """The problem on the first grid."""
+    if monitor.u is None:
+        raise InputError(
+            "a target is an error of interpolating u, and this monitor has no u: give it one", field="target"
+        )
+    return Problem(monitor=monitor, grid=target.grid(domain), boundary=boundary, domain=domain)

@@ -1,0 +1,95 @@
+"""A mesh for a requested error."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+import equimesh as em
+from equimesh.solving.target import proportions, require_reachable
+
+PAPER = em.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
+MONITOR = em.LeastError(u=PAPER)
+
+
+@pytest.mark.parametrize(("norm", "error"), [("l2", 1e-4), ("h1", 0.06)])
+def test_the_error_is_reached_on_the_predicted_grid(norm: Any, error: float) -> None:
+    grids: list[em.Grid] = []
+    target = em.Target(norm=norm, error=error)
+    solution = em.solve_to(target, monitor=em.LeastError(u=PAPER, norm=norm), began=grids.append, threads=1)
+    aim = solution.certificate.target
+    assert aim is not None
+    assert aim.grid == solution.problem.grid == grids[-1]
+    assert grids[0] == em.Grid(n_xi=33, n_eta=33)
+    assert aim.solves == len(grids) <= 4
+    assert solution.interpolation is not None
+    assert aim.reached == getattr(solution.interpolation, norm)
+    assert 0.8 * error <= aim.reached <= error
+    assert aim.predicted == pytest.approx(aim.reached, rel=0.05)
+    assert solution.certificate.summary()["target"]["grid"] == [*aim.grid.shape]
+    assert f"reached on {aim.grid} points" in str(solution.certificate)
+
+
+def test_a_large_error_takes_a_coarse_grid() -> None:
+    solution = em.solve_to(em.Target(error=3e-3), monitor=MONITOR, threads=1)
+    assert solution.problem.grid.points < 33 * 33
+    assert solution.target is not None
+    assert solution.target.reached <= 3e-3
+
+
+def test_what_no_allowed_grid_reaches_is_refused_with_the_error_that_it_would_give() -> None:
+    target = em.Target(error=1e-6, max_points=50 * 50)
+    with pytest.raises(em.InputError, match="the largest allowed grid, 50 x 50, would give about") as caught:
+        em.solve_to(target, monitor=MONITOR, threads=1)
+    assert caught.value.field == "target.error"
+    told = float(caught.value.message.rsplit(" ", 1)[1])
+    largest = em.solve(em.Problem(monitor=MONITOR, grid=em.Grid(n_xi=50, n_eta=50)), threads=1)
+    assert largest.interpolation is not None
+    assert told == pytest.approx(largest.interpolation.l2, rel=0.1)
+    with pytest.raises(em.InputError, match="would give about"):
+        require_reachable(target, monitor=MONITOR)
+    require_reachable(em.Target(error=1e-4), monitor=MONITOR)
+
+
+def test_the_largest_grid_is_within_the_limit() -> None:
+    for most in (25, 100, 1089, 54321):
+        for domain in (em.Rectangle(), em.Rectangle(x=(0, 7)), em.Rectangle(y=(0, 3))):
+            target = em.Target(error=1.0, max_points=most)
+            grid = target.grid(domain, target.largest_cells(domain))
+            assert grid.points <= most or grid.points == 25 or min(grid.shape) == 5
+
+
+@pytest.mark.parametrize(
+    ("domain", "ratio"),
+    [
+        (em.Rectangle(), 1.0),
+        (em.Rectangle(x=(0, 4)), 4.0),
+        (em.Rectangle(x=(0, 1), y=(0, 1000)), 1 / 64),
+        (em.AnnulusSector(radii=(1, 2), angles=(0, 90)), 1 / (1.5 * math.pi / 2)),
+    ],
+)
+def test_cells_have_the_proportions_of_the_domain(domain: em.Domain, ratio: float) -> None:
+    along_xi, along_eta = proportions(domain)
+    assert along_xi / along_eta == pytest.approx(ratio, rel=0.01)
+    assert along_xi * along_eta == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "field"),
+    [({"error": 0.0}, "error"), ({"error": math.inf}, "error"), ({"error": 1.0, "norm": "max"}, "norm"),
+     ({"error": 1.0, "max_points": 24}, "max_points"), ({"error": "1"}, "error")],
+)  # fmt: skip
+def test_a_target_that_cannot_be_used_is_refused(values: dict[str, Any], field: str) -> None:
+    with pytest.raises(em.InputError) as caught:
+        em.Target(**values)
+    assert caught.value.field == field
+
+
+def test_a_target_needs_a_function_and_no_mesh() -> None:
+    target = em.Target(error=1e-3)
+    with pytest.raises(em.InputError, match="this monitor has no u"):
+        em.solve_to(target, monitor=em.Weight(rho=PAPER))
+    with pytest.raises(em.InputError, match="no mesh to start from"):
+        em.solve_to(target, monitor=MONITOR, initial=em.Mesh.uniform(em.Grid(n_xi=33, n_eta=33)))
