@@ -38,11 +38,12 @@ from equimesh_client.errors import (
     TooLarge,
     Unauthorized,
 )
-from equimesh_client.records.certificate import Candidate, Certificate, Relaxed
+from equimesh_client.records.certificate import Aim, Candidate, Certificate, Relaxed
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.state import Progress
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
+from equimesh_client.spec.mesh import Target
 from equimesh_client.spec.monitors import ArcLength, Auto, Curvature, Intersection, LeastError, Tensor, Weight
 from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload
@@ -56,6 +57,7 @@ Relaxation = Relaxed  # the name in release 0.2
 Step = SequenceStep  # the name in release 0.2
 
 __all__ = [
+    "Aim",
     "AnnulusSector",
     "ArcLength",
     "AsyncClient",
@@ -108,6 +110,7 @@ __all__ = [
     "Step",
     "StorageFull",
     "StoredSamples",
+    "Target",
     "Tensor",
     "TooLarge",
     "Unauthorized",

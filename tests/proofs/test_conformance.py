@@ -88,7 +88,7 @@ def client(connect: Any, url: str) -> Any:
 def heavy(**more: Any) -> dict[str, Any]:
     """A spec that keeps a worker busy for a while."""
     schwarz = Schwarz(subdomains=(4, 4), overlap=2, tolerance=None, max_iterations=1000).json()
-    monitor = {"u": {"expression": "tanh(20*((x-0.5)**2+(y-0.5)**2-0.09))"}}
+    monitor = {"kind": "arc_length", "u": {"expression": "tanh(20*((x-0.5)**2+(y-0.5)**2-0.09))"}}
     return {"monitor": monitor, "grid": {"n_xi": 200, "n_eta": 200}, "schwarz": schwarz, **more}
 
 
@@ -708,13 +708,15 @@ def test_solver_and_client_print_a_certificate_alike() -> None:
         em.Candidate(kind="least_error", settings={"distortion": 0.5}, gain_l2=12.3, gain_h1=3.0, chosen=True),
         em.Candidate(kind="curvature", settings={}, gain_l2=None, gain_h1=None, chosen=False),
     )
+    grid = pytest.importorskip("equimesh.meshes.grid").Grid(n_xi=33, n_eta=17)
+    aim = em.Aim(norm="h1", error=0.1, grid=grid, predicted=0.098, reached=0.097, solves=2)
     bare = {"status": status.CONVERGED, "mode": None, "equation_residual": 0.0, "min_jacobian": 1.0}
     for certificate in (
         em.Certificate(**bare),
         em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain),
         em.Certificate(**{**bare, "equation_residual": 1e-3}, relaxed=relaxed, warnings=("Beware.",)),
         em.Certificate(**{**bare, "equation_residual": math.inf}),
-        em.Certificate(**{**bare, "equation_residual": None}, comparison=compared),
+        em.Certificate(**{**bare, "equation_residual": None}, comparison=compared, target=aim),
     ):
         assert str(certificate) == str(Certificate.from_json(certificate.summary()))
     assert "equation residual" not in str(certificate)

@@ -31,7 +31,7 @@ from equimesh_client.spec import monitors as client_monitors
 from equimesh_client.spec import schwarz as client_schwarz
 from equimesh_service.api.checks import MODE_USES
 from equimesh_service.spec import domains, monitors, schwarz
-from equimesh_service.spec.mesh import GridSpec, MeshSpec, read_spec
+from equimesh_service.spec.mesh import GridSpec, MeshSpec, TargetSpec, read_spec
 from equimesh_service.spec.sources import ExpressionSource
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -149,6 +149,13 @@ def test_defaults_and_keys_of_the_service(name: str) -> None:
     assert canonical["domain"].keys() - {"kind"} == known({"domain": {}, **document}, "domain")
     if "u" in document["monitor"]:
         assert ExpressionSource.model_fields.keys() == known(document, "monitor", "u")
+    aimed = {**document, "target": {"error": 1}}
+    if "schwarz" not in document:
+        assert TargetSpec.model_fields.keys() == known(aimed, "target")
+    if "u" in document["monitor"] and "schwarz" not in document:
+        completed = read_spec(aimed).canonical
+        assert completed["grid"] is None
+        assert build(completed) == build(aimed)
     if "schwarz" in document:
         assert canonical["schwarz"].keys() == known(document, "schwarz")
     if document.get("schwarz"):
@@ -215,6 +222,9 @@ def test_defaults_and_keys_of_the_client() -> None:
         assert sent.keys() == known(DOCUMENTS[name], "schwarz"), name
         assert sent["transmission"].keys() - {"kind"} == known(DOCUMENTS[name], "schwarz", "transmission"), name
     assert build({"monitor": ARC, "schwarz": client_schwarz.Schwarz().json()}) == build(DOCUMENTS["schwarz"])
+    aimed = client_mesh.mesh_spec(ARC, points, {"target": client_mesh.Target(error=1)})
+    assert build(aimed) == build({"monitor": ARC, "target": {"error": 1}})
+    assert aimed["target"].keys() == TargetSpec.model_fields.keys()
 
 
 COMMANDS = {
@@ -238,6 +248,7 @@ DEFAULTS = {
     "-b": em.ArcLength.b,
     "--scaled": em.ArcLength.scaled,
     "--norm": em.Curvature.norm,
+    "--target-norm": em.Target.norm,
     "--map": em.Weight.map,
     "--smoothing": 0,
     "--n-xi": build(DOCUMENTS["least"]).problem.grid.n_xi,
@@ -264,6 +275,7 @@ def test_defaults_of_the_command_line() -> None:
 
     for name, words in COMMANDS.items():
         assert built(words) == build(DOCUMENTS[name]), name
+    assert built("x*y --target-error 1e-3") == build({**DOCUMENTS["least"], "target": {"error": 1e-3}})
 
 
 @pytest.mark.parametrize("command", ["solve", "generate"])
@@ -313,7 +325,7 @@ def test_defaults_that_the_page_on_python_names() -> None:
     page = (DOCS / "python.md").read_text()
     found = 0
     for name, arguments in re.findall(
-        r"`(Auto|LeastError|ArcLength|Curvature|Rectangle|AnnulusSector)\(([^`]*)\)`", page
+        r"`(Auto|LeastError|Target|ArcLength|Curvature|Rectangle|AnnulusSector)\(([^`]*)\)`", page
     ):
         for key, value in re.findall(r"(\w+)=(\([^)]*\)|[^,()]+)", arguments):
             parameter = inspect.signature(getattr(em, name)).parameters.get(key)

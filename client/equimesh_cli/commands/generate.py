@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.address import DEFAULT_URL, add_url
-from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of, schwarz_of
+from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of, schwarz_of, target_of
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_cli.parser import add_command
 
@@ -69,8 +69,8 @@ def run(options: argparse.Namespace) -> int:
             print(f"mesh {mesh.id} of {client.url}")
             if mesh.reused_from is not None:
                 print(f"computed earlier, as mesh {mesh.reused_from}; --no-reuse computes it again")
-            n_xi, n_eta = points_of(options)
-            print(f"{n_xi} x {n_eta} points: {mesh.record['convergence']['message']}")
+            grid = mesh.record["grid"]
+            print(f"{grid['n_xi']} x {grid['n_eta']} points: {mesh.record['convergence']['message']}")
             if mesh.certificate is not None:
                 print(mesh.certificate)
             print(mesh.quality)
@@ -111,6 +111,7 @@ def _request_mesh(client: Client, options: argparse.Namespace, *, progress: bool
         monitor=monitor_of(options),
         domain=options.domain,
         schwarz=schwarz_of(options),
+        target=target_of(options),
         boundary=options.boundary,
         initial=options.initial,
         mode=options.mode,

@@ -14,7 +14,8 @@ from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     import equimesh
-    from equimesh import Event, Solution
+    from equimesh import Event, Solution, specs
+    from equimesh.solving.options import SolveArguments
 
 BYTES_PER_POINT = 600
 """Memory of a solve and its quality measures, measured at 1025 x 1025 points."""
@@ -31,6 +32,7 @@ examples:
   equimesh solve 'tanh(20*(x-y))' -n 65 --monitor least-error --norm h1 --smoothness 0.3 -o mesh.vtu
   equimesh solve 'tanh(20*(x-y))' -n 65 --monitor curvature --norm h1 --domain annulus:1,2,0,90
   equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
+  equimesh solve 'tanh(20*(x-y))' --target-error 1e-4 -o mesh.vtu
 
 needs the solver: pip install 'equimesh[solver]', and [plot] for --plot
 
@@ -64,16 +66,7 @@ def run(options: argparse.Namespace) -> int:
     _check_memory(grid)
     try:
         with announce_compiling(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
-            spec = build(options)
-            solution = em.solve(
-                spec.problem,
-                spec.schwarz,
-                initial=spec.initial,
-                mode=spec.mode,
-                allow_relaxed=spec.allow_relaxed,
-                threads=options.threads,
-                observe=observer,
-            )
+            solution = _solve(build(options), options, observer)
             quality = solution.quality.summary()
     except em.SolveError as error:
         _report_failure(options, error.solution)
@@ -83,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         _print_json(solution, files, certificate=certificate, quality=quality, convergence=convergence)
     elif not options.quiet:
-        print(f"{grid} points: {solution.message}")
+        print(f"{solution.problem.grid} points: {solution.message}")
         print(Certificate.from_json(certificate))
         print(Quality.from_json(quality))
         if options.subdomains is not None:
@@ -91,6 +84,25 @@ def run(options: argparse.Namespace) -> int:
         for file in files:
             print(f"wrote {file}")
     return Exit.DONE
+
+
+def _solve(spec: specs.BuiltSpec, options: argparse.Namespace, observer: Observer) -> Solution:
+    """The solution for the grid, or for the requested error."""
+    import equimesh as em
+
+    settings: SolveArguments = {
+        "initial": spec.initial,
+        "mode": spec.mode,
+        "allow_relaxed": spec.allow_relaxed,
+        "threads": options.threads,
+        "observe": observer,
+    }
+    problem = spec.problem
+    if spec.target is None:
+        return em.solve(problem, spec.schwarz, **settings)
+    return em.solve_to(
+        spec.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary, **settings
+    )
 
 
 def _report_failure(options: argparse.Namespace, solution: Solution) -> None:

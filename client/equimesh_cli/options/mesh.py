@@ -11,8 +11,9 @@ from equimesh_cli.exits import Refused
 from equimesh_cli.options.monitors import add_monitor_options, check_monitor, domain
 
 if TYPE_CHECKING:
-    from equimesh_client import Schwarz
+    from equimesh_client import Schwarz, Target
 
+USUAL_POINTS = 64
 SCHWARZ = (
     "overlap",
     "transmission",
@@ -51,8 +52,15 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--t", type=float, help="value of the name t in U")
     add_monitor_options(parser)
     mesh = parser.add_argument_group("mesh")
-    mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, default=64, help="points a side, along xi (64)")
+    mesh.add_argument("-n", "--n-xi", dest="n_xi", type=int, help="points a side, along xi (64)")
     mesh.add_argument("--n-eta", type=int, help="points along eta (as along xi)")
+    mesh.add_argument(
+        "--target-error",
+        metavar="ERROR",
+        type=float,
+        help="take the grid with this interpolation error, in place of -n",
+    )
+    mesh.add_argument("--target-norm", choices=("l2", "h1"), help="error of u, or of its gradient (l2)")
     mesh.add_argument(
         "--domain",
         metavar="DOMAIN",
@@ -141,6 +149,7 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
 def check_options(options: argparse.Namespace) -> None:
     """Raises :class:`Refused` for options that contradict each other, before any work is done."""
     check_monitor(options)
+    _check_target(options)
     given = [name for name in SCHWARZ if getattr(options, name) is not None]
     if given and options.subdomains is None:
         flags = ", ".join("--" + name.replace("_", "-") for name in given)
@@ -154,9 +163,27 @@ def check_options(options: argparse.Namespace) -> None:
             raise Refused(f"{path.parent}: there is no such folder")
 
 
+def _check_target(options: argparse.Namespace) -> None:
+    if options.target_error is None:
+        if options.target_norm is not None:
+            raise Refused("--target-norm is the norm of a target; add --target-error, e.g. --target-error 1e-4")
+    elif options.n_xi is not None or options.n_eta is not None:
+        raise Refused("--target-error takes the place of -n and --n-eta: give one of them")
+
+
 def points_of(options: argparse.Namespace) -> tuple[int, int]:
     """Points along xi and eta."""
-    return options.n_xi, options.n_xi if options.n_eta is None else options.n_eta
+    n_xi = USUAL_POINTS if options.n_xi is None else options.n_xi
+    return n_xi, n_xi if options.n_eta is None else options.n_eta
+
+
+def target_of(options: argparse.Namespace) -> Target | None:
+    """The target of the client; None for a grid."""
+    from equimesh_client import Target
+
+    if options.target_error is None:
+        return None
+    return Target(error=options.target_error, norm=options.target_norm or "l2")
 
 
 def schwarz_of(options: argparse.Namespace) -> Schwarz | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from equimesh import Domain, Expression, ExpressionError, specs
 from equimesh_cli.exits import Refused
-from equimesh_cli.options.mesh import points_of, schwarz_of
+from equimesh_cli.options.mesh import points_of, schwarz_of, target_of
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_client.errors import caret
 from equimesh_client.spec.domains import Rectangle, domain_json
@@ -26,6 +26,7 @@ def document_of(options: argparse.Namespace) -> dict[str, Any]:
     mesh_options: MeshOptions = {
         "domain": options.domain,
         "schwarz": schwarz_of(options),
+        "target": target_of(options),
         "boundary": options.boundary,
         "mode": options.mode,
         "allow_relaxed": not options.no_relax,

@@ -66,6 +66,39 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Aim:
+    """A requested interpolation error and what was reached: ``error`` in a ``norm``, on the ``grid`` that was taken.
+
+    ``predicted`` is the error that was expected on this grid, ``reached`` the measured one. ``solves`` counts the grids
+    that were solved.
+    """
+
+    norm: str
+    error: float
+    grid: tuple[int, int]
+    predicted: float
+    reached: float
+    solves: int
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> Aim:
+        """The target in the JSON of the service."""
+        n_xi, n_eta = record["grid"]
+        return cls(
+            norm=str(record["norm"]),
+            error=real_or_nan(record["error"]),
+            grid=(int(n_xi), int(n_eta)),
+            predicted=real_or_nan(record.get("predicted")),
+            reached=real_or_nan(record.get("reached")),
+            solves=int(record.get("solves") or 0),
+        )
+
+    def __str__(self) -> str:
+        numbers = f"{_short(self.error)} in {self.norm.upper()} requested, {_short(self.predicted)} predicted"
+        return f"{numbers}, {_short(self.reached)} reached on {self.grid[0]} x {self.grid[1]} points"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How well a mesh solves the requested equations; nan for what is not known.
 
@@ -75,8 +108,9 @@ class Certificate:
     square. ``min_jacobian`` is 1 for the uniform mesh. ``relaxed`` lists the relaxed requirements, ``warnings`` are
     sentences. ``interpolation_gain`` is the error on the uniform mesh over that on this one, in the norms ``"l2"`` and
     ``"h1"``; None without a u. ``resolved`` is False where a gain is not known, because a layer of u lies inside a
-    cell; it is nan then. ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first.
-    ``record`` is the JSON of the service.
+    cell; it is nan then. ``target`` is the requested error and what was reached, None where a grid was given.
+    ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first. ``record`` is the JSON of the
+    service.
     """
 
     status: str
@@ -89,6 +123,7 @@ class Certificate:
     warnings: tuple[str, ...]
     resolved: bool
     interpolation_gain: Mapping[str, float] | None
+    target: Aim | None = None
     comparison: tuple[Candidate, ...] = ()
     record: Mapping[str, Any] = field(repr=False)
 
@@ -114,6 +149,7 @@ class Certificate:
             warnings=tuple(map(str, record.get("warnings") or ())),
             resolved=bool(record.get("resolved", True)),
             interpolation_gain=None if gain is None else {name: real_or_nan(value) for name, value in gain.items()},
+            target=None if record.get("target") is None else Aim.from_json(record["target"]),
             comparison=tuple(map(Candidate.from_json, record.get("comparison") or ())),
             record=record,
         )
@@ -134,6 +170,8 @@ class Certificate:
         if self.interpolation_gain is not None:
             gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+        if self.target is not None:
+            lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 

@@ -2,13 +2,34 @@
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.monitors import Json, Monitor
 from equimesh_client.spec.schwarz import Schwarz
+
+DEFAULT_POINTS = 64
+"""Points a side of `generate`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A requested interpolation error of u, in place of a grid.
+
+    ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient. ``max_points`` limits the grid; None
+    stands for the limit of the service.
+    """
+
+    error: float
+    norm: Literal["l2", "h1"] = "l2"
+    max_points: int | None = None
+
+    def json(self) -> Json:
+        """The JSON of the target."""
+        return {"norm": self.norm, "error": self.error, "max_points": self.max_points}
 
 
 class MeshOptions(TypedDict, total=False):
@@ -28,6 +49,8 @@ class MeshOptions(TypedDict, total=False):
     """Damping of the arc length where u is steep, not negative. Default: None, which is 0.05 where ``a`` is given. A
     larger one makes cells more equal.
     """
+    target: Target | Mapping[str, Any] | None
+    """An interpolation error in place of ``n``. Default: None, which takes the grid of ``n``."""
     schwarz: Schwarz | Mapping[str, Any] | None
     """How the domain is divided into subdomains. Default: None, which solves on a single domain."""
     boundary: str
@@ -53,6 +76,7 @@ DEFAULTS: MeshOptions = {
     "domain": None,
     "a": None,
     "b": None,
+    "target": None,
     "schwarz": None,
     "boundary": "trace",
     "mode": "discretization",
@@ -119,6 +143,9 @@ def mesh_spec(
     """
     options = {**DEFAULTS, **options}
     n_xi, n_eta = points_per_side(n)
+    target = options["target"]
+    if target is not None and (n_xi, n_eta) != (DEFAULT_POINTS, DEFAULT_POINTS):
+        raise BadArgument("a target takes the place of n: give one of them")
     spec: Json = {
         "monitor": dict(monitor),
         "grid": {"n_xi": n_xi, "n_eta": n_eta},
@@ -127,6 +154,9 @@ def mesh_spec(
         "schwarz": _schwarz_json(options["schwarz"]),
         "cells": str(cells),
     }
+    if target is not None:
+        del spec["grid"]
+        spec["target"] = target.json() if isinstance(target, Target) else dict(target)
     if options["domain"] is not None:
         spec["domain"] = domain_json(options["domain"])
     if options["mode"] != DEFAULTS["mode"]:

@@ -24,7 +24,8 @@ from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
-from equimesh_service.spec.mesh import CheckedSpec, read_spec
+from equimesh_service.spec.mesh import CheckedSpec, GridSpec, read_spec
+from equimesh_service.spec.schwarz import SchwarzSpec
 from equimesh_service.spec.sources import UPLOAD, GridSource, ScatteredSource
 from equimesh_service.store.rows import SamplesRow
 from equimesh_service.store.store import Store
@@ -77,7 +78,7 @@ class Admission:
     def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
         """Check a parsed spec, and store its upload; raises a 422 problem with pointers."""
         try:
-            return self._admit(read_spec(document), upload, caller)
+            return self._admit(read_spec(document).with_limit(self.settings.max_points), upload, caller)
         except Problem as problem:
             if not problem.errors:
                 raise
@@ -114,7 +115,7 @@ class Admission:
     ) -> SamplesRow:
         """Check a spec with its upload, then store the upload: a refused spec leaves nothing behind."""
         with self._convert(upload, pointer, alone=False) as (path, summary, arrays):
-            if arrays is not None and summary["kind"] == "grid" and spec.is_plain:
+            if arrays is not None and summary["kind"] == "grid" and spec.is_plain and spec.spec.target is None:
                 check(spec.canonical, {UPLOAD: arrays})
             else:
                 self._check(spec, rows, path)
@@ -183,32 +184,48 @@ class Admission:
             raise Problem("unavailable", f"The request was not checked: {error}.") from None
 
     def _check_limits(self, checked: CheckedSpec) -> None:
-        most, spec = self.settings, checked.spec
-        # One direction at a time first: then the message names the direction that is far too large.
-        for name, points in (("n_xi", spec.grid.n_xi), ("n_eta", spec.grid.n_eta)):
-            if points > most.max_points // 4:
-                message = f"too many points: a mesh of this service has at most {most.max_points} in all"
-                raise problem_at(f"/grid/{name}", message)
-        points = spec.grid.n_xi * spec.grid.n_eta
-        if spec.grid.n_xi > 0 and points > most.max_points:
-            message = f"{points} points; a mesh of this service has at most {most.max_points}: lower n_xi or n_eta"
-            raise problem_at("/grid", message)
+        spec = checked.spec
+        if spec.grid is None:
+            self._check_target(checked)
+        else:
+            self._check_grid(spec.grid)
         for pointer, source in checked.sources.items():
             if isinstance(source, GridSource):
                 self._check_samples(sum(map(len, source.grid.values)), f"{pointer}/grid/values")
             elif isinstance(source, ScatteredSource):
                 self._check_samples(len(source.scattered.points), f"{pointer}/scattered/points")
-        if spec.schwarz is not None:
-            along_xi, along_eta = spec.schwarz.subdomains
-            if max(along_xi, along_eta) > most.max_subdomains or along_xi * along_eta > most.max_subdomains:
-                message = f"too many: this service takes at most {most.max_subdomains} subdomains in all"
-                raise problem_at("/schwarz/subdomains", message)
-            if spec.schwarz.overlap > max(spec.grid.n_xi, spec.grid.n_eta):
-                message = "the overlap is larger than the grid: 2 to 8 points are usual"
-                raise problem_at("/schwarz/overlap", message)
-            if spec.schwarz.max_iterations > most.max_iterations:
-                message = f"too many: this service runs at most {most.max_iterations} iterations"
-                raise problem_at("/schwarz/max_iterations", message)
+        if spec.schwarz is not None and spec.grid is not None:
+            self._check_schwarz(spec.schwarz, spec.grid)
+
+    def _check_target(self, checked: CheckedSpec) -> None:
+        most, asked = self.settings.max_points, checked.canonical["target"]["max_points"]
+        if asked > most:
+            raise problem_at("/target/max_points", f"a mesh of this service has at most {most} points")
+
+    def _check_grid(self, grid: GridSpec) -> None:
+        most = self.settings
+        # One direction at a time first: then the message names the direction that is far too large.
+        for name, points in (("n_xi", grid.n_xi), ("n_eta", grid.n_eta)):
+            if points > most.max_points // 4:
+                message = f"too many points: a mesh of this service has at most {most.max_points} in all"
+                raise problem_at(f"/grid/{name}", message)
+        points = grid.n_xi * grid.n_eta
+        if grid.n_xi > 0 and points > most.max_points:
+            message = f"{points} points; a mesh of this service has at most {most.max_points}: lower n_xi or n_eta"
+            raise problem_at("/grid", message)
+
+    def _check_schwarz(self, schwarz: SchwarzSpec, grid: GridSpec) -> None:
+        most = self.settings
+        along_xi, along_eta = schwarz.subdomains
+        if max(along_xi, along_eta) > most.max_subdomains or along_xi * along_eta > most.max_subdomains:
+            message = f"too many: this service takes at most {most.max_subdomains} subdomains in all"
+            raise problem_at("/schwarz/subdomains", message)
+        if schwarz.overlap > max(grid.n_xi, grid.n_eta):
+            message = "the overlap is larger than the grid: 2 to 8 points are usual"
+            raise problem_at("/schwarz/overlap", message)
+        if schwarz.max_iterations > most.max_iterations:
+            message = f"too many: this service runs at most {most.max_iterations} iterations"
+            raise problem_at("/schwarz/max_iterations", message)
 
     def _check_samples(self, number: int, pointer: str) -> None:
         if number > self.settings.max_samples:

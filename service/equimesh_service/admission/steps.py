@@ -108,6 +108,8 @@ def read_arrays(data: bytes, max_bytes: int) -> Move:
 def check_first_spec(admitted: Admitted) -> Admitted:
     """The spec of a sequence's first mesh; raises a 422 problem for a monitor that has no single u."""
     kind = admitted.spec["monitor"]["kind"]
+    if admitted.spec["target"] is not None:
+        raise problem_at("/target", "the meshes of a sequence have one grid: give it in place of the target")
     if kind not in KINDS:
         message = f"a sequence follows one function u: its monitor is one of {', '.join(KINDS)}, not {kind}"
         raise problem_at("/monitor/kind", message)

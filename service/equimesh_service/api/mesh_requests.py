@@ -63,6 +63,10 @@ EXAMPLES: dict[str, Any] = {
             "cells": "triangle",
         },
     },
+    "target": {
+        "summary": "An error in place of a grid",
+        "value": {"monitor": {"u": "tanh(20*(x - y))"}, "target": {"norm": "l2", "error": 0.001}},
+    },
     "curvature": {
         "summary": "The least interpolation error on a part of a ring",
         "value": {

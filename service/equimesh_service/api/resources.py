@@ -85,6 +85,17 @@ class InterpolationGain(BaseModel):
     h1: float | None
 
 
+class ReachedTarget(BaseModel):
+    """A requested interpolation error and what was reached."""
+
+    norm: str
+    error: float = Field(description="The requested one.")
+    grid: tuple[int, int] = Field(description="The grid that was taken.")
+    predicted: float | None = Field(description="The error that was expected on this grid.")
+    reached: float | None = Field(description="The measured error.")
+    solves: int = Field(description="Grids that were solved to find it.")
+
+
 class ComparedMonitor(BaseModel):
     """A monitor that auto has tried on a coarse grid."""
 
@@ -116,6 +127,7 @@ class MeshCertificate(BaseModel):
         description="Whether the gains are known; false where a layer of u lies inside a cell: it is null.",
     )
     interpolation_gain: InterpolationGain | None = Field(description="null without a u.")
+    target: ReachedTarget | None = Field(None, description="null where the spec has a grid.")
     comparison: list[ComparedMonitor] = Field(
         default_factory=list, description="The monitors among which auto has chosen, the best one first."
     )
@@ -143,7 +155,7 @@ class MeshResource(BaseModel):
     id: str
     status: Status
     label: str | None
-    grid: GridSize
+    grid: GridSize = Field(description="Of a mesh with a target, before its end, the largest that it may take.")
     cells: str
     created_at: datetime
     started_at: datetime | None
@@ -242,11 +254,12 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
     result = row.result or {}
     parts = ("events", "cancel", "file", "quality", "convergence", "plot", "spec")
     started = row.started_at
+    n_xi, n_eta = result.get("grid") or (row.n_xi, row.n_eta)
     return MeshResource(
         id=row.id,
         status=row.status,  # type: ignore[arg-type]
         label=row.label,
-        grid=GridSize(n_xi=row.n_xi, n_eta=row.n_eta),
+        grid=GridSize(n_xi=n_xi, n_eta=n_eta),
         cells=row.cells,
         created_at=_moment(row.created_at),
         started_at=None if started is None else _moment(started),

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 from equimesh import Field, specs
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
+from equimesh.solving.target import require_reachable
 from equimesh_service.assembly.samples import Arrays, field_of
 from equimesh_service.problems.problem import complaint_of, input_problem
 from equimesh_service.spec.document import escape_token
@@ -31,8 +32,12 @@ def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
 
 
 def check(spec: Spec, samples: Mapping[str, Samples]) -> None:
-    """Raise what :func:`build` raises; ``samples`` are found by their ids."""
-    build(spec, samples.__getitem__)
+    """Raise what :func:`build` raises, and for a target out of reach; ``samples`` are found by their ids."""
+    built = build(spec, samples.__getitem__)
+    if built.target is not None:
+        problem = built.problem
+        with translate_errors():
+            require_reachable(built.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary)
 
 
 def check_schwarz(spec: Spec) -> None:

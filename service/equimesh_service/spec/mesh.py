@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from pydantic import Field, FiniteFloat
 
+from equimesh_service.problems.problem import problem_at
 from equimesh_service.spec.domains import Domain, RectangleSpec
 from equimesh_service.spec.monitors import (
     ArcLengthSpec,
@@ -38,12 +39,25 @@ class GridSpec(Strict):
     n_eta: int = Field(default=64, description="Points along eta, at least 4.")
 
 
+class TargetSpec(Strict):
+    """An interpolation error of u in place of a grid."""
+
+    norm: Literal["l2", "h1"] = Field("l2", description="That of the error of u, or of its gradient.")
+    error: FiniteFloat = Field(description="The requested error, positive, in the units of u.")
+    max_points: int | None = Field(
+        None, description="Most points of the grid, at least 25; null: the limit of the service."
+    )
+
+
 class MeshSpec(Strict):
     """Everything that defines a mesh; all but `monitor` has a default."""
 
     monitor: Monitor
     domain: Domain = Field(default_factory=RectangleSpec)
-    grid: GridSpec = Field(default_factory=GridSpec)
+    grid: GridSpec | None = Field(
+        default_factory=GridSpec, description="Absent: 64 x 64, or the grid that a target needs."
+    )
+    target: TargetSpec | None = Field(None, description="The error that the grid is to reach, in place of `grid`.")
     boundary: Literal["trace", "equidistributed_1d", "orthogonal"] = Field(
         "trace", description="How points move along the sides; equidistributed_1d is the paper's."
     )
@@ -95,12 +109,22 @@ class CheckedSpec:
     def is_quick(self) -> bool:
         """Whether the solver checks it within milliseconds: it evaluates a formula at many points."""
         quick = (ExpressionSource, GridSource)
-        return self.is_plain and all(isinstance(source, quick) for source in self.sources.values())
+        return (
+            self.is_plain
+            and self.spec.target is None
+            and all(isinstance(source, quick) for source in self.sources.values())
+        )
 
     @cached_property
     def monitor_digest(self) -> str:
-        """Equal for specs of the same monitor on the same domain; ids of samples are hashes of their content."""
-        return _digest([self.canonical["monitor"], self.canonical["domain"]])
+        """Equal for specs of the same monitor on the same domain; ids of samples are hashes of their content.
+
+        A target is checked with its monitor, on the boundary and the cells of the spec.
+        """
+        parts = [self.canonical["monitor"], self.canonical["domain"]]
+        if self.spec.target is not None:
+            parts += [self.canonical[name] for name in ("target", "boundary", "cells")]
+        return _digest(parts)
 
     @cached_property
     def points_digest(self) -> str:
@@ -108,6 +132,13 @@ class CheckedSpec:
         measured = isinstance(self.spec.monitor, AutoSpec | LeastErrorSpec)
         other = ("label",) if measured else ("label", "cells")
         return _digest({key: value for key, value in self.canonical.items() if key not in other})
+
+    def with_limit(self, max_points: int) -> CheckedSpec:
+        """The spec whose target, if it has one, says how many points its grid may have on this service."""
+        target = self.canonical["target"]
+        if target is None or target["max_points"] is not None:
+            return self
+        return replace(self, canonical={**self.canonical, "target": {**target, "max_points": max_points}})
 
     def with_upload(self, samples_id: str) -> CheckedSpec:
         """The spec that names stored samples in place of the uploaded ones."""
@@ -127,6 +158,12 @@ class ExpressionCheck(Strict):
 def read_spec(document: Any) -> CheckedSpec:
     """The spec in a parsed JSON document; raises a 422 problem that lists what is wrong, with pointers."""
     spec = validate(MeshSpec, document)
+    if spec.target is not None:
+        if document.get("grid") is not None:
+            raise problem_at("/target", "a target takes the place of the grid: give one of them")
+        spec = spec.model_copy(update={"grid": None})
+    elif spec.grid is None:
+        spec = spec.model_copy(update={"grid": GridSpec()})
     return CheckedSpec(spec, dict(sources_of(spec.monitor)), spec.model_dump(mode="json"))
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import isqrt
 from typing import Any
 
 from equimesh_service.files.port import Publish, publish_nothing
@@ -42,9 +43,17 @@ class NewMesh:
     fingerprint: str | None = None  # equal for meshes of the same points
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Its points along xi and eta; with a target those of the largest square grid that it may take."""
+        if self.spec.get("target") is not None:
+            side = isqrt(int(self.spec["target"]["max_points"]))
+            return side, side
+        return int(self.spec["grid"]["n_xi"]), int(self.spec["grid"]["n_eta"])
+
+    @property
     def points(self) -> int:
         """The number of its points."""
-        return int(self.spec["grid"]["n_xi"]) * int(self.spec["grid"]["n_eta"])
+        return self.shape[0] * self.shape[1]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -78,7 +78,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
                 raise Problem("not-found", "The mesh is gone.")
             mesh = load_npz(source(MESH)).mesh
             problem = build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
-            uniform = map_mesh(equimesh.Mesh.uniform(problem.grid), problem.domain)
+            uniform = map_mesh(equimesh.Mesh.uniform(mesh.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
 
-from equimesh import Descent, Event, Iteration, Schwarz
+from equimesh import Descent, Event, Grid, Iteration, Schwarz
 from equimesh.inputs import finite_or_none
 from equimesh_service.errors import AttemptLostError
 
@@ -21,6 +21,8 @@ WRITING = "writing"
 _START_SHARE = 0.1
 # The share of the solve in the whole work; the rest is the writing.
 _SOLVE_SHARE = 0.95
+# The shares of the solve at which the first, second, ... grid of a target begins; the last number is the end.
+_GRID_SHARES = (0.0, 0.1, 0.8, 0.9, 1.0)
 # The usual number of Newton steps on a grid.
 _USUAL_NEWTON_STEPS = 8.0
 # The error of a nested start is a few times the error of the grid, and the iteration ends at a fifth of that error.
@@ -39,9 +41,22 @@ class Reporter:
     send: Callable[[Mapping[str, Any]], bool]
     interval: float = 0.05
     _fraction: float = 0.0
+    _grids: int = 0
     _first_change: float = math.nan
     _has_reported: bool = False
     _last: float = field(default_factory=lambda: monotonic())
+
+    def begin_grid(self, grid: Grid) -> None:  # noqa: ARG002 - as solve_to calls it
+        """Note that a target begins to solve a further grid: each has its share of the whole work."""
+        self._grids += 1
+
+    def _solve_fraction(self, done: float) -> float:
+        """The part of the whole work that is done, of a share of the solve of the current grid."""
+        if not self._grids:
+            return _SOLVE_SHARE * done
+        number = min(self._grids, len(_GRID_SHARES) - 1)
+        begin, end = _GRID_SHARES[number - 1 : number + 1]
+        return _SOLVE_SHARE * (begin + (end - begin) * done)
 
     def __call__(self, event: Event) -> None:
         """Report an event of the solver."""
@@ -57,13 +72,14 @@ class Reporter:
         place: dict[str, Any] = {"level": event.level, "levels": event.levels, "grid": points}
         if isinstance(event, Descent):
             done = (event.level + event.step / event.steps) / event.levels
-            self._fraction = max(self._fraction, _SOLVE_SHARE * done)
+            self._fraction = max(self._fraction, self._solve_fraction(done))
             numbers: dict[str, Any] = {"error": event.error, "gain": event.gain, "min_jacobian": event.min_jacobian}
             self.report(LEAST_ERROR, event.step, None, {**place, **numbers})
             return
         done = (event.level + min(event.step / _USUAL_NEWTON_STEPS, 1.0)) / event.levels
-        share = _START_SHARE if self.schwarz is not None else _SOLVE_SHARE
-        self._fraction = max(self._fraction, share * done)
+        self._fraction = max(
+            self._fraction, _START_SHARE * done if self.schwarz is not None else self._solve_fraction(done)
+        )
         stage = SINGLE_DOMAIN if self.schwarz is None else START
         self.report(stage, event.step, event.residual, place)
 

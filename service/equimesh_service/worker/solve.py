@@ -17,7 +17,7 @@ from equimesh.fields.mesh_map import reference_of
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
 from equimesh.specs.spec import BuiltSpec
-from equimesh_service.assembly.problem import SamplesOf, build
+from equimesh_service.assembly.problem import SamplesOf, build, translate_errors
 from equimesh_service.errors import AttemptLostError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
@@ -134,7 +134,7 @@ def _solve(job: Job) -> Ending | None:
     solved = time.perf_counter()
     reporter.writing()
     with tracing.span("write"), ExitStack() as stack:
-        output = Output(files, stack, in_threads=work.spec.problem.grid.points >= MIN_POINTS_FOR_THREADS)
+        output = Output(files, stack, in_threads=solution.problem.grid.points >= MIN_POINTS_FOR_THREADS)
         result = _write(work, solution, files, output)
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
@@ -154,7 +154,7 @@ def _solve(job: Job) -> Ending | None:
     return Ending(
         status=status,
         reason="" if failure is None else failure.name,
-        points=work.spec.problem.grid.points,
+        points=solution.problem.grid.points,
         solve_seconds=solved - began,
         files=tuple(artifacts),
     )
@@ -172,6 +172,22 @@ def _build(job: Job, store: Store, files: Files) -> _Work:
 
 def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution:
     spec, start = work.spec, work.start
+    if spec.target is not None:
+        problem = spec.problem
+        with translate_errors():
+            return equimesh.solve_to(
+                spec.target,
+                monitor=problem.monitor,
+                domain=problem.domain,
+                boundary=problem.boundary,
+                began=reporter.begin_grid,
+                initial=spec.initial,
+                mode=spec.mode,
+                allow_relaxed=spec.allow_relaxed,
+                threads=threads,
+                observe=reporter,
+                check=False,
+            )
     return equimesh.solve(
         spec.problem,
         spec.schwarz,
@@ -199,7 +215,10 @@ def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Outpu
             write = partial(write_mesh, data=data, format=requested, cells=cells)
             output.write(file_name(requested, cells), f".{requested}", write)
         quality = solution.quality.summary()
-    return {"solution": _summary(solution), "quality": quality, "certificate": solution.certificate.summary()}
+    result = {"solution": _summary(solution), "quality": quality, "certificate": solution.certificate.summary()}
+    if work.spec.target is None:
+        return result
+    return {**result, "grid": [*solution.problem.grid.shape]}
 
 
 def _start(mesh_input: MeshInput, files: Files) -> equimesh.Mesh | None:

@@ -30,14 +30,16 @@ MAX_POINTS = 1025 * 1025
 """Points, at most, of the grid, where no other limit is given."""
 ORDERS = {"l2": 2.0, "h1": 1.0}
 """The power of the spacing to which the error falls in each norm."""
-MARGIN = 1.02
-"""How many times smaller than requested an error is aimed at."""
+MARGINS = (1.02, 1.05, 1.12)
+"""How many times smaller than requested an error is aimed at: by the prediction, and by each correction."""
 LOOSE_SHARE = 0.8
 """A smaller share of the requested error means that a coarser grid may do."""
 MAX_CORRECTIONS = 2
 """Solves, at most, after the one on the predicted grid."""
 MEASURED_CELLS = 16
 """Cells a side of the uniform mesh whose lines are measured for the proportions."""
+NO_U = "a target is an error of interpolating u, and this monitor has no u: give it one"
+"""Why a target is refused for a monitor without u."""
 MAX_PROPORTION = 64.0
 """The largest ratio of the numbers of cells in the two directions."""
 
@@ -116,7 +118,7 @@ def solve_to(
         last = tried[-1]
         if last.error <= target.error and last.error >= LOOSE_SHARE * target.error:
             break
-        cells = search.next_cells(last)
+        cells = search.next_cells(last, MARGINS[min(len(tried), len(MARGINS)) - 1])
         if len(tried) > 1 + MAX_CORRECTIONS or target.grid(domain, cells) == last.grid:
             break
         if last.error <= target.error and target.grid(domain, cells).points > LOOSE_SHARE * last.grid.points:
@@ -172,12 +174,12 @@ class _Search:
         spacing = last.cells / _cells_of(self.target.grid(self.problem.domain, cells))
         return float(last.error * spacing ** ORDERS[self.target.norm])
 
-    def next_cells(self, last: _Tried) -> float:
+    def next_cells(self, last: _Tried, margin: float = MARGINS[0]) -> float:
         """Cells a side of the grid that the target needs; raises :class:`InputError` for one that is too large."""
         target, domain = self.target, self.problem.domain
         if not math.isfinite(last.error):
             raise InputError("the interpolation error of u is not finite on this domain", field="target.error")
-        needed = last.cells * (MARGIN * last.error / target.error) ** (1.0 / ORDERS[target.norm])
+        needed = float(last.cells * (margin * last.error / target.error) ** (1.0 / ORDERS[target.norm]))
         most = target.largest_cells(domain)
         if needed <= most:
             return max(needed, float(MIN_CELLS))
@@ -222,7 +224,5 @@ def _cells_of(grid: Grid) -> float:
 def _problem(target: Target, monitor: Monitor, domain: Domain, boundary: Boundary) -> Problem:
     """The problem on the first grid."""
     if monitor.u is None:
-        raise InputError(
-            "a target is an error of interpolating u, and this monitor has no u: give it one", field="target"
-        )
+        raise InputError(NO_U, field="target")
     return Problem(monitor=monitor, grid=target.grid(domain), boundary=boundary, domain=domain)

@@ -6,6 +6,7 @@ from equimesh.errors import InputError
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized, TransmissionCondition
 from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.solve import NO_SUBDOMAINS
+from equimesh.solving.target import MAX_POINTS, Target
 from equimesh.specs.document import (
     ByKind,
     Record,
@@ -15,6 +16,7 @@ from equimesh.specs.document import (
     mapping,
     number,
     optional,
+    whole,
     within,
 )
 from equimesh.specs.domains import GRID
@@ -23,6 +25,11 @@ from equimesh.specs.domains import GRID
 def _pair(value: object, path: str) -> object:  # noqa: ARG001 - a reader
     """A list of JSON as a tuple; the settings check the rest."""
     return tuple(value) if isinstance(value, list) else value
+
+
+def _limit(value: object, path: str) -> int:
+    """A number of points; null stands for the default."""
+    return MAX_POINTS if value is None else whole(value, path)
 
 
 TRANSMISSION: ByKind[TransmissionCondition] = ByKind(
@@ -50,6 +57,10 @@ _SETTINGS = Record(
     },
 )
 SCHWARZ = optional(_SETTINGS)
+TARGET = Record(Target, {"norm": as_given, "error": number, "max_points": _limit})
+NO_TARGET = (
+    "the subdomains of a Schwarz iteration are parts of a grid that is known: give a grid in place of the target"
+)
 
 
 def build_schwarz(document: object) -> Schwarz | None:
@@ -65,7 +76,9 @@ def build_schwarz(document: object) -> Schwarz | None:
     monitor = given.get("monitor")
     if isinstance(monitor, Mapping) and monitor.get("kind") == "least_error":
         raise InputError(NO_SUBDOMAINS, field="schwarz")
-    grid = GRID(given.get("grid", {}), "grid")
+    if given.get("target") is not None:
+        raise InputError(NO_TARGET, field="target")
+    grid = GRID({} if given.get("grid") is None else given["grid"], "grid")
     with within("schwarz"):
         schwarz.decompose(grid)
     return schwarz

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.options import Initial
+from equimesh.solving.target import NO_U, Target
 from equimesh.specs.document import Reader, Record, as_given, flag, optional, text
 from equimesh.specs.domains import DOMAIN, GRID
 from equimesh.specs.monitors import build_monitor
-from equimesh.specs.schwarz import SCHWARZ, build_schwarz
+from equimesh.specs.schwarz import SCHWARZ, TARGET, build_schwarz
 from equimesh.specs.sources import FindSamples, no_samples, samples_in
 
 
@@ -30,11 +31,13 @@ from equimesh.specs.sources import FindSamples, no_samples, samples_in
 class BuiltSpec:
     """The contents of a document: the arguments of :func:`equimesh.solve`, and the ``cells`` of the file.
 
-    ``schwarz`` is None for a single domain. ``label`` is free text of the sender.
+    ``schwarz`` is None for a single domain. ``target`` is None where the document has a grid; otherwise it goes to
+    :func:`equimesh.solve_to`, and ``problem`` has the first grid. ``label`` is free text of the sender.
     """
 
     problem: Problem
     schwarz: Schwarz | None
+    target: Target | None
     initial: Initial
     mode: Mode
     allow_relaxed: bool
@@ -52,13 +55,19 @@ def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -
     is the path of the fault in the document, e.g. ``"monitor.u.expression"`` or ``"schwarz.overlap"``.
     """
     parts = _PARTS(document)
+    if parts.target is not None and parts.grid is not None:
+        raise InputError("a target takes the place of the grid: give one of them", field="target")
     schwarz = build_schwarz(document)
     monitor = build_monitor(parts.monitor, parts.domain, find_samples, cells=parts.cells)
     if schwarz is not None:
         require_lines(monitor)
+    if parts.target is not None and monitor.u is None:
+        raise InputError(NO_U, field="target")
+    grid = parts.grid or (GRID.make() if parts.target is None else parts.target.grid(parts.domain))
     return BuiltSpec(
-        problem=Problem(monitor=monitor, grid=parts.grid, boundary=parts.boundary, domain=parts.domain),
+        problem=Problem(monitor=monitor, grid=grid, boundary=parts.boundary, domain=parts.domain),
         schwarz=schwarz,
+        target=parts.target,
         initial=parts.initial,
         mode=parts.mode,
         allow_relaxed=parts.allow_relaxed,
@@ -87,7 +96,8 @@ class _Parts:
 
     monitor: object
     domain: Domain = UNIT_SQUARE
-    grid: Grid = field(default_factory=GRID.make)
+    grid: Grid | None = None
+    target: Target | None = None
     boundary: Boundary = Boundary.TRACE
     initial: Initial = Initial.NESTED
     schwarz: Schwarz | None = None
@@ -113,7 +123,8 @@ _PARTS = Record(
     {
         "monitor": as_given,
         "domain": DOMAIN,
-        "grid": GRID,
+        "grid": optional(GRID),
+        "target": optional(TARGET),
         "boundary": _word_of(Boundary),
         "initial": _word_of(Initial),
         "schwarz": SCHWARZ,

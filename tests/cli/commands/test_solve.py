@@ -66,6 +66,18 @@ def test_solve_minimises_the_error(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "interpolation gain" in out
 
 
+def test_solve_takes_the_grid_of_a_requested_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    path = tmp_path / "m.npz"
+    words = "--target-error 2e-3 --monitor least-error --threads 1 --json"
+    assert main(["solve", "tanh(9*(x-y))", *words.split(), "-o", str(path)]) == 0
+    told = json.loads(capsys.readouterr().out)["certificate"]["target"]
+    assert told["reached"] <= told["error"] == 2e-3
+    assert list(np.load(path)["x"].shape) == told["grid"]
+    assert main(["solve", "tanh(9*(x-y))", "--target-error", "1e-12"]) == 2
+    assert "the largest allowed grid, 1025 x 1025, would give about" in capsys.readouterr().err
+
+
 def test_the_line_of_progress_tells_the_gain_of_a_descent() -> None:
     pytest.importorskip("scipy")
     import equimesh

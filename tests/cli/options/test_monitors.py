@@ -45,6 +45,10 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
         "distortion": 0.2,
         "smoothness": 0.3,
     }
+    assert generate("x", "--target-error", "1e-4", "--target-norm", "h1")[0] == 0
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["target"] == {"norm": "h1", "error": 1e-4, "max_points": None}
+    assert "grid" not in sent
     assert generate("x", "--norm", "h1")[0] == 0
     sent = json.loads(service.seen("POST", "meshes")[-1].body)
     assert sent["monitor"] == {"kind": "auto", "u": {"expression": "x"}, "norm": "h1"}

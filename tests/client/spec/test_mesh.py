@@ -7,7 +7,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import pytest
 
-from equimesh_client import BadArgument
+from equimesh_client import BadArgument, Target
 from equimesh_client.spec.mesh import DEFAULTS, MeshOptions, mesh_spec, points_per_side
 
 
@@ -61,3 +61,12 @@ def test_n_is_a_number_or_a_pair(n: Any) -> None:
 def test_n_may_come_from_numpy() -> None:
     assert points_per_side(np.int64(5)) == (5, 5)
     assert points_per_side((np.int32(5), 6)) == (5, 6)
+
+
+def test_a_target_takes_the_place_of_the_grid() -> None:
+    spec = mesh_spec({}, 64, {"target": Target(error=1e-4, norm="h1")})
+    assert "grid" not in spec
+    assert spec["target"] == {"norm": "h1", "error": 1e-4, "max_points": None}
+    assert mesh_spec({}, 64, {"target": {"error": 1}})["target"] == {"error": 1}
+    with pytest.raises(BadArgument, match="takes the place of n"):
+        mesh_spec({}, 65, {"target": Target(error=1e-4)})

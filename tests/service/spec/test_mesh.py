@@ -56,3 +56,58 @@ def test_all_complaints_come_at_once(http: httpx.Client) -> None:
         json={"monitor": {"kind": "arc_length", "u": {"expression": "x"}, "a": "1"}, "cells": "hex", "n": 1},
     )
     assert [entry["pointer"] for entry in answer.json()["errors"]] == ["/monitor/a", "/cells", "/n"]
+
+
+AIMED = {"monitor": {"u": "tanh(9*(x - y))"}}
+TARGETS: dict[str, Refusal] = {
+    "both": (
+        {**AIMED, "grid": {"n_xi": 9, "n_eta": 9}, "target": {"error": 1}},
+        "/target",
+        "takes the place of the grid",
+        None,
+    ),
+    "no error": ({**AIMED, "target": {}}, "/target/error", "required", None),
+    "error of zero": ({**AIMED, "target": {"error": 0}}, "/target/error", "positive", None),
+    "other norm": ({**AIMED, "target": {"error": 1, "norm": "max"}}, "/target/norm", "'l2' or 'h1'", None),
+    "few points": ({**AIMED, "target": {"error": 1, "max_points": 9}}, "/target/max_points", "at least 25", None),
+    "many points": ({**AIMED, "target": {"error": 1, "max_points": 10**9}}, "/target/max_points", "at most", None),
+    "no function": ({"monitor": {"kind": "weight", "rho": "1"}, "target": {"error": 1}}, "/target", "has no u", None),
+    "subdomains": ({**AIMED, "schwarz": {}, "target": {"error": 1}}, "/target", "a grid that is known", None),
+    "out of reach": (
+        {**AIMED, "target": {"error": 1e-9, "max_points": 900}},
+        "/target/error",
+        "the largest allowed grid, 30 x 30, would give about",
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_target_that_cannot_be_reached_or_used_is_refused(http: httpx.Client, name: str) -> None:
+    expect_refusal(http, TARGETS[name])
+
+
+def test_a_target_takes_the_grid_that_it_needs(http: httpx.Client) -> None:
+    spec = {**AIMED, "target": {"norm": "l2", "error": 2e-3, "max_points": 5000}}
+    mesh = solved(http, spec)
+    told = mesh["certificate"]["target"]
+    assert told["error"] == 2e-3
+    assert told["reached"] <= 2e-3
+    assert [mesh["grid"]["n_xi"], mesh["grid"]["n_eta"]] == told["grid"]
+    assert list(arrays(http, mesh)["x"].shape) == told["grid"]
+    error = mesh["quality"]["interpolation_error"]["l2"]
+    assert error == told["reached"]
+    canonical = http.get(mesh["links"]["spec"]).json()
+    assert canonical["target"] == spec["target"]
+    assert canonical["grid"] is None
+    again = solved(http, canonical)
+    assert again["grid"] == mesh["grid"]
+    assert again["certificate"]["target"] == told
+    cells = http.get(mesh["links"]["quality"], params={"arrays": True}).json()["q_eq"]["cells"]
+    assert [len(cells) + 1, len(cells[0]) + 1] == told["grid"]
+
+
+def test_a_target_counts_as_the_largest_grid_that_it_may_take() -> None:
+    spec = {"grid": None, "target": {"norm": "l2", "error": 1e-3, "max_points": 5000}}
+    assert NewMesh(id="m", spec=spec).points == 70 * 70
+    assert NewMesh(id="m", spec={"grid": {"n_xi": 3, "n_eta": 5}, "target": None}).points == 15

@@ -64,6 +64,24 @@ def test_a_descent_tells_its_grid_its_error_and_its_gain() -> None:
         assert (row["error"], row["gain"]) == (record["error"], record["gain"])
 
 
+def test_every_grid_of_a_target_has_its_share() -> None:
+    told: list[Mapping[str, Any]] = []
+    reporter = Reporter(None, lambda row: told.append(row) is None, interval=0.0)
+    ends = []
+
+    def began(grid: equimesh.Grid) -> None:
+        ends.append(told[-1]["fraction"] if told else 0.0)
+        reporter.begin_grid(grid)
+
+    target = equimesh.Target(error=2e-4)
+    equimesh.solve_to(target, monitor=equimesh.LeastError(u=U), began=began, observe=reporter, threads=1)
+    fractions = [row["fraction"] for row in told]
+    assert fractions == sorted(fractions)
+    assert ends[0] == 0.0
+    assert 0.05 < ends[1] <= 0.095
+    assert fractions[-1] > 0.5
+
+
 def test_nothing_is_told_of_a_solve_that_is_over_in_no_time() -> None:
     assert told_by(equimesh.Schwarz(overlap=2), interval=3600.0) == []
 
