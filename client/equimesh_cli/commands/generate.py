@@ -69,10 +69,12 @@ def run(options: argparse.Namespace) -> int:
             print(f"mesh {mesh.id} of {client.url}")
             if mesh.reused_from is not None:
                 print(f"computed earlier, as mesh {mesh.reused_from}; --no-reuse computes it again")
-            grid = mesh.record["grid"]
-            print(f"{grid['n_xi']} x {grid['n_eta']} points: {mesh.record['convergence']['message']}")
-            if mesh.certificate is not None:
-                print(mesh.certificate)
+            certificate = mesh.certificate
+            aim = None if certificate is None else certificate.target
+            n_xi, n_eta = points_of(options) if aim is None else aim.grid
+            print(f"{n_xi} x {n_eta} points: {mesh.record['convergence']['message']}")
+            if certificate is not None:
+                print(certificate)
             print(mesh.quality)
             if options.subdomains is not None:
                 print(f"\n{mesh.convergence}")

@@ -8,7 +8,9 @@ import httpx
 import numpy as np
 import pytest
 
+from equimesh_service.store.rows import NewMesh
 from service.conftest import small
+from service.requests import arrays, solved
 from service.spec.bad_specs import (
     Refusal,
     expect_refusal,

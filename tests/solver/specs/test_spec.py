@@ -50,6 +50,7 @@ def test_a_document_becomes_the_arguments_of_a_solve() -> None:
     built = build(SPEC)
     assert built == BuiltSpec(
         problem=problem,
+        target=None,
         schwarz=Schwarz(subdomains=(1, 2), overlap=2),
         initial=Initial.UNIFORM,
         mode=Mode.TIGHT,
