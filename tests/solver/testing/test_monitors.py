@@ -26,6 +26,9 @@ MONITORS: dict[str, em.Monitor] = {
     "tensor": em.Tensor(m11=em.Expression("2 + x**2"), m12=em.Expression("sin(x*y)"), m22=em.Expression("3")),
     "intersection": em.Intersection(monitors=(ARC, em.Curvature(u=WAVE))),
     "smoothed": em.Smoothed(monitor=ARC, radius=0.04),
+    "least error": em.LeastError(u=STEEP),
+    "least error h1 of samples": em.LeastError(u=SAMPLES, norm="h1"),
+    "auto": em.Auto(u=STEEP),
     "weakened": em.Curvature(u=WAVE).weakened(0.3),
 }
 
