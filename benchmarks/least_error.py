@@ -42,7 +42,8 @@ INTRODUCTION = f"""\
 `benchmarks/least_error.py --write` measures all of this and writes this section. The errors are those of the bilinear
 interpolant, or of the linear one on triangles, by {measured.GAUSS_POINTS} x {measured.GAUSS_POINTS} Gauss points in a
 cell, with code that the solver does not use. A *gain* is the error on the uniform mesh over that on the adapted one.
-CPU time is that of one thread, after a solve that loads the kernels.
+CPU time is that of one thread, after a solve that loads the kernels. The functions are in
+`benchmarks/least_error_goals.py`.
 """
 TEXTS = {
     "gains": "The L2 gain on {n} x {n} points. The first number is the gain; the goals are for {goal} x {goal} points.",
