@@ -6,6 +6,7 @@ Where the shares of a density do not become equal, the map is that of a weaker d
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.fft import dctn, idctn
@@ -43,7 +44,7 @@ def _climb(monitor: Monitor, domain: Domain, grid: Grid) -> Iterator[Step]:
     grids = _grids(grid)
     phi, strength = np.zeros(tuple(n - 1 for n in grids[0].shape)), 1.0
     if not density.is_finite:
-        yield _step(0, [grid], Mesh.uniform(grid), failed=True)
+        yield replace(_step(0, [grid], Mesh.uniform(grid)), failed=True)
         return
     for level, here in enumerate(grids):
         table, phi = density.on(here), _lifted(phi, here)
@@ -62,9 +63,9 @@ def _climb(monitor: Monitor, domain: Domain, grid: Grid) -> Iterator[Step]:
                 break
             strength *= WEAKENING
             if strength < MIN_STRENGTH:
-                yield _step(level, grids, Mesh.uniform(grid), count, deviation, 0.0, failed=True)
+                yield replace(_step(level, grids, Mesh.uniform(grid), count, deviation, 0.0), failed=True)
                 return
-        yield _step(level, grids, _mesh(placed), count - 1, deviation, strength, converged=True)
+        yield replace(_step(level, grids, _mesh(placed), count - 1, deviation, strength), converged=True)
 
 
 def _step(
@@ -74,9 +75,6 @@ def _step(
     count: int = 0,
     deviation: float = np.nan,
     strength: float = 1.0,
-    *,
-    converged: bool = False,
-    failed: bool = False,
 ) -> Step:
     return Step(
         level=level,
@@ -86,8 +84,6 @@ def _step(
         residual=deviation,
         mesh=mesh,
         relaxation=Relaxation(strength=strength),
-        converged=converged,
-        failed=failed,
     )
 
 
