@@ -81,12 +81,12 @@ class Pieces:
 
 def _block_errors(u: Field, corners: Array, values: Array, result: Array) -> None:
     gauss, n = CellPoints.gauss(GAUSS_POINTS), corners.shape[1]
-    inner, outer = np.empty((7, gauss.s.size, n)), np.empty((7, RIM.s.size, n))
-    map_cells(corners, gauss.s, gauss.t, inner)
-    map_cells(corners, RIM.s, RIM.t, outer)
-    at = CellMap(*inner)
-    there, u_x, u_y = u.evaluate(at.x, at.y, order=1)
-    (rim,) = u.evaluate(outer[0], outer[1])
+    count = gauss.s.size
+    out = np.empty((7, count + RIM.s.size, n))
+    map_cells(corners, np.concatenate([gauss.s, RIM.s]), np.concatenate([gauss.t, RIM.t]), out)
+    everywhere, u_x, u_y = u.evaluate(out[0], out[1], order=1)
+    at, there, rim = CellMap(*out[:, :count]), everywhere[:count], everywhere[count:]
+    u_x, u_y = u_x[:count], u_y[:count]
     sums, mean = np.zeros((2, n)), np.zeros((2, n))
     add_values(values, there, gauss, at.det, sums[0], np.zeros(n))
     add_gradients(values, (u_x, u_y), gauss, at, sums[1], mean)
