@@ -71,6 +71,7 @@ def descend(objective: Objective, mesh: Array, steps: int, min_decrease: float) 
 
     Ends early where a step lowers the objective by less than ``min_decrease`` in the mean of the last ``PATIENCE``, or
     not at all. Yields nothing where the objective cannot be evaluated at ``mesh``: u is then interpolated exactly.
+    Triangles are cut anew with every preconditioner; the objective can rise there.
     """
     now, history = objective.evaluate(mesh), History(mesh.size, max(1, min(PAIRS, steps)))
     if now is None:
@@ -80,6 +81,8 @@ def descend(objective: Objective, mesh: Array, steps: int, min_decrease: float) 
     blocks, values = now.blocks, [now.value]
     for step in range(steps):
         if step % STEPS_A_PRECONDITIONER == 0:
+            if step > 0 and objective.cut(mesh):
+                now = objective.evaluate(mesh) or now
             blocks = now.blocks
         found = search(objective, mesh, now, history.direction(now.gradient, blocks), floor)
         if found is None and not history.is_empty:

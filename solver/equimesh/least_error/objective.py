@@ -96,10 +96,15 @@ class Objective:
             noise *= 10.0 * math.sqrt(self.cells.count / self._domain.area)
         return noise if math.isfinite(noise) else math.inf
 
-    def cut(self, mesh: Array) -> None:
-        """From now on measure on the triangles into which ``mesh`` is best cut, if the rule is one for triangles."""
-        nodes = self.nodes(mesh)
-        self._elements = self._rule.elements(self.cells.count, nodes)
+    def cut(self, mesh: Array) -> bool:
+        """From now on measure on the triangles into which ``mesh`` is best cut, if the rule is one for triangles.
+
+        Whether these are others than before.
+        """
+        if self._rule.cells == "quad":
+            return False
+        before, self._elements = self._elements, self._rule.elements(self.cells.count, self.nodes(mesh))
+        return not np.array_equal(before, self._elements)
 
     def smallest_share(self, mesh: Array) -> float:
         """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""

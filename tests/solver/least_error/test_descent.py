@@ -8,6 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error import descent
 from equimesh.least_error.descent import History, descend, search
+from equimesh.least_error.elements import Rule
 from equimesh.least_error.objective import Weights
 from solver.least_error.bent import DOMAINS, bent, objective_on, uniform
 
@@ -100,3 +101,14 @@ def test_the_history_keeps_the_last_pairs_of_positive_curvature() -> None:
     history.clear()
     assert history.is_empty
     assert np.array_equal(history.direction(gradient, blocks), gradient / 2)
+
+
+def test_triangles_are_cut_anew_on_the_way() -> None:
+    grid = em.Grid(n_xi=17, n_eta=17)
+    objective = objective_on(grid, FRONT, rule=Rule(cells="triangle"), weights=LOOSE)
+    objective.cut(uniform(grid))
+    for mesh, _ in descend(objective, uniform(grid), 25, LITTLE):
+        assert objective.smallest_share(mesh) > 0.0
+    last = objective.error(mesh)
+    assert objective_on(grid, FRONT, rule=Rule(cells="triangle")).error(mesh) != last
+    assert last < 0.7 * objective_on(grid, FRONT, rule=Rule(cells="triangle")).error(uniform(grid))

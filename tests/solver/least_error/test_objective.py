@@ -159,8 +159,10 @@ def test_triangles_are_cut_anew_on_request() -> None:
     mesh, u = bent(GRID, 12, share=0.45), em.Expression("x*y + x**2")
     objective = objective_on(GRID, u, CURVED, rule=Rule(cells="triangle"), weights=WEIGHTS)
     first = objective.error(mesh)
-    objective.cut(mesh)
+    assert objective.cut(mesh)
+    assert not objective.cut(mesh)
     assert abs(objective.error(mesh) / first - 1.0) > 1e-3
+    assert not objective_on(GRID, u, CURVED).cut(mesh)
 
 
 @pytest.mark.parametrize("points", [30, 10_000])
