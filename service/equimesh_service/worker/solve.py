@@ -75,6 +75,7 @@ def warm_up() -> None:
         (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
         (curved, 33, equimesh.Rectangle(), None),
+        (equimesh.Weight(rho=weight.rho, map="gradient"), 33, equimesh.Rectangle(), None),
         (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, equimesh.Rectangle(), None),  # relaxed
         (equimesh.Auto(u=u), 33, equimesh.Rectangle(), None),
         *((least, 17, domain, None) for least in _least_errors(u) for domain in (equimesh.Rectangle(), ring)),
@@ -84,7 +85,7 @@ def warm_up() -> None:
         problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
         solution = equimesh.solve(problem, settings, threads=1, check=False)
         if points < 100:
-            solution.data(), solution.certificate
+            solution.data(), solution.certificate, solution.quality
         problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
     with TemporaryDirectory() as folder:
         write_mesh(Path(folder) / "mesh.vtu", solution.data())

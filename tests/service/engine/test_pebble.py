@@ -80,13 +80,27 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
 
 
 # Called by tests only, and by other kernels only.
-ELSEWHERE = {"_absolute", "at_piece", "holds", "largest_ratio", "piece", "slopes_at_piece", "walk", "within"}
+ELSEWHERE = {
+    "_absolute",
+    "add_corner",
+    "at_piece",
+    "buckets_per_length",
+    "gather",
+    "holds",
+    "largest_ratio",
+    "move_row",
+    "piece",
+    "slopes_at_piece",
+    "solve_blocks",
+    "walk",
+    "within",
+}
 COMPILED = """
 import importlib, pkgutil, equimesh
 from equimesh_service.worker.solve import warm_up
 warm_up()
-for found in pkgutil.iter_modules(equimesh.__path__):
-    module = importlib.import_module(f"equimesh.{found.name}")
+for found in pkgutil.walk_packages(equimesh.__path__, "equimesh."):
+    module = importlib.import_module(found.name)
     for name, value in vars(module).items():
         if hasattr(value, "nopython_signatures") and not value.nopython_signatures:
             print(name)
