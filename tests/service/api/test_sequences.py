@@ -217,3 +217,18 @@ def test_a_sequence_outlives_the_service_and_ends_with_its_time(tmp_path: Path, 
         body = packed(step=0, u=front(mesh["x"], mesh["y"], 0.02))
         answer = http.post(sequence["links"]["steps"], content=body, headers=NPZ)
         assert answer.status_code == (410 if retired else 201), answer.text
+
+
+@pytest.mark.parametrize("kind", ["least_error", "auto"])
+def test_a_sequence_of_least_error_starts_from_the_mesh_before(http: httpx.Client, kind: str) -> None:
+    spec = {"monitor": {"kind": kind, "u": "tanh(20*(x - 0.4))"}, "grid": {"n_xi": 17, "n_eta": 9}}
+    sequence, _ = begin(http, **spec)
+    made = http.post(sequence["links"]["steps"], json={"step": 0, "u": "tanh(20*(x - 0.45))"}, headers=WAIT)
+    assert made.status_code == 201, made.text
+    mesh = made.json()["mesh"]
+    assert mesh["certificate"]["status"] == "completed"
+    assert mesh["certificate"]["interpolation_gain"]["l2"] > 1.0
+    steps = http.get(mesh["links"]["convergence"]).json()["descent"]
+    assert steps[-1]["start"] == "given"
+    refused = http.post(made.json()["links"]["steps"], json={"step": 1, "u": "tanh(20*(x - "})
+    assert refused.json()["errors"][0]["pointer"] == "/u"
