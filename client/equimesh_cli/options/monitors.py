@@ -26,12 +26,17 @@ ALLOWED = {
 SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
 
 
+def _dashed(word: str) -> str:
+    """A kind of monitor as it is spelled here; ``least_error`` of a spec is understood, too."""
+    return word.replace("_", "-")
+
+
 def add_monitor_options(parser: argparse.ArgumentParser) -> None:
     """Add the monitor and its settings."""
     group = parser.add_argument_group(
         "monitor", "R, M11, M12 and M22 are expressions, with the values of --parameter and --t, or files of samples"
     )
-    group.add_argument("--monitor", choices=tuple(ALLOWED), default="auto", help="(auto)")
+    group.add_argument("--monitor", type=_dashed, choices=tuple(ALLOWED), default="auto", help="(auto)")
     group.add_argument(
         "--norm", choices=("l2", "h1"), help="auto, least-error, curvature: the error to be made small (l2)"
     )

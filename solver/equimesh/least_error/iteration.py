@@ -14,7 +14,7 @@ import numpy as np
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.descent import descend
-from equimesh.least_error.elements import Rule
+from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.levels import Level, nested_levels
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.starts import product, rectilinear, resampled
@@ -177,7 +177,7 @@ class LeastErrorSolve:
 
     def _error(self, way: Way, level: Level, mesh: Array) -> float:
         """The error of a mesh on the grid of a level."""
-        objective = self._objective(level, way)
+        objective = self._objective(level, way, self._norm(level))
         objective.cut(mesh)
         return objective.error(mesh)
 
@@ -185,7 +185,7 @@ class LeastErrorSolve:
         """The ways that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
         uniform = Way.uniform(self.weights)
         yield uniform
-        objective = self._objective(level, uniform)
+        objective = self._objective(level, uniform, self._norm(level))
         best, least = None, objective.error(uniform.start(level.grid))
         if not least > objective.rounding:
             return
@@ -226,11 +226,14 @@ class LeastErrorSolve:
 
     def _descend(self, way: Way, level: Level, start: Array) -> Generator[Descent, None, Reached]:
         """Descent on one grid."""
-        objective = self._objective(level, way)
+        objective = self._objective(level, way, self._norm(level))
         objective.cut(start)
+        # Records are in the requested norm, also where another one leads the way.
+        is_other = self._norm(level) != self.monitor.norm
+        measured = self._objective(level, way, self.monitor.norm) if is_other else objective
         uniform_error = None
         if level.grid.points <= MAX_GAIN_POINTS:
-            uniform_error = objective.error(coordinates_of(Mesh.uniform(level.grid)))
+            uniform_error = measured.error(coordinates_of(Mesh.uniform(level.grid)))
 
         steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
 
@@ -252,15 +255,18 @@ class LeastErrorSolve:
 
         mesh, last = start, None
         for step, (mesh, now) in enumerate(descend(objective, start, steps, MIN_DECREASE / self.effort)):
-            last = record(step, mesh, now.error, now.distortion)
+            last = record(step, mesh, measured.error(mesh) if is_other else now.error, now.distortion)
             yield last
         if last is None:
-            last = record(0, start, objective.error(start), 0.0)
+            last = record(0, start, measured.error(start), 0.0)
             yield last
         return Reached(way=way, level=level, mesh=mesh, record=last)
 
-    def _objective(self, level: Level, way: Way) -> Objective:
-        norm = "l2" if level.grid.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
+    def _norm(self, level: Level) -> Norm:
+        """The norm of the error that the descent on a grid lowers."""
+        return "l2" if level.grid.points <= MAX_VALUE_POINTS and not level.is_finest else self.monitor.norm
+
+    def _objective(self, level: Level, way: Way, norm: Norm) -> Objective:
         points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
         # Cells that move far are cut the other way, which a descent on triangles does not see.
         cells = self.monitor.cells if level.is_finest else "quad"

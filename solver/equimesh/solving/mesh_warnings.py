@@ -8,6 +8,7 @@ from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_residual
 from equimesh.fields.field import Field
 from equimesh.fields.noise import noise_share
+from equimesh.fields.samples import GridSamples
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.quality.interpolation import InterpolationErrors
@@ -27,6 +28,10 @@ MAX_UNIFORM_ERROR_SHARE = 0.05
 MIN_VARIATION_SHARE = 1e-8
 # Noise of this share of the range of u deserves a warning: meshes then begin to follow it.
 MIN_NOISE_SHARE = 5e-4
+# Neighbouring samples that differ by more, as a share of the range of u, deserve a warning.
+MAX_SAMPLE_STEP_SHARE = 0.4
+# Cells with a smaller Jacobian, 1 for the uniform mesh, deserve a warning: solvers round there.
+MIN_SILENT_JACOBIAN = 1e-6
 # A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
 MAX_UNIFORM_MOVE = 0.01
 
@@ -46,8 +51,10 @@ def warnings(
     if errors is None or status is Status.FOLDED:
         return
     yield from _about_noise(problem.monitor.u)
+    yield from _about_jumps(problem.monitor.u)
     yield from _about_resolution(errors)
     if status.succeeded:
+        yield from _about_thin_cells(meshes[0], problem.domain.area)
         yield from _about_structure(problem, meshes, errors)
     yield from _about_gains(errors)
 
@@ -67,6 +74,31 @@ def _about_noise(u: Field | None) -> Iterator[str]:
         yield (
             f"The samples of u have noise of about {_percent(share)} of their range. The mesh follows the noise, and"
             " the gains are those of the noisy samples: smooth the samples before, or give u as an expression."
+        )
+
+
+def _about_jumps(u: Field | None) -> Iterator[str]:
+    """A jump between neighbouring samples: a mesh can resolve only the spline through them."""
+    if not isinstance(u, GridSamples):
+        return
+    size = float(np.ptp(u.values))
+    steps = [np.abs(np.diff(u.values, axis=axis)) for axis in (0, 1)]
+    axis = int(steps[1].max() > steps[0].max())
+    i, j = np.unravel_index(int(steps[axis].argmax()), steps[axis].shape)
+    if steps[axis][i, j] > MAX_SAMPLE_STEP_SHARE * size > 0.0:
+        yield (
+            f"The samples of u change by {_percent(float(steps[axis][i, j]) / size)} of their range between two"
+            f" neighbours near (x, y) = ({u.x[i]:.4g}, {u.y[j]:.4g}). The mesh and its gains are those of the spline"
+            " through the samples, not of u: send more samples there, or give u as an expression."
+        )
+
+
+def _about_thin_cells(mesh: Mesh, area: float) -> Iterator[str]:
+    smallest = mesh.min_jacobian / area
+    if 0.0 < smallest < MIN_SILENT_JACOBIAN:
+        yield (
+            f"The smallest Jacobian of a cell is {smallest:.1e} of that of the uniform mesh: u has a kink or a layer as"
+            " thin as that. Solvers lose digits in such cells; raise the smoothness or the radius of smoothing."
         )
 
 

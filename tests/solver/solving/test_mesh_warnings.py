@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import equimesh as em
@@ -109,3 +110,25 @@ def test_a_mesh_of_least_error_is_told_of_rounding_and_of_what_it_does_not_see()
     assert said(f"1e15 + {FRONT}", 17)[0].startswith("u counts as constant or linear")
     assert said("sin(64*pi*x)*sin(64*pi*y)", 65)[0].startswith("The mesh is uniform although u varies")
     assert said(FRONT, 33) == ()
+
+
+def test_a_jump_between_neighbouring_samples_is_named_with_its_place() -> None:
+    axis = np.linspace(0.0, 1.0, 65)
+    x, _ = np.meshgrid(axis, axis, indexing="ij")
+    jump = em.GridSamples(x=axis, y=axis, values=np.where(x > 0.5, 1.0, 0.0))
+    smooth = em.GridSamples(x=axis, y=axis, values=np.tanh(20 * (x - 0.5)))
+    found = {}
+    for name, u in {"jump": jump, "smooth": smooth}.items():
+        solution = em.solve(em.Problem(monitor=em.LeastError(u=u), grid=em.Grid(n_xi=17, n_eta=17)))
+        found[name] = [text for text in solution.certificate.warnings if "neighbours" in text]
+    assert not found["smooth"]
+    assert "100 %" in found["jump"][0]
+    assert "(0.5, 0)" in found["jump"][0]
+
+
+def test_cells_as_thin_as_a_kink_are_named() -> None:
+    problem = em.Problem(monitor=em.LeastError(u=em.Expression("abs(x - 0.37)")), grid=em.Grid(n_xi=17, n_eta=17))
+    warnings = em.solve(problem).certificate.warnings
+    assert any("smallest Jacobian" in text for text in warnings)
+    ordinary = em.Problem(monitor=em.LeastError(u=em.Expression("tanh(20*x)")), grid=em.Grid(n_xi=17, n_eta=17))
+    assert not any("smallest Jacobian" in text for text in em.solve(ordinary).certificate.warnings)
