@@ -40,8 +40,8 @@ SECTION = """
 
 Besides sweeps on the whole grid (all tables above) a mesh is found by descent on the measured error, or by a Schwarz
 iteration. The same functions with default settings, `benchmarks/robustness_ways.py`. Gains are the geometric means, and
-the smallest, over the functions; those that are not resolved are left out. A mesh for L2
-may have a gain below 1 in H1. A mesh for H1 has none below 1 in either norm.
+the smallest, over the functions; those that are not resolved are left out. A mesh for L2 may have a gain below 1 in H1.
+A mesh for H1 has none below 1 in either norm. CPU times are of a busy machine: some twice those of an idle one.
 """
 
 

@@ -11,7 +11,7 @@ from equimesh.least_error.elements import Norm
 from equimesh.numerics.types import Array
 
 MAX_PASSES = 8
-"""Passes of one-dimensional equidistribution; layers of a thousandth of the domain take 4 to 6."""
+"""Passes of one-dimensional equidistribution; layers of a thousandth of the domain are found within them."""
 MIN_CHANGE_CELLS = 0.05
 """Largest move of a line, in spacings, at which the passes end."""
 MAX_CROSSINGS = 33
