@@ -32,26 +32,26 @@ def report(name: str, solution: em.Solution) -> str:
 
 
 def draw(solutions: dict[str, em.Solution], path: Path) -> None:
-    """The uniform mesh and the others next to each other, over the colours of u."""
+    """The uniform mesh and the others next to each other, over the level lines of u."""
     first = next(iter(solutions.values()))
     meshes = {"uniform": em.Mesh.uniform(first.problem.grid)}
     meshes |= {
         f"{name}: error {solution.interpolation.gain_l2:.1f} times smaller": solution.mesh
         for name, solution in solutions.items()
     }
-    axis = np.linspace(0.0, 1.0, 257)
+    axis = np.linspace(0.0, 1.0, 129)
     (u,) = U.evaluate(*np.meshgrid(axis, axis))
-    with figure_file(path, 9.0, 9.4) as figure:
+    with figure_file(path, 6.4, 6.8) as figure:
         panels = figure.subplots(2, 2).ravel()
         for axes, (title, mesh) in zip(panels, meshes.items(), strict=True):
-            axes.imshow(u, origin="lower", extent=(0, 1, 0, 1), cmap="viridis", alpha=0.55)
+            axes.contour(axis, axis, u, levels=12, cmap="plasma", linewidths=1.0)
             lines = [
                 np.column_stack(q) for x, y in ((mesh.x, mesh.y), (mesh.x.T, mesh.y.T)) for q in zip(x, y, strict=True)
             ]
-            axes.add_collection(LineCollection(lines, colors="black", linewidths=0.4))
+            axes.add_collection(LineCollection(lines, colors="black", linewidths=0.35))
             axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=(), yticks=())
-            axes.set_title(title)
-    Image.open(path).convert("RGB").quantize(64).save(path, optimize=True)
+            axes.set_title(title, fontsize=8)
+    Image.open(path).convert("RGB").quantize(10).save(path, optimize=True)
 
 
 def main(output: Path) -> None:

@@ -15,10 +15,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import equimesh as em
-from equimesh_client import Client
+from equimesh_client import Client, Curvature
 
 N, STEPS, DT = 41, 10, 0.02
 FRONT = "tanh(30*(x - 0.4 - t - 0.05*sin(2*pi*y)))"
+SMOOTH = Curvature(u=FRONT, smoothing=0.02)  # values are taken from mesh to mesh by splines, which want smooth lines
 
 
 def front(x, y, t):
@@ -50,7 +51,7 @@ def main(url: str | None, output: Path) -> None:
 
             folder = stack.enter_context(TemporaryDirectory())
             url = stack.enter_context(running(Settings(port=0, workers=1, data_dir=folder, log_level="warning")))
-        sequence = stack.enter_context(Client(url)).sequences.start(FRONT, N)
+        sequence = stack.enter_context(Client(url)).sequences.start(n=N, monitor=SMOOTH)
         x, y = np.meshgrid(*[np.linspace(0, 1, N)] * 2, indexing="ij")
         u = front(x, y, 0.0)
         moving, shown = sequence.current, [sequence.current]

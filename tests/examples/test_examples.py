@@ -103,8 +103,8 @@ def test_a_pde_on_the_mesh_has_a_smaller_error_than_on_uniform_ones(run_alone: R
     pytest.importorskip("equimesh_service")
     said = run_alone("02")
     (adapted,), (uniform, finer) = rows(said, "adapted"), rows(said, "uniform")
-    assert uniform[0] / adapted[0] > 5  # L2
-    assert uniform[1] / adapted[1] > 2.2  # H1
+    assert uniform[0] / adapted[0] > 10  # L2
+    assert uniform[1] / adapted[1] > 6  # H1
     assert adapted[0] < finer[0]
     assert adapted[1] < finer[1]
     readme = (ROOT / "examples" / "README.md").read_text()
@@ -126,8 +126,8 @@ def test_a_mesh_that_follows_a_front_keeps_it_sharp(run_alone: Run, tmp_path: Pa
     pytest.importorskip("equimesh_service")
     errors = np.array([list(map(float, line.split())) for line in run_alone("15").splitlines() if line[:2] == "0."])
     assert errors.shape == (10, 3)
-    assert np.all(errors[:, 2] > 3.5 * errors[:, 1])
-    assert errors[-1, 1] < 1.3 * errors[0, 1]  # little is lost from mesh to mesh
+    assert np.all(errors[:, 2] > 8 * errors[:, 1])
+    assert errors[-1, 1] < 1.1 * errors[0, 1]  # little is lost from mesh to mesh
     check_picture(tmp_path / "moving-front.png")
 
 
@@ -212,11 +212,11 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
         check_kept(path)
 
 
-def test_curvature_interpolates_better_than_arc_length(three_monitors: tuple[str, Path]) -> None:
+def test_least_error_interpolates_best_and_arc_length_least(three_monitors: tuple[str, Path]) -> None:
     said, _ = three_monitors
-    gains = {name: rows(said, name)[0] for name in ("arc length", "curvature", "both")}
+    gains = {name: rows(said, name)[0] for name in ("arc length", "curvature", "least error")}
     assert gains["curvature"][0] > 2 * gains["arc length"][0] > 4
-    assert gains["arc length"][1] < gains["both"][1]
+    assert gains["least error"][0] > 1.3 * gains["curvature"][0]
 
 
 def test_the_default_iteration_converges_where_the_papers_kinds_hardly_do(run: Run, tmp_path: Path) -> None:

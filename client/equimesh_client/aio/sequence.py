@@ -52,7 +52,7 @@ class AsyncSequences:
 
     async def start(
         self,
-        u: object,
+        u: object = None,
         n: int | tuple[int, int] = 64,
         *,
         keep: int = 2,

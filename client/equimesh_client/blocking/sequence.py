@@ -60,7 +60,7 @@ class Sequences:
 
     def start(
         self,
-        u: object,
+        u: object = None,
         n: int | tuple[int, int] = 64,
         *,
         keep: int = 2,

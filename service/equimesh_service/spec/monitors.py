@@ -68,7 +68,7 @@ class LeastErrorSpec(Strict):
 class ArcLengthSpec(Strict):
     """The scaled arc length of Haynes and Howse: M = k grad u grad u^T + I."""
 
-    kind: Literal["arc_length"] = "arc_length"
+    kind: Literal["arc_length"]
     u: Source
     a: FiniteFloat = Field(0.7, description="Strength of the adaptation, in [0, 1]; 0 gives the uniform mesh.")
     b: FiniteFloat = Field(0.05, description="Damping where u is steep, not negative.")
@@ -78,6 +78,12 @@ class ArcLengthSpec(Strict):
         "of its area): the mesh does not depend on units. false is the formula of the paper for u as it is given.",
     )
     smoothing: _Smoothing = 0.0
+
+
+class ArcLengthMember(ArcLengthSpec):
+    """The arc length as a member of an intersection, where it is the kind that is not named."""
+
+    kind: Literal["arc_length"] = "arc_length"
 
 
 class CurvatureSpec(Strict):
@@ -116,7 +122,7 @@ class TensorSpec(Strict):
 
 
 PlainMonitor = Annotated[
-    Annotated[ArcLengthSpec, Tag(TAG + "arc_length")]
+    Annotated[ArcLengthMember, Tag(TAG + "arc_length")]
     | Annotated[CurvatureSpec, Tag(TAG + "curvature")]
     | Annotated[WeightSpec, Tag(TAG + "weight")]
     | Annotated[TensorSpec, Tag(TAG + "tensor")],

@@ -74,7 +74,8 @@ def test_every_key_of_the_spec_is_described(document: dict[str, Any]) -> None:
     assert {"MeshSpec", "SchwarzSpec", "GridValues", "ExpressionSource", "MeshEvents"} <= set(schemas)
     assert schemas["MeshSpec"]["additionalProperties"] is False
     assert list(schemas["MeshSpec"]["properties"]) == [
-        "monitor", "domain", "grid", "boundary", "initial", "schwarz", "mode", "allow_relaxed", "cells", "label",
+        "monitor", "domain", "grid", "target", "boundary", "initial", "schwarz", "mode", "allow_relaxed", "cells",
+        "label",
     ]  # fmt: skip
 
 
