@@ -14,8 +14,7 @@ from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
     import equimesh
-    from equimesh import Event, Solution, specs
-    from equimesh.solving.options import SolveArguments
+    from equimesh import Event, Solution
 
 BYTES_PER_POINT = 600
 """Memory of a solve and its quality measures, measured at 1025 x 1025 points."""
@@ -66,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     _check_memory(grid)
     try:
         with announce_compiling(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
-            solution = _solve(build(options), options, observer)
+            solution = build(options).solve(threads=options.threads, observe=observer)
             quality = solution.quality.summary()
     except em.SolveError as error:
         _report_failure(options, error.solution)
@@ -84,25 +83,6 @@ def run(options: argparse.Namespace) -> int:
         for file in files:
             print(f"wrote {file}")
     return Exit.DONE
-
-
-def _solve(spec: specs.BuiltSpec, options: argparse.Namespace, observer: Observer) -> Solution:
-    """The solution for the grid, or for the requested error."""
-    import equimesh as em
-
-    settings: SolveArguments = {
-        "initial": spec.initial,
-        "mode": spec.mode,
-        "allow_relaxed": spec.allow_relaxed,
-        "threads": options.threads,
-        "observe": observer,
-    }
-    problem = spec.problem
-    if spec.target is None:
-        return em.solve(problem, spec.schwarz, **settings)
-    return em.solve_to(
-        spec.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary, **settings
-    )
 
 
 def _report_failure(options: argparse.Namespace, solution: Solution) -> None:

@@ -172,33 +172,10 @@ def _build(job: Job, store: Store, files: Files) -> _Work:
 
 
 def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution:
-    spec, start = work.spec, work.start
-    if spec.target is not None:
-        problem = spec.problem
-        with translate_errors():
-            return equimesh.solve_to(
-                spec.target,
-                monitor=problem.monitor,
-                domain=problem.domain,
-                boundary=problem.boundary,
-                began=reporter.begin_grid,
-                initial=spec.initial,
-                mode=spec.mode,
-                allow_relaxed=spec.allow_relaxed,
-                threads=threads,
-                observe=reporter,
-                check=False,
-            )
-    return equimesh.solve(
-        spec.problem,
-        spec.schwarz,
-        initial=spec.initial if start is None else reference_of(start, spec.problem.domain),
-        mode=spec.mode,
-        allow_relaxed=spec.allow_relaxed,
-        threads=threads,
-        observe=reporter,
-        check=False,
-    )
+    spec = work.spec
+    start = None if work.start is None else reference_of(work.start, spec.problem.domain)
+    with translate_errors():
+        return spec.solve(start=start, began=reporter.begin_grid, threads=threads, observe=reporter, check=False)
 
 
 def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Output) -> dict[str, Any]:

@@ -110,8 +110,7 @@ class LeastErrorSolve:
             yield from self._continue(start, levels)
             return
         if coarse is None:
-            last = max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)
-            coarse = yield from self._coarse(levels[: last + 2], None, uniform_only=uniform_only)
+            coarse = yield from self._coarse(levels[: _compared(levels) + 2], None, uniform_only=uniform_only)
         elif coarse.level.is_finest:
             yield coarse.record
         yield from self._climb(coarse.way, levels[coarse.level.number + 1 :], coarse)
@@ -141,7 +140,7 @@ class LeastErrorSolve:
         self, levels: list[Level], start: Mesh | None, *, uniform_only: bool
     ) -> Generator[Descent, None, Reached]:
         """The descents from all starts, up to the last of the ``levels`` for the best of them."""
-        last = max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)
+        last = _compared(levels)
         coarse, fine = levels[: last + 1], levels[last + 1 :]
         reached = []
         if start is not None:
@@ -280,3 +279,8 @@ class LeastErrorSolve:
             rule,
             self.threads,
         )
+
+
+def _compared(levels: list[Level]) -> int:
+    """The number of the finest level up to which the descents from all starts run."""
+    return max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)

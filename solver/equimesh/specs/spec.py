@@ -2,11 +2,11 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.boundary import Boundary
@@ -15,11 +15,14 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
 from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.options import Initial
-from equimesh.solving.target import NO_U, Target
+from equimesh.solving.options import Initial, SolveArguments
+from equimesh.solving.solution import Solution
+from equimesh.solving.solve import solve
+from equimesh.solving.target import NO_U, Target, solve_to
 from equimesh.specs.document import Reader, Record, as_given, flag, optional, text
 from equimesh.specs.domains import DOMAIN, GRID
 from equimesh.specs.monitors import build_monitor
@@ -43,6 +46,34 @@ class BuiltSpec:
     allow_relaxed: bool
     cells: Cells
     label: str | None
+
+    def solve(
+        self,
+        *,
+        start: Mesh | None = None,
+        began: Callable[[Grid], None] | None = None,
+        **options: Unpack[SolveArguments],
+    ) -> Solution:
+        """The solution on the grid, or for the target; raises what these two functions raise.
+
+        ``options`` are added to those of the document. ``start`` is a mesh of the reference square in place of
+        ``initial``. ``began`` is called with every grid of a target before it is solved.
+        """
+        settings: SolveArguments = {"initial": self.initial, "mode": self.mode, "allow_relaxed": self.allow_relaxed}
+        settings |= options
+        if start is not None:
+            settings["initial"] = start
+        problem = self.problem
+        if self.target is None:
+            return solve(problem, self.schwarz, **settings)
+        return solve_to(
+            self.target,
+            monitor=problem.monitor,
+            domain=problem.domain,
+            boundary=problem.boundary,
+            began=began,
+            **settings,
+        )
 
 
 def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -> BuiltSpec:
