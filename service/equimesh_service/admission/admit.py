@@ -11,11 +11,13 @@ from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import time
 from typing import Any, TypeVar
 
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
+from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
 from equimesh_service.assembly.problem import check, check_schwarz, translate_errors
 from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
@@ -26,7 +28,7 @@ from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec, GridSpec, read_spec
 from equimesh_service.spec.schwarz import SchwarzSpec
-from equimesh_service.spec.sources import UPLOAD, GridSource, ScatteredSource
+from equimesh_service.spec.sources import UPLOAD
 from equimesh_service.store.rows import SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
@@ -72,31 +74,54 @@ class Admission:
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
     def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
-        """Read a spec, and :meth:`admit` it; raises a 400 problem where it is not JSON."""
-        return self.admit(parse(body), upload, caller)
+        """Read a spec, and :meth:`admit` it; raises a 400 problem where it is not JSON.
+
+        A side worker reads a long one, and takes its samples out of it: the service then has a short spec.
+        """
+        if len(body) <= MAX_SHORT_BYTES:
+            return self.admit(parse(body), upload, caller)
+        with self.files.unfinished(".json") as text, TemporaryDirectory(dir=text.parent) as folder:
+            text.write_bytes(body)
+            short = self.work("", shorten, text, Path(folder), self._limits)
+            return self._admit(short, upload, caller)
 
     def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
         """Check a parsed spec, and store its upload; raises a 422 problem with pointers."""
         try:
-            return self._admit(read_spec(document).with_limit(self.settings.max_points), upload, caller)
+            spec = read_spec(document).with_limit(self.settings.max_points)
+            return self._admit(ShortSpec(spec), upload, caller)
         except Problem as problem:
             if not problem.errors:
                 raise
             raise repointed(problem, partial(sent_pointer, document)) from None
 
-    def _admit(self, spec: CheckedSpec, upload: Upload | None, caller: Caller) -> Admitted:
+    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller) -> Admitted:
+        spec, files = short.spec, short.files
         self._check_limits(spec)
         place = _find_upload_place(spec, upload)
         check_schwarz(spec.canonical)
-        rows = {name: self.find_samples(name, at, caller) for at, name in spec.stored.items() if name != UPLOAD}
-        if upload is None:
-            self._check(spec, rows)
-        else:
-            row = self._keep_checked(spec, rows, upload, place, caller)
+        rows = {
+            name: self.find_samples(name, at, caller)
+            for at, name in spec.stored.items()
+            if name != UPLOAD and name not in files
+        }
+        if upload is not None:
+            row = self._keep_checked(short, rows, upload, place, caller)
             rows[row.id] = row
-            spec = spec.with_upload(row.id)
+            spec = spec.with_samples(UPLOAD, row.id)
+        elif not short.is_checked:
+            self._check(spec, rows, files)
+        for name, path in files.items():
+            row = self._keep(path, short.summaries[name], caller, durable=False)[0]
+            rows[row.id] = row
+            spec = spec.with_samples(name, row.id)
+        if upload is not None or files:
             self._remember(spec.monitor_digest)
         return Admitted(spec.canonical, {row.id: row.sha256 for row in rows.values()}, spec.points_digest)
+
+    @property
+    def _limits(self) -> SpecLimits:
+        return SpecLimits(max_points=self.settings.max_points, max_samples=self.settings.max_samples)
 
     def find_samples(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
         """The row of samples that the caller has uploaded; raises a 422 problem."""
@@ -111,14 +136,16 @@ class Admission:
             return self._keep(path, summary, caller, durable=True)
 
     def _keep_checked(
-        self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
+        self, short: ShortSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
     ) -> SamplesRow:
         """Check a spec with its upload, then store the upload: a refused spec leaves nothing behind."""
+        spec, files = short.spec, short.files
         with self._convert(upload, pointer, alone=False) as (path, summary, arrays):
-            if arrays is not None and summary["kind"] == "grid" and spec.is_plain and spec.spec.target is None:
+            quick = summary["kind"] == "grid" and spec.is_plain and spec.spec.target is None and not files
+            if arrays is not None and quick:
                 check(spec.canonical, {UPLOAD: arrays})
             else:
-                self._check(spec, rows, path)
+                self._check(spec, rows, {**files, UPLOAD: path})
             return self._keep(path, summary, caller, durable=False)[0]
 
     @contextmanager
@@ -136,8 +163,8 @@ class Admission:
                 with self.files.unfinished(".upload") as source:
                     source.write_bytes(upload.data)
                     read = partial(intake.convert, alone=alone)
-                    summary = self._work(pointer, read, source, upload.filename, path, most)
-            self._check_samples(math.prod(summary["shape"]), pointer)
+                    summary = self.work(pointer, read, source, upload.filename, path, most)
+            self._limits.check_number(math.prod(summary["shape"]), pointer)
             yield path, summary, arrays
 
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
@@ -148,22 +175,23 @@ class Admission:
         )
         return (row, True) if new else (self.find_samples(row.id, "", caller), False)
 
-    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], upload: Path | None = None) -> None:
-        """Check the monitor on the domain. A slow check runs in a worker, once for each monitor and domain."""
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> None:
+        """Check the monitor on the domain; ``sent`` are the files of samples that came with the request.
+
+        A slow check runs in a worker, once for each monitor and domain.
+        """
         if spec.is_quick:
             check(spec.canonical, {})
             return
-        if upload is None and spec.monitor_digest in self.known:
+        if not sent and spec.monitor_digest in self.known:
             return
         with ExitStack() as stack:
             try:
                 paths = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
             except FileNotFoundError:
                 raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
-            if upload is not None:
-                paths[UPLOAD] = upload
-            self._work("", check, spec.canonical, paths)
-        if upload is None:
+            self.work("", check, spec.canonical, {**paths, **sent})
+        if not sent:
             self._remember(spec.monitor_digest)
 
     def _remember(self, monitor_digest: str) -> None:
@@ -171,7 +199,7 @@ class Admission:
         while len(self.known) > _MAX_REMEMBERED:
             self.known.popitem(last=False)
 
-    def _work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
+    def work(self, pointer: str, function: Callable[..., Result], *arguments: Any) -> Result:
         """Call ``function`` in a side worker, within a time limit; an input error becomes a 422 problem."""
         key_id = log_context.current().key_id
         try:
@@ -189,11 +217,7 @@ class Admission:
             self._check_target(checked)
         else:
             self._check_grid(spec.grid)
-        for pointer, source in checked.sources.items():
-            if isinstance(source, GridSource):
-                self._check_samples(sum(map(len, source.grid.values)), f"{pointer}/grid/values")
-            elif isinstance(source, ScatteredSource):
-                self._check_samples(len(source.scattered.points), f"{pointer}/scattered/points")
+        self._limits.check(checked.sources)
         if spec.schwarz is not None and spec.grid is not None:
             self._check_schwarz(spec.schwarz, spec.grid)
 
@@ -226,11 +250,6 @@ class Admission:
         if schwarz.max_iterations > most.max_iterations:
             message = f"too many: this service runs at most {most.max_iterations} iterations"
             raise problem_at("/schwarz/max_iterations", message)
-
-    def _check_samples(self, number: int, pointer: str) -> None:
-        if number > self.settings.max_samples:
-            message = f"{number} samples; this service takes at most {self.settings.max_samples}: send fewer"
-            raise problem_at(pointer, message)
 
 
 def _find_upload_place(spec: CheckedSpec, upload: Upload | None) -> str:

@@ -19,8 +19,11 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.upload.samples import read_npz
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
+from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
+from equimesh_service.assembly.long_step import shorten_step
 from equimesh_service.files.port import Files, Removed, StoredFile
 from equimesh_service.problems.problem import Complaint, Problem, complaint_of, input_problem, problem_at, repointed
+from equimesh_service.settings import Settings
 from equimesh_service.spec.document import escape_token, parse, sent_pointer
 from equimesh_service.spec.mesh import read_spec
 from equimesh_service.spec.sources import ExpressionSource
@@ -35,6 +38,8 @@ FIELDS = "fields"  # the name of the artifact
 # Names of other arrays in mesh files, and of arguments of numpy.savez.
 RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pickle"}
 KINDS = ("auto", "least_error", "arc_length", "curvature")
+# Bytes of an npz file in addition to its values.
+_NPZ_BYTES = 64 * 1024
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
 _U = "/monitor/u"
 
@@ -83,6 +88,25 @@ def read_json(data: bytes) -> Move:
     spec = validate(StepSpec, sent)
     u = spec.u.nodes if isinstance(spec.u, NodesSource) else spec.u
     return Move(step=spec.step, u=u, fields=spec.fields, sent=sent)
+
+
+def read_long_json(admission: Admission, data: bytes) -> Move:
+    """A step in JSON of any length, which a side worker reads where it is long; raises 400, 413 and 422 problems."""
+    if len(data) <= MAX_SHORT_BYTES:
+        return read_json(data)
+    most = (1 + MAX_FIELDS) * 2 * admission.settings.max_points
+    with admission.files.unfinished(".json") as text, admission.files.unfinished(".npz") as target:
+        text.write_bytes(data)
+        short = admission.work("", shorten_step, text, target, most)
+        with np.load(target, allow_pickle=False) as file:
+            arrays = dict(file)
+    u = arrays["u"] if short.u is None else short.u
+    return Move(step=short.step, u=u, fields=short.fields(arrays), sent=short.sent)
+
+
+def max_bytes(settings: Settings) -> int:
+    """The most bytes of an npz step when it is unpacked: those of u and all fields on the largest grid."""
+    return min(4 * settings.max_body, _NPZ_BYTES + 8 * (1 + MAX_FIELDS) * settings.max_points)
 
 
 def read_arrays(data: bytes, max_bytes: int) -> Move:

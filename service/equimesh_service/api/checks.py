@@ -14,7 +14,6 @@ from equimesh_service.admission import steps
 from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.assembly.problem import translate_errors
-from equimesh_service.problems.problem import Problem
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import MODE_USES, read_expression_check
@@ -49,10 +48,7 @@ async def check(request: Request, service: ServiceDependency, caller: Reader) ->
 
     A 422 tells what is wrong, and at which column.
     """
-    if bodies.media_type(request) != bodies.JSON:
-        raise Problem("unsupported-media-type", f"Send {bodies.JSON}.")
-    data = await bodies.read_body(request, service.settings.max_body)
-    return await service.check(_report, data)
+    return await service.check(_report, await bodies.read_plain_json(request, service.settings.max_body))
 
 
 @router.get("/capabilities", summary="What this service can do", operation_id="getCapabilities")

@@ -156,9 +156,9 @@ async def step(
             return await _answer(waiting, request, service, caller, AcceptedMesh(again), mesh.cells)
     await service.quotas.check_bytes(caller, len(data))
     if kind == NPZ:
-        move = await service.check(steps.read_arrays, data, 4 * service.settings.max_body)
+        move = await service.check(steps.read_arrays, data, steps.max_bytes(service.settings))
     else:
-        move = await service.check(steps.read_json, data)
+        move = await service.check(steps.read_long_json, service.admission, data)
     start = await _start(service, caller, sequence.id, move.step)
     prepare = steps.Stepping(service.admission, service.store, service.files).prepare
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:

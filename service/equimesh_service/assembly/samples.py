@@ -26,10 +26,13 @@ from equimesh.errors import SamplesError
 from equimesh.fields.samples import MIN_CUBIC
 from equimesh.inputs import count_noun, real_array
 from equimesh.upload.samples import read_arrays, samples_of
+from equimesh_service.spec.bounds import check_bounds
 
 Arrays: TypeAlias = Mapping[str, Any]
 # The most bytes of samples that the service reads itself, also when they are unpacked.
 MAX_LIGHT_BYTES = 256 * 1024
+# Bytes of one value in an array.
+_VALUE_BYTES = 8
 # The share of the box around a domain with curved sides that the nodes of a mesh may leave out.
 _RIM_SHARE = 0.05
 
@@ -51,9 +54,12 @@ def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
     """The canonical arrays of an upload.
 
     ``alone`` says that they come without a domain: faults on every domain are then found here, otherwise when a field
-    is made of them. Raises :class:`~equimesh.errors.SamplesError`.
+    is made of them. Raises :class:`~equimesh.errors.SamplesError`, and the problems of
+    :func:`~equimesh_service.spec.bounds.check_bounds` for JSON.
     """
-    arrays = _canonical(read_arrays(data, filename, max_bytes=max_bytes))
+    if filename.lower().endswith(".json"):
+        check_bounds(data, max_bytes // _VALUE_BYTES)
+    arrays = canonical_arrays(read_arrays(data, filename, max_bytes=max_bytes))
     if alone and "points" not in arrays:
         samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
     return arrays
@@ -94,7 +100,7 @@ def _load(path: Path) -> Arrays:
         return dict(arrays)
 
 
-def _canonical(arrays: dict[str, Any]) -> dict[str, Any]:
+def canonical_arrays(arrays: dict[str, Any]) -> dict[str, Any]:
     """The arrays as floats of the right dimensions."""
     if "points" not in arrays:
         axes: dict[str, Any] = {name: real_array(arrays[name], name, ndim=1) for name in ("x", "y") if name in arrays}

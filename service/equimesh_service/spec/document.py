@@ -6,17 +6,20 @@ from collections.abc import Iterator
 from typing import Any
 
 from equimesh_service.problems.problem import Problem, problem_at
+from equimesh_service.spec.bounds import MAX_KEYS_OF_OBJECT, MAX_NAME, MAX_PLAIN_VALUES, check_bounds
 
 _SURROGATE_ESCAPE = re.compile(rb"\\u[dD][89a-fA-F]")
 
 
-def parse(data: bytes) -> Any:
+def parse(data: bytes, most_values: int = MAX_PLAIN_VALUES) -> Any:
     """The value of a JSON text.
 
     NaN and infinities are read: the models refuse them, with a pointer. Raises a 400
     :class:`~equimesh_service.problems.problem.Problem` for anything that is not JSON in UTF-8, for a key that occurs
-    twice in an object, and for nesting that is too deep to read.
+    twice in an object, and for every bound of :mod:`equimesh_service.spec.bounds`; a 413 problem for more than
+    ``most_values`` values. The bounds are checked first: nothing is built of a text that exceeds them.
     """
+    check_bounds(data, most_values)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -57,7 +60,11 @@ def sent_pointer(document: Any, pointer: str) -> str:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(pairs) > MAX_KEYS_OF_OBJECT:
+        raise Problem("malformed-body", f"An object has {len(pairs)} keys; at most {MAX_KEYS_OF_OBJECT} are read.")
     found = dict(pairs)
+    if any(len(key) > MAX_NAME for key in found):
+        raise Problem("malformed-body", f"A key has more than {MAX_NAME} characters.")
     if len(found) < len(pairs):
         seen: set[str] = set()
         for key, _ in pairs:

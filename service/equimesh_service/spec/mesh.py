@@ -22,7 +22,7 @@ from equimesh_service.spec.monitors import (
     with_samples,
 )
 from equimesh_service.spec.schwarz import SchwarzSpec
-from equimesh_service.spec.sources import UPLOAD, AnySource, ExpressionSource, GridSource, StoredSource
+from equimesh_service.spec.sources import AnySource, ExpressionSource, GridSource, StoredSource
 from equimesh_service.spec.strict import WITHOUT_NUL, Parameters, Strict, validate
 
 MODE_USES = {
@@ -140,9 +140,9 @@ class CheckedSpec:
             return self
         return replace(self, canonical={**self.canonical, "target": {**target, "max_points": max_points}})
 
-    def with_upload(self, samples_id: str) -> CheckedSpec:
-        """The spec that names stored samples in place of the uploaded ones."""
-        monitor = with_samples(self.canonical["monitor"], UPLOAD, samples_id)
+    def with_samples(self, name: str, samples_id: str) -> CheckedSpec:
+        """The spec that names stored samples in place of those with this name, such as "upload"."""
+        monitor = with_samples(self.canonical["monitor"], name, samples_id)
         return replace(self, canonical={**self.canonical, "monitor": monitor})
 
 

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass
 from email.message import Message
+from io import BytesIO
 
 from anyio import to_thread
 from starlette.datastructures import FormData, Headers, UploadFile
@@ -17,8 +18,12 @@ JSON = "application/json"
 MULTIPART = "multipart/form-data"
 # A slower sender would hold a connection and memory for too long.
 BODY_SECONDS = 300.0
+# The most bytes of a JSON body that carries no samples.
+MAX_PLAIN_BYTES = 1024 * 1024
 # Multipart bodies up to this size are parsed on the event loop, within milliseconds whatever they contain.
 _INLINE_BYTES = 64 * 1024
+# Longer ones are parsed in pieces of this size, so that no copy of the whole is made.
+_PIECE_BYTES = 1024 * 1024
 
 
 @dataclass(frozen=True)
@@ -31,26 +36,36 @@ class Part:
 
 
 async def read_body(request: Request, most: int) -> bytes:
-    """All bytes of the body; raises a 413 problem for more than ``most`` bytes, and a 408 problem for a slow sender."""
+    """All bytes of the body; raises a 413 problem for more than ``most`` bytes, and a 408 problem for a slow sender.
+
+    The 413 comes as soon as the length is known: from Content-Length, or at the first byte that is too many.
+    """
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in ("", "identity"):
         raise Problem("unsupported-media-type", f"Content-Encoding {encoding!r}: send the body without an encoding.")
     length = request.headers.get("content-length", "")
     if length.isdigit() and int(length[:20]) > most:
         raise _too_large(most)
-    body = bytearray()
+    body = BytesIO()  # its bytes are returned without a copy
     try:
         async with asyncio.timeout(BODY_SECONDS):
             async for chunk in request.stream():
-                body += chunk
-                if len(body) > most:
+                if body.tell() + len(chunk) > most:
                     raise _too_large(most)
+                body.write(chunk)
     except TimeoutError:
-        detail = f"The body must arrive within {BODY_SECONDS:g} seconds; {len(body)} bytes did."
+        detail = f"The body must arrive within {BODY_SECONDS:g} seconds; {body.tell()} bytes did."
         raise Problem("request-timeout", detail, headers={"Connection": "close"}) from None
     except ClientDisconnect:
         raise Problem("malformed-body", "The body is incomplete.") from None
-    return bytes(body)
+    return body.getvalue()
+
+
+async def read_plain_json(request: Request, most: int) -> bytes:
+    """The bytes of a JSON body that carries no samples: at most ``most``, and at most :data:`MAX_PLAIN_BYTES`."""
+    if media_type(request) != JSON:
+        raise Problem("unsupported-media-type", f"Send {JSON}.")
+    return await read_body(request, min(most, MAX_PLAIN_BYTES))
 
 
 def media_type(request: Request) -> str:
@@ -62,7 +77,8 @@ async def read_parts(request: Request, body: bytes, allowed: tuple[str, ...]) ->
     """The parts of a multipart body, by their names; raises a 400 problem for names that are not ``allowed``."""
 
     async def stream() -> AsyncIterator[bytes]:
-        yield body
+        for start in range(0, len(body), _PIECE_BYTES):
+            yield body[start : start + _PIECE_BYTES]
 
     parser = MultiPartParser(request.headers, stream(), max_files=8, max_fields=8, max_part_size=len(body) + 1)  # type: ignore[arg-type]
     try:

@@ -6,15 +6,18 @@ import io
 import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
 
+from equimesh_service import Settings
 from equimesh_service.admission.admit import Admission
+from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
 from service.conftest import SLOW, small
-from service.requests import WAIT, npz, post
+from service.requests import GRID, WAIT, npz, post, solved
 
 
 def samples() -> dict[str, Any]:
@@ -125,3 +128,55 @@ def test_an_upload_that_the_spec_does_not_use_is_refused(http: httpx.Client) -> 
     answer = http.post("/v1/meshes", files={"spec": (None, json.dumps(small())), "samples": ("a.csv", b"x,y,u\n")})
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["pointer"] == "/monitor/u"
+
+
+def answered(http: httpx.Client, headers: dict[str, str] | None = None, **body: Any) -> dict[str, Any]:
+    """The finished mesh of a request."""
+    answer = http.post("/v1/meshes", **body, headers={**WAIT, **(headers or {})})
+    assert (answer.status_code, answer.json()["status"]) == (201, "succeeded"), answer.text
+    mesh: dict[str, Any] = answer.json()
+    return mesh
+
+
+def test_a_long_spec_gives_the_mesh_of_a_short_one(http: httpx.Client) -> None:
+    grid = {"grid": {"x": [0, 1], "y": [0, 1], "values": [[1, 2], [3, 6.5]]}}
+    monitor = {"kind": "intersection", "monitors": [{"u": grid}, {"kind": "weight", "rho": grid}]}
+    short = json.dumps(small(monitor=monitor)).encode()
+    long = short.replace(b" ", b" " * 10_000)
+    assert len(short) < MAX_SHORT_BYTES < len(long)
+    headers = {"Content-Type": "application/json"}
+    meshes = [answered(http, content=body, headers=headers) for body in (short, long)]
+    files = [http.get(mesh["links"]["file"], params={"format": "npz"}).content for mesh in meshes]
+    assert files[0] == files[1]
+    first, second = http.get(meshes[1]["links"]["spec"]).json()["monitor"]["monitors"]
+    assert first["u"] == second["rho"]  # the same samples
+    stored = http.get(f"/v1/samples/{first['u']['samples']}", params={"format": "npz"})
+    assert np.load(io.BytesIO(stored.content))["values"].tolist() == grid["grid"]["values"]
+    again = solved(http, http.get(meshes[1]["links"]["spec"]).json())
+    assert http.get(again["links"]["file"], params={"format": "npz"}).content == files[0]
+
+
+def test_a_long_spec_that_is_refused_leaves_no_samples(http: httpx.Client, settings: Settings) -> None:
+    def files() -> set[Path]:
+        return {path for path in settings.data_dir.rglob("*") if path.is_file() and "files" in path.parts}
+
+    grid = {"grid": {**GRID["grid"], "values": [[0.25, 1.25], [2.25, 5.25]]}}
+    before = files()
+    for more in ({"schwarz": {"overlap": 1}}, {"grid": {"n_xi": 3}}, {"monitor": {"u": grid, "a": 1}}):
+        spec = {"monitor": {"u": grid}, **more}
+        body = json.dumps(spec).encode() + b" " * MAX_SHORT_BYTES
+        answer = http.post("/v1/meshes", content=body, headers={"Content-Type": "application/json"})
+        assert answer.status_code == 422, answer.text
+    assert files() == before
+
+
+def test_a_long_spec_comes_with_an_upload(http: httpx.Client) -> None:
+    monitor = {"kind": "weight", "rho": "1 + x", "u": GRID}
+    spec = json.dumps(small(monitor={"kind": "intersection", "monitors": [monitor, {"u": {"samples": "upload"}}]}))
+    parts = {
+        "spec": (None, spec + " " * MAX_SHORT_BYTES, "application/json"),
+        "samples": ("u.npz", npz(**GRID["grid"])),
+    }
+    mesh = answered(http, files=parts)
+    first, second = http.get(mesh["links"]["spec"]).json()["monitor"]["monitors"]
+    assert first["u"] == second["u"]

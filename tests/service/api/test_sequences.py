@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import io
+import json
 import threading
 import time
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 
 from equimesh_service import Settings, running
 from equimesh_service.api import sequences
+from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
 from equimesh_service.files.address import files_address
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.retention import Retention
@@ -232,3 +234,20 @@ def test_a_sequence_of_least_error_starts_from_the_mesh_before(http: httpx.Clien
     assert steps[-1]["start"] == "given"
     refused = http.post(made.json()["links"]["steps"], json={"step": 1, "u": "tanh(20*(x - "})
     assert refused.json()["errors"][0]["pointer"] == "/u"
+
+
+def test_a_long_step_is_that_of_a_short_one(http: httpx.Client) -> None:
+    begun = [begin(http)[0], begin(http)[0]]
+    x = unpacked(http.get(begun[0]["links"]["file"]))["x"]
+    short = json.dumps({"step": 0, "u": {"nodes": (x * x).tolist()}, "fields": {"p": x.tolist()}})
+    long = short + " " * MAX_SHORT_BYTES
+    headers = {"Content-Type": "application/json", "Prefer": "wait=30"}
+    moved = [
+        http.post(sequence["links"]["steps"], params={"format": "npz"}, content=body, headers=headers)
+        for sequence, body in zip(begun, (short, long), strict=True)
+    ]
+    assert moved[0].status_code == moved[1].status_code == 201, moved[1].text
+    assert moved[0].content == moved[1].content
+    wrong = json.dumps({"step": 1, "u": {"expression": "x"}, "fields": {"a b": x.tolist()}}) + " " * MAX_SHORT_BYTES
+    refused = http.post(begun[0]["links"]["steps"], content=wrong, headers=headers)
+    assert refused.json()["errors"][0]["pointer"] == "/fields/a b"
