@@ -21,8 +21,8 @@ from equimesh.least_error.starts import product, rectilinear, resampled
 from equimesh.least_error.steps import Descent
 from equimesh.least_error.ways import Way, coordinates_of, mesh_of
 from equimesh.meshes.grid import Grid
+from equimesh.meshes.interpolation import interpolated_values
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import interpolated_values
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array
 

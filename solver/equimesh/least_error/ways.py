@@ -9,8 +9,8 @@ import numpy as np
 from equimesh.least_error.objective import Weights
 from equimesh.least_error.starts import product, resampled
 from equimesh.meshes.grid import Grid
+from equimesh.meshes.interpolation import interpolated_values
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import interpolated_values
 from equimesh.numerics.types import Array
 
 

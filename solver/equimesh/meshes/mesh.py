@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.meshes.folding import largest_difference, smallest_jacobian
+from equimesh.meshes.folding import largest_difference, smallest_in_parts, smallest_jacobian
 from equimesh.meshes.grid import Grid
+from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 
 SIDES = ("left", "right", "bottom", "top")
@@ -98,4 +99,8 @@ class Mesh:
     @property
     def is_folded(self) -> bool:
         """Whether some cell is inverted, degenerate, or has a coordinate that is not finite."""
-        return not self.min_jacobian > 0.0
+        return self.is_folded_on(1)
+
+    def is_folded_on(self, threads: int) -> bool:
+        """The same as :attr:`is_folded`; the ``threads`` share the cells."""
+        return not smallest_in_parts(self.x, self.y, Parts.of(self.x.shape, threads)) > 0.0

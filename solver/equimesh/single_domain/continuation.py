@@ -19,7 +19,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.newton import newton_iterations
 from equimesh.single_domain.interior import Interior
 from equimesh.single_domain.solved_sides import straight_start, with_solved_sides
-from equimesh.sweeps.sweep import cell_metrics
+from equimesh.sweeps.cell_metrics import cell_metrics
 
 # Weights of the cross-line term that are tried, in units of the metric.
 CROSS_LINE_WEIGHTS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)

@@ -21,8 +21,8 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.gmres import gmres
 from equimesh.numerics.sines import solve_by_sines, solve_lines
 from equimesh.numerics.types import Array
+from equimesh.sweeps.cell_metrics import cell_metrics
 from equimesh.sweeps.defects import defects, directions
-from equimesh.sweeps.sweep import cell_metrics
 
 # The largest move of a node in a difference quotient, as a share of the spacing.
 QUOTIENT_STEP = 1e-7

@@ -97,7 +97,7 @@ class _Climb:
     def _label(self, level: int) -> Step:
         """The record with which a level begins: its mesh is interpolated from the coarser levels."""
         grid = self._grids[level]
-        guess = guess_on(grid, self._solved) if self._solved else Mesh.uniform(grid)
+        guess = guess_on(grid, self._solved, self._threads) if self._solved else Mesh.uniform(grid)
         return Step(level=level, levels=len(self._grids), grid=grid, step=0, residual=math.nan, mesh=guess)
 
     def _sweeps(self, problem: Problem, label: Step, memory: Array) -> Steps:
@@ -142,11 +142,11 @@ def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[S
         yield last
 
 
-def guess_on(grid: Grid, solved: list[Step]) -> Mesh:
+def guess_on(grid: Grid, solved: list[Step], threads: int = 1) -> Mesh:
     """The last solution on a finer grid, extrapolated from the last two where they solve the same equations."""
     last = solved[-1]
     same = len(solved) > 1 and solved[-2].relaxation == last.relaxation and is_refined(grid, last.grid)
-    return prolong(last.mesh, grid, solved[-2].mesh if same else None)
+    return prolong(last.mesh, grid, solved[-2].mesh if same else None, threads=threads)
 
 
 def _newton_level(

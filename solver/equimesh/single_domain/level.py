@@ -8,6 +8,7 @@ from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, is_refined, refinement
+from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 from equimesh.single_domain.steps import ALGEBRAIC_SHARE, TIGHT_DEVIATION, Step, Steps
 from equimesh.sweeps.contraction import error_left
@@ -47,7 +48,9 @@ class Level:
         sweep = Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
         own = x, y = self.label.mesh.x, self.label.mesh.y
         halve, slow, moves = False, 0, [math.inf]
-        tolerance, smallest = max(TIGHT_DEVIATION, smallest_residual(metric, shape)), smallest_jacobian(x, y)
+        tolerance, smallest = max(TIGHT_DEVIATION, smallest_residual(metric, shape)), 0.0
+        if self.coarse is None:
+            smallest = smallest_jacobian(x, y)
         for count in range(1, (MAX_COLD_SWEEPS if self.coarse is None else MAX_SWEEPS) + 1):
             found = sweep.correct(x, y)
             taken, smallest = sweep.guard(x, y, halve=halve, floor=self._floor(smallest), min_share=MIN_MOVE_SHARE)
@@ -65,9 +68,10 @@ class Level:
                 algebraic_error=left,
                 contraction=contraction,
             )
-            done = found.deviation <= tolerance if self.tight else self._is_near(step)
+            error = math.nan if self.tight else self._discretization(step.mesh)
+            done = found.deviation <= tolerance if self.tight else self._is_near(step, error)
             if done:
-                return self._finished(step, own)
+                return self._finished(step, own, self._discretization(step.mesh) if self.tight else error)
             yield step
             slow = slow + 1 if not moves[-1] < MAX_SLOW_CONTRACTION * min(moves[:-1]) else 0
             if slow > MAX_SLOW_SWEEPS and self.coarse is not None:
@@ -86,24 +90,30 @@ class Level:
             return max(MIN_CONTRACTION, moves[-1] / moves[-2])
         return 1.0 if self.coarse is None else self.coarse.contraction
 
-    def _is_near(self, step: Step) -> bool:
+    def _is_near(self, step: Step, error: float) -> bool:
         """Whether the algebraic error is small compared with that of the grid, or enough for a first level."""
         if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
             return step.algebraic_error <= MAX_START_ERROR * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
-        return math.isfinite(step.algebraic_error) and step.algebraic_error <= ALGEBRAIC_SHARE * self._discretization(
-            step.mesh
-        )
+        return math.isfinite(step.algebraic_error) and step.algebraic_error <= ALGEBRAIC_SHARE * error
 
     def _discretization(self, mesh: Mesh) -> float:
         """The error of the grid, if of second order: from the difference to the coarser solution."""
         if self.coarse is None or not is_refined(mesh.grid, self.coarse.grid):
             return math.nan
-        return distance(mesh, self.coarse.mesh) / (refinement(mesh.grid, self.coarse.grid) - 1.0)
+        gap = distance(mesh, self.coarse.mesh, self.threads)
+        return gap / (refinement(mesh.grid, self.coarse.grid) - 1.0)
 
-    def _finished(self, step: Step, own: tuple[Array, Array]) -> Step:
+    def _finished(self, step: Step, own: tuple[Array, Array], error: float) -> Step:
         """The last step, with its mesh outside the working memory."""
         mesh = step.mesh
         if mesh.x is not own[0]:
-            own[0][:], own[1][:] = mesh.x, mesh.y
+            moved = mesh.x, mesh.y
+            Parts.of(mesh.x.shape, self.threads).each(lambda part: copy_rows(own, moved, part.rows))
             mesh = Mesh(*own)
-        return replace(step, mesh=mesh, converged=True, discretization_error=self._discretization(mesh))
+        return replace(step, mesh=mesh, converged=True, discretization_error=error)
+
+
+def copy_rows(into: tuple[Array, Array], values: tuple[Array, Array], rows: slice) -> None:
+    """Copy some rows of the nodes of a mesh."""
+    for target, source in zip(into, values, strict=True):
+        target[rows] = source[rows]

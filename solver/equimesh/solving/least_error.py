@@ -91,7 +91,7 @@ def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, r
         schwarz=None,
         mesh=mesh,
         reference=reference,
-        status=status_unless_folded(Status.COMPLETED, mesh),
+        status=status_unless_folded(Status.COMPLETED, folded=mesh.is_folded),
         newton_steps=sum(record.grid == problem.grid for record in records[first:]),
         residual=math.nan,
         descent=tuple(record.numbers() for record in records),

@@ -162,7 +162,7 @@ def _finished(
         schwarz=schwarz,
         mesh=last.mesh,
         reference=last.reference,
-        status=status_unless_folded(status, last.mesh),
+        status=status_unless_folded(status, folded=last.mesh.is_folded),
         newton_steps=sum(r.newton_steps + r.sweeps for record in records for r in record.subdomains),
         residual=max(r.residual for r in last.subdomains),
         iterations=tuple(records),

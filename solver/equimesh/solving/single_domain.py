@@ -26,18 +26,18 @@ def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: Solv
     step, nested = last_step(problem, initial, options), initial is not Initial.UNIFORM
     reference = _on_grid(step.mesh, problem)
     mesh, status = map_mesh(reference, problem.domain), _status(step, options)
-    exact = status is Status.CONVERGED
+    exact, folded = status is Status.CONVERGED, mesh.is_folded_on(options.threads)
     return Solution(
         problem=problem,
         schwarz=None,
         mesh=mesh,
         reference=reference,
-        status=status_unless_folded(status, mesh),
+        status=status_unless_folded(status, folded=folded),
         mode=None if map_of(problem.monitor) == "gradient" else options.mode,
         newton_steps=step.step,
         residual=step.residual,
         note="" if exact else what_was_found(step, problem),
-        remedy=_single_domain_remedy(step, problem, status, folded=mesh.is_folded, nested=nested),
+        remedy=_single_domain_remedy(step, problem, status, folded=folded, nested=nested),
         relaxed=_relaxed(step, problem),
         algebraic_error=safe_algebraic_error(step.algebraic_error),
         discretization_error=safe_discretization_error(step.discretization_error),

@@ -166,9 +166,9 @@ class Solution:
         return MeshData(mesh=self.mesh, u=u, q_eq=self._monitor_measures.q_eq, subdomain=owner)
 
 
-def status_unless_folded(status: Status, mesh: Mesh) -> Status:
-    """The status, folded where the mesh is: a folded mesh is never a success."""
-    return Status.FOLDED if status.succeeded and mesh.is_folded else status
+def status_unless_folded(status: Status, *, folded: bool) -> Status:
+    """The status, that of a folded mesh where the mesh is ``folded``: it is never a success."""
+    return Status.FOLDED if status.succeeded and folded else status
 
 
 class SolveError(EquimeshError):

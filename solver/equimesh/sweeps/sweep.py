@@ -18,21 +18,16 @@ import numpy as np
 
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
-from equimesh.meshes.folding import smallest_jacobian
+from equimesh.meshes.folding import smallest_in_parts
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.threads import run_on_threads
+from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels
 from equimesh.sweeps.frame import WHOLE, Frame
-from equimesh.sweeps.kernels import Levels, Lines, Moved, Nodes, Strip
+from equimesh.sweeps.kernels import Lines, Moved, Nodes
+from equimesh.sweeps.part_sweep import LineSums, PartSweep
 from equimesh.sweeps.sides import Sides, finite_or_infinite
 
-# Nodes of a strip of rows: its intermediate arrays stay in the cache.
-STRIP_NODES = 32_768
-# Rows of a strip, at least: each strip also reads one row beyond either end.
-MIN_STRIP_ROWS = 16
-# Fewer nodes are not worth a second thread.
-MIN_THREADED_NODES = 16_384
 # On at most this many nodes u and its gradient are evaluated at all nodes at once, not separately on the sides.
 MAX_NODES_AT_ONCE = 1_024
 # The moves of a sweep that would fold the mesh are halved, but not below this share.
@@ -67,8 +62,8 @@ class Correction:
 class Sweep:
     """Sweeps of line corrections on the whole grid or a window of it, with their working memory.
 
-    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. The ``threads`` share the rows; results do not
-    depend on their number.
+    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. The ``parts`` of the grid are corrected at the
+    same time, each on its own thread; results do not depend on their number.
     """
 
     def __init__(
@@ -82,20 +77,14 @@ class Sweep:
     ) -> None:
         """``memory`` is a flat array of at least ``memory_needed(shape)`` numbers."""
         self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
+        self.parts = Parts.of(shape, threads)
         arrays = memory[: memory_needed(shape)].reshape(4, *shape)
         self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
         self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # single precision is enough
-        n_xi, n_eta = shape
-        rows = max(MIN_STRIP_ROWS, -(-STRIP_NODES // n_eta))
-        summed = frame.span(0, n_xi)[1]
-        self._strips = [Strip(first, min(first + rows, n_xi - 1), summed) for first in range(1, n_xi - 1, rows)]
-        self._rows = np.array([min(strip.last, summed) - strip.first for strip in self._strips])
-        self._threads = min(threads, len(self._strips)) if n_xi * n_eta >= MIN_THREADED_NODES else 1
-        self._cells = np.empty((self._threads, 3, min(rows, n_xi - 2) + 1, n_eta - 1))
+        summed = frame.span(0, shape[0])[1]
+        self._sweeps = {part: PartSweep(metric, self.parts, part, summed) for part in self.parts.parts}
+        self._sums = LineSums.of(self.parts, summed)
         self._lines = [Lines(*frame.span(k, shape[k]), np.zeros((2, shape[1 - k])), frame.beyond[k]) for k in (0, 1)]
-        self._sums, self._starts = np.empty((len(self._strips), n_eta)), np.empty((len(self._strips), n_eta))
-        self._pushes, self._levels = np.zeros((2, n_eta)), Levels(np.ones(n_eta), np.zeros(n_eta))
-        self._found = np.zeros((len(self._strips), 3))
         self._sides = Sides(metric, boundary, shape, frame)
 
     def correct(self, x: Array, y: Array, rest: tuple[Array, Array] | None = None) -> Correction:
@@ -107,32 +96,28 @@ class Sweep:
         lines = (
             self._lines if rest is None else [k._replace(rest=sums) for k, sums in zip(self._lines, rest, strict=True)]
         )
+        sweeps, sums = self._sweeps, self._sums
         with np.errstate(all="ignore"):
             nodal = self.metric.u_with_gradient(x, y) if x.size <= MAX_NODES_AT_ONCE else None
-            sides, side_move, along_eta, along_xi = self._sides.moves(x, y, nodal, rest)
-            u, along = None if nodal is None else nodal[0], (along_eta, along_xi)
+            sides, side_move, *along = self._sides.moves(x, y, nodal, rest)
+            u, pair = None if nodal is None else nodal[0], (along[0], along[1])
             nodes, out = Nodes(x, y), Moved(self.new_x, self.new_y, self._along_p, self._squares)
-            run_on_threads(self._threads, lambda k: self._correct_along_eta(k, nodes, u, along, lines[1], out))
+            eta = self.parts.each(lambda part: sweeps[part].along_eta(nodes, u, pair, lines[1], out, sums))
             ends = kernels.line_sums(
-                self._squares[0],
-                self._sums,
-                self._rows,
-                self._pushes,
-                lines[0],
-                self._levels,
-                self._starts,
+                self._squares[0], sums.strips, sums.rows, sums.pushes, lines[0], sums.levels, sums.starts
             )
-            run_on_threads(self._threads, lambda k: self._correct_along_xi(k, nodes, out))
-            along_sides, lag = self._sides.place(x, y, along_eta, along_xi, self.new_x, self.new_y)
-        eta, xi, move = self._found.max(axis=0).tolist()
+            xi = self.parts.each(lambda part: sweeps[part].along_xi(nodes, out, sums))
+            along_sides, lag = self._sides.place(x, y, *pair, self.new_x, self.new_y)
+        deviations, moves = zip(*xi, strict=True)
         return Correction(
-            finite_or_infinite(max(sides, ends, eta, xi, lag)), finite_or_infinite(max(side_move, move, along_sides))
+            finite_or_infinite(max(sides, ends, *eta, *deviations, lag)),
+            finite_or_infinite(max(side_move, *moves, along_sides)),
         )
 
     @property
     def smallest_jacobian(self) -> float:
         """The smallest corner Jacobian of the moved nodes, not scaled by the spacing; NaN where one is not finite."""
-        return smallest_jacobian(self.new_x, self.new_y)
+        return smallest_in_parts(self.new_x, self.new_y, self.parts)
 
     def guard(
         self,
@@ -169,27 +154,6 @@ class Sweep:
         self.new_x, self.new_y = x, y
         return moved
 
-    def _correct_along_eta(
-        self, worker: int, nodes: Nodes, u: Array | None, along: tuple[Array, Array], lines: Lines, out: Moved
-    ) -> None:
-        (x, y), (along_eta, along_xi) = nodes, along
-        for k in range(worker, len(self._strips), self._threads):
-            strip = self._strips[k]
-            cells = self._cells[worker, :, : strip.last - strip.first + 1]
-            rows = slice(strip.first - 1, strip.last + 1)
-            cell_metrics(self.metric, x[rows], y[rows], cells, None if u is None else u[rows])
-            if strip.first == 1:
-                kernels.end_edges(x, y, cells, 0, along_eta[0], self._pushes[0], self._squares[0])
-            if strip.last == self.shape[0] - 1:
-                kernels.end_edges(x, y, cells, -1, along_eta[1], self._pushes[1], self._squares[0])
-            self._found[k, 0] = finite_or_infinite(
-                kernels.eta_corrections(nodes, cells, strip, along_xi, lines, out, self._sums[k])
-            )
-
-    def _correct_along_xi(self, worker: int, nodes: Nodes, out: Moved) -> None:
-        for k in range(worker, len(self._strips), self._threads):
-            kernels.xi_corrections(nodes, self._strips[k], self._levels, self._starts[k], out, self._found[k, 1:])
-
 
 def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
     """The largest relative difference of a squared metric length of a mesh from the mean of its grid line."""
@@ -200,23 +164,3 @@ def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
 def memory_needed(shape: tuple[int, int]) -> int:
     """The size of the working memory of a :class:`Sweep`, in numbers."""
     return 4 * shape[0] * shape[1]
-
-
-def cell_metrics(metric: ReferenceMetric, s: Array, t: Array, cells: Array, u: Array | None = None) -> None:
-    """The metric of the cells between rows of nodes, in ``cells`` of shape ``(3, rows - 1, n_eta - 1)``.
-
-    ``u`` is given at the nodes where it is known.
-    """
-    arc_length = metric.arc_length
-    if arc_length is not None and metric.on_unit_square:
-        u = metric.u(s, t) if u is None else u
-        kernels.arc_length_cells(s, t, u, arc_length.a**2, arc_length.b, cells)
-        return
-    cells[0], cells[1], cells[2] = metric.base(_centres(s), _centres(t))
-    if arc_length is not None:
-        u = metric.u(s, t) if u is None else u
-        kernels.arc_length_cells_on(s, t, u, arc_length.a**2, arc_length.b, cells)
-
-
-def _centres(q: Array) -> Array:
-    return np.asarray(0.25 * (q[1:, 1:] + q[1:, :-1] + q[:-1, 1:] + q[:-1, :-1]))

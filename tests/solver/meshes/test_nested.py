@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.meshes.nested import interpolate, nested_grids, prolong, square_grids
+from equimesh.meshes.nested import distance, nested_grids, prolong, square_grids
 
 
 def test_nested_grids_halve_and_keep_small_directions() -> None:
@@ -26,13 +26,19 @@ def test_prolongation_is_exact_for_cubics_and_never_folds() -> None:
     assert abs(prolong(curved(uniform), fine).y - curved(finer).y).max() < 1e-14
 
 
-def test_interpolation_keeps_or_measures() -> None:
-    rule = (np.array([0, 0, 0]), np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]]))
-    coarse, fine = np.array([[0.0, 1.0], [2.0, 5.0]]), np.full((3, 3), 7.0)
-    assert interpolate(coarse, *rule, *rule, fine, False) == 7.0
-    assert (fine == 7.0).all()
-    interpolate(coarse, *rule, *rule, fine, True)
-    assert fine == pytest.approx(np.array([[0, 0.5, 1], [1, 2, 3], [2, 3.5, 5]]))
+@pytest.mark.parametrize("points", [(257, 257), (300, 290)], ids=["doubled", "other"])
+def test_threads_do_not_change_a_bit(points: tuple[int, int]) -> None:
+    """Of a prolongation, of the distance to a coarser mesh, and of the sign that tells a fold."""
+    random = np.random.default_rng(5)
+    coarser, coarse = (em.Mesh.uniform(em.Grid(n_xi=n, n_eta=n)) for n in (65, 129))
+    coarse.x[1:-1] += 1e-3 * random.standard_normal((127, 129))
+    fine = em.Grid(n_xi=points[0], n_eta=points[1])
+    one, *others = (prolong(coarse, fine, coarser, threads=threads) for threads in (1, 2, 5))
+    assert all(np.array_equal(one.x, mesh.x) and np.array_equal(one.y, mesh.y) for mesh in others)
+    one.x[-3, 6] += 0.1
+    assert {distance(one, coarse, threads) for threads in (1, 2, 5)} == {distance(one, coarse)}
+    assert distance(one, coarse) > 0.09
+    assert [one.is_folded_on(threads) for threads in (1, 2, 5)] == [True, True, True]
 
 
 def test_square_grids_have_like_numbers_as_long_as_they_can() -> None:

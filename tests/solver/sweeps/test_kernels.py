@@ -10,7 +10,7 @@ from cases import problem
 from equimesh.equations.flux import SeenGradient
 from equimesh.equations.mesh_equations import Cells
 from equimesh.sweeps import kernels
-from equimesh.sweeps.sweep import cell_metrics
+from equimesh.sweeps.cell_metrics import cell_metrics
 from solver.sweeps.windows import disturbed
 
 SECTOR = em.AnnulusSector(angles=(0, 110))

@@ -6,7 +6,8 @@ from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
-from equimesh.sweeps import kernels, sweep
+from equimesh.sweeps import kernels
+from equimesh.sweeps.cell_metrics import cell_metrics
 from equimesh.sweeps.sides import Sides
 
 # Rows that are summed at a time.
@@ -54,5 +55,5 @@ class LineSums:
             first = max(begin, 1)
             cells = self._cells[worker, :, : last - first + 1]
             rows = slice(first - 1, last + 1)
-            sweep.cell_metrics(self._problem.metric, x[rows], y[rows], cells)
+            cell_metrics(self._problem.metric, x[rows], y[rows], cells)
             kernels.segment_sums(kernels.Nodes(x, y), cells, (begin, last), self._cuts[1], along_xi[k], along_eta)

@@ -20,7 +20,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.optimized.line_sums import LineSums
 from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
-from equimesh.sweeps import sweep
+from equimesh.sweeps.cell_metrics import cell_metrics
 from equimesh.sweeps.frame import Frame
 
 
@@ -120,10 +120,10 @@ def _weights(metric: ReferenceMetric, x: Array, y: Array, axis: int, end: int) -
     lines, points = x.shape
     cells = np.empty((3, lines - 1, points - 1))
     if axis == 0:
-        sweep.cell_metrics(metric, x, y, cells)
+        cell_metrics(metric, x, y, cells)
     else:
         turned = np.empty((3, points - 1, lines - 1))
-        sweep.cell_metrics(metric, np.ascontiguousarray(x.T), np.ascontiguousarray(y.T), turned)
+        cell_metrics(metric, np.ascontiguousarray(x.T), np.ascontiguousarray(y.T), turned)
         cells[:] = turned.transpose(0, 2, 1)
     nodal = 0.25 * (cells[:, 0, 1:] + cells[:, 0, :-1] + cells[:, 1, 1:] + cells[:, 1, :-1])
     e = 0.5 * (x[2] - x[0])[1:-1], 0.5 * (y[2] - y[0])[1:-1]
