@@ -10,7 +10,7 @@
     ├── ProblemError         the service answered with an error: status, type, title, detail, errors
     │   ├── InvalidInput     422: a fault in the request; says where
     │   ├── Unauthorized     401: the service needs a key that it knows
-    │   ├── Forbidden        403: the key does not allow this
+    │   ├── Forbidden        403: the key does not allow this, or the service without keys does not know the host
     │   ├── NotFound         404: no such mesh, file or samples
     │   │   └── Gone         410: expired and removed
     │   ├── Conflict         409: not in the state that this request needs
@@ -145,7 +145,7 @@ class Unauthorized(ProblemError):
 
 
 class Forbidden(ProblemError):
-    """403: the key does not allow this; the detail names the missing scope."""
+    """403: the key does not allow this, or a service without keys does not know the host. The detail says which."""
 
     advice = "Use a key that has this scope; the operator of the service creates one with `equimesh keys create`."
 

@@ -1,6 +1,7 @@
 """The settings of a service: one frozen record, read from ``EQUIMESH_…`` environment variables."""
 
 import os
+import re
 from collections.abc import Mapping
 from difflib import get_close_matches
 from ipaddress import ip_network
@@ -11,6 +12,8 @@ from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1024 * 1024
+# A name, an address of version 4, or one of version 6, which may be in brackets.
+_HOST = re.compile(r"[A-Za-z0-9_.-]+|\[?[0-9a-fA-F:.]*:[0-9a-fA-F:.]*:[0-9a-fA-F:.]*\]?")
 
 
 class Settings(BaseSettings):
@@ -63,6 +66,11 @@ class Settings(BaseSettings):
     )
     reuse: bool = Field(True, description="Answer with a finished mesh of the same spec, samples and version.")
     allow_anonymous: bool = Field(False, description="Serve other machines although no API key exists.")
+    allowed_hosts: str = Field(
+        "",
+        description="Names by which a service without API keys is reached, apart from localhost and its own address, "
+        "separated by commas; *: any.",
+    )
     key_max_queued: int = Field(1000, ge=0, description="Most unfinished meshes of one key; 0: no limit.")
     key_max_points: int = Field(50_000_000, ge=0, description="Most points of a key's unfinished meshes; 0: no limit.")
     key_max_bytes: int = Field(
@@ -94,10 +102,26 @@ class Settings(BaseSettings):
     @classmethod
     def _are_addresses(cls, value: str) -> str:
         # The server would take any other word for the name of a host.
-        for part in filter(None, map(str.strip, value.split(","))):
+        for part in _parts(value):
             if part != "*":
                 ip_network(part)
         return value
+
+    @field_validator("allowed_hosts")
+    @classmethod
+    def _are_hosts(cls, value: str) -> str:
+        for part in _parts(value):
+            if part != "*" and not _HOST.fullmatch(part):
+                raise ValueError(
+                    f"{part!r} is no host: give names and addresses without scheme, port and path, like "
+                    "meshes.example.org or 192.168.0.7"
+                )
+        return value
+
+    @property
+    def allowed_host_names(self) -> list[str]:
+        """The hosts in ``allowed_hosts``."""
+        return _parts(self.allowed_hosts)
 
     @property
     def worker_threads(self) -> int:
@@ -118,6 +142,11 @@ class Settings(BaseSettings):
 PREFIX = "EQUIMESH_"
 # Variables that clients read: an address and an API key.
 _CLIENT_VARIABLES = ("URL", "KEY")
+
+
+def _parts(value: str) -> list[str]:
+    """The parts of a list that is separated by commas."""
+    return [part.strip() for part in value.split(",") if part.strip()]
 
 
 def _processors() -> int:

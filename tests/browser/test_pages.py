@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
-import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
 import pytest
 
-from equimesh_service import Settings, running
-from programs import browser
+from browser.chromium import visit
 
-BROWSER = browser()
 pytestmark = pytest.mark.needs("chromium")
-# No sandbox, as tests may run as root in a container; no name resolves, so that only the loopback address answers.
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-    "--enable-logging=stderr",
-    "--virtual-time-budget=20000",
-    "--window-size=1200,2000",
-]
 
 
-@pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with running(Settings(data_dir=tmp_path_factory.mktemp("data"), port=0, workers=1, log_level="warning")) as url:
-        yield url
+@pytest.fixture
+def url(page_url: str) -> str:
+    return page_url
 
 
 @pytest.fixture
@@ -42,26 +23,18 @@ def rendered(tmp_path: Path) -> Callable[[str], str]:
     """The document of a page after its scripts have run, without a word of complaint in the console."""
 
     def page(address: str) -> str:
-        command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path}", "--dump-dom", address]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-        assert complaints(done.stderr) == []
-        return done.stdout
+        found = visit(address, tmp_path)
+        assert found.complaints == []
+        return found.document
 
     return page
-
-
-def complaints(log: str) -> list[str]:
-    """What pages wrote to the console: violations of their policy, errors of their scripts."""
-    return [line for line in log.splitlines() if ":CONSOLE" in line]
 
 
 def test_a_violation_of_the_policy_is_seen(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     policy = '<meta http-equiv="Content-Security-Policy" content="script-src \'none\'">'
     page.write_text(f"{policy}<script>document.title = 'run'</script>")
-    command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path}", "--dump-dom", page.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert any("Content Security Policy" in line for line in complaints(done.stderr))
+    assert any("Content Security Policy" in line for line in visit(page.as_uri(), tmp_path).complaints)
 
 
 def test_the_interactive_documentation_works_offline(url: str, rendered: Callable[[str], str]) -> None:
@@ -97,11 +70,9 @@ def test_the_playground_makes_a_mesh(url: str, rendered: Callable[[str], str]) -
 
 
 def test_the_playground_says_where_an_expression_is_wrong(url: str, tmp_path: Path) -> None:
-    address = f"{url}/#u=sin(x*&n=17"
-    command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path}", "--dump-dom", address]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    complaint = done.stdout.split('<pre id="complaint" role="alert">')[1].split("</pre>")[0].splitlines()
+    document = visit(f"{url}/#u=sin(x*&n=17", tmp_path).document
+    complaint = document.split('<pre id="complaint" role="alert">')[1].split("</pre>")[0].splitlines()
     assert complaint[0] == "sin(x*"
     assert complaint[1].strip() == "^"
     assert complaint[2] == "something is missing after '*'"
-    assert '<section id="result" hidden="">' in done.stdout
+    assert '<section id="result" hidden="">' in document

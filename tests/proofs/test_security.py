@@ -298,7 +298,7 @@ def test_what_the_server_is_told_of_proxies(tmp_path: Path) -> None:
 @pytest.mark.anyio
 async def test_addresses_are_right_under_a_root_path(tmp_path: Path) -> None:
     """The whole application; its requests here need no workers."""
-    settings = Settings(data_dir=tmp_path, root_path="/tools/meshes", workers=1)
+    settings = Settings(data_dir=tmp_path, root_path="/tools/meshes", workers=1, allowed_hosts="example.org")
     app = create_app(settings)
     async with app.router.lifespan_context(app):
         transport = httpx.ASGITransport(app, root_path=settings.root)

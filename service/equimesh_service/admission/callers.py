@@ -59,7 +59,7 @@ class Callers:
         caller = None if secret is None or key_id is None else await self._find(key_id, digest(secret))
         if caller is not None:
             return caller
-        if not await self._keys_exist():
+        if not await self.keys_exist():
             return ANYONE
         detail = "This needs an API key." if secret is None else "This API key is not known, or was revoked."
         raise Problem("unauthorized", detail, headers={"WWW-Authenticate": "Bearer"})
@@ -68,9 +68,10 @@ class Callers:
         """Whether a caller who was identified earlier is still allowed in."""
         if caller.key_id:
             return await self._find(caller.key_id, caller.mark) is not None
-        return not await self._keys_exist()
+        return not await self.keys_exist()
 
-    async def _keys_exist(self) -> bool:
+    async def keys_exist(self) -> bool:
+        """Whether a key was ever created, so that every request needs one; true a second after the first at most."""
         now = self._clock()
         if not self._exist and now - self._looked_at >= _CACHE_SECONDS:
             self._exist = await run_in_threadpool(self._store.exist)  # once true, it stays true

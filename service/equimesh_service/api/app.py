@@ -19,6 +19,7 @@ from equimesh_service.api import checks, events, meshes, pages, results, samples
 from equimesh_service.api import operations as operations_api
 from equimesh_service.api.middleware import Observation
 from equimesh_service.api.resources import MeshEvents, ProblemDetails
+from equimesh_service.api.site_guard import SiteGuard
 from equimesh_service.opening import open_service
 from equimesh_service.problems.problem import Problem, problem_of
 from equimesh_service.problems.storage import storage_problem
@@ -82,6 +83,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.add_exception_handler(kind, _answer_problem)
     for fault in (OSError, SQLAlchemyError, sqlite3.Error):
         app.add_exception_handler(fault, _answer_fault)
+    app.add_middleware(SiteGuard, settings=settings)
     app.add_middleware(Observation, metrics=metrics, tracer=tracer)  # last, so that it is outermost
     _complete_schema(app)
     build = app.build_middleware_stack

@@ -51,7 +51,9 @@ async def check(request: Request, service: ServiceDependency, caller: Reader) ->
     return await service.check(_report, await bodies.read_plain_json(request, service.settings.max_body))
 
 
-@router.get("/capabilities", summary="What this service can do", operation_id="getCapabilities")
+@router.get(
+    "/capabilities", summary="What this service can do", operation_id="getCapabilities", responses=problems(403)
+)
 async def capabilities(service: ServiceDependency) -> dict[str, Any]:
     """Formats and their readers, limits, the language of expressions, the choices of a spec, the engine."""
     settings = service.settings

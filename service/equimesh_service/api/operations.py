@@ -59,7 +59,7 @@ async def get_metrics(request: Request, service: ServiceDependency, caller: Admi
     return Response(content, headers={"Content-Type": media_type})
 
 
-@router.get("/problems/{name}", summary="What a problem means", operation_id="getProblem", responses=problems(404))
+@router.get("/problems/{name}", summary="What a problem means", operation_id="getProblem", responses=problems(403, 404))
 async def get_problem(name: str) -> dict[str, Any]:
     """The explanation of a problem's `type`."""
     kind = KINDS.get(name)

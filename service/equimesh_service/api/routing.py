@@ -17,7 +17,7 @@ MAX_NUMBER = 2**62
 _MEANINGS = {
     400: "The body or a header cannot be read.",
     401: "API key required, or this one is unknown or revoked.",
-    403: "Forbidden: the API key does not allow this.",
+    403: "Forbidden: the API key does not allow this, or a service without keys does not know the host or the origin.",
     404: "Not found.",
     406: "Not acceptable: no such format.",
     408: "Request timeout: the body did not arrive in time.",

@@ -34,6 +34,20 @@ KINDS: Mapping[str, Kind] = {
             "Send the header 'Authorization: Bearer em_...'; `equimesh keys create` makes a key.",
         ),
         Kind("forbidden", 403, "Forbidden", "Use a key with the scope that the detail names."),
+        Kind(
+            "unknown-host",
+            403,
+            "Unknown host",
+            "Use localhost or 127.0.0.1, or add the host to EQUIMESH_ALLOWED_HOSTS, or create a key with "
+            "`equimesh keys create`.",
+        ),
+        Kind(
+            "foreign-origin",
+            403,
+            "Foreign origin",
+            "Use the pages of the service itself, or a program that is no browser. A proxy has to pass the header Host "
+            "on.",
+        ),
         Kind("not-found", 404, "Not found", "Check the path and the id; see /docs for all paths."),
         Kind("method-not-allowed", 405, "Method not allowed", "See the Allow header."),
         Kind("not-acceptable", 406, "Not acceptable", "Request one of the formats in /v1/capabilities."),

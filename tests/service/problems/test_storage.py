@@ -96,7 +96,7 @@ async def _outlive(data: Path, files: Path) -> None:
     app = create_app(settings)
     async with app.router.lifespan_context(app):
         transport = httpx.ASGITransport(app, raise_app_exceptions=False)
-        async with httpx.AsyncClient(transport=transport, base_url="http://test", timeout=90.0) as http:
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost", timeout=90.0) as http:
             mesh = await _mesh(http)
             assert mesh["status"] == "succeeded", mesh["error"]
             await _full_files(http, files, mesh)
