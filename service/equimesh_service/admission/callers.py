@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from starlette.concurrency import run_in_threadpool
 
 from equimesh_service.problems.problem import Problem
-from equimesh_service.store.key_secrets import ADMIN, SCOPES, digest, expand_scopes, id_of
+from equimesh_service.store.key_secrets import ADMIN, DEFAULT_SHARE, SCOPES, digest, expand_scopes, id_of
 from equimesh_service.store.keys import KeyStore
 
 # How long a caller is cached: after this time a revoked key is refused, and the first key closes an open service.
@@ -19,11 +19,12 @@ _MAX_CACHED = 1000
 
 @dataclass(frozen=True)
 class Caller:
-    """The caller of a request: the id of an API key ("" for none), its scopes, and the hash of its secret."""
+    """The caller of a request: the id of an API key ("" for none), its scopes, the hash of its secret, its share."""
 
     key_id: str
     scopes: frozenset[str]
     mark: str = field(default="", repr=False)
+    share: int = DEFAULT_SHARE
 
     @property
     def admin(self) -> bool:
@@ -85,7 +86,9 @@ class Callers:
         if found is not None and now < found[1]:
             return found[0]
         row = await run_in_threadpool(self._store.get, key_id)
-        caller = Caller(key_id, expand_scopes(row.scopes), mark) if row is not None and row.is_valid(mark) else None
+        caller = None
+        if row is not None and row.is_valid(mark):
+            caller = Caller(key_id, expand_scopes(row.scopes), mark, row.share)
         # From before the query, so that a key that is revoked during it is refused in time.
         self._cache[mark] = (caller, now + _CACHE_SECONDS)
         self._cache.move_to_end(mark)

@@ -78,13 +78,13 @@ class Intake:
                 log_context.current().mesh_id = again
                 return AcceptedMesh(again)
         fingerprint = admitted.fingerprint(request.format) if step is None else step.fingerprint
-        reserved = seconds > 0 and self.dispatcher.line.reserve()
+        reserved = seconds > 0 and self.dispatcher.line.reserve(caller.key_id, caller.share)
         if not reserved:
             repeated = await self._find_repeated(new, key, fingerprint)
             if repeated is not None:  # a repeated request adds no work
                 log_context.current().mesh_id = repeated
                 return AcceptedMesh(repeated)
-            reserved = seconds > 0 and await self._stand_in_line(min(seconds, _MAX_LINE_SECONDS))
+            reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, _MAX_LINE_SECONDS))
         lease = self.dispatcher.lease if reserved else None
         try:
             accepted = await self._add(admitted, caller, request, new, fingerprint, lease)
@@ -102,9 +102,9 @@ class Intake:
         with refusals():
             return await run_in_threadpool(self.store.meshes.find_repeated, new.key_id, key, fingerprint)
 
-    async def _stand_in_line(self, seconds: float) -> bool:
+    async def _stand_in_line(self, caller: Caller, seconds: float) -> bool:
         """Wait until a worker is reserved; False when none becomes free in time."""
-        turn, reserved = self.dispatcher.line.join(), False
+        turn, reserved = self.dispatcher.line.join(caller.key_id, caller.share), False
         try:
             async with asyncio.timeout(seconds):
                 reserved = await asyncio.shield(asyncio.wrap_future(turn))

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -77,7 +77,7 @@ class Dispatcher:
         self._metrics = metrics or Metrics()
         self.lease = Lease(owner=owner, seconds=rules.lease)
         self._wake = threading.Event()
-        self.line = WorkerLine(engine, lambda: len(self._running), self._wake.set)
+        self.line = WorkerLine(engine, lambda: (claim.key_id for claim in self._running), self._wake.set)
         self._lock = self.line.lock  # guards the next two
         self._running: dict[Claim, Future[Any]] = {}
         self._woken = False  # since the current check of the queue began
@@ -160,24 +160,44 @@ class Dispatcher:
             self._wake.wait(self._rules.poll)
 
     def _fill(self) -> None:
-        while self.line.reserve_for_queue():
+        missed = set[str]()  # keys whose meshes other services are claiming
+        while self.line.reserve_for_first():
             self._woken = False
             try:
-                claim = self._store.queue.claim(self._owner, self._rules.lease)
+                found = self._store.queue.find_waiting()
             except BaseException:
                 self.line.release()
                 raise
+            left = {key_id: share for key_id, share in found.shares.items() if key_id not in missed}
             # The flag changes only under the lock, so that no request overtakes the queue in between.
             with self._lock:
-                self.line.end_turn_of_queue(is_empty=claim is None and not self._woken)
-                task = None if claim is None else self._submit(claim, None)
-                self.line.call_next()  # now that the claim has its worker
-            if claim is None or task is None:
+                self.line.queue_is_empty = not found.shares and not self._woken
+                key_id = self.line.choose(replace(found, shares=left))
+            if key_id is not None and not self._take(key_id):
+                missed.add(key_id)
+            elif not left:
+                with self._lock:
+                    self.line.call_next()
                 return
-            row = self._store.meshes.get(claim.mesh_id)
-            if row is None or row.finished:
-                self._engine.cancel(task)  # canceled since the claim, when `cancel` did not see the task yet
-            self._notify(claim.mesh_id)
+
+    def _take(self, key_id: str) -> bool:
+        """Give the oldest waiting mesh of a key to the reserved worker; False when another service has it."""
+        try:
+            claim = self._store.queue.claim(self._owner, self._rules.lease, key_id)
+        except BaseException:
+            self.line.release()
+            raise
+        with self._lock:
+            self.line.use()
+            if claim is None:
+                return False
+            task = self._submit(claim, None)
+            self.line.call_next()  # now that the claim has its worker
+        row = self._store.meshes.get(claim.mesh_id)
+        if row is None or row.finished:
+            self._engine.cancel(task)  # canceled since the claim, when `cancel` did not see the task yet
+        self._notify(claim.mesh_id)
+        return True
 
     def _tasks(self) -> list[tuple[Claim, Future[Any]]]:
         with self._lock:

@@ -1,13 +1,14 @@
 """Side workers: they write files, draw pictures and read samples, for all keys in turn."""
 
 import threading
-from collections import OrderedDict, deque
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
+from equimesh_service.dispatch.turns import KeyedLine, Turns
 from equimesh_service.engine.port import Engine, Health
 
 Result = TypeVar("Result")
@@ -15,21 +16,24 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class _Task:
+    key_id: str
     begin: Callable[[], Future[Any]]
     result: Future[Any]
 
 
 class SideWorkers:
-    """Gives an engine as many tasks as it has workers, one from each key in turn.
+    """Gives an engine as many tasks as it has workers, from the keys in turn.
 
-    However many tasks one key has waiting, the first task of another key begins as soon as a running one ends.
-    Every method returns at once and may be called from any thread.
+    However many tasks one key has waiting, the first task of another key begins as soon as a running one ends. While
+    others wait, a key has no second worker. Every method returns at once and may be called from any thread.
     """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._lock = threading.Lock()  # guards the next two
-        self._waiting: OrderedDict[str, deque[_Task]] = OrderedDict()  # by key; the next key comes first
+        self._lock = threading.Lock()  # guards the next four
+        self._turns = Turns()
+        self._waiting = KeyedLine[_Task]()
+        self._running = Counter[str]()  # the number of running tasks by key
         self._free = engine.health().workers
 
     def submit(
@@ -40,7 +44,7 @@ class SideWorkers:
         result.set_running_or_notify_cancel()
         begin = partial(self._engine.submit, function, *arguments, time_limit=time_limit)
         with self._lock:
-            self._waiting.setdefault(key_id, deque()).append(_Task(begin, result))
+            self._waiting.add(key_id, _Task(key_id, begin, result))
         self._fill()
         return result
 
@@ -68,12 +72,11 @@ class SideWorkers:
         with self._lock:
             if not self._free or not self._waiting:
                 return None
-            key_id, tasks = self._waiting.popitem(last=False)
-            task = tasks.popleft()
-            if tasks:
-                self._waiting[key_id] = tasks
+            key_id = self._turns.first(self._waiting.contenders(self._running)).key_id
+            self._turns.start(key_id)
+            self._running[key_id] += 1
             self._free -= 1
-            return task
+            return self._waiting.pop(key_id)
 
     def _end_and_fill(self, task: _Task, ended: Future[Any]) -> None:
         self._end(task, ended)
@@ -82,6 +85,8 @@ class SideWorkers:
     def _end(self, task: _Task, ended: Future[Any]) -> None:
         with self._lock:
             self._free += 1
+            self._running[task.key_id] -= 1
+            self._running += Counter()  # without the keys that have no task left
         error = CancelledError() if ended.cancelled() else ended.exception()
         if error is None:
             task.result.set_result(ended.result())

@@ -1,52 +1,76 @@
 """The line for a worker: the reserved workers, and the requests that wait for one."""
 
 import threading
-from collections import deque
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 
+from equimesh_service.dispatch.turns import Contender, KeyedLine, Turns
 from equimesh_service.engine.port import Engine
+from equimesh_service.store.rows import KeysInQueue
 
 # The most requests that wait for a worker; further meshes enter the queue.
 _MAX_LINE_LENGTH = 64
 
 
 class WorkerLine:
-    """Reserves free workers of an engine, in turn for requests in the line and for the queue.
+    """Reserves free workers of an engine, for keys in turn: for their requests in the line, and for the queue.
 
-    ``count_running`` returns the number of workers that have a mesh; ``wake`` is called when a reserved worker is
-    released. ``lock`` guards the line and the dispatcher's running tasks.
+    ``running`` returns the key of each mesh that a worker has; ``wake`` makes the dispatcher check the queue. ``lock``
+    guards the line and the dispatcher's running tasks.
     """
 
-    def __init__(self, engine: Engine, count_running: Callable[[], int], wake: Callable[[], None]) -> None:
-        self._engine, self._count_running, self._wake = engine, count_running, wake
+    def __init__(self, engine: Engine, running: Callable[[], Iterable[str]], wake: Callable[[], None]) -> None:
+        self._engine, self._running, self._wake = engine, running, wake
         self.lock = threading.RLock()  # reentrant: a task may end while it is submitted
         self.queue_is_empty = False  # as far as this service knows
         self._reserved = 0
-        self._turns: deque[Future[bool]] = deque()
-        self._is_turn_of_line = False  # used only while meshes wait in the queue, too
+        self._turns = Turns()
+        self._line = KeyedLine[Future[bool]]()
+        self._is_turn_of_line = True  # for a key that waits in the line and in the queue
         self._closed = False
 
-    def reserve(self) -> bool:
+    def reserve(self, key_id: str = "", share: int = 1) -> bool:
         """Reserve a worker for a mesh that is not in the store yet; False when none is free or others wait."""
         with self.lock:
-            return self.queue_is_empty and not self._turns and not self._closed and self._take_free_worker()
+            free = self.queue_is_empty and not self._line and not self._closed and self._take_free_worker()
+            if free:
+                self._turns.start(key_id, share)
+            return free
 
-    def reserve_for_queue(self) -> bool:
-        """Reserve a worker for a mesh that may be in the queue; False when none is free."""
+    def reserve_for_first(self) -> bool:
+        """Reserve a worker for whoever is first in the line and the queue; False when none is free."""
         with self.lock:
             self.call_next()
             return self._take_free_worker()
 
-    def use(self) -> None:
-        """Note that a reserved worker has its mesh; called under the lock."""
-        self._reserved -= 1
+    def choose(self, queue: KeysInQueue) -> str | None:
+        """The key whose mesh in the queue gets the reserved worker; called under the lock.
 
-    def end_turn_of_queue(self, *, is_empty: bool) -> None:
-        """End the turn of the queue, which was empty or not; called under the lock."""
+        None when a request in the line got the worker, or when nobody waits and the worker is free again.
+        """
+        in_line = self._line.contenders(queue.running)
+        in_queue = [
+            Contender(key_id=key_id, share=share, running=queue.running.get(key_id, 0))
+            for key_id, share in queue.shares.items()
+        ]
+        if not in_line and not in_queue:
+            self._reserved -= 1
+            return None
+        first = self._turns.first([*in_line, *in_queue])
+        from_line = any(key.key_id == first.key_id for key in in_line)
+        if from_line and first.key_id in queue.shares:
+            from_line = self._is_turn_of_line
+            self._is_turn_of_line = not from_line
+        self._turns.start(first.key_id, first.share)
+        if not from_line:
+            return first.key_id
+        self._line.pop(first.key_id).set_result(True)
+        return None
+
+    def use(self) -> None:
+        """End a reservation, whose worker has its mesh or gets none; called under the lock."""
         self._reserved -= 1
-        self.queue_is_empty = is_empty
-        self._is_turn_of_line = True
 
     def release(self) -> None:
         """Release a reserved worker."""
@@ -55,13 +79,15 @@ class WorkerLine:
             self.call_next()
         self._wake()
 
-    def join(self) -> Future[bool]:
+    def join(self, key_id: str = "", share: int = 1) -> Future[bool]:
         """Wait for a worker: True when one is reserved, False when the line is too long, or the service stops."""
         turn: Future[bool] = Future()
         with self.lock:
-            if len(self._turns) < _MAX_LINE_LENGTH and not self._closed:
-                self._turns.append(turn)
+            if len(self._line) < _MAX_LINE_LENGTH and not self._closed:
+                self._line.add(key_id, turn, share)
                 self.call_next()
+                if not self.queue_is_empty:
+                    self._wake()
                 return turn
         turn.set_result(False)
         return turn
@@ -69,27 +95,27 @@ class WorkerLine:
     def leave(self, turn: Future[bool]) -> None:
         """Leave the line; a worker that was reserved meanwhile is released."""
         with self.lock:
-            if turn in self._turns:
-                self._turns.remove(turn)
+            if self._line.remove(turn):
                 return
         if turn.result():
             self.release()
 
     def call_next(self) -> None:
-        """Reserve free workers for the first in the line; called under the lock."""
-        while self._turns and (self.queue_is_empty or self._is_turn_of_line) and self._take_free_worker():
-            self._is_turn_of_line = False
-            self._turns.popleft().set_result(True)
+        """Reserve free workers for the first in the line, unless meshes wait in the queue; called under the lock."""
+        while self._line and self.queue_is_empty and self._take_free_worker():
+            first = self._turns.first(self._line.contenders(Counter(self._running())))
+            self._turns.start(first.key_id, first.share)
+            self._line.pop(first.key_id).set_result(True)
 
     def close(self) -> None:
         """Reserve no more workers; all waiting requests get False."""
         with self.lock:
             self._closed = True
-            while self._turns:
-                self._turns.popleft().set_result(False)
+            for turn in self._line.pop_all():
+                turn.set_result(False)
 
     def _take_free_worker(self) -> bool:
         health = self._engine.health()
-        free = health.ready and self._count_running() + self._reserved < health.workers
+        free = health.ready and sum(1 for _ in self._running()) + self._reserved < health.workers
         self._reserved += free
         return free

@@ -16,6 +16,10 @@ ADMIN = "admin"
 SCOPES = (READ, WRITE, ADMIN)
 # The scopes that a scope includes.
 _INCLUDED = {READ: {READ}, WRITE: {READ, WRITE}, ADMIN: {READ, WRITE, ADMIN}}
+# How many meshes a key starts while another key starts one, when both have meshes waiting.
+DEFAULT_SHARE = 1
+# Larger shares would starve other keys for long.
+MAX_SHARE = 100
 _SECRET = re.compile(r"em_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 
 
@@ -29,11 +33,18 @@ class KeyRow:
     scopes: tuple[str, ...]
     created_at: float
     revoked_at: float | None = None
+    share: int = DEFAULT_SHARE
 
     def is_valid(self, mark: str) -> bool:
         """Whether the key has the secret with this hash, and is not revoked."""
         # In a time that does not depend on the hashes.
         return hmac.compare_digest(self.sha256, mark) and self.revoked_at is None
+
+
+def check_share(share: int) -> None:
+    """Raise ValueError for a share out of its bounds."""
+    if not 1 <= share <= MAX_SHARE:
+        raise ValueError(f"the share of a key is 1 to {MAX_SHARE}, not {share}")
 
 
 def new_secret() -> tuple[str, str]:

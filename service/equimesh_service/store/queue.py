@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sqlalchemy import Connection, bindparam, func, insert, or_, select, update
+from sqlalchemy import Connection, Select, bindparam, func, insert, or_, select, update
 from sqlalchemy.sql.dml import ReturningUpdate
 
 from equimesh_service.files.port import Publish, publish_nothing
 from equimesh_service.store.artifacts import insert_artifacts, removal_lookup
 from equimesh_service.store.database import Database
+from equimesh_service.store.key_secrets import DEFAULT_SHARE
 from equimesh_service.store.rows import (
     CANCELED,
     FAILED,
@@ -23,20 +24,45 @@ from equimesh_service.store.rows import (
     SUCCEEDED,
     Artifact,
     Claim,
+    KeysInQueue,
     QueueCounts,
 )
-from equimesh_service.store.schema import events, meshes
+from equimesh_service.store.schema import events, keys, meshes
 
 # Statements are built once, since building them takes longer than executing them. A change takes the mesh, and the new
 # values of further columns by their names.
 _CLAIMED = [meshes.c.id, meshes.c.attempt, meshes.c.request_id, meshes.c.key_id, meshes.c.trace]
-_OLDEST = (
+# The key is compared as a range, and is part of the order. With an equation, PostgreSQL may look for the oldest mesh
+# among all meshes in the order of their numbers, and not in the index of those that wait.
+_OLDEST_OF_KEY = (
     select(*_CLAIMED, meshes.c.created_at)
-    .where(meshes.c.status == QUEUED)
-    .order_by(meshes.c.number)
+    .where(meshes.c.status == QUEUED, meshes.c.key_id.between(bindparam("key"), bindparam("key")))
+    .order_by(meshes.c.key_id, meshes.c.number)
     .limit(1)
     .with_for_update(skip_locked=True)
 )
+_RUNNING_OF_KEYS = select(meshes.c.key_id, func.count()).where(meshes.c.status == RUNNING).group_by(meshes.c.key_id)
+
+
+def _keys_in_queue() -> Select[tuple[str, int]]:
+    """The query for the keys with waiting meshes and their shares, the key of the oldest mesh first.
+
+    It jumps from key to key in the index, so that it reads a row for each key and not for each mesh.
+    """
+    # Not by min(), for which PostgreSQL may read all waiting meshes where it expects few.
+    queued = select(meshes.c.key_id).where(meshes.c.status == QUEUED).order_by(meshes.c.key_id, meshes.c.number)
+    found = select(queued.limit(1).scalar_subquery().label("key_id")).cte(recursive=True)
+    later = queued.where(meshes.c.key_id > found.c.key_id).limit(1).scalar_subquery()
+    found = found.union_all(select(later).where(found.c.key_id.is_not(None)))
+    mine = meshes.c.key_id.between(found.c.key_id, found.c.key_id)
+    oldest = queued.with_only_columns(meshes.c.number).where(mine).limit(1).scalar_subquery()
+    share = func.coalesce(keys.c.share, DEFAULT_SHARE).label("share")
+    joined = found.outerjoin(keys, keys.c.id == found.c.key_id)
+    query = select(found.c.key_id, share).select_from(joined).where(found.c.key_id.is_not(None))
+    return query.order_by(oldest)
+
+
+_KEYS_IN_QUEUE = _keys_in_queue()
 _CHANGE = (
     update(meshes)
     .where(meshes.c.id == bindparam("mesh"))
@@ -79,10 +105,20 @@ class QueueStore:
             change = {"status": CANCELED, "finished_at": self._clock(), "owner": None, "lease_until": None}
             return self._append(connection, _CANCEL, {"mesh": mesh_id, **change}, "done", {"status": CANCELED})
 
-    def claim(self, owner: str, lease: float) -> Claim | None:
-        """Claim the oldest waiting mesh for ``owner``, for ``lease`` seconds; a crash may undo it."""
+    def find_waiting(self) -> KeysInQueue:
+        """The keys with waiting meshes."""
+        with self._read() as connection:
+            shares = {row.key_id: int(row.share) for row in connection.execute(_KEYS_IN_QUEUE)}
+            running = {key_id: int(count) for key_id, count in connection.execute(_RUNNING_OF_KEYS)} if shares else {}
+        return KeysInQueue(shares=shares, running=running)
+
+    def claim(self, owner: str, lease: float, key_id: str = "") -> Claim | None:
+        """Claim the oldest waiting mesh of a key for ``owner``, for ``lease`` seconds; a crash may undo it.
+
+        None when the key has none, or another service is claiming its only one.
+        """
         with self._write(durable=False) as connection:
-            row = connection.execute(_OLDEST).first()
+            row = connection.execute(_OLDEST_OF_KEY, {"key": key_id}).first()
             if row is None:
                 return None
             now = self._clock()

@@ -113,6 +113,14 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True)
+class KeysInQueue:
+    """The shares of the keys with waiting meshes, the key of the oldest mesh first; how many meshes of keys run."""
+
+    shares: Mapping[str, int]
+    running: Mapping[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
 class MeshInput:
     """The input of a worker: the spec of a mesh, the files of its samples, and the requested format."""
 

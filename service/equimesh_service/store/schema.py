@@ -70,7 +70,7 @@ meshes = Table(
     Column("trace", String(64)),  # the traceparent of the request (W3C Trace Context)
     Column("spec_size", Integer, nullable=False, server_default="0"),  # bytes of the spec
     # With all columns that queries of waiting meshes read, since rows with samples in their spec are long.
-    Index("meshes_by_status", "status", "number", "key_id", "n_xi", "n_eta"),
+    Index("meshes_by_status", "status", "key_id", "number", "n_xi", "n_eta"),
     # The meshes of a key in the order of lists; the sum of its specs needs only this index.
     Index("meshes_by_key", "key_id", "created_at", "id", "spec_size"),
     Index("meshes_by_fingerprint", "fingerprint", "key_id", "number"),
@@ -188,7 +188,7 @@ removals = Table(
     PrimaryKeyConstraint("sha256", "noted_at"),
 )
 
-# API keys. `sha256` is the hash of the secret, which is not stored.
+# API keys. `sha256` is the hash of the secret, which is not stored. `share` is the weight of the key's turns.
 keys = Table(
     "keys",
     metadata,
@@ -198,4 +198,5 @@ keys = Table(
     Column("scopes", JSON, nullable=False),
     Column("created_at", Float, nullable=False),
     Column("revoked_at", Float),
+    Column("share", Integer, nullable=False, server_default="1"),
 )

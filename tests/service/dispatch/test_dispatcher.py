@@ -13,14 +13,16 @@ from typing import Any
 
 import pytest
 
+from equimesh_service.admission.callers import ANYONE
 from equimesh_service.admission.intake import Intake
 from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError
-from equimesh_service.store.rows import Claim, Ending, MeshInput, NewMesh
+from equimesh_service.store.rows import Claim, Ending, KeysInQueue, MeshInput, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import until
+from service.store.stores import add_backlog, status
 
 SPEC: dict[str, Any] = {"label": None, "grid": {"n_xi": 8, "n_eta": 8}, "cells": "quad"}
 MESH_INPUT = MeshInput(spec=SPEC, samples={})
@@ -117,9 +119,9 @@ def test_nobody_overtakes_while_the_queue_is_looked_at(
         store.meshes.add(NewMesh(id=name, spec=SPEC))
     claim, overtook = store.queue.claim, []
 
-    def look(owner: str, lease: float) -> Claim | None:
+    def look(owner: str, lease: float, key_id: str) -> Claim | None:
         overtook.append(dispatcher.line.reserve())
-        return claim(owner, lease)
+        return claim(owner, lease, key_id)
 
     monkeypatch.setattr(store.queue, "claim", look)
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
@@ -132,17 +134,22 @@ def test_nobody_overtakes_while_the_queue_is_looked_at(
 def test_a_worker_that_a_claimed_mesh_needs_is_given_to_nobody_else(
     store: Store, engine: Patient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    claim, overtook, turns = store.queue.claim, list[bool](), list[Future[bool]]()
+    find, claim = store.queue.find_waiting, store.queue.claim
+    overtook, turns = list[bool](), list[Future[bool]]()
 
-    def look(owner: str, lease: float) -> Claim | None:
+    def look() -> KeysInQueue:
         overtook.append(dispatcher.line.reserve())
-        found = claim(owner, lease)
-        if found is not None:
-            turns.append(dispatcher.line.join())
+        return find()
+
+    def take(owner: str, lease: float, key_id: str) -> Claim | None:
+        overtook.append(dispatcher.line.reserve())
+        found = claim(owner, lease, key_id)
+        turns.append(dispatcher.line.join())
         return found
 
     monkeypatch.setattr(engine, "health", lambda: Health(ready=True, workers=1))
-    monkeypatch.setattr(store.queue, "claim", look)
+    monkeypatch.setattr(store.queue, "find_waiting", look)
+    monkeypatch.setattr(store.queue, "claim", take)
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
     dispatcher.start(alone=True)
     until(lambda: len(overtook) > 2)  # it takes the queue for empty
@@ -233,6 +240,40 @@ def test_the_line_and_the_queue_take_turns(dispatcher: Dispatcher, store: Store,
         assert (sum(turn.done() for turn in turns), len(engine.tasks)) == taken
 
 
+def test_a_backlog_in_the_queue_delays_nobody(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)
+    add_backlog(store, 1000, "a", SPEC)
+    dispatcher.wake()
+    dispatcher.line.release()
+    dispatcher.line.release()
+    assert until(lambda: len(engine.tasks) == 2)
+    add_backlog(store, 1, "b", SPEC)
+    add_backlog(store, 1, "c", SPEC)
+    for number, name in enumerate(("a-0", "a-1", "b-0", "c-0")):
+        _finish(store, engine, number, name)
+        assert until(lambda now=number + 3: len(engine.tasks) == now)
+    started = [row.id for row in store.meshes.page(status="running", key_id=None)]
+    assert sorted(started) == ["a-2", "a-3"]
+    assert all(status(store, name) == "succeeded" for name in ("a-0", "a-1", "b-0", "c-0"))
+
+
+def test_a_request_that_waits_and_a_backlog_take_turns(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    until(dispatcher.line.reserve)
+    until(dispatcher.line.reserve)
+    add_backlog(store, 1000, "a", SPEC)
+    dispatcher.wake()
+    turns = [dispatcher.line.join("b") for _ in range(3)]
+    also = dispatcher.line.join("a")  # of the key whose meshes wait in the queue
+    order = list[str]()
+    for number in range(1, 7):
+        dispatcher.line.release()  # one worker is free
+        until(lambda now=number: sum(turn.done() for turn in (*turns, also)) + len(engine.tasks) == now)
+        states = {"b": sum(turn.done() for turn in turns), "also": int(also.done()), "a": len(engine.tasks)}
+        order.append(next(name for name, count in states.items() if count > order.count(name)))
+    assert order == ["b", "also", "b", "a", "b", "a"]
+
+
 def test_a_line_has_an_end_and_ends_with_the_service(store: Store, engine: Patient) -> None:
     dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
     dispatcher.start(alone=True)
@@ -249,9 +290,9 @@ def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher)
     until(dispatcher.line.reserve)
     until(dispatcher.line.reserve)
     intake: Any = SimpleNamespace(dispatcher=dispatcher)
-    assert asyncio.run(Intake._stand_in_line(intake, 0.05)) is False
+    assert asyncio.run(Intake._stand_in_line(intake, ANYONE, 0.05)) is False
     threading.Timer(0.05, dispatcher.line.release).start()
-    assert asyncio.run(Intake._stand_in_line(intake, 60.0)) is True
+    assert asyncio.run(Intake._stand_in_line(intake, ANYONE, 60.0)) is True
     assert not dispatcher.line.reserve()  # nobody is left in the line, and no worker was lost
     dispatcher.line.release()
     until(dispatcher.line.reserve)

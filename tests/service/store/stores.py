@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from equimesh_service.store.insertion import insert_waiting
 from equimesh_service.store.rows import Claim, NewMesh
 from equimesh_service.store.store import Store
 
@@ -22,8 +27,15 @@ def add(store: Store, mesh_id: str, **more: object) -> str:
     return store.meshes.add(NewMesh(id=mesh_id, spec={**SPEC, **more}))
 
 
-def claimed(store: Store, owner: str = "me") -> Claim:
-    claim = store.queue.claim(owner, 10.0)
+def add_backlog(store: Store, number: int, key_id: str, spec: Mapping[str, Any] = SPEC) -> None:
+    """Put this many meshes of a key into the queue, in one transaction."""
+    with store.database.write(durable=False) as connection:
+        for name in range(number):
+            insert_waiting(connection, NewMesh(id=f"{key_id}-{name}", spec=spec, key_id=key_id), None, time.time())
+
+
+def claimed(store: Store, owner: str = "me", key_id: str = "") -> Claim:
+    claim = store.queue.claim(owner, 10.0, key_id)
     assert claim is not None
     return claim
 

@@ -124,11 +124,11 @@ def test_ids_that_no_database_takes_are_not_there(store: Store) -> None:
     assert store.samples.get("s\x00", "") is None
 
 
-def succeeded(store: Store, mesh_id: str, fingerprint: str = "f", **more: Any) -> None:
-    store.meshes.add(NewMesh(id=mesh_id, spec=SPEC, fingerprint=fingerprint, **more))
+def succeeded(store: Store, mesh_id: str, fingerprint: str = "f", key_id: str = "") -> None:
+    store.meshes.add(NewMesh(id=mesh_id, spec=SPEC, fingerprint=fingerprint, key_id=key_id))
     result = {"quality": {"min_jacobian": 1.0}, "timings": {"solve": 2.0}}
     files = [Artifact("mesh", "4" * 64, 9), Artifact("file:vtu:quad", "5" * 64, 8)]
-    assert store.queue.finish(claimed(store), result=result, files=files)
+    assert store.queue.finish(claimed(store, key_id=key_id), result=result, files=files)
 
 
 def again(store: Store, mesh_id: str = "again", fingerprint: str | None = "f", **more: Any) -> str | None:

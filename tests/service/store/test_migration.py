@@ -69,6 +69,24 @@ def test_a_new_database_is_what_all_steps_together_make(database_url: str, engin
     assert ScriptDirectory(str(folder)).get_heads() == [LATEST]
 
 
+def test_the_keys_of_a_release_without_shares_have_equal_ones(database_url: str, engine: Engine) -> None:
+    upgrade(database_url)
+    with engine.begin() as connection:  # back to what release 0.2 made
+        connection.execute(text("ALTER TABLE keys DROP COLUMN share"))
+        connection.execute(text("DROP INDEX meshes_by_status"))
+        connection.execute(text("CREATE INDEX meshes_by_status ON meshes (status, number, key_id, n_xi, n_eta)"))
+        connection.execute(text("UPDATE alembic_version SET version_num = '0006'"))
+        connection.execute(
+            text("INSERT INTO keys (id, name, sha256, scopes, created_at) VALUES ('a', 'b', 'c', '[]', 1)")
+        )
+    upgrade(database_url)
+    store = Store(database_url)
+    assert [row.share for row in store.keys.list()] == [1]
+    store.close()
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+
+
 @pytest.mark.parametrize("old", [False, True], ids=["new", "old"])
 def test_services_that_start_together_change_it_once(database_url: str, engine: Engine, old: bool) -> None:
     if old:
@@ -95,7 +113,7 @@ def test_services_that_start_together_change_it_once(database_url: str, engine: 
         assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
 
 
-@pytest.mark.parametrize("revision", ["0007", "0004"])
+@pytest.mark.parametrize("revision", ["0008", "0004"])
 def test_a_database_of_a_newer_release_is_refused(
     database_url: str, engine: Engine, tmp_path: Path, revision: str
 ) -> None:

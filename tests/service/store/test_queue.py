@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import pytest
 
-from equimesh_service.store.rows import Artifact, Claim, Lease, NewMesh
+from equimesh_service.store import queue
+from equimesh_service.store.rows import Artifact, Claim, KeysInQueue, Lease, NewMesh
 from equimesh_service.store.store import Store
-from service.store.stores import ERROR, SPEC, Clock, add, claimed, status
+from service.store.stores import ERROR, SPEC, Clock, add, add_backlog, claimed, status
 
 
 def test_oldest_mesh_is_claimed_first_and_only_once(store: Store) -> None:
@@ -125,3 +127,57 @@ def test_a_mesh_that_somebody_waits_for_is_claimed_from_the_start(store: Store, 
     assert store.queue.find_abandoned() == [Claim("a", 1)]
     assert store.queue.finish(Claim("a", 1))
     assert [event.number for event in store.meshes.events("a")] == [1, 2, 3]
+
+
+def test_the_keys_that_wait_come_with_their_shares_and_running_meshes(store: Store) -> None:
+    assert store.queue.find_waiting() == KeysInQueue(shares={}, running={})
+    row, _ = store.keys.create("heavy", ["write"], share=3)
+    for number, key_id in enumerate(("z", row.id, "", "z", "a", "z")):
+        store.meshes.add(NewMesh(id=f"m{number}", spec=SPEC, key_id=key_id))
+    for _ in range(2):
+        claimed(store, key_id="z")
+    found = store.queue.find_waiting()
+    assert list(found.shares.items()) == [(row.id, 3), ("", 1), ("a", 1), ("z", 1)]  # the oldest mesh first
+    assert found.running == {"z": 2}
+    assert store.queue.claim("me", 10.0, "b") is None
+    assert claimed(store, key_id="a").mesh_id == "m4"
+
+
+def test_a_look_and_a_claim_read_as_much_for_any_backlog(store: Store) -> None:
+    read = list[int]()
+    for backlog in (20, 1000):
+        add_backlog(store, backlog, f"a{backlog}")
+        add_backlog(store, 1, f"b{backlog}")
+        read.append(_count_reads(store, f"a{backlog}"))
+        assert store.queue.cancel(f"a{backlog}-0")
+    # On the second look there are two keys more.
+    assert 0 < read[1] <= 3 * read[0]
+
+
+def _count_reads(store: Store, key_id: str) -> int:
+    """The rows that a look at the queue and a claim read, in PostgreSQL; the steps of the machine of SQLite."""
+    count = 0
+
+    def step() -> int:
+        nonlocal count
+        count += 1
+        return 0
+
+    def add(plan: dict[str, Any]) -> None:
+        nonlocal count
+        removed = plan.get("Rows Removed by Filter", 0)
+        count += int((plan["Actual Rows"] + removed) * plan["Actual Loops"]) if "Scan" in plan["Node Type"] else 0
+        for part in plan.get("Plans", ()):
+            add(part)
+
+    with store.database.read() as connection:
+        driver: Any = connection.connection.driver_connection
+        for query in (queue._KEYS_IN_QUEUE, queue._RUNNING_OF_KEYS, queue._OLDEST_OF_KEY.params(key=key_id)):
+            if connection.dialect.name == "sqlite":
+                driver.set_progress_handler(step, 1)
+                connection.execute(query).all()
+                driver.set_progress_handler(None, 1)
+            else:
+                sql = query.compile(dialect=connection.dialect, compile_kwargs={"literal_binds": True})
+                add(connection.exec_driver_sql(f"EXPLAIN (ANALYZE, FORMAT JSON) {sql}").scalar_one()[0]["Plan"])
+    return count
