@@ -1,4 +1,4 @@
-"""`equimesh keys`: creates, lists and revokes the API keys of a service."""
+"""`equimesh keys`: creates, lists, changes and revokes the API keys of a service."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ if TYPE_CHECKING:
     from equimesh_service.store.keys import KeyStore
 
 SCOPES = ("read", "write", "admin")
+_SHARE_HELP = "meshes that this key starts while a key of share 1 starts one, if both have meshes waiting"
 EXAMPLES = """\
 examples:
   equimesh keys create --name ada --scope write
   equimesh keys create --name prometheus --scope admin --data-dir /var/lib/equimesh
   equimesh keys list
+  equimesh keys change 3f1c0a9b7e52 --share 3
   equimesh keys revoke 3f1c0a9b7e52
 
 The service need not be stopped. Once there is a key, every request needs one, in the header
@@ -38,7 +40,7 @@ def add_parser(commands: Any) -> None:
     parser = add_command(
         commands,
         "keys",
-        help="create, list and revoke API keys",
+        help="create, list, change and revoke API keys",
         description="API keys of a service, in its database.",
         examples=EXAMPLES,
     )
@@ -52,26 +54,33 @@ def add_parser(commands: Any) -> None:
         help="read: look at meshes and download them; write: also request meshes, upload samples, cancel and delete; "
         "admin: also those of all other keys, and metrics; may be repeated (write)",
     )
+    create.add_argument("--share", type=int, default=1, help=f"{_SHARE_HELP} (1)")
     create.set_defaults(run=_create)
     listing = actions.add_parser("list", help="show all keys, without their secrets")
     listing.set_defaults(run=_list)
+    change = actions.add_parser("change", help="change the share of a key; takes effect at once")
+    change.add_argument("id", metavar="ID", help="as in the list")
+    change.add_argument("--share", type=int, required=True, help=_SHARE_HELP)
+    change.set_defaults(run=_change)
     revoke = actions.add_parser("revoke", help="revoke a key; takes effect within 2 seconds")
     revoke.add_argument("id", metavar="ID", help="as in the list; it is also the middle of the secret")
     revoke.set_defaults(run=_revoke)
-    for action in (create, listing, revoke):
+    for action in (create, listing, change, revoke):
         add_database_options(action)
 
 
 def _create(options: argparse.Namespace) -> int:
     if not (0 < len(options.name) <= 200 and options.name.isprintable()):
         raise Refused("--name: 1 to 200 printable characters")
-    with _open_keys(options, create=True) as keys:
-        row, secret = keys.create(options.name, options.scope or ["write"])
+    with _open_keys(options, create=True) as keys, _refusing_values():
+        row, secret = keys.create(options.name, options.scope or ["write"], options.share)
     if options.json:
         print(json.dumps({**_plain(row), "secret": secret}))
     else:
         print(secret)
-        print(f"\nKey {row.id} ({row.name}), scopes {', '.join(row.scopes)}. This is the only time that it is shown.")
+        share = f", share {row.share}" if row.share != 1 else ""
+        scopes = ", ".join(row.scopes)
+        print(f"\nKey {row.id} ({row.name}), scopes {scopes}{share}. This is the only time that it is shown.")
     return Exit.DONE
 
 
@@ -84,22 +93,49 @@ def _list(options: argparse.Namespace) -> int:
     if not rows:
         print("No key exists: requests need none.")
         return Exit.DONE
-    print(f"{'id':<14}{'scopes':<14}{'created':<22}{'revoked':<22}name")
+    print(f"{'id':<14}{'scopes':<14}{'share':<7}{'created':<22}{'revoked':<22}name")
     for row in rows:
         revoked = "" if row.revoked_at is None else _time(row.revoked_at)
-        print(f"{row.id:<14}{','.join(row.scopes):<14}{_time(row.created_at):<22}{revoked:<22}{row.name}")
+        scopes, created = ",".join(row.scopes), _time(row.created_at)
+        print(f"{row.id:<14}{scopes:<14}{row.share:<7}{created:<22}{revoked:<22}{row.name}")
+    return Exit.DONE
+
+
+def _change(options: argparse.Namespace) -> int:
+    with _open_keys(options) as keys:
+        row = _find(keys, options.id)
+        with _refusing_values():
+            changed = keys.change(options.id, options.share)
+        if not changed:
+            raise Refused(f"the key {options.id} ({row.name}) is revoked")
+    changes = {"id": row.id, "share": options.share}
+    print(json.dumps(changes) if options.json else f"Key {row.id} ({row.name}) has share {options.share}.")
     return Exit.DONE
 
 
 def _revoke(options: argparse.Namespace) -> int:
     with _open_keys(options) as keys:
-        row = keys.get(options.id)
-        if row is None:
-            raise Refused(f"no key has the id {options.id}; `equimesh keys list` shows all keys")
+        row = _find(keys, options.id)
         if not keys.revoke(options.id):
             raise Refused(f"the key {options.id} ({row.name}) was revoked already")
     print(json.dumps({"id": row.id, "revoked": True}) if options.json else f"Key {row.id} ({row.name}) is revoked.")
     return Exit.DONE
+
+
+def _find(keys: KeyStore, key_id: str) -> KeyRow:
+    row = keys.get(key_id)
+    if row is None:
+        raise Refused(f"no key has the id {key_id}; `equimesh keys list` shows all keys")
+    return row
+
+
+@contextmanager
+def _refusing_values() -> Iterator[None]:
+    """Turn a value that the store refuses into a refusal of the command."""
+    try:
+        yield
+    except ValueError as error:
+        raise Refused(f"{error}") from None
 
 
 @contextmanager
@@ -124,6 +160,7 @@ def _plain(row: KeyRow) -> dict[str, Any]:
         "id": row.id,
         "name": row.name,
         "scopes": list(row.scopes),
+        "share": row.share,
         "created_at": _time(row.created_at),
         "revoked_at": revoked,
     }

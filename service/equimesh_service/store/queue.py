@@ -41,11 +41,12 @@ _OLDEST_OF_KEY = (
     .limit(1)
     .with_for_update(skip_locked=True)
 )
+_CREATED_AT = select(meshes.c.created_at).where(meshes.c.number == bindparam("oldest"))
 _RUNNING_OF_KEYS = select(meshes.c.key_id, func.count()).where(meshes.c.status == RUNNING).group_by(meshes.c.key_id)
 
 
-def _keys_in_queue() -> Select[tuple[str, int]]:
-    """The query for the keys with waiting meshes and their shares, the key of the oldest mesh first.
+def _keys_in_queue() -> Select[tuple[str, int, int]]:
+    """The query for the keys with waiting meshes, their shares and the numbers of their oldest ones, in this order.
 
     It jumps from key to key in the index, so that it reads a row for each key and not for each mesh.
     """
@@ -55,10 +56,10 @@ def _keys_in_queue() -> Select[tuple[str, int]]:
     later = queued.where(meshes.c.key_id > found.c.key_id).limit(1).scalar_subquery()
     found = found.union_all(select(later).where(found.c.key_id.is_not(None)))
     mine = meshes.c.key_id.between(found.c.key_id, found.c.key_id)
-    oldest = queued.with_only_columns(meshes.c.number).where(mine).limit(1).scalar_subquery()
+    oldest = queued.with_only_columns(meshes.c.number).where(mine).limit(1).scalar_subquery().label("oldest")
     share = func.coalesce(keys.c.share, DEFAULT_SHARE).label("share")
     joined = found.outerjoin(keys, keys.c.id == found.c.key_id)
-    query = select(found.c.key_id, share).select_from(joined).where(found.c.key_id.is_not(None))
+    query = select(found.c.key_id, share, oldest).select_from(joined).where(found.c.key_id.is_not(None))
     return query.order_by(oldest)
 
 
@@ -92,10 +93,10 @@ class QueueStore:
     def count(self) -> QueueCounts:
         """The number of meshes of each status, and the wait of the oldest waiting one."""
         query = select(meshes.c.status, func.count()).group_by(meshes.c.status)
-        oldest = select(meshes.c.created_at).where(meshes.c.status == QUEUED).order_by(meshes.c.number).limit(1)
         with self._read() as connection:
             counted = {status: int(count) for status, count in connection.execute(query)}
-            since = connection.execute(oldest).scalar()
+            first = connection.execute(_KEYS_IN_QUEUE).first()
+            since = None if first is None else connection.execute(_CREATED_AT, {"oldest": first.oldest}).scalar()
         waited = 0.0 if since is None else max(0.0, self._clock() - since)
         return QueueCounts(meshes={status: counted.get(status, 0) for status in STATUSES}, oldest_wait=waited)
 

@@ -69,9 +69,9 @@ def test_a_new_database_is_what_all_steps_together_make(database_url: str, engin
     assert ScriptDirectory(str(folder)).get_heads() == [LATEST]
 
 
-def test_the_keys_of_a_release_without_shares_have_equal_ones(database_url: str, engine: Engine) -> None:
+def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str, engine: Engine) -> None:
     upgrade(database_url)
-    with engine.begin() as connection:  # back to what release 0.2 made
+    with engine.begin() as connection:  # back to revision 0006
         connection.execute(text("ALTER TABLE keys DROP COLUMN share"))
         connection.execute(text("DROP INDEX meshes_by_status"))
         connection.execute(text("CREATE INDEX meshes_by_status ON meshes (status, number, key_id, n_xi, n_eta)"))
