@@ -7,54 +7,23 @@ computed once.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import RectBivariateSpline
 
+from equimesh.fields.axis import ORDER, Axis, at_piece, buckets_per_length, piece, slopes_at_piece
+from equimesh.fields.patches import fill_polynomials, patch_curvatures, patch_slopes, patch_values
 from equimesh.numerics.compiled import vectorised
-from equimesh.numerics.types import Array, IntArray
+from equimesh.numerics.types import Array
 
-ORDER = 4  # B-splines that are not zero on a piece of an axis, and coefficients of a cubic
-BUCKETS_PER_PIECE = 2
-MAX_CACHED_KNOTS = 2100  # knots of the longest axis whose B-splines are kept for the next samples
+MAX_PATCHES = 1 << 14
+"""Rectangles of the largest spline that is evaluated by a polynomial on each: these take 2 MiB, and stay in a cache."""
 COUNT = (1, 3, 6)
 """The number of values up to each order: u; u_x, u_y; u_xx, u_xy, u_yy."""
-
-
-class Axis(NamedTuple):
-    """The pieces of one axis, between ``breaks`` of shape ``(n + 1,)``, and the cubic B-splines on them.
-
-    ``cubics[i, j, k]``, of shape ``(n, 4, 4)``, is the coefficient of ``(t - breaks[i])**k`` of the j-th B-spline that
-    is not zero on piece i. ``first[b]`` is the piece where the b-th of equally wide buckets begins.
-    """
-
-    breaks: Array
-    cubics: Array
-    first: IntArray
-
-    @classmethod
-    def between(cls, knots: Array) -> Axis:
-        """The pieces between the ``knots`` of cubic B-splines, of which the first and the last come four times."""
-        if len(knots) > MAX_CACHED_KNOTS:
-            return cls.of(knots)
-        return _between(np.ascontiguousarray(knots, dtype=float).tobytes())
-
-    @classmethod
-    def of(cls, knots: Array) -> Axis:
-        """The same, without the cache."""
-        breaks = np.ascontiguousarray(knots[ORDER - 1 : len(knots) - ORDER + 1])
-        starts = np.linspace(breaks[0], breaks[-1], BUCKETS_PER_PIECE * (len(breaks) - 1) + 1)
-        first = np.clip(np.searchsorted(breaks, starts, side="right") - 1, 0, len(breaks) - 2)
-        return cls(breaks, _cubics(knots), first.astype(np.int64))
-
-    def inside(self, t: Array, nowhere: npt.NDArray[np.bool_]) -> Array:
-        """The points of the axis nearest to ``t``, in one row; any where ``t`` is ``nowhere``."""
-        low, high = self.breaks[0], self.breaks[-1]
-        return np.where(nowhere, low, np.clip(t, low, high)).ravel()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,25 +61,41 @@ class Bicubic:
         Outside its rectangle the spline is taken at the nearest point of that; at NaN it is NaN.
         """
         x, y = np.broadcast_arrays(x, y)
-        first, second = self.along_x, self.along_y
-        nowhere = np.isnan(x) | np.isnan(y)
         values = np.empty((COUNT[order], *x.shape))
-        at = first.inside(x, nowhere), second.inside(y, nowhere), first, second, self.coefficients
         rows = values.reshape(len(values), -1)
-        if order == 0:
-            fill_values(*at, rows)
-        else:
-            fill_slopes(*at, rows)
-        if order == 2:
-            fill_curvatures(*at, rows)
+        if math.isfinite(x.sum() + y.sum()):
+            self._fill(x.ravel(), y.ravel(), rows, order)
+            return tuple(values)
+        nowhere = np.isnan(x) | np.isnan(y)
+        self._fill(np.where(nowhere, 0.0, x).ravel(), np.where(nowhere, 0.0, y).ravel(), rows, order)
         values[:, nowhere] = np.nan
         return tuple(values)
 
+    def _fill(self, x: Array, y: Array, rows: Array, order: int) -> None:
+        patches = self._polynomials
+        if patches is None:
+            kernels, table = (fill_values, fill_slopes, fill_curvatures), self.coefficients
+            x, y = self.along_x.inside(x), self.along_y.inside(y)
+        else:
+            kernels, table = (patch_values, patch_slopes, patch_curvatures), patches
+        at = x, y, self.along_x, self.along_y, table, rows
+        kernels[min(order, 1)](*at)
+        if order == 2:
+            kernels[2](*at)
 
-@lru_cache(maxsize=64)
-def _between(knots: bytes) -> Axis:
-    """The pieces of an axis, cached: the samples of all time steps have the same axes."""
-    return Axis.of(np.frombuffer(knots))
+    @cached_property
+    def _polynomials(self) -> Array | None:
+        """A polynomial on every rectangle between the breaks; ``None`` where they are too many."""
+        pieces = self.along_x.breaks.size - 1, self.along_y.breaks.size - 1
+        if pieces[0] * pieces[1] > MAX_PATCHES:
+            return None
+        polynomials = np.empty((*pieces, ORDER, ORDER))
+        fill_polynomials(self.along_x, self.along_y, self.coefficients, polynomials)
+        return polynomials
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the polynomials, which are computed again where they are needed."""
+        return {name: value for name, value in self.__dict__.items() if name != "_polynomials"}
 
 
 def _steepest(coefficients: Array, knots: Array) -> float:
@@ -118,33 +103,6 @@ def _steepest(coefficients: Array, knots: Array) -> float:
     with np.errstate(all="ignore"):
         spans = (knots[ORDER:-1] - knots[1:-ORDER]) / (ORDER - 1)
         return float(np.abs(np.diff(coefficients, axis=0) / spans[:, None]).max())
-
-
-def _cubics(knots: Array) -> Array:
-    """The B-splines on every piece by the recursion of Cox and de Boor, on coefficients instead of values."""
-    piece = np.arange(ORDER - 1, len(knots) - ORDER)
-    start = knots[piece]
-    splines = [np.zeros((len(piece), ORDER)) for _ in range(ORDER)]
-    splines[-1][:, 0] = 1.0
-    for degree in range(1, ORDER):
-        raised = [np.zeros((len(piece), ORDER)) for _ in range(ORDER)]
-        for j in range(ORDER - 1 - degree, ORDER):
-            left = piece - (ORDER - 1) + j
-            if j >= ORDER - degree:
-                low, high = knots[left], knots[left + degree]
-                raised[j] += _times_line(splines[j], (start - low) / (high - low), 1.0 / (high - low))
-            if j + 1 < ORDER:
-                low, high = knots[left + 1], knots[left + degree + 1]
-                raised[j] += _times_line(splines[j + 1], (high - start) / (high - low), -1.0 / (high - low))
-        splines = raised
-    return np.stack(splines, axis=1)
-
-
-def _times_line(cubics: Array, constant: Array, slope: Array) -> Array:
-    """Polynomials, a row of coefficients each, times ``constant + slope * t``."""
-    product = constant[:, None] * cubics
-    product[:, 1:] += slope[:, None] * cubics[:, :-1]
-    return product
 
 
 @vectorised
@@ -215,48 +173,3 @@ def fill_curvatures(x: Array, y: Array, along_x: Axis, along_y: Axis, coefficien
         rows[3, p] = u_xx
         rows[4, p] = u_xy
         rows[5, p] = u_yy
-
-
-@vectorised
-def buckets_per_length(axis: Axis) -> float:
-    """The ``scale`` of :func:`piece`."""
-    return float((axis.first.size - 1) / (axis.breaks[-1] - axis.breaks[0]))
-
-
-@vectorised
-def piece(t: float, axis: Axis, scale: float) -> int:
-    """The number of the piece that the point ``t`` lies on: the last one that begins at or before it."""
-    breaks, first = axis.breaks, axis.first
-    bucket = min(int((t - breaks[0]) * scale), first.size - 2)
-    low, high = first[bucket], min(first[bucket + 1] + 1, breaks.size - 2)
-    while low > 0 and t < breaks[low]:  # at the edge of a bucket rounding may miss the piece
-        low -= 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        if breaks[middle] <= t:
-            low = middle
-        else:
-            high = middle - 1
-    return int(low)
-
-
-@vectorised
-def at_piece(cubics: Array, j: int, t: float) -> tuple[float, float, float, float]:
-    """The four B-splines of piece ``j``, ``t`` beyond its begin."""
-    return (
-        cubics[j, 0, 0] + t * (cubics[j, 0, 1] + t * (cubics[j, 0, 2] + t * cubics[j, 0, 3])),
-        cubics[j, 1, 0] + t * (cubics[j, 1, 1] + t * (cubics[j, 1, 2] + t * cubics[j, 1, 3])),
-        cubics[j, 2, 0] + t * (cubics[j, 2, 1] + t * (cubics[j, 2, 2] + t * cubics[j, 2, 3])),
-        cubics[j, 3, 0] + t * (cubics[j, 3, 1] + t * (cubics[j, 3, 2] + t * cubics[j, 3, 3])),
-    )
-
-
-@vectorised
-def slopes_at_piece(cubics: Array, j: int, t: float) -> tuple[float, float, float, float]:
-    """Their derivatives."""
-    return (
-        cubics[j, 0, 1] + t * (2.0 * cubics[j, 0, 2] + t * 3.0 * cubics[j, 0, 3]),
-        cubics[j, 1, 1] + t * (2.0 * cubics[j, 1, 2] + t * 3.0 * cubics[j, 1, 3]),
-        cubics[j, 2, 1] + t * (2.0 * cubics[j, 2, 2] + t * 3.0 * cubics[j, 2, 3]),
-        cubics[j, 3, 1] + t * (2.0 * cubics[j, 3, 2] + t * 3.0 * cubics[j, 3, 3]),
-    )

@@ -13,7 +13,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
-from equimesh.fields.bicubic import ORDER, Axis, Bicubic, at_piece, buckets_per_length, piece, slopes_at_piece
+from equimesh.fields.axis import ORDER, Axis, at_piece, buckets_per_length, piece, slopes_at_piece
+from equimesh.fields.bicubic import Bicubic
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, Pair
