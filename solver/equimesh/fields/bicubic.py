@@ -67,21 +67,23 @@ class Bicubic:
             self._fill(x.ravel(), y.ravel(), rows, order)
             return tuple(values)
         nowhere = np.isnan(x) | np.isnan(y)
-        self._fill(np.where(nowhere, 0.0, x).ravel(), np.where(nowhere, 0.0, y).ravel(), rows, order)
+        x, y = self.along_x.inside(np.where(nowhere, 0.0, x)), self.along_y.inside(np.where(nowhere, 0.0, y))
+        self._fill(x.ravel(), y.ravel(), rows, order)
         values[:, nowhere] = np.nan
         return tuple(values)
 
     def _fill(self, x: Array, y: Array, rows: Array, order: int) -> None:
         patches = self._polynomials
-        if patches is None:
-            kernels, table = (fill_values, fill_slopes, fill_curvatures), self.coefficients
-            x, y = self.along_x.inside(x), self.along_y.inside(y)
-        else:
-            kernels, table = (patch_values, patch_slopes, patch_curvatures), patches
-        at = x, y, self.along_x, self.along_y, table, rows
-        kernels[min(order, 1)](*at)
+        if patches is not None:
+            at = x, y, self.along_x, self.along_y, patches, rows
+            patch_values(*at) if order == 0 else patch_slopes(*at)
+            if order == 2:
+                patch_curvatures(*at)
+            return
+        at = self.along_x.inside(x), self.along_y.inside(y), self.along_x, self.along_y, self.coefficients, rows
+        fill_values(*at) if order == 0 else fill_slopes(*at)
         if order == 2:
-            kernels[2](*at)
+            fill_curvatures(*at)
 
     @cached_property
     def _polynomials(self) -> Array | None:

@@ -12,6 +12,7 @@ from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_field
 from equimesh.monitors.monitor import require_strength
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
 
 RANGE_CELLS = 90
@@ -72,12 +73,21 @@ class ArcLength:
 
         Raises :class:`~equimesh.errors.InputError` before a scaled monitor is bound to a domain.
         """
+        return self.metric_of(*self.u.evaluate(x, y, order=1))
+
+    @property
+    def order(self) -> int:
+        """The metric needs first derivatives; see :class:`~equimesh.monitors.monitor.OfDerivatives`."""
+        return 1
+
+    def metric_of(self, *derivatives: Array) -> tuple[Array, Array, Array]:
+        """The metric where u and its first derivatives are these."""
         if self.factor is None:
             raise InputError("the scale of an arc length depends on the domain: call monitor.on(domain) first")
-        _, u_x, u_y = (self.factor * values for values in self.u.evaluate(x, y, order=1))
-        xx, yy = u_x * u_x, u_y * u_y
-        k = self.strength(xx + yy)
-        return 1.0 + k * xx, k * u_x * u_y, 1.0 + k * yy
+        _, u_x, u_y = (np.asarray(values, dtype=np.float64, order="C") for values in derivatives)
+        out = np.empty((3, *u_x.shape))
+        _metric(u_x.reshape(-1), u_y.reshape(-1), self.factor, self.a**2, self.b, out.reshape(3, -1))
+        return out[0], out[1], out[2]
 
     def on(self, domain: Domain) -> ArcLength:
         """The monitor with the :attr:`factor` of ``domain``."""
@@ -102,3 +112,13 @@ class ArcLength:
         if not high - low > MAX_CONSTANT_SHARE * max(abs(low), abs(high)):
             return 0.0
         return math.sqrt(domain.area) / (high - low)
+
+
+@compiled
+def _metric(u_x: Array, u_y: Array, factor: float, a2: float, b: float, out: Array) -> None:
+    """The metrics where the derivatives of u, times ``factor``, are these; ``out`` has the shape ``(3, n)``."""
+    m11, m12, m22 = out[0], out[1], out[2]
+    for i in range(u_x.size):
+        x, y = factor * u_x[i], factor * u_y[i]
+        k = a2 / (1.0 + b * (x * x + y * y))
+        m11[i], m12[i], m22[i] = 1.0 + k * x * x, k * x * y, 1.0 + k * y * y

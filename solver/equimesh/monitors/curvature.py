@@ -69,11 +69,20 @@ class Curvature:
 
         Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
         """
+        return self.metric_of(*self.u.evaluate(x, y, order=2))
+
+    @property
+    def order(self) -> int:
+        """The metric needs second derivatives; see :class:`~equimesh.monitors.monitor.OfDerivatives`."""
+        return 2
+
+    def metric_of(self, *derivatives: Array) -> tuple[Array, Array, Array]:
+        """The metric where u and its derivatives up to the second ones are these."""
         if self.alpha is None:
             raise InputError(
                 "the scale alpha of a curvature monitor depends on the domain: call monitor.on(domain) first"
             )
-        _, _, _, h11, h12, h22 = self.u.evaluate(x, y, order=2)
+        h11, h12, h22 = derivatives[3:]
         shape, out = h11.shape, np.empty((3, h11.size))
         _metric(h11.ravel(), h12.ravel(), h22.ravel(), 1.0 / self.alpha, self.floor, self._kind, out)
         return out[0].reshape(shape), out[1].reshape(shape), out[2].reshape(shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
@@ -43,6 +43,23 @@ class Monitor(Protocol):
 
         The metric for 0 is constant. It depends continuously on ``strength``. A bound monitor gives a bound one.
         """
+        ...
+
+
+@runtime_checkable
+class OfDerivatives(Protocol):
+    """A bound monitor whose metric at a point depends on u and its derivatives there, and on nothing else.
+
+    Who needs both the metric and u evaluates u once, for both.
+    """
+
+    @property
+    def order(self) -> int:
+        """The order of the derivatives that the metric needs."""
+        ...
+
+    def metric_of(self, *derivatives: Array) -> tuple[Array, Array, Array]:
+        """:meth:`Monitor.metric` at points where u and its derivatives up to :attr:`order` are these."""
         ...
 
 

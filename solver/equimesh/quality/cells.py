@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from equimesh.numerics.types import Array, BoolArray, IntArray
 
 BLOCK_POINTS = 1 << 14
 """Points of a block of cells: this bounds the memory, and a block stays in the cache."""
+
+Block: TypeAlias = slice | IntArray
+"""Some cells: consecutive ones, from ``start`` to before ``stop``, or those with these numbers."""
 
 
 class CellPoints(NamedTuple):
@@ -67,7 +70,7 @@ class BilinearCells:
     @cached_property
     def nodes(self) -> tuple[Array, Array]:
         """x and y of the nodes, C-contiguous."""
-        return np.ascontiguousarray(self.mesh.x), np.ascontiguousarray(self.mesh.y)
+        return np.ascontiguousarray(self.mesh.x, dtype=float), np.ascontiguousarray(self.mesh.y, dtype=float)
 
     @property
     def area(self) -> Array:
@@ -94,36 +97,36 @@ class BilinearCells:
         """Signed area of the whole mesh."""
         return float(self.area.sum())
 
-    def blocks(self, points: CellPoints, numbers: IntArray | None = None) -> Iterator[IntArray]:
-        """Numbers of the valid cells, or ``numbers``, in pieces of about ``BLOCK_POINTS`` points."""
+    def blocks(self, points: CellPoints, numbers: IntArray | None = None) -> Iterator[Block]:
+        """All cells, or those with ``numbers``, in pieces of about ``BLOCK_POINTS`` points."""
         size = max(1, BLOCK_POINTS // points.s.size)
-        if numbers is None and self.all_valid:
-            for start in range(0, self.count, size):
-                yield np.arange(start, min(start + size, self.count))
-            return
-        cells = np.flatnonzero(self.valid) if numbers is None else numbers
-        for start in range(0, cells.size, size):
-            yield cells[start : start + size]
+        count = self.count if numbers is None else numbers.size
+        for start in range(0, count, size):
+            piece = slice(start, min(start + size, count))
+            yield piece if numbers is None else numbers[piece]
 
-    def at(self, points: CellPoints, cells: IntArray) -> CellMap:
+    def corners(self, cells: Block) -> Array:
+        """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
+        if isinstance(cells, slice):
+            out = np.empty((8, cells.stop - cells.start))
+            gather_row_of_cells(*self.nodes, cells.start, out)
+        else:
+            out = np.empty((8, cells.size))
+            gather_cells(*self.nodes, cells, out)
+        return out
+
+    def at(self, points: CellPoints, cells: Block) -> CellMap:
         """The map of ``cells`` at ``points``."""
-        corners, out = np.empty((8, cells.size)), np.empty((7, points.s.size, cells.size))
-        gather_cells(*self.nodes, cells, corners)
+        corners = self.corners(cells)
+        out = np.empty((7, points.s.size, corners.shape[1]))
         map_cells(corners, points.s, points.t, out)
         return CellMap(*out)
 
-    def shares(self, points: CellPoints, cells: IntArray) -> tuple[Array, Array, Array]:
-        """x and y of ``points`` in ``cells``, and the share of its cell that each represents, ``(points, cells)``."""
-        corners, out = np.empty((8, cells.size)), np.empty((3, points.s.size, cells.size))
-        gather_cells(*self.nodes, cells, corners)
-        share_cells(corners, self.area[cells], points.s, points.t, points.weights, out)
-        return out[0], out[1], out[2]
-
     def corner_values(self, nodal: Array, cells: IntArray) -> Array:
         """Nodal values at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
-        row, column = np.divmod(cells, self.shape[1])
-        first, flat, step = row * nodal.shape[1] + column, nodal.reshape(-1), nodal.shape[1]
-        return np.stack([flat[first], flat[first + step], flat[first + step + 1], flat[first + 1]])
+        out = np.empty((4, cells.size))
+        gather_values(np.ascontiguousarray(nodal), cells, out)
+        return out
 
     @cached_property
     def _measured(self) -> tuple[Array, BoolArray, float]:
@@ -147,7 +150,7 @@ def measure_cells(x: Array, y: Array, area: Array, valid: BoolArray) -> float:
             total = a + b + c + d
             lowest = min(min(a, b), min(c, d))
             area[i * columns + j] = 0.25 * total
-            valid[i * columns + j] = lowest > 0.0 and np.isfinite(total)
+            valid[i * columns + j] = lowest > 0.0 and total - total == 0.0
             smallest = min(smallest, lowest)
             check += total
     return smallest if np.isfinite(check) else np.nan
@@ -162,6 +165,48 @@ def gather_cells(x: Array, y: Array, cells: IntArray, out: Array) -> None:
         j = cells[k] - i * columns
         out[0, k], out[1, k], out[2, k], out[3, k] = x[i, j], x[i + 1, j], x[i + 1, j + 1], x[i, j + 1]
         out[4, k], out[5, k], out[6, k], out[7, k] = y[i, j], y[i + 1, j], y[i + 1, j + 1], y[i, j + 1]
+
+
+@compiled
+def gather_row_of_cells(x: Array, y: Array, start: int, out: Array) -> None:
+    """The same of consecutive cells from number ``start`` on."""
+    columns, k = x.shape[1] - 1, 0
+    while k < out.shape[1]:
+        i = (start + k) // columns
+        j = start + k - i * columns
+        count = min(columns - j, out.shape[1] - k)
+        for part, q in ((0, x), (4, y)):
+            for m in range(count):
+                out[part, k + m] = q[i, j + m]
+                out[part + 1, k + m] = q[i + 1, j + m]
+                out[part + 2, k + m] = q[i + 1, j + m + 1]
+                out[part + 3, k + m] = q[i, j + m + 1]
+        k += count
+
+
+@compiled
+def gather_values(nodal: Array, cells: IntArray, out: Array) -> None:
+    """Nodal values at the corners of ``cells``, counter-clockwise."""
+    columns = nodal.shape[1] - 1
+    for k in range(cells.size):
+        i = cells[k] // columns
+        j = cells[k] - i * columns
+        out[0, k], out[1, k] = nodal[i, j], nodal[i + 1, j]
+        out[2, k], out[3, k] = nodal[i + 1, j + 1], nodal[i, j + 1]
+
+
+@compiled
+def locate(corners: Array, s: Array, t: Array, x: Array, y: Array) -> None:
+    """The places ``x``, ``y`` of the points (s, t) in cells with these ``corners``, of shape ``(points, cells)``."""
+    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
+    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
+    for p in range(s.size):
+        u, v = s[p], t[p]
+        a, b, c, d = (1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v
+        x_p, y_p = x[p], y[p]
+        for k in range(corners.shape[1]):
+            x_p[k] = a * x0[k] + b * x1[k] + c * x2[k] + d * x3[k]
+            y_p[k] = a * y0[k] + b * y1[k] + c * y2[k] + d * y3[k]
 
 
 @compiled
@@ -184,27 +229,3 @@ def map_cells(corners: Array, s: Array, t: Array, out: Array) -> None:
             y_t[k] = (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k])
         for k in range(corners.shape[1]):
             det[k] = x_s[k] * y_t[k] - x_t[k] * y_s[k]
-
-
-@compiled
-def share_cells(corners: Array, area: Array, s: Array, t: Array, weights: Array, out: Array) -> None:
-    """x, y and the share of the points (s, t) in the ``area`` of cells with these ``corners``."""
-    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
-    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
-    for p in range(s.size):
-        u, v, weight = s[p], t[p], weights[p]
-        a, b, c, d = (1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v
-        x, y, share = out[0, p], out[1, p], out[2, p]
-        for k in range(corners.shape[1]):
-            x[k] = a * x0[k] + b * x1[k] + c * x2[k] + d * x3[k]
-            y[k] = a * y0[k] + b * y1[k] + c * y2[k] + d * y3[k]
-        for k in range(corners.shape[1]):
-            x_s, y_s = (
-                (1.0 - v) * (x1[k] - x0[k]) + v * (x2[k] - x3[k]),
-                (1.0 - v) * (y1[k] - y0[k]) + v * (y2[k] - y3[k]),
-            )
-            x_t, y_t = (
-                (1.0 - u) * (x3[k] - x0[k]) + u * (x2[k] - x1[k]),
-                (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k]),
-            )
-            share[k] = weight * (x_s * y_t - x_t * y_s) / area[k]

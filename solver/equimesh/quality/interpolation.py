@@ -10,18 +10,17 @@ import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.types import IntArray
+from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.pieces import Pieces, add_gradients, add_values
+from equimesh.quality.pieces import Pieces
 from equimesh.quality.resolution import resolved_integrals
+from equimesh.quality.tally import ErrorRule, ErrorTally
 
 MIN_SAMPLED_CELLS = 30_000
 """Cells that :func:`interpolation_errors` samples, or up to three times as many; on smaller meshes all cells."""
 SAMPLING = ((34, 13), (13, 5), (5, 2))  # one cell of this many; the shift from row to row
 ROUNDING_SHARE = 1e-13
 """Share of u that counts as rounding in its values."""
-CORNERS = CellPoints(np.array([0.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0]), np.full(4, 0.25))
-"""The corners of a cell, counter-clockwise."""
 CENTRE = CellPoints(np.array([0.5]), np.array([0.5]), np.array([1.0]))
 """The centre of a cell."""
 
@@ -77,56 +76,33 @@ class InterpolationErrors:
         return _gain(self.h1_uniform, self.h1, self.rounding[1])
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorRule:
-    """Quadrature of squared errors: u and its gradient at ``inner`` points, u alone at ``edge`` points of every cell.
-
-    Gradients are weighted by ``inner.weights``, values by those and by ``edge.weights``.
-    """
-
-    inner: CellPoints
-    edge: CellPoints
-
-    @classmethod
-    def gauss(cls, count: int) -> ErrorRule:
-        """The Gauss rule with ``count`` points per direction, alone."""
-        return cls(CellPoints.gauss(count), CellPoints(np.empty(0), np.empty(0), np.empty(0)))
-
-    @classmethod
-    def lean(cls) -> ErrorRule:
-        """The 2 x 2 Gauss rule, and the middles of the edges.
-
-        The interpolation error is ``a s (1-s) + b t (1-t)`` to leading order. Its square has the integral
-        ``(a^2 + b^2)/30 + a b/18``, of which the 2 x 2 rule gives ``(a + b)^2/36``. Four middles with weights of
-        2/45 add the rest. The result is exact to leading order; for the gradient the 2 x 2 rule alone is. The weights
-        sum to more than 1: the corners, where there is no error, have the negative rest.
-        """
-        middles = CellPoints(
-            np.array([0.5, 1.0, 0.5, 0.0]),
-            np.array([0.0, 0.5, 1.0, 0.5]),
-            np.full(4, 2 / 45),
-        )
-        return cls(CellPoints.gauss(2), middles)
-
-
-def interpolation_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> InterpolationErrors:
+def interpolation_errors(
+    mesh: Mesh, u: Field, uniform: Mesh | None = None, *, nodal: Array | None = None
+) -> InterpolationErrors:
     """The interpolation errors of u on ``mesh`` and on ``uniform``, at the cost of a small part of a solve.
 
-    ``uniform`` is the uniform mesh of the domain, by default of the unit square. On more than 150 000 cells the norms
-    are estimated from every 5th, 13th or 34th of them, in a pattern that meets every row and column of
-    the mesh: to about a percent.
+    ``uniform`` is the uniform mesh of the domain, by default of the unit square; ``nodal`` is u at the nodes of
+    ``mesh``, if it is known. On more than 150 000 cells the norms are estimated from every 5th, 13th or 34th of them,
+    in a pattern that meets every row and column of the mesh: to about a percent.
     """
     uniform = Mesh.uniform(mesh.grid) if uniform is None else uniform
     with np.errstate(all="ignore"):
         first, second = BilinearCells(mesh), BilinearCells(uniform)
-        return errors_of(first, second, u, ErrorRule.lean(), sample(first.shape))
+        return errors_of(first, second, u, ErrorRule.lean(), sample(first.shape), nodal=nodal)
 
 
 def errors_of(
-    cells: BilinearCells, uniform: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None = None
+    cells: BilinearCells,
+    uniform: BilinearCells,
+    u: Field,
+    rule: ErrorRule,
+    numbers: IntArray | None = None,
+    *,
+    nodal: Array | None = None,
 ) -> InterpolationErrors:
     """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``."""
-    return compared(cells, _norms(cells, u, rule, numbers), _norms(uniform, u, rule, numbers))
+    here = norms(cells, u, rule, numbers, nodal=nodal)
+    return compared(cells, here, norms(uniform, u, rule, numbers))
 
 
 class Norms(NamedTuple):
@@ -155,42 +131,39 @@ def compared(cells: BilinearCells, here: Norms, there: Norms) -> InterpolationEr
     )
 
 
-def _norms(cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None) -> Norms:
+FOLDED = Norms(math.inf, math.inf, math.nan)
+"""The norms on a folded mesh."""
+
+
+def norms(
+    cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None, *, nodal: Array | None = None
+) -> Norms:
     """The norms of u minus its Q1 interpolant: by ``rule``, or by a finer one where a second rule does not agree."""
     if not cells.all_valid:
-        return Norms(math.inf, math.inf, math.nan)
-    nodal = None if numbers is not None else u.evaluate(*cells.nodes)[0]
-    known, done = np.arange(cells.count) if numbers is None else numbers, 0
-    values, sums, largest = np.empty((4, known.size)), np.zeros((2, known.size)), np.zeros(known.size)
-    low, high = math.inf, -math.inf
-    for block in cells.blocks(rule.inner, numbers):
-        here = slice(done, done + block.size)
-        done += block.size
-        if nodal is None:
-            at = cells.at(CORNERS, block)
-            (values[:, here],) = u.evaluate(at.x, at.y)
-        else:
-            values[:, here] = cells.corner_values(nodal, block)
-        corner, parts = np.ascontiguousarray(values[:, here]), np.zeros((4, block.size))
-        at = cells.at(rule.inner, block)
-        there, u_x, u_y = u.evaluate(at.x, at.y, order=1)
-        add_values(corner, there, rule.inner, at.det, parts[0], largest[here])
-        add_gradients(corner, (u_x, u_y), rule.inner, at, parts[1], parts[2:])
-        if rule.edge.s.size:
-            at = cells.at(rule.edge, block)
-            (there,) = u.evaluate(at.x, at.y)
-            add_values(corner, there, rule.edge, at.det, parts[0], largest[here])
-        low, high = min(low, float(there.min())), max(high, float(there.max()))
-        sums[:, here] = parts[:2]
+        return FOLDED
+    tally = ErrorTally.of(cells, u, rule, numbers, nodal)
+    tally.add_all()
+    return norms_of(tally)
+
+
+def norms_of(tally: ErrorTally) -> Norms:
+    """The norms from the errors at the inner points of a rule; those at its edge points are added here."""
+    tally.add_edges()
+    cells, values = tally.cells, tally.values
+    known = np.arange(cells.count) if tally.numbers is None else tally.numbers
     size = float(np.abs(values).max())
     allowed = noise(cells, size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
-    found = resolved_integrals(Pieces.of(cells, known, values), cells.shape, known, sums, u, squares)
+
+    def pieces(chosen: IntArray) -> Pieces:
+        return Pieces.of(cells, known[chosen], values[:, chosen])
+
+    found = resolved_integrals(pieces, cells.shape, known, tally.sums[:2], tally.u, squares)
     l2, h1 = (math.sqrt(square * cells.count / known.size) for square in found.squares)
-    worst, known_range = int(largest.argmax()), (min(low, float(values.min())), max(high, float(values.max())))
+    worst = int(tally.largest.argmax())
     at = cells.at(CENTRE, known[worst : worst + 1])
-    peak = LargestError(float(largest[worst]), float(at.x[0, 0]), float(at.y[0, 0]))
-    return Norms(l2, h1, size, found.resolved, known_range[1] - known_range[0], peak)
+    peak = LargestError(float(tally.largest[worst]), float(at.x[0, 0]), float(at.y[0, 0]))
+    return Norms(l2, h1, size, found.resolved, tally.variation, peak)
 
 
 def noise(cells: BilinearCells, size: float) -> tuple[float, float]:

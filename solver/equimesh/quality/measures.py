@@ -10,9 +10,10 @@ On a folded cell nothing is equidistributed, aligned or interpolated: ``Q_eq``, 
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,9 +22,11 @@ from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
-from equimesh.quality.cell_shapes import alignments, angles_and_edges, regularities, size_ratios
+from equimesh.quality.cell_shapes import shapes
 from equimesh.quality.cells import BilinearCells, CellPoints
-from equimesh.quality.interpolation import ErrorRule, InterpolationErrors, errors_of, interpolation_errors
+from equimesh.quality.interpolation import InterpolationErrors, compared, errors_of, norms, norms_of, sample
+from equimesh.quality.survey import ROWS, Survey
+from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors
 
 GAUSS_POINTS = ((512, 8), (2500, 3))
@@ -32,31 +35,25 @@ GAUSS_POINTS_BEYOND = 2
 """On larger meshes, where the monitor hardly varies within a cell."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Measure:
-    """One number per cell, ``cells``, with its extremes and means over the cells."""
+    """One number per cell, with its extremes and means over the cells, each cell counting once."""
 
-    cells: Array
+    max: float
+    """The largest over the cells."""
+    min: float
+    """The smallest over the cells."""
+    mean: float
+    """The mean over the cells."""
+    rms: float
+    """The root mean square over the cells."""
+    compute: Callable[[], Array] = field(repr=False)
+    """Computes :attr:`cells`."""
 
-    @property
-    def max(self) -> float:
-        """The largest over the cells."""
-        return float(self.cells.max())
-
-    @property
-    def min(self) -> float:
-        """The smallest over the cells."""
-        return float(self.cells.min())
-
-    @property
-    def mean(self) -> float:
-        """The mean over the cells, each cell counting once."""
-        return float(self.cells.mean())
-
-    @property
-    def rms(self) -> float:
-        """The root mean square over the cells."""
-        return math.sqrt(float(np.mean(self.cells**2)))
+    @cached_property
+    def cells(self) -> Array:
+        """The numbers, of shape ``(n_xi - 1, n_eta - 1)``; on a large mesh they are computed when first used."""
+        return self.compute()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,62 +102,8 @@ class Quality:
         return result
 
 
-PER_CELL = ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "skewness", "aspect_ratio", "size_ratio")
+PER_CELL = ROWS
 """The measures of :class:`Quality` that have one value per cell."""
-
-
-@dataclass(frozen=True, eq=False)
-class CellMetrics:
-    """The mean of a monitor's exact metric over every cell, as arrays over the ``cells``; nan on folded ones."""
-
-    cells: BilinearCells
-    m11: Array
-    m12: Array
-    m22: Array
-
-    @classmethod
-    def of(cls, mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> CellMetrics:
-        """The means by Gauss quadrature; ``gauss`` as in :func:`measure`."""
-        with np.errstate(all="ignore"):
-            cells = BilinearCells(mesh)
-            rule = CellPoints.gauss(_gauss_points(cells, gauss))
-            mean = np.full((3, cells.count), np.nan)
-            for block in cells.blocks(rule):
-                x, y, share = cells.shares(rule, block)
-                for row, entry in enumerate(monitor.metric(x, y)):
-                    mean[row, block] = np.einsum("pk,pk->k", share, entry)
-        return cls(cells, *mean)
-
-    def q_eq(self) -> Array:
-        """:func:`equidistribution` of every cell."""
-        cells = self.cells
-        with np.errstate(all="ignore"):
-            size = self.m11 * self.m22
-            size -= self.m12 * self.m12
-            np.sqrt(size, out=size)
-            size *= cells.area
-            size *= cells.count / size.sum(where=cells.valid)
-        size[~cells.valid] = np.inf
-        return size.reshape(cells.shape)
-
-    def q_ali(self) -> Array:
-        """:func:`alignment` of every cell."""
-        result = np.empty(self.cells.count)
-        alignments(*self.cells.nodes, self.cells.valid, self.m11, self.m12, self.m22, result)
-        return result.reshape(self.cells.shape)
-
-
-class MonitorMeasures(NamedTuple):
-    """The measures of every cell that depend on the monitor."""
-
-    q_eq: Array
-    q_ali: Array
-
-    @classmethod
-    def of(cls, mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> MonitorMeasures:
-        """The measures by Gauss quadrature; ``gauss`` as in :func:`measure`."""
-        metrics = CellMetrics.of(mesh, monitor, gauss=gauss)
-        return cls(metrics.q_eq(), metrics.q_ali())
 
 
 def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss: int | None = None) -> Quality:
@@ -171,29 +114,62 @@ def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss:
     many cells, ``GAUSS_POINTS_BEYOND``, where the interpolation errors are those of
     :func:`~equimesh.quality.interpolation.interpolation_errors`. Not finite where u or its gradient is not.
     """
-    interpolation = measure_interpolation(mesh, monitor.u, uniform=uniform, gauss=gauss)
-    return complete_quality(mesh, MonitorMeasures.of(mesh, monitor, gauss=gauss), interpolation)
+    return measure_all(mesh, monitor, uniform=uniform, gauss=gauss)
 
 
-def complete_quality(mesh: Mesh, measures: MonitorMeasures, interpolation: InterpolationErrors | None) -> Quality:
-    """All quality measures of ``mesh``: those that are given, and those of its geometry."""
+def measure_all(
+    mesh: Mesh,
+    monitor: Monitor,
+    *,
+    uniform: Mesh | None = None,
+    gauss: int | None = None,
+    cells: Literal["quad", "triangle"] = "quad",
+    nodal: Array | None = None,
+    threads: int = 1,
+) -> Quality:
+    """As :func:`measure`; u is interpolated on ``cells``, ``nodal`` is u at the nodes where that is known.
+
+    Meshes of many cells are measured in ``threads``.
+    """
     with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
-        sine, skewness, aspect_ratio = (np.empty(cells.count) for _ in range(3))
-        angles_and_edges(*cells.nodes, cells.valid, sine, skewness, aspect_ratio)
-        ratios = np.empty(cells.count)
-        size_ratios(*cells.shape, cells.valid, cells.area, ratios)
+        quads, u, tally = BilinearCells(mesh), monitor.u, None
+        rule = CellPoints.gauss(_gauss_points(quads, gauss))
+        is_sampled = gauss is None and sample(quads.shape) is not None
+        if u is not None and cells == "quad" and quads.all_valid and not is_sampled:
+            tally = ErrorTally.of(quads, u, _error_rule(quads, gauss), nodal=nodal)
+        survey = Survey.of(quads, monitor, rule, tally=tally, threads=threads)
+        if tally is None:
+            errors = measure_interpolation(mesh, u, uniform=uniform, gauss=gauss, kind=cells, nodal=nodal)
+        else:
+            plain = BilinearCells(Mesh.uniform(mesh.grid) if uniform is None else uniform)
+            errors = compared(quads, norms_of(tally), norms(plain, tally.u, tally.rule, None))
+        return _quality(quads, monitor, rule, survey, errors)
+
+
+def _quality(
+    cells: BilinearCells, monitor: Monitor, rule: CellPoints, survey: Survey, errors: InterpolationErrors | None
+) -> Quality:
+    @cache
+    def kept() -> Array:
+        values = survey.kept
+        if values is None:
+            with np.errstate(all="ignore"):
+                values = Survey.of(cells, monitor, rule, keep=True).kept
+        assert values is not None
+        return values
+
+    def compute(row: int) -> Array:
+        return (survey.q_eq if row == 0 else kept()[row]).reshape(cells.shape)
+
+    found = [
+        Measure(**numbers._asdict(), compute=partial(compute, row)) for row, numbers in enumerate(survey.statistics)
+    ]
+    with np.errstate(all="ignore"):
         return Quality(
-            q_eq=Measure(measures.q_eq),
-            q_ali=Measure(measures.q_ali),
-            q_geo=Measure(_regularity(cells)),
-            scaled_jacobian=Measure(sine.reshape(cells.shape)),
-            skewness=Measure(skewness.reshape(cells.shape)),
-            aspect_ratio=Measure(aspect_ratio.reshape(cells.shape)),
-            size_ratio=Measure(ratios.reshape(cells.shape)),
+            **dict(zip(ROWS, found, strict=True)),
             min_jacobian=float(np.float64(cells.lowest) * cells.count / abs(cells.total_area)),
             min_jacobian_over_mean=float(np.float64(cells.lowest) / (cells.total_area / cells.count)),
-            interpolation_error=interpolation,
+            interpolation_error=errors,
         )
 
 
@@ -205,7 +181,7 @@ def equidistribution(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) 
     Howse, Table 1, prints the maximum). Positive, of mean 1; all are 1 exactly when M is equidistributed.
     Folded cells are infinite and left out of the sum. ``gauss`` as in :func:`measure`.
     """
-    return CellMetrics.of(mesh, monitor, gauss=gauss).q_eq()
+    return _cells_of(mesh, monitor, gauss, "q_eq")
 
 
 def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
@@ -215,7 +191,7 @@ def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Arra
     matrix of the bilinear map of the unit square onto the cell. F' varies over the cell: the value is the
     largest, which is that of a corner. At least 1.
     """
-    return CellMetrics.of(mesh, monitor, gauss=gauss).q_ali()
+    return _cells_of(mesh, monitor, gauss, "q_ali")
 
 
 def shape_regularity(mesh: Mesh) -> Array:
@@ -224,17 +200,28 @@ def shape_regularity(mesh: Mesh) -> Array:
     At least 1, and 1 for a square; ``(r + 1/r) / 2`` for a rectangle of sides in the ratio r.
     """
     with np.errstate(all="ignore"):
-        return _regularity(BilinearCells(mesh))
+        cells = BilinearCells(mesh)
+        out = np.empty((4, cells.count))
+        shapes(cells.corners(slice(0, cells.count)), cells.valid, out)
+        return np.reshape(out[0], cells.shape)
+
+
+def _cells_of(mesh: Mesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
+    with np.errstate(all="ignore"):
+        cells = BilinearCells(mesh)
+        rule = CellPoints.gauss(_gauss_points(cells, gauss))
+        quality = _quality(cells, monitor, rule, Survey.of(cells, monitor, rule), None)
+        return np.asarray(getattr(quality, name).cells)
 
 
 def _gauss_points(cells: BilinearCells, gauss: int | None) -> int:
     return gauss or next((points for most, points in GAUSS_POINTS if cells.count <= most), GAUSS_POINTS_BEYOND)
 
 
-def _regularity(cells: BilinearCells) -> Array:
-    result = np.empty(cells.count)
-    regularities(*cells.nodes, cells.valid, result)
-    return result.reshape(cells.shape)
+def _error_rule(cells: BilinearCells, gauss: int | None) -> ErrorRule:
+    points = _gauss_points(cells, gauss)
+    is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
+    return ErrorRule.lean() if is_lean else ErrorRule.gauss(points)
 
 
 def measure_interpolation(
@@ -244,19 +231,19 @@ def measure_interpolation(
     uniform: Mesh | None = None,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
+    nodal: Array | None = None,
 ) -> InterpolationErrors | None:
     """How well u is interpolated, ``None`` where there is no u; the arguments are those of :func:`measure`.
 
-    With ``kind = "triangle"`` it is interpolated linearly on triangles.
+    With ``kind = "triangle"`` it is interpolated linearly on triangles. ``nodal`` is u at the nodes of ``mesh``, if it
+    is known.
     """
     if u is None:
         return None
     if kind == "triangle":
         return triangle_errors(mesh, u, uniform)
     cells = BilinearCells(mesh)
-    points = _gauss_points(cells, gauss)
-    if gauss is None and points == GAUSS_POINTS_BEYOND:
-        return interpolation_errors(mesh, u, uniform)
-    reference = BilinearCells(Mesh.uniform(mesh.grid) if uniform is None else uniform)
+    plain = BilinearCells(Mesh.uniform(mesh.grid) if uniform is None else uniform)
+    numbers = None if gauss is not None else sample(cells.shape)
     with np.errstate(all="ignore"):
-        return errors_of(cells, reference, u, ErrorRule.gauss(points))
+        return errors_of(cells, plain, u, _error_rule(cells, gauss), numbers, nodal=nodal)

@@ -12,8 +12,9 @@ import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
-from equimesh.quality.cells import BilinearCells, CellMap, CellPoints, gather_cells, map_cells
+from equimesh.numerics.types import Array, BoolArray, IntArray
+from equimesh.quality.cell_errors import add_errors
+from equimesh.quality.cells import BilinearCells, CellPoints, locate
 
 GAUSS_POINTS = 4
 """Gauss points per direction of a piece."""
@@ -46,9 +47,7 @@ class Pieces:
     @classmethod
     def of(cls, cells: BilinearCells, numbers: IntArray, values: Array) -> Pieces:
         """Whole cells with these ``numbers``, and the ``values`` of u at their corners, of shape ``(4, n)``."""
-        corners = np.empty((8, numbers.size))
-        gather_cells(*cells.nodes, numbers, corners)
-        return cls(corners, values)
+        return cls(cells.corners(numbers), values)
 
     @property
     def count(self) -> int:
@@ -82,52 +81,13 @@ class Pieces:
 def _block_errors(u: Field, corners: Array, values: Array, result: Array) -> None:
     gauss, n = CellPoints.gauss(GAUSS_POINTS), corners.shape[1]
     count = gauss.s.size
-    out = np.empty((7, count + RIM.s.size, n))
-    map_cells(corners, np.concatenate([gauss.s, RIM.s]), np.concatenate([gauss.t, RIM.t]), out)
-    everywhere, u_x, u_y = u.evaluate(out[0], out[1], order=1)
-    at, there, rim = CellMap(*out[:, :count]), everywhere[:count], everywhere[count:]
-    u_x, u_y = u_x[:count], u_y[:count]
-    sums, mean = np.zeros((2, n)), np.zeros((2, n))
-    add_values(values, there, gauss, at.det, sums[0], np.zeros(n))
-    add_gradients(values, (u_x, u_y), gauss, at, sums[1], mean)
-    result[:2] = sums
-    missed_gradients(corners, values, rim, mean, result[2])
-
-
-@compiled
-def add_values(corner: Array, u: Array, points: CellPoints, det: Array, sums: Array, largest: Array) -> None:
-    """To ``sums`` of every cell the weighted squares of the bilinear interpolant of ``corner`` values minus ``u``.
-
-    ``largest`` becomes the largest size of the difference.
-    """
-    s, t, weights = points
-    for p in range(u.shape[0]):
-        a, b, c, d = (1.0 - s[p]) * (1.0 - t[p]), s[p] * (1.0 - t[p]), s[p] * t[p], (1.0 - s[p]) * t[p]
-        for k in range(u.shape[1]):
-            error = a * corner[0, k] + b * corner[1, k] + c * corner[2, k] + d * corner[3, k] - u[p, k]
-            sums[k] += weights[p] * det[p, k] * error * error
-            largest[k] = max(largest[k], abs(error))
-
-
-@compiled
-def add_gradients(corner: Array, gradient: Pair, points: CellPoints, at: CellMap, sums: Array, means: Array) -> None:
-    """To ``sums`` of every cell the weighted squares of the gradient of the interpolant minus that of u.
-
-    To ``means`` of shape ``(2, n)`` the weighted differences themselves.
-    """
-    (u_x, u_y), (s, t, weights) = gradient, points
-    _, _, x_s, y_s, x_t, y_t, det = at
-    for p in range(u_x.shape[0]):
-        for k in range(u_x.shape[1]):
-            along_s = (1.0 - t[p]) * (corner[1, k] - corner[0, k]) + t[p] * (corner[2, k] - corner[3, k])
-            along_t = (1.0 - s[p]) * (corner[3, k] - corner[0, k]) + s[p] * (corner[2, k] - corner[1, k])
-            per_det = 1.0 / det[p, k]
-            error_x = (along_s * y_t[p, k] - along_t * y_s[p, k]) * per_det - u_x[p, k]
-            error_y = (along_t * x_s[p, k] - along_s * x_t[p, k]) * per_det - u_y[p, k]
-            share = weights[p] * det[p, k]
-            sums[k] += share * (error_x * error_x + error_y * error_y)
-            means[0, k] += share * error_x
-            means[1, k] += share * error_y
+    x, y = np.empty((2, count + RIM.s.size, n))
+    locate(corners, np.concatenate([gauss.s, RIM.s]), np.concatenate([gauss.t, RIM.t]), x, y)
+    everywhere, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1))
+    sums = np.zeros((4, n))
+    add_errors(corners, values, everywhere[:count], (u_x[:count], u_y[:count]), gauss, sums, np.zeros(n))
+    result[:2] = sums[:2]
+    missed_gradients(corners, values, everywhere[count:], sums[2:], result[2])
 
 
 @compiled

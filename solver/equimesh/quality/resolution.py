@@ -7,6 +7,7 @@ of the first, and cells are divided where it changes the result, up to a bounded
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -43,16 +44,22 @@ class Integrals:
 
 
 def resolved_integrals(
-    cells: Pieces, shape: tuple[int, int], numbers: IntArray, first: Array, u: Field, noise: tuple[float, float]
+    pieces: Callable[[IntArray], Pieces],
+    shape: tuple[int, int],
+    numbers: IntArray,
+    first: Array,
+    u: Field,
+    noise: tuple[float, float],
 ) -> Integrals:
-    """The sums over ``cells``, of the ``first`` rule where a second one agrees.
+    """The sums over cells, of the ``first`` rule where a second one agrees.
 
-    The cells have these ``numbers`` on a grid with ``shape`` cells. ``first`` of shape ``(2, n)`` are the integrals
-    over each cell by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
+    ``pieces`` gives the cells at some positions. The cells have these ``numbers`` on a grid with ``shape`` cells.
+    ``first`` of shape ``(2, n)`` are the integrals over each cell by the first rule. Integrals of at most ``noise`` are
+    rounding, and are not refined.
     """
     totals = first.sum(axis=1)
     chosen, weights = _checked(shape, numbers, first, totals)
-    second = cells.some(chosen).errors(u)
+    second = pieces(chosen).errors(u)
     before, after = first[:, chosen] @ weights, second[:2] @ weights
     missed = float(second[2] @ weights)
     small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
@@ -60,7 +67,7 @@ def resolved_integrals(
     agree[1] &= missed <= MAX_DIFFERENCE * max(after[1], before[1]) or small[1]
     if agree.all() or not np.isfinite(totals).all():
         return Integrals((float(totals[0]), float(totals[1])), (True, True))
-    return _refined(cells, first, u, np.asarray(noise))
+    return _refined(pieces(np.arange(numbers.size)), first, u, np.asarray(noise))
 
 
 def _checked(shape: tuple[int, int], numbers: IntArray, first: Array, totals: Array) -> tuple[IntArray, Array]:

@@ -14,9 +14,9 @@ from equimesh.fields.field import Field
 from equimesh.meshes.cuts import CUTS, better_cuts
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
-from equimesh.quality.cells import BilinearCells, CellMap, CellPoints, map_cells
+from equimesh.quality.cell_errors import add_errors
+from equimesh.quality.cells import BilinearCells, CellPoints, locate
 from equimesh.quality.interpolation import (
-    CORNERS,
     InterpolationErrors,
     LargestError,
     Norms,
@@ -24,7 +24,7 @@ from equimesh.quality.interpolation import (
     noise,
     sample,
 )
-from equimesh.quality.pieces import BLOCK_PIECES, Pieces, add_gradients, add_values
+from equimesh.quality.pieces import BLOCK_PIECES, Pieces
 from equimesh.quality.resolution import resolved_integrals
 
 GAUSS_POINTS = 3
@@ -59,14 +59,14 @@ def _norms(cells: BilinearCells, u: Field) -> Norms:
         return Norms(math.inf, math.inf, math.nan)
     numbers = sample(cells.shape)
     known = np.arange(cells.count) if numbers is None else numbers
-    at = cells.at(CORNERS, known)
-    (values,) = u.evaluate(at.x, at.y)
+    corners = cells.corners(known)
+    (values,) = u.evaluate(corners[:4], corners[4:])
     triangles = halves(Pieces.of(cells, known, values))
     sums, largest, ends = _leanly(triangles, u)
     size = float(np.abs(values).max())
     allowed = noise(cells, size)
     found = resolved_integrals(
-        triangles,
+        triangles.some,
         (cells.shape[0], 2 * cells.shape[1]),
         (2 * known[:, None] + np.arange(2)).reshape(-1),
         sums,
@@ -75,9 +75,9 @@ def _norms(cells: BilinearCells, u: Field) -> Norms:
     )
     l2, h1 = (math.sqrt(square * cells.count / known.size) for square in found.squares)
     worst = int(largest.argmax())
-    middle = np.empty((7, 1, 1))
-    map_cells(triangles.corners[:, worst : worst + 1].copy(), np.array(MIDDLE[:1]), np.array(MIDDLE[1:]), middle)
-    peak = LargestError(float(largest[worst]), float(middle[0, 0, 0]), float(middle[1, 0, 0]))
+    x, y = np.empty((2, 1, 1))
+    locate(triangles.corners[:, worst : worst + 1].copy(), np.array(MIDDLE[:1]), np.array(MIDDLE[1:]), x, y)
+    peak = LargestError(float(largest[worst]), float(x[0, 0]), float(y[0, 0]))
     variation = max(ends[1], float(values.max())) - min(ends[0], float(values.min()))
     return Norms(l2, h1, size, found.resolved, variation, peak)
 
@@ -90,12 +90,11 @@ def _leanly(triangles: Pieces, u: Field) -> tuple[Array, Array, tuple[float, flo
     for start in range(0, triangles.count, BLOCK_PIECES):
         block = slice(start, start + BLOCK_PIECES)
         corners, values = triangles.corners[:, block].copy(), triangles.values[:, block].copy()
-        out = np.empty((7, points.s.size, values.shape[1]))
-        map_cells(corners, points.s, points.t, out)
-        at, sums = CellMap(*out), np.zeros((4, values.shape[1]))
-        there, u_x, u_y = u.evaluate(at.x, at.y, order=1)
-        add_values(values, there, points, at.det, sums[0], largest[block])
-        add_gradients(values, (u_x, u_y), points, at, sums[1], sums[2:])
+        x, y = np.empty((2, points.s.size, values.shape[1]))
+        locate(corners, points.s, points.t, x, y)
+        sums = np.zeros((4, values.shape[1]))
+        there, u_x, u_y = (np.ascontiguousarray(part) for part in u.evaluate(x, y, order=1))
+        add_errors(corners, values, there, (u_x, u_y), points, sums, largest[block])
         parts[:, block] = sums
         low, high = min(low, float(there.min())), max(high, float(there.max()))
     return parts[:2], largest, (low, high)

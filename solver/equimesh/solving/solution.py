@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of
+from equimesh.numerics.types import Array
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.measures import MonitorMeasures, Quality, complete_quality, measure_interpolation
+from equimesh.quality.measures import Quality, measure_all
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, observed_rate, plain
@@ -73,6 +74,8 @@ class Solution:
     """Estimate of the largest error of a node's coordinate from stopping the iteration, in units of the square."""
     discretization_error: float | None = None
     """The same for the error of the grid."""
+    threads: int = 1
+    """The threads of the solve; as many measure the quality of a large mesh."""
 
     def __repr__(self) -> str:
         return f"<Solution: {self.problem.grid} points, {self.status}, {len(self.iterations)} iterations>"
@@ -85,18 +88,33 @@ class Solution:
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        return complete_quality(self.mesh, self._monitor_measures, self.interpolation)
+        return measure_all(
+            self.mesh,
+            self.problem.monitor,
+            uniform=map_mesh(Mesh.uniform(self.problem.grid), self.problem.domain),
+            cells=self._cells,
+            nodal=self.u,
+            threads=self.threads,
+        )
 
-    @cached_property
+    @property
     def interpolation(self) -> InterpolationErrors | None:
         """How well the mesh interpolates u, compared with the uniform mesh; ``None`` where there is no u.
 
         On triangles where a least-error monitor asks for them, else on quadrilaterals.
         """
-        uniform = map_mesh(Mesh.uniform(self.problem.grid), self.problem.domain)
+        return self.quality.interpolation_error
+
+    @cached_property
+    def u(self) -> Array | None:
+        """u at the nodes of the mesh; ``None`` where there is no u."""
+        field = self.problem.monitor.u
+        return None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
+
+    @property
+    def _cells(self) -> Literal["quad", "triangle"]:
         monitor = self.problem.monitor
-        kind = monitor.cells if isinstance(monitor, LeastError) else "quad"
-        return measure_interpolation(self.mesh, monitor.u, uniform=uniform, kind=kind)
+        return monitor.cells if isinstance(monitor, LeastError) else "quad"
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -128,11 +146,6 @@ class Solution:
         meshes = self.mesh, self.reference
         return tuple(warnings(self.problem, self.status, self.relaxed, meshes, self.interpolation))
 
-    # A file and the quality share these two arrays, whichever is requested first; no memory beyond the quality's own.
-    @cached_property
-    def _monitor_measures(self) -> MonitorMeasures:
-        return MonitorMeasures.of(self.mesh, self.problem.monitor)
-
     @property
     def decomposition(self) -> Decomposition | None:
         """The subdomains of the Schwarz iteration."""
@@ -161,9 +174,7 @@ class Solution:
         """The contents of a mesh file: nodes, u, Q_eq and the owner of every cell."""
         shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
         owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
-        field = self.problem.monitor.u
-        u = None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
-        return MeshData(mesh=self.mesh, u=u, q_eq=self._monitor_measures.q_eq, subdomain=owner)
+        return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner)
 
 
 def status_unless_folded(status: Status, *, folded: bool) -> Status:

@@ -105,7 +105,7 @@ def _solve(
 ) -> Solution:
     """The solution by the way that belongs to the monitor and the settings."""
     if isinstance(problem.monitor, LeastError):
-        return solve_least_error(problem, initial, options, coarse)
+        return replace(solve_least_error(problem, initial, options, coarse), threads=options.threads)
     starts = map_of(problem.monitor) == "lines"  # a gradient map has no use for a mesh to start from
     is_far = isinstance(initial, Mesh) and starts and not _is_near(problem, initial)
     initial = Initial.NESTED if is_far else initial
@@ -119,7 +119,7 @@ def _solve(
         detour = "The given mesh is too far from the solution to start from; the start was nested."
         note = f"{detour} {solution.note}".strip()
         solution = replace(solution, detours=(detour, *solution.detours), note=note)
-    return solution
+    return replace(solution, threads=options.threads)
 
 
 def _check_arguments(problem: object, schwarz: object) -> None:

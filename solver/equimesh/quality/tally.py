@@ -1,0 +1,150 @@
+"""The errors of interpolating u, summed over every cell, from one evaluation of u at each point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.fields.field import Field
+from equimesh.numerics.types import Array, IntArray
+from equimesh.quality.cell_errors import add_errors, add_middles, add_values
+from equimesh.quality.cells import BilinearCells, CellPoints, locate
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorRule:
+    """Quadrature of squared errors: u and its gradient at ``inner`` points, u alone at ``edge`` points of every cell.
+
+    Gradients are weighted by ``inner.weights``, values by those and by ``edge.weights``.
+    """
+
+    inner: CellPoints
+    edge: CellPoints
+
+    @classmethod
+    def gauss(cls, count: int) -> ErrorRule:
+        """The Gauss rule with ``count`` points per direction, alone."""
+        return cls(CellPoints.gauss(count), CellPoints(np.empty(0), np.empty(0), np.empty(0)))
+
+    @classmethod
+    def lean(cls) -> ErrorRule:
+        """The 2 x 2 Gauss rule, and the middles of the edges.
+
+        The interpolation error is ``a s (1-s) + b t (1-t)`` to leading order. Its square has the integral
+        ``(a^2 + b^2)/30 + a b/18``, of which the 2 x 2 rule gives ``(a + b)^2/36``. Four middles with weights of
+        2/45 add the rest. The result is exact to leading order; for the gradient the 2 x 2 rule alone is. The weights
+        sum to more than 1: the corners, where there is no error, have the negative rest.
+        """
+        middles = CellPoints(
+            np.array([0.5, 1.0, 0.5, 0.0]),
+            np.array([0.0, 0.5, 1.0, 0.5]),
+            np.full(4, 2 / 45),
+        )
+        return cls(CellPoints.gauss(2), middles)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorTally:
+    """Sums over cells, all of a mesh or those with ``numbers``, that grow while blocks of cells are added.
+
+    ``values`` of shape ``(4, n)`` are u at the corners, ``sums`` of shape ``(4, n)`` the integrals of
+    :func:`~equimesh.quality.cell_errors.add_errors`, ``largest`` the largest errors at a point.
+    """
+
+    cells: BilinearCells
+    u: Field
+    rule: ErrorRule
+    numbers: IntArray | None
+    nodal: Array | None
+    values: Array
+    sums: Array
+    largest: Array
+    ends: list[tuple[float, float]]
+
+    @classmethod
+    def of(
+        cls,
+        cells: BilinearCells,
+        u: Field,
+        rule: ErrorRule,
+        numbers: IntArray | None = None,
+        nodal: Array | None = None,
+    ) -> ErrorTally:
+        """Nothing yet of ``cells``, where ``nodal`` is u at the nodes if that is known."""
+        count = cells.count if numbers is None else numbers.size
+        if nodal is None and numbers is None:
+            (nodal,) = u.evaluate(*cells.nodes)
+        if nodal is not None:
+            values = cells.corner_values(nodal, np.arange(count) if numbers is None else numbers)
+        else:
+            corners = cells.corners(np.arange(0) if numbers is None else numbers)
+            (values,) = u.evaluate(corners[:4], corners[4:])
+        return cls(
+            cells=cells,
+            u=u,
+            rule=rule,
+            numbers=numbers,
+            nodal=nodal,
+            values=values,
+            sums=np.zeros((4, count)),
+            largest=np.zeros(count),
+            ends=[(float(values.min()), float(values.max()))],
+        )
+
+    def add(self, where: slice, corners: Array, derivatives: tuple[Array, ...]) -> None:
+        """The cells at these places, with u and its ``derivatives`` at the inner points of the rule."""
+        u, u_x, u_y = (np.ascontiguousarray(part) for part in derivatives[:3])
+        values, sums = np.ascontiguousarray(self.values[:, where]), np.zeros((4, corners.shape[1]))
+        add_errors(corners, values, u, (u_x, u_y), self.rule.inner, sums, self.largest[where])
+        self.sums[:, where] = sums
+        self._widen(u)
+
+    def add_all(self) -> None:
+        """All cells at the inner points of the rule, block by block."""
+        inner, done = self.rule.inner, 0
+        for block in self.cells.blocks(inner, self.numbers):
+            corners = self.cells.corners(block)
+            x, y = np.empty((2, inner.s.size, corners.shape[1]))
+            locate(corners, inner.s, inner.t, x, y)
+            self.add(slice(done, done + corners.shape[1]), corners, self.u.evaluate(x, y, order=1))
+            done += corners.shape[1]
+
+    def add_edges(self) -> None:
+        """All cells at the edge points of the rule."""
+        edge = self.rule.edge
+        if not edge.s.size:
+            return
+        if self.numbers is None and self.nodal is not None:
+            x, y = self.cells.nodes
+            of_xi = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))[0]
+            of_eta = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))[0]
+            nodal, middles = (
+                np.ascontiguousarray(self.nodal),
+                (np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)),
+            )
+            add_middles((x, y), nodal, middles, self.sums[0], self.largest)
+            self._widen(of_xi)
+            self._widen(of_eta)
+            return
+        done = 0
+        for block in self.cells.blocks(edge, self.numbers):
+            corners = self.cells.corners(block)
+            x, y = np.empty((2, edge.s.size, corners.shape[1]))
+            locate(corners, edge.s, edge.t, x, y)
+            (there,) = self.u.evaluate(x, y)
+            where = slice(done, done + corners.shape[1])
+            values = np.ascontiguousarray(self.values[:, where])
+            add_values(corners, values, np.ascontiguousarray(there), edge, self.sums[0, where], self.largest[where])
+            self._widen(there)
+            done += corners.shape[1]
+
+    @property
+    def variation(self) -> float:
+        """The largest value of u at the points so far minus the smallest one; blocks with NaN have no part in it."""
+        known = [ends for ends in self.ends if not math.isnan(ends[0])]
+        return max((high for _, high in known), default=math.nan) - min((low for low, _ in known), default=math.nan)
+
+    def _widen(self, u: Array) -> None:
+        self.ends.append((float(u.min()), float(u.max())))
