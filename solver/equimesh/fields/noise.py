@@ -15,10 +15,10 @@ from equimesh.numerics.types import Array
 
 MEDIAN_OF_NORMAL = 0.6745
 """The median of the size of a normal variable over its standard deviation."""
-SECOND = np.array([1.0, -2.0, 1.0])
-"""The second difference: 0 for linear functions."""
-FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-"""The fourth difference: 0 for cubic functions."""
+SECOND = 2
+"""The order of a difference that is 0 for linear functions."""
+FOURTH = 4
+"""The order of a difference that is 0 for cubic functions."""
 MIN_AXIS_SAMPLES = 9
 """Samples along an axis; from fewer the noise cannot be told from u."""
 MAX_AXIS_SAMPLES = 257
@@ -40,7 +40,7 @@ def noise_share(field: Field | None) -> float:
     """
     if isinstance(field, GridSamples | NodalField):
         middle = _middle(field.values)
-        return _share(field.values, *(_of_differences(middle, stencil) for stencil in (SECOND, FOURTH)))
+        return _share(field.values, *(_of_differences(middle, order) for order in (SECOND, FOURTH)))
     if isinstance(field, ScatteredSamples):
         return _share(field.values, *_of_fits(field.points, field.values))
     return 0.0
@@ -57,14 +57,15 @@ def _middle(values: Array) -> Array:
     return values[first[0] : first[0] + MAX_AXIS_SAMPLES, first[1] : first[1] + MAX_AXIS_SAMPLES]
 
 
-def _of_differences(values: Array, stencil: Array) -> float:
-    """The noise by the product of a difference in both directions, whose size it scales with the stencil's norm."""
+def _of_differences(values: Array, order: int) -> float:
+    """The noise by the product of a difference in both directions, whose size it scales with the sum of squares.
+
+    That is the sum of the squares of the binomial coefficients, in both directions together.
+    """
     if min(values.shape) < MIN_AXIS_SAMPLES:
         return 0.0
-    for _ in range(2):
-        windows = np.lib.stride_tricks.sliding_window_view(values, stencil.size, axis=0)
-        values = (windows @ stencil).T
-    return float(np.median(np.abs(values))) / (MEDIAN_OF_NORMAL * float(stencil @ stencil))
+    differences = np.diff(np.diff(values, order, axis=0), order, axis=1)
+    return float(np.median(np.abs(differences))) / (MEDIAN_OF_NORMAL * math.comb(2 * order, order))
 
 
 def _of_fits(points: Array, values: Array) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -9,6 +10,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from equimesh.domains.domain import Domain
+from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
@@ -51,8 +54,85 @@ class CellMap(NamedTuple):
     det: Array
 
 
+class Cells(ABC):
+    """Bilinear cells in rows and columns, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, int]:
+        """Cells along xi and along eta."""
+
+    @property
+    @abstractmethod
+    def all_valid(self) -> bool:
+        """Whether no cell is folded."""
+
+    @property
+    @abstractmethod
+    def total_area(self) -> float:
+        """Signed area of all cells."""
+
+    @abstractmethod
+    def corners(self, cells: Block) -> Array:
+        """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return self.shape[0] * self.shape[1]
+
+    def blocks(self, points: CellPoints, numbers: IntArray | None = None) -> Iterator[Block]:
+        """All cells, or those with ``numbers``, in pieces of about ``BLOCK_POINTS`` points."""
+        size = max(1, BLOCK_POINTS // points.s.size)
+        count = self.count if numbers is None else numbers.size
+        for start in range(0, count, size):
+            piece = slice(start, min(start + size, count))
+            yield piece if numbers is None else numbers[piece]
+
+    def at(self, points: CellPoints, cells: Block) -> CellMap:
+        """The map of ``cells`` at ``points``."""
+        corners = self.corners(cells)
+        out = np.empty((7, points.s.size, corners.shape[1]))
+        map_cells(corners, points.s, points.t, out)
+        return CellMap(*out)
+
+
 @dataclass(frozen=True, eq=False)
-class BilinearCells:
+class UniformCells(Cells):
+    """The cells of the uniform mesh of a domain, of which only those that are looked at are computed.
+
+    Their mesh must be known to be valid.
+    """
+
+    grid: Grid
+    domain: Domain
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells along xi and along eta."""
+        return self.grid.n_xi - 1, self.grid.n_eta - 1
+
+    @property
+    def all_valid(self) -> bool:
+        """True: no cell is folded."""
+        return True
+
+    @property
+    def total_area(self) -> float:
+        """The area of the domain."""
+        return self.domain.area
+
+    def corners(self, cells: Block) -> Array:
+        """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
+        numbers = np.arange(cells.start, cells.stop) if isinstance(cells, slice) else cells
+        i, j = np.divmod(numbers, self.shape[1])
+        s, t = np.linspace(0.0, 1.0, self.grid.n_xi), np.linspace(0.0, 1.0, self.grid.n_eta)
+        s0, s1, t0, t1 = s[i], s[i + 1], t[j], t[j + 1]
+        return np.concatenate(self.domain.map(np.stack([s0, s1, s1, s0]), np.stack([t0, t0, t1, t1])))
+
+
+@dataclass(frozen=True, eq=False)
+class BilinearCells(Cells):
     """All cells of a mesh, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
 
     mesh: Mesh
@@ -61,11 +141,6 @@ class BilinearCells:
     def shape(self) -> tuple[int, int]:
         """Cells along xi and along eta."""
         return (self.mesh.x.shape[0] - 1, self.mesh.x.shape[1] - 1)
-
-    @property
-    def count(self) -> int:
-        """Number of cells."""
-        return self.shape[0] * self.shape[1]
 
     @cached_property
     def nodes(self) -> tuple[Array, Array]:
@@ -97,14 +172,6 @@ class BilinearCells:
         """Signed area of the whole mesh."""
         return float(self.area.sum())
 
-    def blocks(self, points: CellPoints, numbers: IntArray | None = None) -> Iterator[Block]:
-        """All cells, or those with ``numbers``, in pieces of about ``BLOCK_POINTS`` points."""
-        size = max(1, BLOCK_POINTS // points.s.size)
-        count = self.count if numbers is None else numbers.size
-        for start in range(0, count, size):
-            piece = slice(start, min(start + size, count))
-            yield piece if numbers is None else numbers[piece]
-
     def corners(self, cells: Block) -> Array:
         """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
         if isinstance(cells, slice):
@@ -114,13 +181,6 @@ class BilinearCells:
             out = np.empty((8, cells.size))
             gather_cells(*self.nodes, cells, out)
         return out
-
-    def at(self, points: CellPoints, cells: Block) -> CellMap:
-        """The map of ``cells`` at ``points``."""
-        corners = self.corners(cells)
-        out = np.empty((7, points.s.size, corners.shape[1]))
-        map_cells(corners, points.s, points.t, out)
-        return CellMap(*out)
 
     def corner_values(self, nodal: Array, cells: IntArray) -> Array:
         """Nodal values at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
@@ -137,22 +197,24 @@ class BilinearCells:
 @compiled
 def measure_cells(x: Array, y: Array, area: Array, valid: BoolArray) -> float:
     """The smallest determinant at a corner, NaN where a coordinate is not finite; area and validity of every cell."""
-    smallest, check = np.inf, 0.0  # min ignores NaN, a sum does not
     columns = x.shape[1] - 1
+    lowest, total = np.empty(columns), np.empty(columns)
+    smallest, check = np.inf, 0.0  # min ignores NaN, a sum does not
     for i in range(x.shape[0] - 1):
+        x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]
+        areas, valids = area[i * columns : (i + 1) * columns], valid[i * columns : (i + 1) * columns]
         for j in range(columns):
-            ex0, ey0 = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]
-            ex1, ey1 = x[i + 1, j + 1] - x[i, j + 1], y[i + 1, j + 1] - y[i, j + 1]
-            fx0, fy0 = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
-            fx1, fy1 = x[i + 1, j + 1] - x[i + 1, j], y[i + 1, j + 1] - y[i + 1, j]
+            ex0, ey0, ex1, ey1 = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
+            fx0, fy0, fx1, fy1 = x0[j + 1] - x0[j], y0[j + 1] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
             a, b = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
             c, d = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
-            total = a + b + c + d
-            lowest = min(min(a, b), min(c, d))
-            area[i * columns + j] = 0.25 * total
-            valid[i * columns + j] = lowest > 0.0 and total - total == 0.0
-            smallest = min(smallest, lowest)
-            check += total
+            total[j] = a + b + c + d
+            lowest[j] = min(min(a, b), min(c, d))
+            areas[j] = 0.25 * total[j]
+            valids[j] = lowest[j] > 0.0 and total[j] - total[j] == 0.0
+        for j in range(columns):
+            smallest = min(smallest, lowest[j])
+            check += total[j]
     return smallest if np.isfinite(check) else np.nan
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells
 from equimesh.quality.pieces import Pieces
 from equimesh.quality.resolution import resolved_integrals
 from equimesh.quality.tally import ErrorRule, ErrorTally
@@ -93,7 +93,7 @@ def interpolation_errors(
 
 def errors_of(
     cells: BilinearCells,
-    uniform: BilinearCells,
+    uniform: Cells,
     u: Field,
     rule: ErrorRule,
     numbers: IntArray | None = None,
@@ -116,7 +116,7 @@ class Norms(NamedTuple):
     largest: LargestError | None = None
 
 
-def compared(cells: BilinearCells, here: Norms, there: Norms) -> InterpolationErrors:
+def compared(cells: Cells, here: Norms, there: Norms) -> InterpolationErrors:
     """The errors ``here``, on ``cells``, next to those ``there``, on the uniform mesh."""
     return InterpolationErrors(
         l2=here.l2,
@@ -135,9 +135,7 @@ FOLDED = Norms(math.inf, math.inf, math.nan)
 """The norms on a folded mesh."""
 
 
-def norms(
-    cells: BilinearCells, u: Field, rule: ErrorRule, numbers: IntArray | None, *, nodal: Array | None = None
-) -> Norms:
+def norms(cells: Cells, u: Field, rule: ErrorRule, numbers: IntArray | None, *, nodal: Array | None = None) -> Norms:
     """The norms of u minus its Q1 interpolant: by ``rule``, or by a finer one where a second rule does not agree."""
     if not cells.all_valid:
         return FOLDED
@@ -166,7 +164,7 @@ def norms_of(tally: ErrorTally) -> Norms:
     return Norms(l2, h1, size, found.resolved, tally.variation, peak)
 
 
-def noise(cells: BilinearCells, size: float) -> tuple[float, float]:
+def noise(cells: Cells, size: float) -> tuple[float, float]:
     """The parts of the two norms that rounding causes, where ``size`` is the largest value of u."""
     of_values = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
     finest = max(cells.shape) / math.sqrt(abs(cells.total_area) or 1.0)

@@ -17,13 +17,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.fields.field import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import Monitor
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_shapes import shapes
-from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells, UniformCells
 from equimesh.quality.interpolation import InterpolationErrors, compared, errors_of, norms, norms_of, sample
 from equimesh.quality.survey import ROWS, Survey
 from equimesh.quality.tally import ErrorRule, ErrorTally
@@ -122,28 +123,41 @@ def measure_all(
     monitor: Monitor,
     *,
     uniform: Mesh | None = None,
+    domain: Domain = UNIT_SQUARE,
     gauss: int | None = None,
-    cells: Literal["quad", "triangle"] = "quad",
+    kind: Literal["quad", "triangle"] = "quad",
     nodal: Array | None = None,
     threads: int = 1,
 ) -> Quality:
-    """As :func:`measure`; u is interpolated on ``cells``, ``nodal`` is u at the nodes where that is known.
+    """As :func:`measure`, in ``threads`` if there are many cells.
 
-    Meshes of many cells are measured in ``threads``.
+    u is interpolated on cells of this ``kind``; ``nodal`` is u at the nodes where that is known. Without ``uniform``
+    the errors are compared with those on the uniform mesh of ``domain``, which must be valid.
     """
     with np.errstate(all="ignore"):
-        quads, u, tally = BilinearCells(mesh), monitor.u, None
-        rule = CellPoints.gauss(_gauss_points(quads, gauss))
-        is_sampled = gauss is None and sample(quads.shape) is not None
-        if u is not None and cells == "quad" and quads.all_valid and not is_sampled:
-            tally = ErrorTally.of(quads, u, _error_rule(quads, gauss), nodal=nodal)
-        survey = Survey.of(quads, monitor, rule, tally=tally, threads=threads)
-        if tally is None:
-            errors = measure_interpolation(mesh, u, uniform=uniform, gauss=gauss, kind=cells, nodal=nodal)
+        cells, u, tally = BilinearCells(mesh), monitor.u, None
+        rule = CellPoints.gauss(_gauss_points(cells, gauss))
+        numbers = sample(cells.shape) if gauss is None else None
+        if u is not None and kind == "quad" and cells.all_valid and numbers is None:
+            tally = ErrorTally.of(cells, u, _error_rule(cells, gauss), nodal=nodal)
+        survey = Survey.of(cells, monitor, rule, tally=tally, threads=threads)
+        if u is None:
+            errors = None
+        elif kind == "triangle":
+            errors = triangle_errors(mesh, u, map_mesh(Mesh.uniform(mesh.grid), domain) if uniform is None else uniform)
         else:
-            plain = BilinearCells(Mesh.uniform(mesh.grid) if uniform is None else uniform)
-            errors = compared(quads, norms_of(tally), norms(plain, tally.u, tally.rule, None))
-        return _quality(quads, monitor, rule, survey, errors)
+            plain = _uniform_cells(mesh, uniform, domain, numbers)
+            error_rule = _error_rule(cells, gauss)
+            here = norms(cells, u, error_rule, numbers, nodal=nodal) if tally is None else norms_of(tally)
+            errors = compared(cells, here, norms(plain, u, error_rule, numbers))
+        return _quality(cells, monitor, rule, survey, errors)
+
+
+def _uniform_cells(mesh: Mesh, uniform: Mesh | None, domain: Domain, numbers: IntArray | None) -> Cells:
+    """The cells of the mesh that a mesh is compared with, where those with ``numbers`` or all are looked at."""
+    if uniform is None and numbers is not None:
+        return UniformCells(mesh.grid, domain)
+    return BilinearCells(map_mesh(Mesh.uniform(mesh.grid), domain) if uniform is None else uniform)
 
 
 def _quality(
@@ -231,19 +245,17 @@ def measure_interpolation(
     uniform: Mesh | None = None,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
-    nodal: Array | None = None,
 ) -> InterpolationErrors | None:
     """How well u is interpolated, ``None`` where there is no u; the arguments are those of :func:`measure`.
 
-    With ``kind = "triangle"`` it is interpolated linearly on triangles. ``nodal`` is u at the nodes of ``mesh``, if it
-    is known.
+    With ``kind = "triangle"`` it is interpolated linearly on triangles.
     """
     if u is None:
         return None
     if kind == "triangle":
         return triangle_errors(mesh, u, uniform)
     cells = BilinearCells(mesh)
-    plain = BilinearCells(Mesh.uniform(mesh.grid) if uniform is None else uniform)
-    numbers = None if gauss is not None else sample(cells.shape)
+    numbers = sample(cells.shape) if gauss is None else None
     with np.errstate(all="ignore"):
-        return errors_of(cells, plain, u, _error_rule(cells, gauss), numbers, nodal=nodal)
+        plain = _uniform_cells(mesh, uniform, UNIT_SQUARE, numbers)
+        return errors_of(cells, plain, u, _error_rule(cells, gauss), numbers)

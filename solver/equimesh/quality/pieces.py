@@ -14,7 +14,7 @@ from equimesh.fields.field import Field
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_errors import add_errors
-from equimesh.quality.cells import BilinearCells, CellPoints, locate
+from equimesh.quality.cells import CellPoints, Cells, locate
 
 GAUSS_POINTS = 4
 """Gauss points per direction of a piece."""
@@ -45,7 +45,7 @@ class Pieces:
     values: Array
 
     @classmethod
-    def of(cls, cells: BilinearCells, numbers: IntArray, values: Array) -> Pieces:
+    def of(cls, cells: Cells, numbers: IntArray, values: Array) -> Pieces:
         """Whole cells with these ``numbers``, and the ``values`` of u at their corners, of shape ``(4, n)``."""
         return cls(cells.corners(numbers), values)
 

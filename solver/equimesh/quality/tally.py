@@ -10,7 +10,7 @@ import numpy as np
 from equimesh.fields.field import Field
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_errors import add_errors, add_middles, add_values
-from equimesh.quality.cells import BilinearCells, CellPoints, locate
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells, locate
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class ErrorTally:
     :func:`~equimesh.quality.cell_errors.add_errors`, ``largest`` the largest errors at a point.
     """
 
-    cells: BilinearCells
+    cells: Cells
     u: Field
     rule: ErrorRule
     numbers: IntArray | None
@@ -66,7 +66,7 @@ class ErrorTally:
     @classmethod
     def of(
         cls,
-        cells: BilinearCells,
+        cells: Cells,
         u: Field,
         rule: ErrorRule,
         numbers: IntArray | None = None,
@@ -74,12 +74,11 @@ class ErrorTally:
     ) -> ErrorTally:
         """Nothing yet of ``cells``, where ``nodal`` is u at the nodes if that is known."""
         count = cells.count if numbers is None else numbers.size
-        if nodal is None and numbers is None:
-            (nodal,) = u.evaluate(*cells.nodes)
-        if nodal is not None:
+        if isinstance(cells, BilinearCells) and (nodal is not None or numbers is None):
+            nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
             values = cells.corner_values(nodal, np.arange(count) if numbers is None else numbers)
         else:
-            corners = cells.corners(np.arange(0) if numbers is None else numbers)
+            corners = cells.corners(slice(0, count) if numbers is None else numbers)
             (values,) = u.evaluate(corners[:4], corners[4:])
         return cls(
             cells=cells,
@@ -116,7 +115,7 @@ class ErrorTally:
         edge = self.rule.edge
         if not edge.s.size:
             return
-        if self.numbers is None and self.nodal is not None:
+        if isinstance(self.cells, BilinearCells) and self.numbers is None and self.nodal is not None:
             x, y = self.cells.nodes
             of_xi = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))[0]
             of_eta = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))[0]

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import EquimeshError
@@ -26,7 +25,7 @@ from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
 from equimesh.solving.mesh_warnings import warnings
 from equimesh.solving.status import Status
-from equimesh.sweeps import sweep
+from equimesh.sweeps.deviation import deviation
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -91,13 +90,13 @@ class Solution:
         return measure_all(
             self.mesh,
             self.problem.monitor,
-            uniform=map_mesh(Mesh.uniform(self.problem.grid), self.problem.domain),
-            cells=self._cells,
+            domain=self.problem.domain,
+            kind=self._cells,
             nodal=self.u,
             threads=self.threads,
         )
 
-    @property
+    @cached_property
     def interpolation(self) -> InterpolationErrors | None:
         """How well the mesh interpolates u, compared with the uniform mesh; ``None`` where there is no u.
 
@@ -140,7 +139,10 @@ class Solution:
             return None
         if map_of(self.problem.monitor) == "gradient":
             return self.residual
-        return sweep.deviation(self.problem.metric, self.problem.boundary, self.reference)
+        metric, u = self.problem.metric, None
+        if metric.arc_length is not None and metric.arc_length.factor is not None:
+            u = self.u if metric.arc_length.factor == 1.0 or self.u is None else metric.arc_length.factor * self.u
+        return deviation(metric, self.problem.boundary, self.reference, u=u, threads=self.threads)
 
     def _warnings(self) -> tuple[str, ...]:
         meshes = self.mesh, self.reference

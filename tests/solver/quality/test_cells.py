@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import equimesh as em
+from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.quality import cells as bilinear
@@ -50,3 +52,14 @@ def test_a_mesh_of_equal_parallelograms_has_jacobian_one(name: str) -> None:
     assert q.min_jacobian == pytest.approx(1.0)
     assert q.min_jacobian_over_mean == pytest.approx(1.0)
     assert q.q_eq.cells == pytest.approx(np.ones((8, 13)))
+
+
+@pytest.mark.parametrize("domain", [em.Rectangle(x=(-1.0, 3.0)), em.AnnulusSector()], ids=["rectangle", "sector"])
+def test_uniform_cells_are_those_of_the_uniform_mesh(domain: em.Domain) -> None:
+    grid = em.Grid(n_xi=7, n_eta=12)
+    cells, mesh = bilinear.UniformCells(grid, domain), bilinear.BilinearCells(map_mesh(Mesh.uniform(grid), domain))
+    assert cells.shape == mesh.shape
+    for some in (slice(3, 40), np.array([0, 65, 17])):
+        assert np.array_equal(cells.corners(some), mesh.corners(some))
+    assert cells.all_valid
+    assert cells.total_area == pytest.approx(mesh.total_area, rel=0.02)
