@@ -12,7 +12,7 @@ import equimesh as em
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.single_domain import iteration
-from equimesh.sweeps import sweep
+from equimesh.sweeps.deviation import deviation
 
 BELL = em.Expression("exp(-8*((x - 0.4)**2 + (y - 0.6)**2))")
 DOMAINS: dict[str, em.Domain] = {
@@ -57,7 +57,7 @@ def test_the_mesh_is_that_of_newton(monitor: str, domain: str) -> None:
     assert fast.relaxation.is_none
     assert reference.relaxation.is_none
     assert distance(fast.mesh, reference.mesh) < 1e-9
-    assert sweep.deviation(problem.metric, problem.boundary, reference.mesh) < 1e-9
+    assert deviation(problem.metric, problem.boundary, reference.mesh) < 1e-9
     assert distance(fast.mesh, em.Mesh.uniform(problem.grid)) > 0.01, "nothing was adapted to"
 
 

@@ -22,7 +22,8 @@ from equimesh.single_domain import continuation
 from equimesh.single_domain.continuation import NONE
 from equimesh.single_domain.level import Level
 from equimesh.single_domain.steps import Mode, Step, Steps
-from equimesh.sweeps.sweep import deviation, memory_needed
+from equimesh.sweeps.deviation import deviation
+from equimesh.sweeps.sweep import memory_needed
 
 # On grids of up to this many points relaxed equations are solved. Finer ones take the interpolated mesh.
 MAX_RELAXED_POINTS = 513 * 513

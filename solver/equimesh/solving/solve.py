@@ -26,7 +26,7 @@ from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_roun
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
 from equimesh.solving.solution import Solution, SolveError
-from equimesh.sweeps import sweep
+from equimesh.sweeps.deviation import deviation
 
 # Largest deviation of squared metric lengths from the mean of their line, as a share of it, at which a given mesh is
 # near enough to start from: a front may have moved by half a cell.
@@ -169,7 +169,7 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
 
 
 def _is_near(problem: Problem, start: Mesh) -> bool:
-    return sweep.deviation(problem.metric, problem.boundary, start) <= MAX_START_DEVIATION
+    return deviation(problem.metric, problem.boundary, start) <= MAX_START_DEVIATION
 
 
 def _check_mesh(problem: Problem, start: Mesh) -> None:

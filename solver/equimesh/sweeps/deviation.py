@@ -10,9 +10,9 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
+from equimesh.sweeps.cell_metrics import cell_metrics
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.sides import Sides
-from equimesh.sweeps.sweep import cell_metrics
 
 # Nodes of a strip of rows: its intermediate arrays stay in the cache.
 STRIP_NODES = 32_768

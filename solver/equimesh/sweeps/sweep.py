@@ -19,7 +19,6 @@ import numpy as np
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.folding import smallest_in_parts
-from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels
@@ -153,12 +152,6 @@ class Sweep:
         moved = self.new_x, self.new_y
         self.new_x, self.new_y = x, y
         return moved
-
-
-def deviation(metric: ReferenceMetric, boundary: Boundary, mesh: Mesh) -> float:
-    """The largest relative difference of a squared metric length of a mesh from the mean of its grid line."""
-    sweep = Sweep(metric, boundary, mesh.grid.shape, np.empty(memory_needed(mesh.grid.shape)))
-    return sweep.correct(mesh.x, mesh.y).deviation
 
 
 def memory_needed(shape: tuple[int, int]) -> int:

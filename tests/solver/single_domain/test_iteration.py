@@ -8,7 +8,7 @@ import equimesh as em
 from cases import FUNCTIONS, problem
 from equimesh.single_domain import iteration
 from equimesh.single_domain.iteration import single_domain_steps
-from equimesh.sweeps.sweep import deviation
+from equimesh.sweeps.deviation import deviation
 from solver.sweeps.windows import distance
 
 # Newton steps for tanh20 on 17, 33 and 65 points a side. Blessed numbers: those of today's solver, not of theory.

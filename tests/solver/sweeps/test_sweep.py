@@ -9,7 +9,7 @@ import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import Cells
 from equimesh.single_domain import iteration
-from equimesh.sweeps import sweep as chord
+from equimesh.sweeps.deviation import deviation
 from equimesh.sweeps.sweep import Sweep, halve_moves, memory_needed, take_midpoints
 from solver.sweeps.windows import distance, disturbed, sweep_on
 
@@ -35,7 +35,7 @@ def test_deviation_is_that_of_the_equations(domain: em.Domain) -> None:
     bottom, top, left, right = (2 * flux.value for flux in Cells(window).fluxes)
     xi, eta = (top[:, :-1] + bottom[:, 1:]) / 2, (right[:-1] + left[1:]) / 2
     expected = max(abs(xi / xi.mean(axis=0) - 1).max(), abs(eta.T / eta.mean(axis=1) - 1).max())
-    assert chord.deviation(case.metric, case.boundary, mesh) == pytest.approx(expected, rel=1e-12)
+    assert deviation(case.metric, case.boundary, mesh) == pytest.approx(expected, rel=1e-12)
 
 
 def test_one_sweep_solves_the_leading_part() -> None:
