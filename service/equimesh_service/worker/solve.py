@@ -62,7 +62,10 @@ def warm_up() -> None:
     nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
     nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
     sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
-    sampled.u.evaluate(axis, axis, order=2)
+    fine = np.linspace(0.0, 1.0, 140)  # so many samples are evaluated in another way
+    for samples in (sampled.u, equimesh.GridSamples(x=fine, y=fine, values=np.add.outer(fine, fine))):
+        for order in range(3):
+            samples.evaluate(axis, axis, order=order)
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
     schwarz = equimesh.Schwarz(subdomains=(2, 2), overlap=2)
     paper = replace(schwarz, transmission=equimesh.Classical(), max_iterations=2)
