@@ -1,18 +1,25 @@
-# The service alone: no tests, no examples. Build it with `docker build -t equimesh .` in this folder.
+# The service alone: no tests, no examples. Build it with `docker compose build` in this folder.
+# deploy/pin-images writes the digest of the base image into .env, from where compose takes it.
+ARG PYTHON_IMAGE=python:3.11-slim
 
-FROM python:3.11-slim AS build
+FROM ${PYTHON_IMAGE} AS build
+RUN apt-get update && apt-get install --yes --no-install-recommends binutils
 WORKDIR /src
-COPY pyproject.toml README.md LICENSE constraints.txt ./
+COPY deploy/locked.txt deploy/slim.sh ./
+# Exactly these files: pip refuses any other bytes.
+RUN python -m venv /opt/equimesh \
+    && /opt/equimesh/bin/pip install --no-cache-dir --require-hashes -r locked.txt
+COPY pyproject.toml README.md LICENSE ./
 COPY solver solver
 COPY client client
 COPY service service
-RUN python -m venv /opt/equimesh \
-    && /opt/equimesh/bin/pip install --no-cache-dir -c constraints.txt '.[service,postgres,s3,tracing]'
+RUN /opt/equimesh/bin/pip install --no-cache-dir --no-deps --no-build-isolation . \
+    && sh slim.sh /opt/equimesh
 
-FROM python:3.11-slim
+FROM ${PYTHON_IMAGE}
 COPY --from=build /opt/equimesh /opt/equimesh
 RUN useradd --system --uid 10001 --no-create-home --home-dir /data equimesh \
-    && install --directory --owner=equimesh --mode=0750 /data \
+    && install --directory --owner=equimesh --mode=0700 /data \
     && install --directory --owner=equimesh --mode=0755 /opt/numba
 ENV PATH=/opt/equimesh/bin:/usr/local/bin:/usr/bin:/bin \
     PYTHONUNBUFFERED=1 \

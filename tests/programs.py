@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+FOR_CONTAINERS = ("podman", "buildah", "debootstrap", "runc", "netavark", "aardvark-dns", "iptables", "podman-compose")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -43,6 +45,13 @@ def _one(name: str, needed: str | None = None, package: str | None = None) -> Pr
     )
 
 
+def lacking_for_containers() -> list[str]:
+    """What this machine lacks to run containers: rights and programs."""
+    folders = [os.environ["PATH"], str(Path(sys.executable).parent), "/usr/lib/podman", "/usr/sbin", "/sbin"]
+    programs = [name for name in FOR_CONTAINERS if shutil.which(name, path=os.pathsep.join(folders)) is None]
+    return programs if os.getuid() == 0 else ["the rights of root", *programs]
+
+
 PROGRAMS = {
     "postgresql": Program(
         name="PostgreSQL",
@@ -53,6 +62,14 @@ PROGRAMS = {
     "wrk": _one("wrk", "EQUIMESH_TEST_WRK_NEEDED"),
     "chromium": Program(name="Chromium", here=lambda: browser() is not None, remedy="apt-get install chromium"),
     "curl": _one("curl"),
+    "promtool": _one("promtool", package="prometheus"),
+    "containers": Program(
+        name="What runs containers",
+        here=lambda: not lacking_for_containers(),
+        remedy="as root: apt-get install --no-install-recommends podman buildah debootstrap runc netavark aardvark-dns "
+        "iptables; pip install podman-compose; here is missing: "
+        + (", ".join(lacking_for_containers()) or "nothing"),
+    ),
     "systemd-analyze": _one("systemd-analyze", package="systemd"),
 }
 

@@ -19,8 +19,9 @@ from equimesh_service.engine.port import Engine
 from equimesh_service.engine.preparation import Preparation
 from equimesh_service.errors import FolderInUseError, UnusableDatabaseError
 from equimesh_service.files.address import files_address
+from equimesh_service.files.privacy import make_folder
 from equimesh_service.service import Service
-from equimesh_service.settings import Settings
+from equimesh_service.settings import FILE_WORKERS, Settings
 from equimesh_service.store.database import sqlite_file
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.metrics import Metrics, Snapshot
@@ -30,8 +31,6 @@ from equimesh_service.worker import solve
 from equimesh_service.worker.job import Job, Storage
 
 _log = logging.getLogger(__name__)
-# Workers for files, pictures and samples, so that these never wait for solves.
-_SIDE_WORKERS = 2
 # Modules that are loaded once, and shared by all workers.
 PRELOAD = (
     "equimesh_service.worker.solve",
@@ -47,7 +46,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     """Open all parts of a service, in a running event loop. Raises :class:`FolderInUseError`."""
     metrics = metrics or Metrics()
     folder = settings.data_dir.resolve()
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     lock = _lock_folder(settings)
     storage = Storage(settings.database, files_address(settings))
     store, files = Store(storage.database_url), storage.files()
@@ -102,7 +101,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
 def _open_workers(settings: Settings) -> tuple[Engine, SideWorkers]:
     limit, prepare = settings.memory_limit, Preparation.of(settings)
     engine = PebbleEngine(settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up)
-    return engine, SideWorkers(PebbleEngine(_SIDE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
+    return engine, SideWorkers(PebbleEngine(FILE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
 
 
 def _rules(settings: Settings) -> Rules:
@@ -125,7 +124,7 @@ def _take_snapshot(store: Store, workers: int) -> Snapshot:
         counts = store.queue.count()
     except SQLAlchemyError:
         counts = None  # the scrape reports that the store is down
-    return Snapshot(workers={"solve": workers, "files": _SIDE_WORKERS}, counts=counts)
+    return Snapshot(workers={"solve": workers, "files": FILE_WORKERS}, counts=counts)
 
 
 def check_files(settings: Settings) -> None:
@@ -135,7 +134,7 @@ def check_files(settings: Settings) -> None:
 
 def check_folder(settings: Settings) -> None:
     """Raise :class:`FolderInUseError` when another service uses the data folder, and OSError without access."""
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    make_folder(settings.data_dir)
     lock = _lock_folder(settings)
     if lock is not None:
         lock.close()

@@ -14,6 +14,7 @@ import uvicorn
 
 from equimesh_service.api.app import create_app
 from equimesh_service.errors import NotStartedError
+from equimesh_service.files.privacy import withhold_files
 from equimesh_service.opening import check_database, check_files, check_folder
 from equimesh_service.settings import Settings, describe_unknown, find_unknown
 from equimesh_service.telemetry import logs
@@ -41,13 +42,14 @@ class _Server(uvicorn.Server):
 
 
 def run(settings: Settings) -> None:
-    """Serve until the process gets SIGINT or SIGTERM.
+    """Serve until the process gets SIGINT or SIGTERM; other users of the machine cannot read its files.
 
     Raises :class:`~equimesh_service.errors.FolderInUseError` when another service uses the data folder,
     :class:`~equimesh_service.errors.UnusableDatabaseError` when the database cannot be used,
     :class:`~equimesh_service.errors.ExposedError` when other machines could use the service without a key, and OSError
     when the address cannot be used.
     """
+    withhold_files()
     logs.configure(settings.log_level, settings.log_format)
     for name, nearest in find_unknown(os.environ).items():
         _log.warning("%s", describe_unknown(name, nearest))

@@ -14,6 +14,10 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 MIB = 1024 * 1024
 # A name, an address of version 4, or one of version 6, which may be in brackets.
 _HOST = re.compile(r"[A-Za-z0-9_.-]+|\[?[0-9a-fA-F:.]*:[0-9a-fA-F:.]*:[0-9a-fA-F:.]*\]?")
+# Workers for files, pictures and samples, so that these never wait for solves.
+FILE_WORKERS = 2
+# Memory of the service itself, with all its workers at rest.
+SERVICE_MIB = 1024
 
 
 class Settings(BaseSettings):
@@ -127,6 +131,11 @@ class Settings(BaseSettings):
     def worker_threads(self) -> int:
         """Threads of one worker, at least 1."""
         return self.threads or min(64, max(1, _processors() // self.workers))
+
+    @property
+    def most_memory(self) -> int:
+        """MiB that the service may hold with every worker at its limit: those that solve, and those for files."""
+        return (self.workers + FILE_WORKERS) * self.memory_limit + SERVICE_MIB
 
     @property
     def root(self) -> str:

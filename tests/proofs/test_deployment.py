@@ -58,6 +58,8 @@ def stages() -> list[Stage]:
         instruction, _, rest = line.partition(" ")
         if instruction == "FROM":
             found.append(Stage(rest.split()[0]))
+        elif instruction == "ARG":
+            continue
         elif instruction == "ENV":
             found[-1].environment |= dict(pair.split("=", 1) for pair in shlex.split(rest))
         elif instruction == "COPY":
@@ -84,10 +86,28 @@ def compose() -> dict[str, Any]:
     return document
 
 
+def by_default(value: str) -> str:
+    """A value of the compose file when no variable is set: `${NAME:-default}` is the default."""
+    return re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", value)
+
+
+def mebibytes(text: str) -> int:
+    """An amount of memory as the compose file writes it, in MiB."""
+    number, unit = re.fullmatch(r"(\d+)([mg])", by_default(text)).groups()  # type: ignore[union-attr]
+    return int(number) * {"m": 1, "g": 1024}[unit]
+
+
+def version() -> str:
+    """The version of this release."""
+    found = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert found is not None
+    return found[1]
+
+
 def compose_environment() -> dict[str, str]:
-    """The service's environment when only the password is set: `${NAME:-default}` is the default."""
+    """The service's environment when only the password is set."""
     given: dict[str, str] = compose()["services"]["equimesh"]["environment"]
-    filled = {name: re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", value) for name, value in given.items()}
+    filled = {name: by_default(value) for name, value in given.items()}
     return {name: re.sub(r"\$\{POSTGRES_PASSWORD:\?[^}]+\}", PASSWORD, value) for name, value in filled.items()}
 
 
@@ -106,14 +126,14 @@ def test_the_compose_file_is_valid(tmp_path: Path) -> None:
 
 def test_compose_and_image_are_of_one_mind() -> None:
     service, stage = compose()["services"]["equimesh"], image()
-    version = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
-    assert version is not None
-    assert service["image"] == f"equimesh:{version[1]}"
+    assert service["image"] == f"equimesh:{version()}"
     assert service["healthcheck"]["test"] == ["CMD", *health_command()]
     volumes = dict(reversed(volume.split(":")) for volume in service["volumes"])
     assert set(volumes.values()) <= set(compose()["volumes"])
-    # All folders that are written to: the data, and the compiled loops, which every start would compile otherwise.
+    # All folders that are written to: the data, and the compiled loops, which every start would compile otherwise. An
+    # older release's volume of loops would hide those of a new image.
     assert set(volumes) == {stage.commands["VOLUME"], stage.environment["NUMBA_CACHE_DIR"]}
+    assert volumes[stage.environment["NUMBA_CACHE_DIR"]] == f"kernels-{version()}"
     assert stage.commands["VOLUME"] == stage.environment["EQUIMESH_DATA_DIR"]
     assert compose_environment()["EQUIMESH_FILES_URL"] == f"file://{stage.commands['VOLUME']}/files"
     assert stage.environment["MPLCONFIGDIR"].startswith(service["tmpfs"][0].partition(":")[0])
@@ -125,24 +145,37 @@ def test_compose_and_image_are_of_one_mind() -> None:
 
 
 def test_the_image_is_slim_and_not_run_by_root() -> None:
-    assert {stage.base for stage in stages()} == {"python:3.11-slim"}
+    assert {stage.base for stage in stages()} == {"${PYTHON_IMAGE}"}
+    assert "ARG PYTHON_IMAGE=python:3.11-slim" in (ROOT / "Dockerfile").read_text().splitlines()
+    arguments = compose()["services"]["equimesh"]["build"]["args"]
+    assert {name: by_default(value) for name, value in arguments.items()} == {"PYTHON_IMAGE": "python:3.11-slim"}
     assert image().commands["USER"] not in ("root", "0")
     assert f"--uid {image().commands['USER']} " in " ".join(image().runs)
-    assert "constraints.txt" in stages()[0].runs[0]
-    assert "[service,postgres,s3,tracing]" in stages()[0].runs[0]
+    _, install, build = stages()[0].runs
+    assert install.endswith("/pip install --no-cache-dir --require-hashes -r locked.txt")
+    assert "--no-deps --no-build-isolation ." in build  # nothing comes without a hash
+
+
 
 
 def test_every_service_of_compose_is_confined_and_watched() -> None:
     for name, part in compose()["services"].items():
-        assert re.fullmatch(r"([a-z]+/)?[a-z]+:v?\d+\.\d+(\.\d+)?", part["image"]), name  # no registry, no `latest`
+        image_name = by_default(part["image"])
+        assert re.fullmatch(r"([a-z]+/)?[a-z]+:v?\d+\.\d+(\.\d+)?", image_name), name  # no registry, no `latest`
+        if "build" not in part:
+            assert part["image"].startswith("${"), name  # a digest can be given
+            assert part["user"].partition(":")[0] not in ("root", "0"), name
         assert part["restart"] == "unless-stopped", name
         assert part["cap_drop"] == ["ALL"], name
         assert part["security_opt"] == ["no-new-privileges:true"], name
         assert part["healthcheck"]["test"][0] == "CMD", name
         assert all(port.startswith("127.0.0.1:") for port in part.get("ports", [])), name
-        if part.get("profiles") != ["monitoring"]:
-            assert part["read_only"], name
-            assert part["deploy"]["resources"]["limits"]["memory"], name
+        assert part["read_only"], name
+        assert part["deploy"]["resources"]["limits"]["memory"], name
+        assert part["deploy"]["resources"]["limits"]["pids"], name
+        assert part["logging"] == {"driver": "json-file", "options": {"max-size": "10m", "max-file": "5"}}, name
+        for place in part["tmpfs"]:  # other engines give it to root alone, and without a size it takes all memory
+            assert re.fullmatch(r"/[a-z/]+:size=\d+m,mode=1777", place), name
 
 
 def test_the_database_of_compose_is_that_of_the_service() -> None:
@@ -151,8 +184,13 @@ def test_the_database_of_compose_is_that_of_the_service() -> None:
     assert service["depends_on"] == {"database": {"condition": "service_healthy"}}
     address = make_url(compose_environment()["EQUIMESH_DATABASE_URL"])
     assert (address.drivername, address.host, address.password) == ("postgresql+psycopg", "database", None)
-    assert address.username == database["environment"]["POSTGRES_USER"]
-    assert address.database == database["environment"]["POSTGRES_DB"]
+    assert address.database == database["environment"]["POSTGRES_DB"] == "equimesh"
+    # Not the superuser: a role that a script makes, which the image runs for a new volume.
+    assert address.username == "equimesh" != database["environment"]["POSTGRES_USER"]
+    (script,) = [volume.split(":") for volume in database["volumes"] if "initdb.d" in volume]
+    assert os.access(ROOT / script[0], os.X_OK)
+    assert script[1:] == ["/docker-entrypoint-initdb.d/own-schema.sh", "ro"]
+    assert "--encoding=UTF8" in database["environment"]["POSTGRES_INITDB_ARGS"]
     assert service["environment"]["PGPASSWORD"] == database["environment"]["POSTGRES_PASSWORD"]
     assert compose_environment()["PGPASSWORD"] == PASSWORD  # there is no default: one must be given
     assert "ports" not in database
@@ -175,13 +213,24 @@ def test_compose_gives_its_workers_the_memory_that_they_may_take(monkeypatch: py
     asked = compose_environment()
     settings = Settings(workers=asked["EQUIMESH_WORKERS"], memory_limit=asked["EQUIMESH_MEMORY_LIMIT"])
     limits = compose()["services"]["equimesh"]["deploy"]["resources"]["limits"]
-    (gib,) = re.findall(r":-(\d+)g\}", limits["memory"])
+    (scratch,) = re.findall(r"size=(\d+)m", compose()["services"]["equimesh"]["tmpfs"][0])
+    assert settings.most_memory + int(scratch) == mebibytes(limits["memory"])
     (processors,) = re.findall(r":-(\d+)\}", limits["cpus"])
     assert int(processors) == settings.workers
-    monkeypatch.setattr(machine, "allowed_memory", lambda: int(gib) * 1024 * machine.MIB)
+    monkeypatch.setattr(machine, "allowed_memory", lambda: mebibytes(limits["memory"]) * machine.MIB)
     monkeypatch.setattr(os, "sysconf", {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 1 << 24}.__getitem__)
     assert machine.memory(settings).level is Level.OK
-    assert f"MemoryMax={gib}G" in unit()
+    page = (ROOT / "docs/deploy.md").read_text()
+    names = re.findall(r"^EQUIMESH_(WORKERS)=(\d+)$", page, re.MULTILINE)
+    larger = Settings(memory_limit=settings.memory_limit, **{name.lower(): number for name, number in names})
+    assert f"MEMORY={larger.most_memory + int(scratch)}m" in page
+
+
+def test_the_unit_gives_its_workers_the_memory_that_they_may_take() -> None:
+    (options,) = re.findall(r"equimesh config --env (.*) >", (ROOT / "docs/deploy.md").read_text())
+    given = {name.replace("-", "_"): value for name, value in re.findall(r"--([a-z-]+) (\d+)", options)}
+    assert f"MemoryMax={Settings(**given).most_memory // 1024}G" in unit()
+    assert "OOMPolicy=continue" in unit().splitlines()  # the end of one worker must not be that of the service
 
 
 def unit() -> str:
@@ -233,6 +282,12 @@ def test_the_monitoring_profile_finds_its_files_and_runs_known_versions() -> Non
     assert set(re.findall(r'"type": "prometheus",\s*"uid": "(\w+)"', dashboard)) == {source["uid"]}
 
 
+def test_the_documentation_runs_this_release() -> None:
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for name in re.findall(r"\b(?:equimesh:|kernels-)(\d+\.\d+\.\d+)", page.read_text()):
+            assert name == version(), page.name
+
+
 def test_what_the_image_copies_is_in_the_context() -> None:
     rules = [line for line in (ROOT / ".dockerignore").read_text().splitlines() if line and line[0] != "#"]
     for copy in stages()[0].copies:
@@ -252,6 +307,7 @@ def test_what_the_image_copies_makes_the_whole_wheel(tmp_path: Path) -> None:
             if (ROOT / source).is_dir():
                 shutil.copytree(ROOT / source, tmp_path / source)
             else:
+                (tmp_path / source).parent.mkdir(exist_ok=True)
                 shutil.copy(ROOT / source, tmp_path / source)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q", "wheel", "--no-deps"]
     subprocess.run([*pip, "-w", str(tmp_path / "wheel"), str(tmp_path)], check=True, timeout=300)

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 MIB = 1024 * 1024
 CGROUPS, OWN_GROUP = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
-SERVICE_MIB = 512
-"""Memory of the service itself, with its workers at rest."""
 MIN_WORKER_MIB = 128
 """Memory with which a worker can solve small meshes."""
 # Version 1 writes "no limit" as a number near the largest one.
@@ -38,20 +36,22 @@ def processors(settings: Settings) -> Finding:
 
 def memory(settings: Settings) -> Finding:
     """Whether there is memory for the limits of all workers."""
+    from equimesh_service.settings import FILE_WORKERS, SERVICE_MIB
+
     present = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     allowed = allowed_memory()
     where = "machine" if allowed is None or allowed >= present else "container"
     room = (present if allowed is None else min(present, allowed)) // MIB
-    most = settings.workers * settings.memory_limit + SERVICE_MIB
-    least = settings.workers * MIN_WORKER_MIB + SERVICE_MIB
+    processes = settings.workers + FILE_WORKERS
+    most, least = settings.most_memory, processes * MIN_WORKER_MIB + SERVICE_MIB
     message = (
-        f"{settings.workers} workers may take {settings.memory_limit} MiB each and the service {SERVICE_MIB} MiB, "
-        f"{most} MiB in all; this {where} has {room} MiB"
+        f"{settings.workers} workers that solve and {FILE_WORKERS} for files may take {settings.memory_limit} MiB each, "
+        f"the service {SERVICE_MIB} MiB: {most} MiB in all; this {where} has {room} MiB"
     )
     if room < least:
         return failed(message, f"give it at least {least} MiB, or set fewer EQUIMESH_WORKERS")
     if room < most:
-        fits = max(16, (room - SERVICE_MIB) // settings.workers)
+        fits = max(16, (room - SERVICE_MIB) // processes)
         remedy = f"lower EQUIMESH_MEMORY_LIMIT to {fits}, or EQUIMESH_WORKERS; otherwise the system may kill workers"
         return warning(message, remedy)
     return ok(message)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
@@ -28,7 +29,7 @@ LOW_FREE_BYTES = 1.0 * GIB
 
 
 def folder(settings: Settings) -> Finding:
-    """Whether the data folder can be written, or created."""
+    """Whether the data folder can be written, or created, and hides the database from other users."""
     from equimesh_service.store.database import sqlite_file
 
     place = settings.data_dir.resolve()
@@ -43,6 +44,10 @@ def folder(settings: Settings) -> Finding:
         if sqlite_file(settings.database) is not None:
             return failed(message, "SQLite needs a local disk: choose one with EQUIMESH_DATA_DIR, or take PostgreSQL")
         return ok(f"{message}; the database is elsewhere")
+    file = sqlite_file(settings.database)
+    if file is not None and file.exists() and _can_be_read_by_others(file):
+        message = f"other users of this machine can read the database {file}"
+        return warning(message, f"close its folder to them: chmod -R go= {file.parent}")
     return ok(f"{place} can be written ({kind})" if there == place else f"{place} can be created in {there} ({kind})")
 
 
@@ -167,6 +172,11 @@ def open_inspection(settings: Settings) -> Iterator[InspectionStore]:
         yield InspectionStore(database, time.time)
     finally:
         database.close()
+
+
+def _can_be_read_by_others(file: Path) -> bool:
+    """Whether any user may read the file: it and its folder let them."""
+    return bool(file.stat().st_mode & stat.S_IROTH and file.parent.stat().st_mode & stat.S_IXOTH)
 
 
 def _nearest_existing(path: Path) -> Path:

@@ -62,12 +62,14 @@ def _current(options: argparse.Namespace) -> int:
 
 def _upgrade(options: argparse.Namespace) -> int:
     settings = database_settings(options)
+    from equimesh_service.files.privacy import make_folder, withhold_files
     from equimesh_service.store.database import sqlite_file
     from equimesh_service.store.migration import upgrade
 
+    withhold_files()
     file = sqlite_file(settings.database)
     if file is not None:
-        file.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(file.parent)
     with refusing_database_errors():
         revision = upgrade(settings.database)
     print(json.dumps({"current": revision}) if options.json else f"the database has revision {revision}")
@@ -76,8 +78,10 @@ def _upgrade(options: argparse.Namespace) -> int:
 
 def _backup(options: argparse.Namespace) -> int:
     settings = database_settings(options)
+    from equimesh_service.files.privacy import withhold_files
     from equimesh_service.store.inspection import back_up
 
+    withhold_files()
     try:
         with refusing_database_errors():
             size = back_up(settings.database, options.file)

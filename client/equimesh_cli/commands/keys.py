@@ -142,11 +142,13 @@ def _refusing_values() -> Iterator[None]:
 def _open_keys(options: argparse.Namespace, *, create: bool = False) -> Iterator[KeyStore]:
     """The keys in the database that the options name; a missing database is created only with ``create``."""
     settings = database_settings(options)
+    from equimesh_service.files.privacy import make_folder, withhold_files
     from equimesh_service.store.store import Store
 
+    withhold_files()
     is_in_folder = not settings.database_url.get_secret_value()
     if is_in_folder and create:
-        settings.data_dir.mkdir(parents=True, exist_ok=True)
+        make_folder(settings.data_dir)
     elif is_in_folder and not (settings.data_dir / "equimesh.sqlite3").exists():
         raise Refused(f"there is no database in {settings.data_dir}; name its folder with --data-dir")
     with refusing_database_errors(), closing(Store(settings.database)) as store:

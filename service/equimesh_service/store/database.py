@@ -68,6 +68,8 @@ class Database:
                 max_overflow=8,
                 pool_pre_ping=True,  # replaces connections from before a restart of the server
             )
+            # Before the driver of SQLAlchemy asks for anything, which fails with other encodings.
+            event.listen(self._engine, "connect", _refuse_other_encodings, insert=True)
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -137,6 +139,16 @@ def _address(url: str) -> URL:
     if address.drivername != "sqlite" or address.database in (None, "", ":memory:"):
         raise UnusableDatabaseError(f"a service cannot store its data in {address.drivername}; {_ADDRESS_FORMS}")
     return address
+
+
+def _refuse_other_encodings(connection: Any, _record: Any) -> None:
+    """Raise :class:`UnusableDatabaseError` unless the database on a server keeps its texts in UTF-8."""
+    encoding = connection.info.parameter_status("server_encoding")
+    if encoding != "UTF8":
+        raise UnusableDatabaseError(
+            f"the database is in {encoding}, and equimesh needs UTF8: create one with "
+            "`createdb --template=template0 --encoding=UTF8 --owner=equimesh equimesh`"
+        )
 
 
 def _prepare_sqlite(connection: Any, _record: Any) -> None:

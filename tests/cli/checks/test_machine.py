@@ -10,6 +10,7 @@ from cli.conftest import look
 from equimesh_cli.checks import machine
 from equimesh_cli.checks.findings import Level
 from equimesh_service import Settings
+from equimesh_service.settings import SERVICE_MIB
 
 OK = Level.OK
 WARNING = Level.WARNING
@@ -37,7 +38,10 @@ def test_limits_of_a_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert look(machine.processors, two).remedy.endswith("EQUIMESH_WORKERS=1")
     assert look(machine.memory, two).level is WARNING
     assert "this container has 2048 MiB" in look(machine.memory, two).message
-    assert look(machine.memory, Settings(workers=2, memory_limit=768)).level is OK
+    # Two workers that solve, two for files, and the service itself.
+    assert look(machine.memory, Settings(workers=2, memory_limit=(2048 - SERVICE_MIB) // 4)).level is OK
+    assert look(machine.memory, Settings(workers=2, memory_limit=(2048 - SERVICE_MIB) // 4 + 1)).level is WARNING
+    assert look(machine.memory, two).remedy.startswith(f"lower EQUIMESH_MEMORY_LIMIT to {(2048 - SERVICE_MIB) // 4},")
     assert look(machine.memory, Settings(workers=13, memory_limit=16)).level is FAILED
     assert look(machine.processors, Settings(workers=1, threads=4)).level is WARNING
     assert look(machine.processors, Settings(workers=1, threads=1)).level is OK

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import create_engine, make_url, text
 
+from equimesh_cli import main
 from equimesh_service import Settings, running
 from equimesh_service.errors import UnusableDatabaseError
 from equimesh_service.store.store import Store
+from service.databases import Postgres
 
 
 def test_sqlite_writes_ahead_and_to_disk(tmp_path: Path) -> None:
@@ -39,3 +43,24 @@ def test_a_service_does_not_start_without_its_database(tmp_path: Path) -> None:
     with pytest.raises(UnusableDatabaseError, match="the database does not answer") as caught, running(settings):
         raise AssertionError
     assert "hunter2" not in str(caught.value)
+
+
+def test_a_database_that_is_not_in_utf8_is_refused(
+    postgres: Postgres, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = f"equimesh_ascii_{os.getpid()}"
+    address = make_url(postgres.url).set(database=name).render_as_string(hide_password=False)
+    server = create_engine(postgres.url, isolation_level="AUTOCOMMIT")
+    with server.connect() as connection:
+        connection.execute(text(f"CREATE DATABASE {name} TEMPLATE template0 ENCODING 'SQL_ASCII' LOCALE 'C'"))
+    try:
+        wanted = r"the database is in SQL_ASCII, and equimesh needs UTF8: create one with `createdb .*`$"
+        settings = Settings(data_dir=tmp_path, database_url=address, port=0)  # type: ignore[arg-type]
+        with pytest.raises(UnusableDatabaseError, match=wanted), running(settings):
+            raise AssertionError
+        assert main(["database", "current", "--database-url", address]) == 2
+        assert re.match(f"equimesh: {wanted}", capsys.readouterr().err)
+    finally:
+        with server.connect() as connection:
+            connection.execute(text(f"DROP DATABASE {name}"))
+        server.dispose()

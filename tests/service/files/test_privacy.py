@@ -1,0 +1,73 @@
+"""Other users of the machine cannot read what a service writes."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import httpx
+import pytest
+
+from cli.conftest import look
+from equimesh_cli import main
+from equimesh_cli.checks import storage
+from equimesh_cli.checks.findings import Level
+from equimesh_service import Settings
+from equimesh_service.files.privacy import make_folder
+from service.conftest import small
+from service.processes import service_process
+
+
+def readable_by_others(folder: Path) -> list[str]:
+    """The files and folders below a folder, itself included, that are not for its owner alone."""
+    found = [folder, *folder.rglob("*")]
+    return [str(path.relative_to(folder)) for path in found if stat.S_IMODE(path.stat().st_mode) & 0o077]
+
+
+def test_a_service_hides_its_data(tmp_path: Path) -> None:
+    tmp_path.chmod(0o755)
+    with service_process(tmp_path, workers=1) as process:
+        process.start()
+        process.ready()
+        with httpx.Client(base_url=process.url, timeout=60.0) as http:
+            mesh = http.post("/v1/meshes", json=small(), headers={"Prefer": "wait=30"}).json()
+            assert http.get(f"/v1/meshes/{mesh['id']}/file", params={"format": "vtu"}).status_code == 200
+        data = tmp_path / "data"
+        assert len([path for path in data.rglob("*") if path.is_file()]) >= 4  # also those that workers wrote
+        assert readable_by_others(data) == []
+
+
+def test_commands_hide_what_they_make(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = os.umask(0o022)
+    try:
+        assert main(["keys", "create", "--name", "ada", "--data-dir", str(tmp_path / "keys")]) == 0
+        assert main(["database", "upgrade", "--data-dir", str(tmp_path / "upgrade")]) == 0
+        copy = tmp_path / "copy.sqlite3"
+        assert main(["database", "backup", "--data-dir", str(tmp_path / "keys"), str(copy)]) == 0
+    finally:
+        os.umask(before)
+    assert readable_by_others(tmp_path / "keys") == readable_by_others(tmp_path / "upgrade") == []
+    assert stat.S_IMODE(copy.stat().st_mode) == 0o600
+    assert "em_" in capsys.readouterr().out
+
+
+def test_a_folder_that_exists_keeps_its_permissions(tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o750)
+    make_folder(shared)
+    assert stat.S_IMODE(shared.stat().st_mode) == 0o750
+
+
+def test_doctor_warns_of_a_database_that_others_can_read(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    assert main(["database", "upgrade", "--data-dir", str(folder)]) == 0
+    settings = Settings(data_dir=folder)
+    assert look(storage.folder, settings).level is Level.OK
+    (folder / "equimesh.sqlite3").chmod(0o644)
+    assert look(storage.folder, settings).level is Level.OK  # the folder keeps others out
+    folder.chmod(0o755)
+    finding = look(storage.folder, settings)
+    assert finding.level is Level.WARNING
+    assert f"chmod -R go= {folder}" in finding.remedy
