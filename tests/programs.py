@@ -67,8 +67,7 @@ PROGRAMS = {
         name="What runs containers",
         here=lambda: not lacking_for_containers(),
         remedy="as root: apt-get install --no-install-recommends podman buildah debootstrap runc netavark aardvark-dns "
-        "iptables; pip install podman-compose; here is missing: "
-        + (", ".join(lacking_for_containers()) or "nothing"),
+        "iptables; pip install podman-compose; here is missing: " + (", ".join(lacking_for_containers()) or "nothing"),
     ),
     "systemd-analyze": _one("systemd-analyze", package="systemd"),
 }

@@ -44,7 +44,10 @@ def test_alerts_see_services_that_are_down_and_that_are_gone(tmp_path: Path) -> 
     tests = [
         (down, [none("EquimeshDown", 9), alert("EquimeshDown", 20, job="equimesh", instance="a")]),
         (gone, [none("EquimeshGone", 9), none("EquimeshDown", 30), alert("EquimeshGone", 30, job="equimesh")]),
-        (one_gone, [none("EquimeshReplicaGone", 9), alert("EquimeshReplicaGone", 40), none("EquimeshReplicaGone", 100)]),
+        (
+            one_gone,
+            [none("EquimeshReplicaGone", 9), alert("EquimeshReplicaGone", 40), none("EquimeshReplicaGone", 100)],
+        ),
     ]
     cases = [{"interval": "1m", "input_series": series, "alert_rule_test": expected} for series, expected in tests]
     document = {"rule_files": [str(ROOT / "deploy/alerts.yml")], "evaluation_interval": "1m", "tests": cases}

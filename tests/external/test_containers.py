@@ -202,7 +202,9 @@ def test_every_container_is_confined(project: Project) -> None:
     role = "SELECT rolsuper OR rolcreatedb OR rolcreaterole FROM pg_roles WHERE rolname = current_user"
     line = f'docker compose exec database psql --username equimesh --dbname equimesh -Atc "{role}"'
     assert project.shell(line).split() == ["f"]
-    write = 'docker compose exec database psql --username equimesh --dbname equimesh -Atc "CREATE TABLE public.x (y int)"'
+    write = (
+        'docker compose exec database psql --username equimesh --dbname equimesh -Atc "CREATE TABLE public.x (y int)"'
+    )
     assert "permission denied" in project.shell(f"{write} 2>&1 || true")
 
 
@@ -334,7 +336,9 @@ def test_release_0_2_is_upgraded(engine: Engine, project: Project) -> None:
         assert files_of(upgraded, ids) == before
         said = upgraded.shell("docker compose exec equimesh equimesh doctor --stored")
         assert "0 failed" in said
-        line = 'docker compose exec database psql --username postgres --dbname equimesh -Atc "SELECT DISTINCT schemaname'
+        line = (
+            'docker compose exec database psql --username postgres --dbname equimesh -Atc "SELECT DISTINCT schemaname'
+        )
         assert upgraded.shell(f"{line} FROM pg_tables WHERE tableowner = 'equimesh'\"").split() == ["equimesh"]
     finally:
         upgraded.down()

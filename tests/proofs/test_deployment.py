@@ -156,8 +156,6 @@ def test_the_image_is_slim_and_not_run_by_root() -> None:
     assert "--no-deps --no-build-isolation ." in build  # nothing comes without a hash
 
 
-
-
 def test_every_service_of_compose_is_confined_and_watched() -> None:
     for name, part in compose()["services"].items():
         image_name = by_default(part["image"])
