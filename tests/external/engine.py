@@ -93,7 +93,7 @@ class Engine:
     def run(self, *words: str, code: int | None = 0, **options: Any) -> str:
         """The output of a command that has to end with ``code``."""
         options = {"env": self.environment, "timeout": 1800, **options}
-        done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+        done = subprocess.run(words, capture_output=True, text=True, **options)
         assert code is None or done.returncode == code, f"{words}: {done.returncode}\n{done.stdout}\n{done.stderr}"
         return str(done.stdout)
 

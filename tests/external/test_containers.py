@@ -150,7 +150,7 @@ def check_all_succeed(project: Project, ids: list[str]) -> None:
             def status(mesh_id: str = mesh_id) -> str:
                 return str(http.get(f"/v1/meshes/{mesh_id}").json().get("status"))
 
-            until(lambda: status() not in ("queued", "running"), f"mesh {mesh_id} ends")  # noqa: B023
+            until(lambda: status() not in ("queued", "running"), f"mesh {mesh_id} ends")
             assert status() == "succeeded", http.get(f"/v1/meshes/{mesh_id}").text
 
 

@@ -45,8 +45,8 @@ def memory(settings: Settings) -> Finding:
     processes = settings.workers + FILE_WORKERS
     most, least = settings.most_memory, processes * MIN_WORKER_MIB + SERVICE_MIB
     message = (
-        f"{settings.workers} workers that solve and {FILE_WORKERS} for files may take {settings.memory_limit} MiB each, "
-        f"the service {SERVICE_MIB} MiB: {most} MiB in all; this {where} has {room} MiB"
+        f"{settings.workers} workers that solve and {FILE_WORKERS} for files may take {settings.memory_limit} MiB "
+        f"each, the service {SERVICE_MIB} MiB: {most} MiB in all; this {where} has {room} MiB"
     )
     if room < least:
         return failed(message, f"give it at least {least} MiB, or set fewer EQUIMESH_WORKERS")
