@@ -19,6 +19,7 @@ from equimesh_service.opening import check_database, check_files, check_folder
 from equimesh_service.settings import Settings, describe_unknown, find_unknown
 from equimesh_service.telemetry import logs
 from equimesh_service.upkeep.exposure import check_exposure
+from equimesh_service.wire.header_limit import MAX_HEAD_BYTES
 
 _log = logging.getLogger(__name__)
 # The first start on a machine compiles the kernels.
@@ -27,8 +28,6 @@ _MAX_START_SECONDS = 300.0
 _GRACE_SECONDS = 5
 # Longer than proxies keep their connections (nginx: 60), so that none is closed while they use it.
 _KEEP_ALIVE_SECONDS = 75
-# The most bytes of a request line and its headers.
-_MAX_HEADER_BYTES = 32 * 1024
 
 
 class _Server(uvicorn.Server):
@@ -111,7 +110,7 @@ def _server(settings: Settings) -> _Server:
         forwarded_allow_ips=settings.trusted_proxies,
         root_path=settings.root,
         timeout_keep_alive=_KEEP_ALIVE_SECONDS,
-        h11_max_incomplete_event_size=_MAX_HEADER_BYTES,
+        h11_max_incomplete_event_size=MAX_HEAD_BYTES,
     )
     return _Server(config)
 

@@ -50,6 +50,7 @@ def test_the_interactive_documentation_works_offline(url: str, rendered: Callabl
     assert described["info"]["title"] in document
     assert 'class="btn authorize unlocked"' in document  # keys can be given
     assert "is-open" in document  # and the operation of the address is unfolded, with its form
+    assert 'value="wait=30"' in document  # so that its first request gives a mesh
     assert "Failed to load" not in document
     assert "Unable to render" not in document
 

@@ -28,6 +28,7 @@ from equimesh_service.spec.mesh import ExpressionCheck, MeshSpec
 from equimesh_service.spec.step import StepSpec
 from equimesh_service.telemetry.tracer import open_tracer
 from equimesh_service.upkeep.metrics import Metrics
+from equimesh_service.wire.header_limit import HeaderLimit
 from equimesh_service.wire.security_headers import SecurityHeaders
 
 _DESCRIPTION = """Adaptive 2D meshes for PDE solvers: send a monitor function, get a mesh.
@@ -83,6 +84,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.add_exception_handler(kind, _answer_problem)
     for fault in (OSError, SQLAlchemyError, sqlite3.Error):
         app.add_exception_handler(fault, _answer_fault)
+    app.add_middleware(HeaderLimit)
     app.add_middleware(SiteGuard, settings=settings)
     app.add_middleware(Observation, metrics=metrics, tracer=tracer)  # last, so that it is outermost
     _complete_schema(app)

@@ -9,6 +9,7 @@ from starlette.responses import Response
 from equimesh.io.write import FORMATS
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.sentences import did_you_mean
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
 from equimesh_service.wire.sending import send_file
@@ -55,7 +56,8 @@ async def mesh_bytes(
 def mesh_format(name: str) -> str:
     """The name of a mesh format, checked; raises a 406 problem."""
     if name not in FORMATS:
-        raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}.")
+        near = did_you_mean(name, FORMATS) or "."
+        raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}{near}")
     return name
 
 

@@ -11,6 +11,7 @@ from equimesh_service.assembly.samples import Upload
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.wire import body as bodies
+from equimesh_service.wire.negotiation import MAX_PREFER, PREFER_PATTERN
 
 # Parameters of requests that may wait for a mesh.
 Format = Annotated[
@@ -20,7 +21,14 @@ Format = Annotated[
         json_schema_extra={"enum": [*FORMATS]},
     ),
 ]
-Prefer = Annotated[str | None, Header(description="`wait=N` answers when the mesh is finished, or after N seconds.")]
+Prefer = Annotated[
+    str | None,
+    Header(
+        description="`wait=N` answers when the mesh is finished, or after N seconds; without it at once.",
+        # The page /docs fills the example in, so that its first request gives a mesh.
+        json_schema_extra={"pattern": PREFER_PATTERN, "maxLength": MAX_PREFER, "example": "wait=30"},
+    ),
+]
 IdempotencyKey = Annotated[
     str | None,
     Header(

@@ -17,8 +17,8 @@ from equimesh_service.api.resources import MeshList, MeshResource, mesh_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, Writer, problems
 from equimesh_service.api.waiting import Waiting
 from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.sentences import WITHOUT_NUL
 from equimesh_service.spec.mesh import MeshSpec
-from equimesh_service.spec.strict import WITHOUT_NUL
 from equimesh_service.store.rows import CANCELED, Ending, MeshRow
 
 router = APIRouter(prefix="/v1/meshes", tags=["meshes"], responses=KEY_PROBLEMS)

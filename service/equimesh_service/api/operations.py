@@ -7,14 +7,22 @@ from fastapi.responses import JSONResponse, PlainTextResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from equimesh_service.api.pages import problem_page
 from equimesh_service.api.routing import KEY_PROBLEMS, Admin, ServiceDependency, problems
 from equimesh_service.problems.kinds import KINDS
 from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.sentences import did_you_mean
 from equimesh_service.upkeep.readiness import OK
+from equimesh_service.wire.negotiation import choose_offer
 
 router = APIRouter(tags=["operations"])
 
 _UNREADY: dict[int | str, dict[str, Any]] = {503: {"description": "A part is not ready; the body says which."}}
+_PROBLEM_OFFERS = {"json": "application/json", "page": "text/html"}
+_PROBLEM_ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"text/html": {"schema": {"type": "string"}}}},
+    **problems(403, 404),
+}
 _OPENMETRICS = "application/openmetrics-text"
 
 
@@ -59,10 +67,24 @@ async def get_metrics(request: Request, service: ServiceDependency, caller: Admi
     return Response(content, headers={"Content-Type": media_type})
 
 
-@router.get("/problems/{name}", summary="What a problem means", operation_id="getProblem", responses=problems(403, 404))
-async def get_problem(name: str) -> dict[str, Any]:
-    """The explanation of a problem's `type`."""
+@router.get(
+    "/problems/{name}",
+    summary="What a problem means",
+    operation_id="getProblem",
+    response_model=dict[str, Any],
+    responses=_PROBLEM_ANSWERS,
+)
+@router.head(
+    "/problems/{name}", summary="As GET, without a body", operation_id="headProblem", responses=_PROBLEM_ANSWERS
+)
+async def get_problem(name: str, request: Request) -> Response:
+    """The explanation of a problem's `type`: JSON, or a page where Accept names `text/html` first, as browsers do."""
     kind = KINDS.get(name)
     if kind is None:
-        raise Problem("not-found", f"There is no such problem; there are {', '.join(KINDS)}.")
-    return {"type": kind.type, "title": kind.title, "status": kind.status, "remedy": kind.remedy}
+        near = did_you_mean(name, KINDS) or "."
+        raise Problem("not-found", f"There is no such problem; there are {', '.join(KINDS)}{near}")
+    vary = {"Vary": "Accept"}
+    if choose_offer(request.headers.get("accept"), _PROBLEM_OFFERS) == "page":
+        return problem_page(kind, vary)
+    body = {"type": kind.type, "title": kind.title, "status": kind.status, "remedy": kind.remedy}
+    return JSONResponse(body, headers=vary)

@@ -4,6 +4,7 @@ Pages, scripts and styles are files in ``assets``. Addresses in them are relativ
 proxy.
 """
 
+from collections.abc import Mapping
 from functools import cache
 from html import escape
 from importlib.resources import files
@@ -12,11 +13,14 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 from starlette.responses import Response
 
+from equimesh_service.problems.kinds import KINDS, Kind
 from equimesh_service.problems.problem import Problem
 from equimesh_service.wire.security_headers import page_policy
 
 router = APIRouter(include_in_schema=False)
 
+# HEAD is answered as GET; the server leaves the body out.
+_METHODS = ["GET", "HEAD"]
 # The packages of the files: the service's own, and those of Swagger UI.
 _OURS = "equimesh_service.api.assets"
 _SWAGGER = "fastapi_swagger.resources"
@@ -32,25 +36,35 @@ _FRONT_POLICY = page_policy(pictures="'self' blob:")
 _DOCS_POLICY = page_policy(pictures="'self' data:")
 
 
-@router.get("/")
+@router.api_route("/", methods=_METHODS)
 async def front(request: Request) -> HTMLResponse:
     """The front page."""
     page = _read("front.html").decode().replace("BASE", escape(str(request.base_url).rstrip("/")))
     return HTMLResponse(page, headers={"Content-Security-Policy": _FRONT_POLICY})
 
 
-@router.get("/docs")
+@router.api_route("/docs", methods=_METHODS)
 async def docs() -> HTMLResponse:
     """The interface, to read and to try."""
     return HTMLResponse(_read("docs.html"), headers={"Content-Security-Policy": _DOCS_POLICY})
 
 
-@router.get("/docs/assets/{name}")
+@router.api_route("/docs/assets/{name}", methods=_METHODS)
 async def asset(name: str) -> Response:
     """A file that a page loads; ``name`` is looked up, and is never part of a path."""
     if name not in _ASSETS:
         raise Problem("not-found", "No such file.")
     return Response(_read(name), media_type=_ASSETS[name][1], headers={"Cache-Control": "max-age=86400"})
+
+
+def problem_page(kind: Kind, headers: Mapping[str, str]) -> HTMLResponse:
+    """The explanation of a problem, and the list of all others, for browsers."""
+    others = "".join(f'<li><a href="{other.name}">{escape(other.title)}</a></li>' for other in KINDS.values())
+    values = {"TITLE": escape(kind.title), "STATUS": str(kind.status), "TYPE": kind.type}
+    page = _read("problem.html").decode()
+    for word, value in {**values, "REMEDY": escape(kind.remedy), "OTHERS": others}.items():
+        page = page.replace(word, value)
+    return HTMLResponse(page, headers={"Content-Security-Policy": _FRONT_POLICY, **headers})
 
 
 @cache

@@ -3,10 +3,14 @@
 from typing import Annotated, Any, cast
 
 from fastapi import Depends, Request, Security
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer, SecurityScopes
+from pydantic import BaseModel
 
 from equimesh_service.admission.callers import Caller
-from equimesh_service.problems.problem import MEDIA_TYPE, Problem
+from equimesh_service.problems.problem import MEDIA_TYPE, Problem, problem_at
+from equimesh_service.problems.sentences import did_you_mean
 from equimesh_service.service import Service
 from equimesh_service.store.key_secrets import ADMIN, READ, WRITE
 from equimesh_service.telemetry import log_context
@@ -80,7 +84,36 @@ async def _caller(
     if missing:
         needed, owned = ", ".join(sorted(missing)), ", ".join(sorted(caller.scopes))
         raise Problem("forbidden", f"This needs a key with the scope {needed}; this one has {owned}.")
+    _check_parameters(request)
     return caller
+
+
+def _check_parameters(request: Request) -> None:
+    """Raise a 422 problem for a query parameter that the route does not have: a misspelled one would do nothing."""
+    if not request.scope["query_string"]:
+        return
+    known = _parameters(request.scope["route"])
+    for name in request.query_params:
+        if name not in known:
+            listed = f"; known are {', '.join(known)}" if known else ""
+            message = f"there is no such parameter here{listed}{did_you_mean(name, known)}"
+            raise problem_at("", message, parameter=name[:80])
+
+
+def _parameters(route: APIRoute) -> tuple[str, ...]:
+    """The names of the query parameters of a route, and of all that its dependencies have."""
+    found: list[str] = []
+    left: list[Dependant] = [route.dependant]
+    while left:
+        dependant = left.pop()
+        left += dependant.dependencies
+        for field in dependant.query_params:
+            model = field.field_info.annotation
+            if isinstance(model, type) and issubclass(model, BaseModel):
+                found += model.model_fields
+            else:
+                found.append(field.alias)
+    return tuple(found)
 
 
 # A caller with at least this scope.

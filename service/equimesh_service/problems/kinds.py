@@ -60,6 +60,7 @@ KINDS: Mapping[str, Kind] = {
         Kind("body-too-large", 413, "Body too large", "Send fewer samples, or samples as npz."),
         Kind("unsupported-media-type", 415, "Unsupported media type", "Send the type that the detail names."),
         Kind("range-not-satisfiable", 416, "Range not satisfiable", "Request bytes below the size of the file."),
+        Kind("headers-too-large", 431, "Headers too large", "Send shorter headers, and a shorter query."),
         Kind("invalid-input", 422, "Invalid input", "Correct each entry of 'errors'."),
         Kind(
             "idempotency-key-reused",

@@ -12,6 +12,7 @@ from starlette.responses import Response
 from equimesh.errors import ExpressionError, InputError
 from equimesh_service.errors import ServiceError
 from equimesh_service.problems.kinds import KINDS, Kind
+from equimesh_service.problems.sentences import sentence_of
 from equimesh_service.telemetry.log_context import current
 
 MEDIA_TYPE = "application/problem+json"
@@ -130,4 +131,5 @@ def problem_of(error: Exception) -> Problem:
 
 def _parameter_complaint(entry: Mapping[str, Any]) -> Complaint:
     place = [str(part) for part in entry["loc"]]
-    return Complaint(pointer="", message=str(entry["msg"]), parameter=place[-1] if place else None)
+    message = sentence_of(entry) or "this does not fit here"
+    return Complaint(pointer="", message=message, parameter=place[-1] if place else None)

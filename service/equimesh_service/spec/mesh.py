@@ -12,6 +12,7 @@ from typing import Any, Literal
 from pydantic import Field, FiniteFloat
 
 from equimesh_service.problems.problem import problem_at
+from equimesh_service.problems.sentences import WITHOUT_NUL
 from equimesh_service.spec.domains import Domain, RectangleSpec
 from equimesh_service.spec.monitors import (
     ArcLengthSpec,
@@ -23,7 +24,7 @@ from equimesh_service.spec.monitors import (
 )
 from equimesh_service.spec.schwarz import SchwarzSpec
 from equimesh_service.spec.sources import AnySource, ExpressionSource, GridSource, StoredSource
-from equimesh_service.spec.strict import WITHOUT_NUL, Parameters, Strict, validate
+from equimesh_service.spec.strict import Parameters, Strict, validate
 
 MODE_USES = {
     "discretization": "Meshes to compute on: iterates until the error of the solution on the grid is small beside that "

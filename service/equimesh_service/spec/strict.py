@@ -1,36 +1,67 @@
 """Strict models of JSON bodies, and the complaints about a body that does not fit one."""
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args, get_origin
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     FailFast,
     Field,
     FiniteFloat,
+    ModelWrapValidatorHandler,
     Tag,
     ValidationError,
+    ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
+    model_validator,
 )
 from pydantic_core import PydanticCustomError
 
 from equimesh_service.problems.problem import Complaint, input_problem
+from equimesh_service.problems.sentences import did_you_mean, sentence_of
 from equimesh_service.spec.document import escape_token
 
 # The first character of tags of unions, so that they can be removed from a pointer.
 TAG = "\x00"
 # The most complaints about one body.
 MAX_COMPLAINTS = 20
-# The pattern of texts that databases store: PostgreSQL refuses U+0000.
-WITHOUT_NUL = r"^[^\x00]*$"
+# The most parameters of an expression.
+MAX_PARAMETERS = 64
+# The type of the error for what is not looked at any more.
+_ENOUGH = "enough"
 Model = TypeVar("Model", bound=BaseModel)
 
 Numbers = Annotated[list[FiniteFloat], FailFast()]
 Pair = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
-Parameters = Annotated[dict[str, FiniteFloat], Field(max_length=64)]
+
+
+def _up_to_a_fault(value: Any) -> Any:
+    """The parameters up to the first that is no number: then there is one complaint about all of them."""
+    if not isinstance(value, dict):
+        return value
+    kept: dict[Any, Any] = {}
+    for name, number in value.items():
+        kept[name] = number
+        is_number = isinstance(number, int | float) and not isinstance(number, bool) and abs(number) < math.inf
+        if not is_number or len(kept) > MAX_PARAMETERS:
+            break
+    return kept
+
+
+Parameters = Annotated[dict[str, FiniteFloat], Field(max_length=MAX_PARAMETERS), BeforeValidator(_up_to_a_fault)]
+
+
+@dataclass
+class Faults:
+    """The number of faults that were found in a document so far."""
+
+    number: int = 0
 
 
 class Strict(BaseModel):
@@ -41,6 +72,28 @@ class Strict(BaseModel):
     """The sentences that refuse keys of other models, by these keys."""
     MISSING: ClassVar[Mapping[str, str]] = {}
     """The sentences for keys that are required and absent."""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _stop_after_enough(cls, value: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
+        """Look no further when :data:`MAX_COMPLAINTS` faults were found: each of them costs memory and time."""
+        faults = info.context
+        if not isinstance(faults, Faults):
+            return handler(value)
+        left = MAX_COMPLAINTS - faults.number
+        if left <= 0:
+            raise PydanticCustomError(_ENOUGH, "not looked at")
+        if isinstance(value, Mapping):
+            unknown = [key for key in value if key not in cls.model_fields]
+            if len(unknown) > left:
+                extra = set(unknown[left:])
+                value = {key: member for key, member in value.items() if key not in extra}
+        before = faults.number
+        try:
+            return handler(value)
+        except ValidationError as error:
+            faults.number = before + error.error_count()
+            raise
 
 
 def by_key(*keys: str) -> Discriminator:
@@ -83,9 +136,10 @@ def validate(model: type[Model], document: Any) -> Model:
     if not isinstance(document, Mapping):
         raise input_problem([Complaint(pointer="", message="the body must be one JSON object")])
     try:
-        return model.model_validate(document)
+        return model.model_validate(document, context=Faults())
     except ValidationError as error:
-        entries = error.errors(include_url=False, include_context=True)
+        found = error.errors(include_url=False, include_context=True)
+        entries = [entry for entry in found if entry["type"] != _ENOUGH]
         raise input_problem([_complaint(model, entry) for entry in entries[:MAX_COMPLAINTS]]) from None
 
 
@@ -101,24 +155,19 @@ def _sentence(model: type[BaseModel], entry: Any, loc: list[Any]) -> str:
     match entry["type"]:
         case "missing" | "extra_forbidden" as fault:
             return _sentence_of_key(_model_at(model, loc[:-1]), loc[-1], missing=fault == "missing")
-        case "finite_number":
-            return "this must be a finite number, not NaN or infinity"
-        case "model_type" | "model_attributes_type" | "dict_type":
-            return "this must be a JSON object"
-        case "too_short" | "too_long" if entry["ctx"]["field_type"] == "List":
-            most = entry["ctx"].get("max_length", 2)
-            return f"this must be a list of {'2' if most == 2 else f'at most {most}'} items"
-        case "string_pattern_mismatch" if entry["ctx"]["pattern"] == WITHOUT_NUL:
-            return "this text must not hold the character U+0000"
-        case "literal_error":
-            return f"this must be {entry['ctx']['expected']}"
         case "kind" if isinstance(entry["input"], Mapping):
-            return str(entry["msg"]).replace("an object whose kind is one of", "this key must be one of")
+            sentence = str(entry["msg"]).replace("an object whose kind is one of", "this key must be one of")
+            return sentence + did_you_mean(entry["input"].get("kind"), sentence.partition(" one of ")[2].split(", "))
         case "kind":
             return f"this must be {entry['msg']}"
+        case "source":
+            given = entry["input"] if isinstance(entry["input"], Mapping) else {}
+            known = str(entry["msg"]).partition(" keys ")[2].split(", ")
+            return str(entry["msg"]) + next(filter(None, (did_you_mean(key, known) for key in given)), "")
+        case "either":
+            return str(entry["msg"])
         case _:
-            message = str(entry["msg"]).removeprefix("Input ")
-            return f"this {message}" if message.startswith("should") else message
+            return sentence_of(entry) or "this does not fit here"
 
 
 def _is_tag(part: object) -> bool:
@@ -133,7 +182,8 @@ def _sentence_of_key(place: type[BaseModel] | None, key: Any, *, missing: bool) 
             return told
     if missing:
         return "this key is required"
-    return "there is no such key here" + ("" if place is None else f"; known are {', '.join(place.model_fields)}")
+    known = () if place is None else tuple(place.model_fields)
+    return "there is no such key here" + (f"; known are {', '.join(known)}" if known else "") + did_you_mean(key, known)
 
 
 def _model_at(model: type[BaseModel], loc: Sequence[Any]) -> type[BaseModel] | None:

@@ -3,6 +3,19 @@
 import re
 from collections.abc import Mapping
 
+from equimesh_service.problems.problem import Problem
+
+# The most characters of a Prefer header.
+MAX_PREFER = 200
+_TOKEN = r"[!#$%&'*+.^_`|~0-9A-Za-z-]+"
+_WORD = rf'({_TOKEN}|"[^"\\]*")'
+_OTHER = rf"(?![Ww][Aa][Ii][Tt] *(=|;|,|$)){_TOKEN}( *= *{_WORD})?( *; *{_TOKEN}( *= *{_WORD})?)*"
+_PREFERENCE = rf'([Ww][Aa][Ii][Tt] *= *("[0-9]{{1,9}}"|[0-9]{{1,9}})|{_OTHER})'
+# The form of a Prefer header: preferences with commas between them; a wait has a whole number.
+PREFER_PATTERN = rf"^{_PREFERENCE}( *, *{_PREFERENCE})*$"
+_PREFER = re.compile(PREFER_PATTERN)
+_EACH = re.compile(_PREFERENCE)
+_WAIT = re.compile(r'wait *= *"?([0-9]+)"?', re.IGNORECASE)
 _JSON = ("application/json", "application/problem+json")
 
 
@@ -45,8 +58,14 @@ def choose_explicit_offer(header: str | None, offers: Mapping[str, str]) -> str 
 
 
 def parse_wait(header: str | None) -> int | None:
-    """The seconds of ``Prefer: wait=N``, None without them."""
-    for entry in re.split(r"[,;]", header or ""):
-        if match := re.fullmatch(r'\s*wait\s*=\s*"?(\d{1,9})"?\s*', entry, re.IGNORECASE):
-            return int(match.group(1))
-    return None
+    """The seconds of ``Prefer: wait=N``, None without them; raises a 400 problem for what is no Prefer header.
+
+    Other preferences are allowed, and ignored, as RFC 7240 says.
+    """
+    if header is None:
+        return None
+    if len(header) > MAX_PREFER or not _PREFER.fullmatch(header):
+        detail = f"Prefer: {header[:40]!r} cannot be read. Write wait=30, with a whole number of seconds."
+        raise Problem("malformed-header", detail, remedy="Send Prefer: wait=30, or no Prefer.")
+    found = (_WAIT.fullmatch(each[0]) for each in _EACH.finditer(header))
+    return next((int(wait[1]) for wait in found if wait is not None), None)

@@ -1,8 +1,9 @@
 """The interface of scalar functions of the plane."""
 
-from typing import Protocol
+from typing import Protocol, cast
 
 from equimesh.errors import InputError
+from equimesh.fields.expression import Expression
 from equimesh.numerics.types import Array
 
 
@@ -22,12 +23,27 @@ class Field(Protocol):
         ...
 
 
-def require_field(field: Field, name: str) -> Field:
-    """``field`` if it can be evaluated; raises :class:`~equimesh.errors.InputError` for anything else."""
+def require_field(field: object, name: str) -> Field:
+    """``field`` if it can be evaluated, the expression that a text describes.
+
+    Raises :class:`~equimesh.errors.InputError` for anything else, with ``name`` as its field.
+    """
+    if isinstance(field, str):
+        try:
+            return Expression(field)
+        except InputError as error:
+            error.field = name
+            raise
     if not callable(getattr(field, "evaluate", None)):
         raise InputError(
             f"{name} = {str(field)[:40]!r} is not a function of x and y: write em.Expression('...') for a formula,"
             " em.GridSamples(...) for values on a grid",
             field=name,
         )
-    return field
+    return cast(Field, field)
+
+
+def require_fields(owner: object, *names: str) -> None:
+    """Replace these attributes of a frozen ``owner`` by what :func:`require_field` returns for them."""
+    for name in names:
+        object.__setattr__(owner, name, require_field(getattr(owner, name), name))

@@ -9,7 +9,7 @@ import numpy as np
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_field
+from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.monitor import require_strength
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.numerics.compiled import compiled
@@ -50,7 +50,7 @@ class ArcLength:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_field(self.u, "u")
+        require_fields(self, "u")
         if not 0.0 <= self.a <= 1.0:
             raise InputError(f"a = {self.a}: the relaxation parameter a must lie in [0, 1]", field="a")
         if not (self.b >= 0.0 and math.isfinite(self.b)):

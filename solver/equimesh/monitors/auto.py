@@ -7,7 +7,7 @@ from typing import Literal
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_field
+from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import CELLS, LeastError
 from equimesh.monitors.monitor import Monitor
@@ -33,7 +33,7 @@ class Auto:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_field(self.u, "u")
+        require_fields(self, "u")
         for name, known in (("norm", NORMS), ("cells", CELLS)):
             if getattr(self, name) not in known:
                 raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)

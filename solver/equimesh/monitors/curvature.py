@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_field
+from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
@@ -58,7 +58,7 @@ class Curvature:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_field(self.u, "u")
+        require_fields(self, "u")
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
         if not 0.0 < self.floor <= 1.0:

@@ -9,7 +9,7 @@ import numpy as np
 
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
-from equimesh.fields.field import Field, require_field
+from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
@@ -44,7 +44,7 @@ class Weight:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_field(self.rho, "rho")
+        require_fields(self, "rho", *(["u"] if self.u is not None else []))
         if self.map not in MAPS:
             raise InputError(f"map = {self.map!r}: choose 'lines' or 'gradient'", field="map")
 
@@ -94,8 +94,7 @@ class Tensor:
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("m11", "m12", "m22"):
-            require_field(getattr(self, name), name)
+        require_fields(self, "m11", "m12", "m22", *(["u"] if self.u is not None else []))
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points."""

@@ -149,10 +149,42 @@ def test_bad_keys_are_refused(http: httpx.Client, key: str) -> None:
     assert answer.json()["type"] == "/problems/malformed-header"
 
 
-@pytest.mark.parametrize(
-    "prefer", ["wait", "wait=", "wait=-1", "wait=x", "respond-async", "wait=99999999999999", ",,;="]
-)
-def test_preferences_that_cannot_be_read_are_ignored(http: httpx.Client, prefer: str) -> None:
+@pytest.mark.parametrize("prefer", ["wait=abc", "wait=", ",,;="])
+def test_a_preference_that_cannot_be_read_is_refused(http: httpx.Client, prefer: str) -> None:
     answer = http.post("/v1/meshes", json=small(), headers={"Prefer": prefer})
+    assert answer.status_code == 400
+    assert answer.json()["type"] == "/problems/malformed-header"
+    assert prefer in answer.json()["detail"]
+    assert "wait=30" in answer.json()["remedy"]
+
+
+def test_other_preferences_are_ignored(http: httpx.Client) -> None:
+    answer = http.post("/v1/meshes", json=small(), headers={"Prefer": "respond-async"})
     assert answer.status_code in (201, 202)
     assert "preference-applied" not in answer.headers
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "parameter", "near"),
+    [
+        ("POST", "/v1/meshes?formt=vtu", "formt", "format"),
+        ("GET", "/v1/meshes?limt=3", "limt", "limit"),
+        ("GET", "/v1/meshes/m-1?Wait=3", "Wait", "wait"),
+        ("GET", "/v1/samples/s-1?xyz=3", "xyz", ""),
+        ("POST", "/v1/expressions/check?format=3", "format", ""),
+    ],
+)
+def test_an_unknown_parameter_is_refused(http: httpx.Client, method: str, path: str, parameter: str, near: str) -> None:
+    answer = http.request(method, path, json={})
+    assert answer.status_code == 422
+    (error,) = answer.json()["errors"]
+    assert error["parameter"] == parameter
+    assert "no such parameter" in error["message"]
+    assert (f"did you mean '{near}'" in error["message"]) is bool(near)
+
+
+def test_near_words_are_named(http: httpx.Client, finished: dict[str, Any]) -> None:
+    answer = http.get(finished["links"]["file"], params={"format": "vtuu"})
+    assert (answer.status_code, "did you mean 'vtu'?" in answer.json()["detail"]) == (406, True)
+    answer = http.get("/v1/meshes", params={"status": "suceeded"})
+    assert "did you mean 'succeeded'?" in answer.json()["errors"][0]["message"]

@@ -28,3 +28,12 @@ def test_the_command_on_the_front_page_works(http: httpx.Client, url: str) -> No
     headers = {"Content-Type": "application/json", "Prefer": "wait=30"}
     answer = http.post("/v1/meshes?format=vtu", content=body.group(1), headers=headers)
     assert (answer.status_code, answer.content[:5]) == (201, b"<?xml")
+
+
+def test_head_is_answered_as_get_on_every_page(http: httpx.Client) -> None:
+    for page in ("/", "/docs", "/docs/assets/front.css", "/openapi.json", "/problems/invalid-input", "/livez"):
+        whole, head = http.get(page), http.head(page)
+        assert (head.status_code, head.content) == (200, b""), page
+        assert head.headers["content-type"] == whole.headers["content-type"], page
+        assert int(head.headers["content-length"]) == len(whole.content), page
+    assert http.head("/docs/assets/none").status_code == 404

@@ -43,7 +43,7 @@ def test_an_expression_stays(tmp_path: Path) -> None:
     [
         ({"step": 0, "u": {"nodes": [[1, 2], [3]]}}, "/u/nodes", "the same length"),
         ({"step": 0, "u": "x", "fields": {"a/b": [[1], [2, 3]]}}, "/fields/a~1b", "the same length"),
-        ({"step": "0", "u": "x"}, "/step", ""),
+        ({"step": "0", "u": "x"}, "/step", "whole number"),
     ],
 )
 def test_what_is_wrong_is_told_where_it_was_sent(tmp_path: Path, step: Any, pointer: str, words: str) -> None:

@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from equimesh_service.problems.problem import Problem
 from equimesh_service.wire.negotiation import choose_explicit_offer, choose_offer, parse_accept, parse_wait
 
 OFFERS = {"vtu": "application/vnd.vtk.vtu+xml", "msh": "model/mesh"}
@@ -54,13 +55,34 @@ def test_a_long_header_is_read_at_once() -> None:
     assert time.perf_counter() - began < 1.0  # a search with patterns takes seconds
 
 
-def test_equal_wishes_keep_their_order() -> None:
-    assert parse_accept("b/b, a/a;q=1.0, c/c;q=0.9, d/d;q=0") == ["b/b", "a/a", "c/c"]
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [
+        (None, None),
+        ("wait=30", 30),
+        ('Wait = "30"', 30),
+        ("respond-async, wait=10", 10),
+        ('return=minimal; foo="a, wait=3", wait=0', 0),
+        ("respond-async", None),
+        ("waiting=x, await=3", None),
+    ],
+)
+def test_a_wait_is_found_among_preferences(header: str | None, seconds: int | None) -> None:
+    assert parse_wait(header) == seconds
 
 
 @pytest.mark.parametrize(
-    ("header", "seconds"),
-    [("wait=5", 5), ("respond-async, wait=10", 10), ('Wait="7"', 7), ("wait = 3", 3), ("wait=x", None), (None, None)],
+    "header",
+    [
+        "", "wait", "wait=", "wait=abc", "wait=-1", "wait=1.5", "wait=30s", "wait 30", "wait=1;wait=2",
+        "wait=9999999999", ",,;=", "a=", 'a="', "wait=1,", "a" * 201,
+    ],
 )
-def test_the_wait_that_is_preferred(header: str | None, seconds: int | None) -> None:
-    assert parse_wait(header) == seconds
+def test_a_preference_that_cannot_be_read_is_refused(header: str) -> None:
+    with pytest.raises(Problem) as caught:
+        parse_wait(header)
+    assert caught.value.name == "malformed-header"
+
+
+def test_equal_wishes_keep_their_order() -> None:
+    assert parse_accept("b/b, a/a;q=1.0, c/c;q=0.9, d/d;q=0") == ["b/b", "a/a", "c/c"]

@@ -27,8 +27,26 @@ def test_every_field_is_one(field: em.Expression) -> None:
         assert [np.shape(part) for part in found] == [(3,)] * count
 
 
-@pytest.mark.parametrize("wrong", ["x*y", 3.0, None, np.zeros(3), {"evaluate": 1}])
+@pytest.mark.parametrize("wrong", [3.0, None, np.zeros(3), {"evaluate": 1}])
 def test_anything_else_is_refused_with_what_to_write(wrong: object) -> None:
     with pytest.raises(em.InputError, match=r"em\.Expression\('\.\.\.'\)") as caught:
-        require_field(wrong, "rho")  # type: ignore[arg-type]
+        require_field(wrong, "rho")
     assert caught.value.field == "rho"
+
+
+def test_a_text_is_an_expression() -> None:
+    assert require_field("x*y", "u") == em.Expression("x*y")
+    tensor = em.Tensor(m11="1 + x", m12="0", m22="2", u="tanh(x)")  # type: ignore[arg-type]
+    assert (tensor.m11, tensor.u) == (em.Expression("1 + x"), em.Expression("tanh(x)"))
+    for monitor in (em.ArcLength, em.Curvature, em.LeastError, em.Auto):
+        assert monitor(u="x*y").u == em.Expression("x*y")  # type: ignore[arg-type]
+    weight = em.Weight(rho="1 + x", u="y")  # type: ignore[arg-type]
+    assert (weight.rho, weight.u) == (em.Expression("1 + x"), em.Expression("y"))
+
+
+def test_a_text_that_is_no_expression_names_the_function_and_the_column() -> None:
+    with pytest.raises(em.ExpressionError, match="did you mean tanh") as caught:
+        em.Weight(rho="1 + tnah(x)")  # type: ignore[arg-type]
+    assert caught.value.field == "rho"
+    assert caught.value.position is not None
+    assert caught.value.position.column == 5
