@@ -74,8 +74,21 @@ def test_a_wait_is_found_among_preferences(header: str | None, seconds: int | No
 @pytest.mark.parametrize(
     "header",
     [
-        "", "wait", "wait=", "wait=abc", "wait=-1", "wait=1.5", "wait=30s", "wait 30", "wait=1;wait=2",
-        "wait=9999999999", ",,;=", "a=", 'a="', "wait=1,", "a" * 201,
+        "",
+        "wait",
+        "wait=",
+        "wait=abc",
+        "wait=-1",
+        "wait=1.5",
+        "wait=30s",
+        "wait 30",
+        "wait=1;wait=2",
+        "wait=9999999999",
+        ",,;=",
+        "a=",
+        'a="',
+        "wait=1,",
+        "a" * 201,
     ],
 )
 def test_a_preference_that_cannot_be_read_is_refused(header: str) -> None:
