@@ -69,6 +69,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     retention.start()
     _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
     quotas = Quotas(settings, store.quotas)
+    admission = Admission(settings, store, files, side_workers, check_threads.while_waiting)
     return Service(
         settings=settings,
         storage=storage,
@@ -79,10 +80,10 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         dispatcher=dispatcher,
         retention=retention,
         wakeups=wakeups,
-        admission=Admission(settings, store, files, side_workers, check_threads.while_waiting),
+        admission=admission,
         callers=Callers(store.keys),
         quotas=quotas,
-        intake=Intake(settings, store, dispatcher, wakeups, quotas),
+        intake=Intake(settings, store, admission, dispatcher, wakeups, quotas),
         lock=lock,
         check_threads=check_threads,
         metrics=metrics,

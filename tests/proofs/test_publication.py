@@ -17,7 +17,7 @@ from sqlalchemy import func, select
 
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.files.port import Publish, Removed, StoredFile
-from equimesh_service.store.rows import Artifact, NewMesh, NewStep, SamplesRow
+from equimesh_service.store.rows import Artifact, NewMesh, NewStep, Outcome, SamplesRow
 from equimesh_service.store.schema import removals
 from equimesh_service.store.store import Store
 from service.store.stores import SPEC, Clock, claimed
@@ -66,7 +66,9 @@ def store(database_url: str, clock: Clock) -> Iterator[Store]:
 
 def finish(store: Store, file: StoredFile, publish: Publish, name: str = "m") -> None:
     store.meshes.add(NewMesh(id=name, spec=SPEC))
-    assert store.queue.finish(claimed(store), files=[Artifact("mesh", file.sha256, file.size)], publish=publish)
+    assert store.queue.finish(
+        claimed(store), Outcome(files=[Artifact("mesh", file.sha256, file.size)], publish=publish)
+    )
 
 
 def export(store: Store, file: StoredFile, publish: Publish) -> None:

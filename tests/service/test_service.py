@@ -30,11 +30,11 @@ def test_a_task_that_fails_after_the_wait_leaves_no_unread_error() -> None:
     async def told() -> list[dict[str, Any]]:
         said: list[dict[str, Any]] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: said.append(context))
-        service: Any = SimpleNamespace(
-            settings=SimpleNamespace(max_wait=30.0, poll=0.01), wakeups=Wakeups(dict.fromkeys, 1.0)
-        )
+        none: Any = None
+        settings: Any = SimpleNamespace(max_wait=30.0, poll=0.01)
+        intake = Intake(settings, none, none, none, Wakeups(dict.fromkeys, 1.0), none)
         task: Future[Any] = Future()
-        assert await Intake.wait_for_ending(service, AcceptedMesh("a", task), 0.02) is None
+        assert await intake.wait_for_ending(AcceptedMesh("a", task), 0.02) is None
         task.set_exception(WorkerLostError("it died"))
         await asyncio.sleep(0)
         gc.collect()

@@ -15,10 +15,11 @@ from tempfile import TemporaryDirectory
 from time import time
 from typing import Any, TypeVar
 
+from equimesh.specs.spec import BuiltSpec
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
-from equimesh_service.assembly.problem import check, check_schwarz, translate_errors
+from equimesh_service.assembly.problem import check, check_schwarz, require_valid, translate_errors
 from equimesh_service.assembly.samples import Arrays, Upload
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitError
@@ -29,7 +30,7 @@ from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec, GridSpec, read_spec
 from equimesh_service.spec.schwarz import SchwarzSpec
 from equimesh_service.spec.sources import UPLOAD
-from equimesh_service.store.rows import SamplesRow
+from equimesh_service.store.rows import NewSamples, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 
@@ -48,6 +49,8 @@ class Admitted:
     spec: Mapping[str, Any]
     samples: Mapping[str, str]
     digest: str  # equal for specs of the same points
+    built: BuiltSpec | None = None  # the problem of a spec that was checked in this process
+    upload: NewSamples | None = None  # samples that are not stored yet
 
     @property
     def points_fingerprint(self) -> str:
@@ -105,19 +108,21 @@ class Admission:
             for at, name in spec.stored.items()
             if name != UPLOAD and name not in files
         }
+        built, new = None, None
         if upload is not None:
-            row = self._keep_checked(short, rows, upload, place, caller)
+            built, new, row = self._receive(short, rows, upload, place, caller)
             rows[row.id] = row
             spec = spec.with_samples(UPLOAD, row.id)
         elif not short.is_checked:
-            self._check(spec, rows, files)
+            built = self._check(spec, rows, files)
         for name, path in files.items():
             row = self._keep(path, short.summaries[name], caller, durable=False)[0]
             rows[row.id] = row
             spec = spec.with_samples(name, row.id)
         if upload is not None or files:
             self._remember(spec.monitor_digest)
-        return Admitted(spec.canonical, {row.id: row.sha256 for row in rows.values()}, spec.points_digest)
+        hashes = {row.id: row.sha256 for row in rows.values()}
+        return Admitted(spec.canonical, hashes, spec.points_digest, built, new)
 
     @property
     def _limits(self) -> SpecLimits:
@@ -132,67 +137,88 @@ class Admission:
 
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and store them; the second value is whether they are new."""
-        with self._convert(upload, "", alone=True) as (path, summary, _):
+        with self._convert(upload, "", alone=True) as (path, summary):
             return self._keep(path, summary, caller, durable=True)
 
-    def _keep_checked(
+    def keep_upload(self, admitted: Admitted, caller: Caller) -> None:
+        """Store the samples of an admitted spec, unless they are stored; the mesh that comes with them is durable."""
+        if admitted.upload is None:
+            return
+        with self.files.unfinished(".npz") as path:
+            path.write_bytes(admitted.upload.archive)
+            self._keep(path, admitted.upload.row.summary, caller, durable=False)
+
+    def _receive(
         self, short: ShortSpec, rows: Mapping[str, SamplesRow], upload: Upload, pointer: str, caller: Caller
-    ) -> SamplesRow:
-        """Check a spec with its upload, then store the upload: a refused spec leaves nothing behind."""
+    ) -> tuple[BuiltSpec | None, NewSamples | None, SamplesRow]:
+        """Check a spec with its upload: a refused spec leaves nothing behind.
+
+        Light samples of a plain spec are not stored yet; others are stored after the check.
+        """
         spec, files = short.spec, short.files
-        with self._convert(upload, pointer, alone=False) as (path, summary, arrays):
-            quick = summary["kind"] == "grid" and spec.is_plain and spec.spec.target is None and not files
-            if arrays is not None and quick:
-                check(spec.canonical, {UPLOAD: arrays})
-            else:
-                self._check(spec, rows, {**files, UPLOAD: path})
-            return self._keep(path, summary, caller, durable=False)[0]
+        if upload.is_light and spec.is_plain and spec.spec.target is None and not files:
+            arrays = self._read_light(upload, pointer, alone=False)
+            if "points" not in arrays:
+                built = check(spec.canonical, {UPLOAD: arrays})
+                new = intake.pack(arrays, time())
+                return built, new, new.row
+        with self._convert(upload, pointer, alone=False) as (path, summary):
+            self._check(spec, rows, {**files, UPLOAD: path})
+            return None, None, self._keep(path, summary, caller, durable=False)[0]
+
+    def _read_light(self, upload: Upload, pointer: str, *, alone: bool) -> Arrays:
+        with translate_errors(pointer):
+            arrays = intake.read(upload.data, upload.filename, 4 * self.settings.max_body, alone=alone)
+        self._limits.check_number(arrays["values"].size, pointer)
+        return arrays
 
     @contextmanager
-    def _convert(
-        self, upload: Upload, pointer: str, *, alone: bool
-    ) -> Iterator[tuple[Path, dict[str, Any], Arrays | None]]:
-        """Write uploaded samples to an npz file; gives its path, a summary, and light samples as arrays."""
+    def _convert(self, upload: Upload, pointer: str, *, alone: bool) -> Iterator[tuple[Path, dict[str, Any]]]:
+        """Write uploaded samples to an npz file; gives its path and a summary."""
         with self.files.unfinished(".npz") as path:
-            most, arrays = 4 * self.settings.max_body, None
             if upload.is_light:
-                with translate_errors(pointer):
-                    arrays = intake.read(upload.data, upload.filename, most, alone=alone)
-                    summary = intake.write(arrays, path)
+                arrays = self._read_light(upload, pointer, alone=alone)
+                with path.open("wb") as file:
+                    summary = intake.write(arrays, file)
             else:
+                most = 4 * self.settings.max_body
                 with self.files.unfinished(".upload") as source:
                     source.write_bytes(upload.data)
                     read = partial(intake.convert, alone=alone)
                     summary = self.work(pointer, read, source, upload.filename, path, most)
             self._limits.check_number(math.prod(summary["shape"]), pointer)
-            yield path, summary, arrays
+            yield path, summary
 
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
         file = self.files.seal(path)
-        row = SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, time())
+        row = intake.row_of(file, summary, time())
         new = self.store.samples.add(
             row, partial(self.files.publish, path, file), key_id=caller.key_id, durable=durable
         )
         return (row, True) if new else (self.find_samples(row.id, "", caller), False)
 
-    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> None:
-        """Check the monitor on the domain; ``sent`` are the files of samples that came with the request.
+    def _check(
+        self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]
+    ) -> BuiltSpec | None:
+        """Check the monitor on the domain; the problem of the spec, where it was built here.
+
+        ``sent`` are the files of samples that came with the request.
 
         A slow check runs in a worker, once for each monitor and domain.
         """
         if spec.is_quick:
-            check(spec.canonical, {})
-            return
+            return check(spec.canonical, {})
         if not sent and spec.monitor_digest in self.known:
-            return
+            return None
         with ExitStack() as stack:
             try:
                 paths = {name: stack.enter_context(self.files.local(row.sha256)) for name, row in rows.items()}
             except FileNotFoundError:
                 raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
-            self.work("", check, spec.canonical, {**paths, **sent})
+            self.work("", require_valid, spec.canonical, {**paths, **sent})
         if not sent:
             self._remember(spec.monitor_digest)
+        return None
 
     def _remember(self, monitor_digest: str) -> None:
         self.known[monitor_digest] = None

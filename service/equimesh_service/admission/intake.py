@@ -11,7 +11,7 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
-from equimesh_service.admission.admit import Admitted
+from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.quotas import Quotas, quota_problem
 from equimesh_service.dispatch.dispatcher import Dispatcher
@@ -19,12 +19,15 @@ from equimesh_service.dispatch.wakeups import Wakeups
 from equimesh_service.errors import EngineError, KeyReusedError, QuotaError, SamplesGoneError, StepTakenError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.settings import Settings
-from equimesh_service.store.rows import Claim, Ending, Lease, MeshInput, NewMesh, NewStep
+from equimesh_service.store.quotas import Quota
+from equimesh_service.store.rows import Claim, Draft, Ending, Lease, MeshInput, NewMesh, NewStep, Refused, Repeated
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 
 # The longest wait of a request in the line for a worker. After it the mesh enters the queue, which survives a crash.
 _MAX_LINE_SECONDS = 1.0
+# A draft that takes longer is entered into the store, where it can be listed, canceled and retried.
+_MAX_DRAFT_SECONDS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +59,7 @@ class Intake:
 
     settings: Settings
     store: Store
+    admission: Admission
     dispatcher: Dispatcher
     wakeups: Wakeups
     quotas: Quotas
@@ -71,9 +75,7 @@ class Intake:
             new = replace(new, fingerprint=None)  # its points depend on earlier steps, and it has its own fields
         if request.reuse and self.settings.reuse:
             with refusals():
-                again = await run_in_threadpool(
-                    self.store.meshes.reuse, new, key=key, fingerprint=admitted.fingerprint(request.format)
-                )
+                again = await run_in_threadpool(self._reuse, admitted, caller, new, request)
             if again is not None:
                 log_context.current().mesh_id = again
                 return AcceptedMesh(again)
@@ -86,14 +88,81 @@ class Intake:
                 return AcceptedMesh(repeated)
             reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, _MAX_LINE_SECONDS))
         lease = self.dispatcher.lease if reserved else None
-        try:
-            accepted = await self._add(admitted, caller, request, new, fingerprint, lease)
-        except BaseException:
-            if lease is not None:
-                self.dispatcher.line.release()
-            raise
+        if lease is not None and step is None and admitted.built is not None:
+            draft = Draft(new=new, built=admitted.built, samples=admitted.upload, key=key, fingerprint=fingerprint)
+            accepted = await self._begin_draft(draft, admitted, caller)
+            if accepted is None:  # its worker was lost
+                accepted = await self._add(admitted, caller, request, new, fingerprint, None)
+        else:
+            try:
+                accepted = await self._add(admitted, caller, request, new, fingerprint, lease)
+            except BaseException:
+                if lease is not None:
+                    self.dispatcher.line.release()
+                raise
         log_context.current().mesh_id = accepted.mesh_id
         return accepted
+
+    def _reuse(self, admitted: Admitted, caller: Caller, new: NewMesh, request: MeshRequest) -> str | None:
+        """A new mesh with the points of an earlier one; None when there is none."""
+        if not self.store.meshes.has_equal(new):
+            return None
+        self.admission.keep_upload(admitted, caller)
+        fingerprint = admitted.fingerprint(request.format)
+        return self.store.meshes.reuse(new, key=request.key, fingerprint=fingerprint)
+
+    async def _begin_draft(self, draft: Draft, admitted: Admitted, caller: Caller) -> AcceptedMesh | None:
+        """Give a draft to the reserved worker, and enter it into the store when it is not finished soon.
+
+        None when no worker has it, and the store does not know it.
+        """
+        new, quota = draft.new, self.quotas.mesh_quota(caller)
+        try:
+            if quota is not None:
+                with refusals():
+                    await run_in_threadpool(self.store.quotas.check, new.key_id, new.points, quota)
+            mesh_input = MeshInput(spec=new.spec, samples=admitted.samples, format=new.format, draft=draft)
+            claim = Claim(new.id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
+            task = self.dispatcher.begin(claim, mesh_input)
+        except EngineError:
+            self.dispatcher.line.release()
+            return None
+        except BaseException:
+            self.dispatcher.line.release()
+            raise
+        await self._wait_for(task, new.id, _MAX_DRAFT_SECONDS)
+        if not task.done():
+            return await self._enter(draft, admitted, caller, quota, task)
+        if task.cancelled() or task.exception() is not None:
+            return None
+        match task.result():
+            case Ending():
+                return AcceptedMesh(new.id, task)
+            case Repeated(mesh_id):
+                return AcceptedMesh(mesh_id)
+            case Refused(error):
+                with refusals():
+                    raise error
+        return None
+
+    async def _enter(
+        self, draft: Draft, admitted: Admitted, caller: Caller, quota: Quota | None, task: Future[Any]
+    ) -> AcceptedMesh:
+        """Put a draft into the store while a worker has it; without a place there, its worker is stopped."""
+        new = draft.new
+
+        def enter() -> str:
+            self.admission.keep_upload(admitted, caller)
+            return self.store.drafts.enter(draft, self.dispatcher.lease, quota)
+
+        mesh_id = ""
+        try:
+            with tracing.span("enqueue"), refusals():
+                mesh_id = await run_in_threadpool(enter)
+        finally:
+            if mesh_id != new.id:
+                self.dispatcher.cancel(new.id)
+        return AcceptedMesh(mesh_id, task) if mesh_id == new.id else AcceptedMesh(mesh_id)
 
     async def _find_repeated(self, new: NewMesh, key: str | None, fingerprint: str) -> str | None:
         """The mesh of an earlier request with this idempotency key."""
@@ -127,16 +196,16 @@ class Intake:
         step = request.step
         if lease is None and await run_in_threadpool(self.store.queue.count_waiting) >= self.settings.max_queue:
             raise Problem("queue-full", "Too many meshes are waiting.", headers={"Retry-After": "10"})
-        with tracing.span("enqueue"), refusals():
-            mesh_id = await run_in_threadpool(
-                self.store.meshes.add,
-                new,
-                key=request.key,
-                fingerprint=fingerprint,
-                quota=self.quotas.mesh_quota(caller),
-                lease=lease,
-                step=step,
+        quota = self.quotas.mesh_quota(caller)
+
+        def add() -> str:
+            self.admission.keep_upload(admitted, caller)
+            return self.store.meshes.add(
+                new, key=request.key, fingerprint=fingerprint, quota=quota, lease=lease, step=step
             )
+
+        with tracing.span("enqueue"), refusals():
+            mesh_id = await run_in_threadpool(add)
         if lease is None:
             self.dispatcher.wake()
             return AcceptedMesh(mesh_id)
@@ -158,13 +227,18 @@ class Intake:
         """The ending of a mesh that went straight to a worker; None for others, and when ``seconds`` are over first."""
         if accepted.task is None:
             return None
-        # Not by `asyncio.wrap_future`, which logs an exception that comes after the last waiter has left.
-        task, deadline = accepted.task, time.monotonic() + min(seconds, self.settings.max_wait)
-        while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
-            await self.wakeups.wait(accepted.mesh_id, min(left, self.settings.poll))
+        task = accepted.task
+        await self._wait_for(task, accepted.mesh_id, min(seconds, self.settings.max_wait))
         if not task.done() or task.cancelled() or task.exception() is not None:
             return None  # the store has the ending, now or soon
         return task.result() if isinstance(task.result(), Ending) else None
+
+    async def _wait_for(self, task: Future[Any], mesh_id: str, seconds: float) -> None:
+        """Wait for the end of a task, or of the service, for at most ``seconds``."""
+        # Not by `asyncio.wrap_future`, which logs an exception that comes after the last waiter has left.
+        deadline = time.monotonic() + seconds
+        while not task.done() and (left := deadline - time.monotonic()) > 0 and not self.wakeups.closing:
+            await self.wakeups.wait(mesh_id, min(left, self.settings.poll))
 
 
 def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh:

@@ -45,12 +45,22 @@ async def mesh_bytes(
     *,
     headers: Mapping[str, str] | None = None,
     status: int = 200,
+    content: bytes | None = None,
 ) -> Response:
-    """The file of a mesh, whose artifact is known."""
+    """The file of a mesh, whose artifact is known, and the bytes of the file where they are at hand."""
     form = FORMATS[format]
     name = f"equimesh-{mesh_id}{form.suffix}"
     file = StoredFile(artifact.sha256, artifact.size)
-    return await send_file(request, service.files, file, form.media_type, filename=name, headers=headers, status=status)
+    return await send_file(
+        request,
+        service.files,
+        file,
+        form.media_type,
+        filename=name,
+        headers=headers,
+        status=status,
+        content=content,
+    )
 
 
 def mesh_format(name: str) -> str:

@@ -58,7 +58,10 @@ class Waiting:
         began, name = time.monotonic(), self.format
         ending = await service.intake.wait_for_ending(accepted, self.seconds)
         if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
-            return await mesh_bytes(request, service, accepted.mesh_id, name, file, headers=headers, status=201)
+            content = ending.content
+            return await mesh_bytes(
+                request, service, accepted.mesh_id, name, file, headers=headers, status=201, content=content
+            )
         row = await service.wait_for_end(accepted.mesh_id, self.seconds - (time.monotonic() - began), caller)
         if row.reused_from is not None:
             headers["Equimesh-Reused"] = row.reused_from

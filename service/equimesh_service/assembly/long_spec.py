@@ -103,8 +103,8 @@ def _file(folder: Path, name: str) -> Path:
 def _write(source: GridSource | ScatteredSource, pointer: str, path: Path) -> dict[str, Any]:
     """Write samples to a file; returns their summary."""
     kind, values = ("grid", source.grid) if isinstance(source, GridSource) else ("scattered", source.scattered)
-    with translate_errors(f"{pointer}/{kind}"):
-        return write(canonical_arrays(dict(values)), path)
+    with translate_errors(f"{pointer}/{kind}"), path.open("wb") as file:
+        return write(canonical_arrays(dict(values)), file)
 
 
 def _replaced(document: Any, tokens: list[str], value: Any) -> Any:

@@ -31,13 +31,19 @@ def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
         return specs.build(spec, samples)
 
 
-def check(spec: Spec, samples: Mapping[str, Samples]) -> None:
-    """Raise what :func:`build` raises, and for a target out of reach; ``samples`` are found by their ids."""
+def check(spec: Spec, samples: Mapping[str, Samples]) -> specs.BuiltSpec:
+    """What :func:`build` returns; also raises for a target out of reach. ``samples`` are found by their ids."""
     built = build(spec, samples.__getitem__)
     if built.target is not None:
         problem = built.problem
         with translate_errors():
             require_reachable(built.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary)
+    return built
+
+
+def require_valid(spec: Spec, samples: Mapping[str, Samples]) -> None:
+    """Raise what :func:`check` raises, in a process that does not need the objects."""
+    check(spec, samples)
 
 
 def check_schwarz(spec: Spec) -> None:

@@ -14,8 +14,9 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import IO, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,9 @@ from equimesh.errors import SamplesError
 from equimesh.fields.samples import MIN_CUBIC
 from equimesh.inputs import count_noun, real_array
 from equimesh.upload.samples import read_arrays, samples_of
+from equimesh_service.files.port import StoredFile
 from equimesh_service.spec.bounds import check_bounds
+from equimesh_service.store.rows import NewSamples, SamplesRow
 
 Arrays: TypeAlias = Mapping[str, Any]
 # The most bytes of samples that the service reads itself, also when they are unpacked.
@@ -65,10 +68,22 @@ def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
     return arrays
 
 
-def write(arrays: Arrays, target: Path) -> dict[str, Any]:
-    """Write canonical arrays as the npz ``target``; returns a summary of the samples."""
-    with target.open("wb") as file:
-        np.savez(file, **arrays)
+def row_of(file: StoredFile, summary: dict[str, Any], now: float) -> SamplesRow:
+    """The row of samples whose id is part of the hash of their file."""
+    return SamplesRow(f"s-{file.sha256[:32]}", file.sha256, file.size, summary, now)
+
+
+def pack(arrays: Arrays, now: float) -> NewSamples:
+    """Canonical arrays as samples that can be stored."""
+    file = io.BytesIO()
+    summary, archive = write(arrays, file), file.getvalue()
+    stored = StoredFile(sha256(archive).hexdigest(), len(archive))
+    return NewSamples(row_of(stored, summary, now), archive)
+
+
+def write(arrays: Arrays, file: IO[bytes]) -> dict[str, Any]:
+    """Write canonical arrays as an npz; returns a summary of the samples."""
+    np.savez(file, **arrays)
     values = arrays["values"]
     return {
         "kind": "scattered" if "points" in arrays else "grid",
@@ -80,7 +95,8 @@ def write(arrays: Arrays, target: Path) -> dict[str, Any]:
 
 def convert(source: Path, filename: str, target: Path, max_bytes: int, *, alone: bool) -> dict[str, Any]:
     """:func:`read` a file, and :func:`write` what it holds."""
-    return write(read(source.read_bytes(), filename, max_bytes, alone=alone), target)
+    with target.open("wb") as file:
+        return write(read(source.read_bytes(), filename, max_bytes, alone=alone), file)
 
 
 def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:

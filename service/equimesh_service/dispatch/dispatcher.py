@@ -15,7 +15,7 @@ from equimesh_service.engine.port import Engine
 from equimesh_service.errors import MemoryLimitError, TimeLimitError, WorkerLostError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_problem
-from equimesh_service.store.rows import FAILED, Claim, Ending, Lease, MeshInput
+from equimesh_service.store.rows import FAILED, Claim, Ending, Lease, MeshInput, Outcome, Refused, Repeated
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context
 from equimesh_service.upkeep.metrics import Metrics
@@ -55,7 +55,7 @@ class Dispatcher:
     the store itself. ``notify`` is called with the id of every mesh whose status may have changed.
 
     A mesh whose request waits can skip the queue: reserve a worker in the :attr:`line`, put the mesh into the store as
-    claimed by :attr:`lease`, and :meth:`begin` it, or release the worker.
+    claimed by :attr:`lease`, and :meth:`begin` it, or release the worker. A draft is begun before it is in the store.
     """
 
     def __init__(
@@ -216,7 +216,8 @@ class Dispatcher:
     def _end(self, claim: Claim, task: Future[Any]) -> None:
         if _is_over(task):
             self._free_worker(claim)  # at once, in this thread: the worker has already written its result
-            self._metrics.count_end(task.result())
+            if isinstance(task.result(), Ending):
+                self._metrics.count_end(task.result())
             if not self.line.queue_is_empty:
                 self._wake.set()
         else:
@@ -266,7 +267,7 @@ class Dispatcher:
                 _log.error("mesh %s: the worker failed", claim.mesh_id, exc_info=error)
                 problem = Problem("internal-error", f"The worker failed: {type(error).__name__}.")
         # Usually the worker has finished the mesh, and this changes nothing.
-        if self._store.queue.finish(claim, error=problem.body()):
+        if self._store.queue.finish(claim, Outcome(error=problem.body())):
             self._metrics.count_end(Ending(status=FAILED, reason=problem.name))
             _log.warning("mesh %s failed: %s", claim.mesh_id, problem.name)
 
@@ -301,5 +302,5 @@ class Dispatcher:
 
 
 def _is_over(task: Future[Any]) -> bool:
-    """Whether a worker has finished its mesh in the store."""
-    return not task.cancelled() and task.exception() is None and isinstance(task.result(), Ending)
+    """Whether a worker has finished its mesh in the store, or a draft that is no mesh."""
+    return not task.cancelled() and task.exception() is None and isinstance(task.result(), Ending | Repeated | Refused)

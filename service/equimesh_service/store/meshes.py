@@ -34,6 +34,14 @@ _MAX_IDS_PER_QUERY = 500
 _SHOWN = [meshes.c[name] for name in MeshRow.__dataclass_fields__]
 # Built once, since building them takes longer than executing them.
 _SHOW = select(*_SHOWN).where(meshes.c.id == bindparam("mesh"))
+_EQUAL = (
+    select(meshes.c.id, meshes.c.result)
+    .where(meshes.c.fingerprint == bindparam("points"), meshes.c.key_id == bindparam("key"))
+    .where(meshes.c.status == SUCCEEDED)
+    .order_by(meshes.c.number)
+    .limit(1)
+)
+_EQUAL_LOCKED = _EQUAL.with_for_update(read=True, key_share=True)
 
 
 class MeshesStore:
@@ -102,25 +110,22 @@ class MeshesStore:
         The new mesh shares the files of the earlier one. Returns its id, for a repeated ``key`` as :meth:`add`, and
         None when there is no such mesh. Raises as :meth:`add`.
         """
-        query = (
-            select(meshes.c.id, meshes.c.result)
-            .where(meshes.c.fingerprint == new.fingerprint, meshes.c.key_id == new.key_id)
-            .where(meshes.c.status == SUCCEEDED)
-            .order_by(meshes.c.number)
-            .limit(1)
-        )
 
         def put(connection: Connection) -> bool:
             # Locked, so that its files are not removed before the new mesh names them.
-            source = connection.execute(query.with_for_update(read=True, key_share=True)).first()
+            source = connection.execute(_EQUAL_LOCKED, _points_of(new)).first()
             if source is not None:
                 insert_reused(connection, new, source.id, source.result, self._clock())
             return source is not None
 
-        with self._read() as connection:
-            if new.fingerprint is None or connection.execute(query).first() is None:
-                return None
         return self._once(new, key, fingerprint, put)
+
+    def has_equal(self, new: NewMesh) -> bool:
+        """Whether there is an earlier success of the same ``new.fingerprint`` and API key."""
+        if new.fingerprint is None:
+            return False
+        with self._read() as connection:
+            return connection.execute(_EQUAL, _points_of(new)).first() is not None
 
     def get(self, mesh_id: str) -> MeshRow | None:
         """The mesh with this id."""
@@ -238,6 +243,10 @@ class MeshesStore:
                 raise
             return known
         return new.id
+
+
+def _points_of(new: NewMesh) -> dict[str, Any]:
+    return {"points": new.fingerprint, "key": new.key_id}
 
 
 def _mesh(row: Row[Any]) -> MeshRow:

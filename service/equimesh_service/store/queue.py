@@ -4,14 +4,13 @@ A mesh goes ``queued -> running -> succeeded | failed | canceled``; when its wor
 Every change of a mesh is one transaction that also adds an event, so the events are complete.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from sqlalchemy import Connection, Select, bindparam, func, insert, or_, select, update
 from sqlalchemy.sql.dml import ReturningUpdate
 
-from equimesh_service.files.port import Publish, publish_nothing
 from equimesh_service.store.artifacts import insert_artifacts, removal_lookup
 from equimesh_service.store.database import Database
 from equimesh_service.store.key_secrets import DEFAULT_SHARE
@@ -21,10 +20,9 @@ from equimesh_service.store.rows import (
     QUEUED,
     RUNNING,
     STATUSES,
-    SUCCEEDED,
-    Artifact,
     Claim,
     KeysInQueue,
+    Outcome,
     QueueCounts,
 )
 from equimesh_service.store.schema import events, keys, meshes
@@ -75,6 +73,7 @@ _CANCEL = _CHANGE.where(meshes.c.status.in_((QUEUED, RUNNING)))
 _ATTEMPT = _CHANGE.where(meshes.c.status == RUNNING, meshes.c.attempt == bindparam("try"))
 _BACK = _ATTEMPT.values(losses=meshes.c.losses + bindparam("lost"))
 _ADD_EVENT = insert(events)
+_SUCCESS = Outcome()
 
 
 class QueueStore:
@@ -191,38 +190,14 @@ class QueueStore:
         with self._write() as connection:
             return self._append(connection, _ATTEMPT, {**_of(claim), "progress": dict(data)}, "progress", data)
 
-    def finish(
-        self,
-        claim: Claim,
-        *,
-        error: Mapping[str, Any] | None = None,
-        result: Mapping[str, Any] | None = None,
-        files: Sequence[Artifact] = (),
-        partial: bool = False,
-        publish: Publish = publish_nothing,
-    ) -> bool:
-        """End a running mesh: succeeded, or failed with ``error``; False when the claim is no longer valid.
-
-        ``publish`` gives ``files`` their names, inside the transaction.
-        """
-        status = SUCCEEDED if error is None else FAILED
-        data: dict[str, Any] = {"status": status}
-        if error is not None:
-            data["error"] = dict(error)
+    def finish(self, claim: Claim, outcome: Outcome = _SUCCESS) -> bool:
+        """End a running mesh; False when the claim is no longer valid. The files are published in the transaction."""
         with self._write() as connection:
-            change = {
-                "status": status,
-                "finished_at": self._clock(),
-                "owner": None,
-                "lease_until": None,
-                "error": None if error is None else dict(error),
-                "result": None if result is None else dict(result),
-                "partial": partial,
-            }
-            if not self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", data):
+            change = {**outcome.columns, "finished_at": self._clock(), "owner": None, "lease_until": None}
+            if not self._append(connection, _ATTEMPT, {**_of(claim), **change}, "done", outcome.event):
                 return False
-            insert_artifacts(connection, claim.mesh_id, files)
-            publish(removal_lookup(connection))
+            insert_artifacts(connection, claim.mesh_id, outcome.files)
+            outcome.publish(removal_lookup(connection))
             return True
 
     def _back(self, connection: Connection, claim: Claim, reason: str, lost: int) -> bool:

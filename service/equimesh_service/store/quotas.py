@@ -26,6 +26,10 @@ def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None
     if not (quota.queued or quota.points):
         return
     lock(connection, [f"quota {key_id}"])
+    _check(connection, key_id, points, quota)
+
+
+def _check(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
     # `coalesce` keeps the query from the index of all meshes of the key, most of which are finished.
     mine = func.coalesce(meshes.c.key_id, "") == key_id
     total = func.coalesce(func.sum(meshes.c.n_xi * meshes.c.n_eta), 0)
@@ -38,10 +42,16 @@ def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None
 
 
 class QuotaStore:
-    """The stored bytes of keys."""
+    """The usage of keys."""
 
     def __init__(self, database: Database) -> None:
         self._read = database.read
+
+    def check(self, key_id: str, points: int, quota: Quota) -> None:
+        """Check that one more mesh would fit now; raises :class:`QuotaError`."""
+        if quota.queued or quota.points:
+            with self._read() as connection:
+                _check(connection, key_id, points, quota)
 
     def stored_bytes(self, key_id: str) -> int:
         """Bytes of the files and specs of a key's meshes, and of its samples.

@@ -1,6 +1,6 @@
 """The records that the store takes and returns."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
 from typing import Any
@@ -27,6 +27,15 @@ Position = tuple[int] | tuple[float, str]
 
 def _keep(_: str) -> None:
     """Remove nothing."""
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A file that belongs to a mesh."""
+
+    name: str
+    sha256: str
+    size: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +121,74 @@ class Claim:
     trace: str | None = field(default=None, compare=False)
 
 
+@dataclass(frozen=True)
+class SamplesRow:
+    """Stored samples."""
+
+    id: str
+    sha256: str
+    size: int
+    summary: dict[str, Any]
+    created_at: float
+
+
+@dataclass(frozen=True)
+class NewSamples:
+    """Samples to be stored: their row, and the bytes of their file."""
+
+    row: SamplesRow
+    archive: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draft:
+    """A mesh that a worker computes before the store knows of it, with the samples that came with its request.
+
+    ``key`` is the idempotency key of the request and ``fingerprint`` its fingerprint. ``built`` is the problem that the
+    spec describes, as the worker needs it.
+    """
+
+    new: NewMesh
+    built: Any
+    samples: NewSamples | None = None
+    key: str | None = None
+    fingerprint: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a worker leaves: the result, the error of a failed mesh, and the files, which ``publish`` gives their names.
+
+    With ``partial`` the files are those of a mesh that failed.
+    """
+
+    error: Mapping[str, Any] | None = None
+    result: Mapping[str, Any] | None = None
+    files: Sequence[Artifact] = ()
+    partial: bool = False
+    publish: Publish = publish_nothing
+
+    @property
+    def status(self) -> str:
+        """The status of the mesh."""
+        return SUCCEEDED if self.error is None else FAILED
+
+    @property
+    def event(self) -> dict[str, Any]:
+        """The data of the last event."""
+        return {"status": self.status} if self.error is None else {"status": self.status, "error": dict(self.error)}
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the row of the mesh."""
+        return {
+            "status": self.status,
+            "error": None if self.error is None else dict(self.error),
+            "result": None if self.result is None else dict(self.result),
+            "partial": self.partial,
+        }
+
+
 @dataclass(frozen=True, kw_only=True)
 class KeysInQueue:
     """The shares of the keys with waiting meshes, the key of the oldest mesh first; how many meshes of keys run."""
@@ -129,6 +206,7 @@ class MeshInput:
     format: str | None = None
     start: str | None = None  # the SHA-256 of the npz file of the mesh that it starts from, as the step of a sequence
     fields: str | None = None  # that of the fields at the nodes of the start, which are transferred to the new mesh
+    draft: Draft | None = None  # of a mesh that is not in the store yet
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,15 +223,6 @@ class Lease:
 
     owner: str
     seconds: float
-
-
-@dataclass(frozen=True)
-class Artifact:
-    """A file that belongs to a mesh."""
-
-    name: str
-    sha256: str
-    size: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,28 +258,35 @@ class SequenceRow:
     status: str
 
 
-@dataclass(frozen=True)
-class SamplesRow:
-    """Stored samples."""
-
-    id: str
-    sha256: str
-    size: int
-    summary: dict[str, Any]
-    created_at: float
-
-
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """The end of a mesh: its status, the name of the problem of a failed one, and its cost where that is known."""
+    """The end of a mesh: its status, the name of the problem of a failed one, and its cost where that is known.
+
+    ``content`` are the bytes of the requested file, where they are few.
+    """
 
     status: str
     reason: str = ""
     points: int = 0
     solve_seconds: float | None = None
     files: tuple[Artifact, ...] = ()
+    content: bytes | None = None
 
     def file(self, name: str) -> Artifact | None:
         """The file of this name of a successful mesh; None where the worker wrote no such file."""
         found = (file for file in self.files if file.name == name)
         return next(found, None) if self.status == SUCCEEDED else None
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """The end of a draft whose idempotency key belongs to another mesh."""
+
+    mesh_id: str
+
+
+@dataclass(frozen=True)
+class Refused:
+    """The end of a draft that the store refused."""
+
+    error: Exception

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from sqlalchemy import ColumnElement, Select, bindparam, delete, select
+from sqlalchemy import ColumnElement, Connection, Select, bindparam, delete, select
 
 from equimesh_service.files.port import Publish, publish_nothing
 from equimesh_service.store.artifacts import note_removals, removal_lookup, remove_unused
@@ -33,16 +33,7 @@ class SamplesStore:
         They need not be ``durable`` when the mesh that comes with them is.
         """
         with self._database.write(durable=durable) as connection:
-            lock(connection, [row.sha256])
-            stored = {**vars(row), "used_at": self._clock()}
-            new = insert_new(connection, samples, stored)
-            if not new and connection.execute(_STAY, {"samples": row.id}).first() is None:
-                new = insert_new(connection, samples, stored)  # they have just been deleted
-            if new:
-                publish(removal_lookup(connection))
-            connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
-            owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}
-            return insert_new(connection, samples_keys, owned)
+            return insert_samples(connection, row, publish, key_id=key_id, now=self._clock())
 
     def get(self, samples_id: str, key_id: str | None = None) -> SamplesRow | None:
         """The samples with this id; None also when the key has not sent them."""
@@ -76,6 +67,20 @@ class SamplesStore:
                 note_removals(connection, [sha256], self._clock())
         remove_unused(self._database, () if shared else (sha256,), remove_file)
         return True
+
+
+def insert_samples(connection: Connection, row: SamplesRow, publish: Publish, *, key_id: str, now: float) -> bool:
+    """Insert samples, and let the key see them; False when it sees them already."""
+    lock(connection, [row.sha256])
+    stored = {**vars(row), "used_at": now}
+    new = insert_new(connection, samples, stored)
+    if not new and connection.execute(_STAY, {"samples": row.id}).first() is None:
+        new = insert_new(connection, samples, stored)  # they have just been deleted
+    if new:
+        publish(removal_lookup(connection))
+    connection.execute(_UNRETIRE, {"samples": row.id, "key": key_id})
+    owned = {"samples_id": row.id, "key_id": key_id, "created_at": row.created_at}
+    return insert_new(connection, samples_keys, owned)
 
 
 def select_needing(samples_id: str) -> Select[tuple[str]]:

@@ -7,6 +7,7 @@ from sqlalchemy import func, select
 
 from equimesh_service.store import migration
 from equimesh_service.store.database import Database
+from equimesh_service.store.drafts import DraftStore
 from equimesh_service.store.keys import KeyStore
 from equimesh_service.store.meshes import MeshesStore
 from equimesh_service.store.queue import QueueStore
@@ -28,6 +29,7 @@ class Store:
         self.database = Database(url, durable=durable)
         self.meshes = MeshesStore(self.database, clock)
         self.queue = QueueStore(self.database, clock)
+        self.drafts = DraftStore(self.database, self.meshes, self.queue, clock)
         self.samples = SamplesStore(self.database, clock)
         self.sequences = SequencesStore(self.database, clock)
         self.retention = RetentionStore(self.database, clock)

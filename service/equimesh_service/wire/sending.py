@@ -25,16 +25,18 @@ async def send_file(
     filename: str | None = None,
     headers: Mapping[str, str] | None = None,
     status: int = 200,
+    content: bytes | None = None,
 ) -> Response:
     """The answer with a file, or the requested parts of it; the bytes of an ETag never change.
 
+    ``content`` are the bytes of the file, where they are at hand; with it the file is sent whole.
     Ranges and conditions of the request are used only with ``status`` 200. Raises a 404 problem when the file is gone,
     and 412 and 416 problems for conditions and ranges.
     """
     etag = f'"{file.sha256}"'
     shared = {**(headers or {}), "ETag": etag, "Cache-Control": "private, no-cache", "Vary": "Accept"}
     spans: tuple[Span, ...] = ()
-    if status == 200:
+    if status == 200 and content is None:
         if not _matches(request.headers.get("if-match", "*"), etag, weakly=False):
             raise Problem("precondition-failed", f"The file has the ETag {etag}.", headers={"ETag": etag})
         if _matches(request.headers.get("if-none-match", ""), etag, weakly=True):
@@ -45,7 +47,10 @@ async def send_file(
     if filename is not None:
         shared["Content-Disposition"] = f'attachment; filename="{filename}"'
     response = _FileResponse(files, file, spans, media_type, status, shared)
-    await response.open(needs_bytes=request.method != "HEAD")
+    if content is not None:
+        response.use(content)
+    else:
+        await response.open(needs_bytes=request.method != "HEAD")
     return response
 
 
@@ -92,6 +97,10 @@ class _FileResponse(StreamingResponse):
         ]
         self._end = f"\r\n--{boundary}--\r\n".encode()
         return f"multipart/byteranges; boundary={boundary}"
+
+    def use(self, content: bytes) -> None:
+        """Send these bytes, and read no file."""
+        self._pieces, self._first = _nothing(), content
 
     async def open(self, *, needs_bytes: bool) -> None:
         """Read the first piece, while a problem can still be the answer."""

@@ -15,9 +15,9 @@ class Storage:
     database_url: str
     address: FilesAddress
 
-    def store(self) -> Store:
-        """The database of a worker, whose commits do not wait for the disk."""
-        return Store(self.database_url, durable=False)
+    def store(self, *, durable: bool) -> Store:
+        """The database of a worker; its commits wait for the disk only when they are to be ``durable``."""
+        return Store(self.database_url, durable=durable)
 
     def files(self) -> Files:
         """The files."""

@@ -11,6 +11,9 @@ from typing import Any
 from equimesh_service.files.port import Files, Removed, StoredFile
 from equimesh_service.store.rows import Artifact
 
+# Larger files are read from the storage for the answer, piece by piece.
+MAX_CONTENT_BYTES = 1024 * 1024
+
 
 class Output:
     """Files that are written but not yet published; with ``in_threads`` each in a thread of its own."""
@@ -49,6 +52,13 @@ class Output:
         """All files, once they are written."""
         files = [sealed() for _, sealed in self._sealed]
         return [Artifact(name, file.sha256, file.size) for name, file in zip(self._names, files, strict=True)]
+
+    def small_content(self, name: str) -> bytes | None:
+        """The bytes of a written file when they are few; None for a large file, and for one that was not written."""
+        for written, (path, sealed) in zip(self._names, self._sealed, strict=True):
+            if written == name and sealed().size <= MAX_CONTENT_BYTES:
+                return path.read_bytes()
+        return None
 
     def publish(self, removed: Removed) -> None:
         """Publish all files."""

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -18,11 +18,11 @@ from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.problem import SamplesOf, build, translate_errors
-from equimesh_service.errors import AttemptLostError
-from equimesh_service.files.port import Files
+from equimesh_service.errors import AttemptLostError, KeyReusedError, SamplesGoneError
+from equimesh_service.files.port import Files, Publish, publish_nothing
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.store.rows import FAILED, SUCCEEDED, Ending, MeshInput
+from equimesh_service.store.rows import Claim, Draft, Ending, MeshInput, NewSamples, Outcome, Refused, Repeated
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.worker.attempt import attempt, log_context_of
@@ -36,14 +36,19 @@ _log = logging.getLogger(__name__)
 MIN_POINTS_FOR_THREADS = 100_000
 
 
-def solve_mesh(job: Job) -> Ending | None:
-    """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile."""
+def solve_mesh(job: Job) -> Ending | Repeated | Refused | None:
+    """How the mesh of ``job`` ended: computed and finished in the store; None when the attempt was lost meanwhile.
+
+    A draft may belong to an earlier mesh of the same idempotency key, or be refused by the store.
+    """
     with log_context.enter(log_context_of(job.claim)), attempt(job.claim):
         try:
             with storage_faults():
                 return _solve(job)
         except AttemptLostError:
             return None
+        except (KeyReusedError, SamplesGoneError) as error:
+            return Refused(error)
         except Problem:
             raise
         except Exception as error:
@@ -103,9 +108,9 @@ def _least_errors(u: equimesh.Field) -> Iterator[equimesh.LeastError]:
 
 
 @lru_cache(maxsize=8)
-def open_store(storage: Storage) -> Store:
+def open_store(storage: Storage, *, durable: bool = False) -> Store:
     """The store, opened once in each process."""
-    return storage.store()
+    return storage.store(durable=durable)
 
 
 def samples_of(mesh_input: MeshInput, files: Files, stack: ExitStack) -> SamplesOf:
@@ -128,11 +133,11 @@ class _Work:
     start: equimesh.Mesh | None
 
 
-def _solve(job: Job) -> Ending | None:
+def _solve(job: Job) -> Ending | Repeated | None:
     began = time.perf_counter()
     store, files = open_store(job.storage), job.storage.files()
     work = _build(job, store, files)
-    reporter = Reporter(work.spec.schwarz, partial(store.queue.progress, job.claim))
+    reporter = Reporter(work.spec.schwarz, partial(_report, store, job.claim, work.mesh_input.draft))
     with tracing.span("solve"):
         solution = _compute(work, job.threads, reporter)
     solved = time.perf_counter()
@@ -143,25 +148,48 @@ def _solve(job: Job) -> Ending | None:
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else _problem(solution)
-        kept = store.queue.finish(
-            job.claim,
+        outcome = Outcome(
             error=None if failure is None else failure.body(),
             result=result,
             files=artifacts,
             partial=failure is not None and not solution.mesh.is_folded,
             publish=output.publish,
         )
-    if not kept:
+        requested = None if job.mesh_input is None else job.mesh_input.format  # a request waits for it
+        content = None if requested is None else output.small_content(file_name(requested, work.spec.cells))
+        kept = _keep(job, outcome, files, seconds=time.perf_counter() - began)
+    if kept is None:
         return None
-    status = SUCCEEDED if failure is None else FAILED
-    _log.info("mesh %s %s, solved in %.3f s", job.claim.mesh_id, status, solved - began)
+    if kept != job.claim.mesh_id:
+        return Repeated(kept)
+    _log.info("mesh %s %s, solved in %.3f s", kept, outcome.status, solved - began)
     return Ending(
-        status=status,
+        status=outcome.status,
         reason="" if failure is None else failure.name,
         points=solution.problem.grid.points,
         solve_seconds=solved - began,
         files=tuple(artifacts),
+        content=content,
     )
+
+
+def _keep(job: Job, outcome: Outcome, files: Files, *, seconds: float) -> str | None:
+    """Put the outcome into the store; the id of the mesh there, None when the attempt was lost meanwhile."""
+    draft = None if job.mesh_input is None else job.mesh_input.draft
+    if draft is None:
+        return job.claim.mesh_id if open_store(job.storage).queue.finish(job.claim, outcome) else None
+    with ExitStack() as stack:
+        publish = publish_nothing if draft.samples is None else _seal_samples(draft.samples, files, stack)
+        # Nothing was promised for a draft before, so its only commit waits for the disk.
+        drafts = open_store(job.storage, durable=True).drafts
+        return drafts.finish(draft, job.claim, outcome, seconds=seconds, publish_samples=publish)
+
+
+def _seal_samples(samples: NewSamples, files: Files, stack: ExitStack) -> Publish:
+    """Write the file of samples; returns the function that publishes it."""
+    path = stack.enter_context(files.unfinished(".npz"))
+    path.write_bytes(samples.archive)
+    return partial(files.publish, path, files.seal(path))
 
 
 def _build(job: Job, store: Store, files: Files) -> _Work:
@@ -169,9 +197,16 @@ def _build(job: Job, store: Store, files: Files) -> _Work:
     mesh_input = job.mesh_input or store.meshes.get_input(job.claim.mesh_id)
     if mesh_input is None:
         raise AttemptLostError
+    if mesh_input.draft is not None:
+        return _Work(mesh_input=mesh_input, spec=mesh_input.draft.built, start=None)
     with ExitStack() as samples:
         spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
     return _Work(mesh_input=mesh_input, spec=spec, start=_start(mesh_input, files))
+
+
+def _report(store: Store, claim: Claim, draft: Draft | None, progress: Mapping[str, Any]) -> bool:
+    """Store the progress of an attempt; False when it is lost. A draft that is not in the store is not lost."""
+    return store.queue.progress(claim, progress) or (draft is not None and not store.drafts.exists(claim.mesh_id))
 
 
 def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution:

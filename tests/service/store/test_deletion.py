@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from sqlalchemy import Connection, Table, delete, select, text
 
-from equimesh_service.store.rows import NewMesh, NewStep, SamplesRow
+from equimesh_service.store.rows import NewMesh, NewStep, Outcome, SamplesRow
 from equimesh_service.store.schema import meshes, samples, samples_keys, sequences
 from equimesh_service.store.store import Store
 from service.conftest import until
@@ -33,7 +33,7 @@ def take(store: Store, number: int, *, failed: bool = False, name: str = "") -> 
     store.meshes.add(NewMesh(id=name, spec=SPEC, samples=("n-1",) if number else ()), step=step)
     claim = store.queue.claim("me", 9.0)
     assert claim is not None
-    assert store.queue.finish(claim, result={}, error={"type": "/problems/folded"} if failed else None)
+    assert store.queue.finish(claim, Outcome(result={}, error={"type": "/problems/folded"} if failed else None))
     return name
 
 

@@ -10,7 +10,7 @@ import pytest
 from equimesh_service.api.cursors import cursor_of, position_of
 from equimesh_service.errors import KeyReusedError
 from equimesh_service.spec.mesh import read_spec
-from equimesh_service.store.rows import Artifact, NewMesh
+from equimesh_service.store.rows import Artifact, NewMesh, Outcome
 from equimesh_service.store.store import Store
 from service.store.stores import ERROR, SPEC, Clock, add, claimed
 
@@ -19,7 +19,7 @@ def test_events_are_numbered_without_gaps_and_tell_the_story(store: Store) -> No
     add(store, "a")
     claim = claimed(store)
     assert store.queue.progress(claim, {"fraction": 0.5})
-    assert store.queue.finish(claim, result={"quality": None})
+    assert store.queue.finish(claim, Outcome(result={"quality": None}))
     events = store.meshes.events("a")
     assert [event.number for event in events] == [1, 2, 3, 4]
     assert [event.kind for event in events] == ["status", "status", "progress", "done"]
@@ -128,7 +128,7 @@ def succeeded(store: Store, mesh_id: str, fingerprint: str = "f", key_id: str = 
     store.meshes.add(NewMesh(id=mesh_id, spec=SPEC, fingerprint=fingerprint, key_id=key_id))
     result = {"quality": {"min_jacobian": 1.0}, "timings": {"solve": 2.0}}
     files = [Artifact("mesh", "4" * 64, 9), Artifact("file:vtu:quad", "5" * 64, 8)]
-    assert store.queue.finish(claimed(store, key_id=key_id), result=result, files=files)
+    assert store.queue.finish(claimed(store, key_id=key_id), Outcome(result=result, files=files))
 
 
 def again(store: Store, mesh_id: str = "again", fingerprint: str | None = "f", **more: Any) -> str | None:
@@ -157,7 +157,7 @@ def test_a_mesh_that_has_succeeded_is_handed_on(store: Store) -> None:
 def test_only_what_has_succeeded_for_the_same_key_is_handed_on(store: Store) -> None:
     succeeded(store, "other", key_id="other")
     store.meshes.add(NewMesh(id="failed", spec=SPEC, fingerprint="f"))
-    store.queue.finish(claimed(store), error=ERROR)
+    store.queue.finish(claimed(store), Outcome(error=ERROR))
     store.meshes.add(NewMesh(id="canceled", spec=SPEC, fingerprint="f"))
     store.queue.cancel("canceled")
     store.meshes.add(NewMesh(id="waits", spec=SPEC, fingerprint="f"))

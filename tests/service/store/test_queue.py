@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from equimesh_service.store import queue
-from equimesh_service.store.rows import Artifact, Claim, KeysInQueue, Lease, NewMesh
+from equimesh_service.store.rows import Artifact, Claim, KeysInQueue, Lease, NewMesh, Outcome
 from equimesh_service.store.store import Store
 from service.store.stores import ERROR, SPEC, Clock, add, add_backlog, claimed, status
 
@@ -45,7 +45,7 @@ def test_a_lost_attempt_cannot_write(store: Store) -> None:
     assert store.queue.lose(old, "gone", most=3, error=ERROR) == "queued"
     new = claimed(store)
     assert not store.queue.progress(old, {"fraction": 0.9})
-    assert not store.queue.finish(old, files=[Artifact("mesh", "0" * 64, 1)])
+    assert not store.queue.finish(old, Outcome(files=[Artifact("mesh", "0" * 64, 1)]))
     assert store.meshes.artifact("a", "mesh") is None
     assert status(store, "a") == "running"
     assert store.queue.finish(new)
@@ -57,7 +57,7 @@ def test_publishing_happens_only_for_the_attempt_that_counts(store: Store) -> No
     claim = claimed(store)
     published: list[str] = []
     store.queue.cancel("a")
-    assert not store.queue.finish(claim, publish=lambda _: published.append("late"))
+    assert not store.queue.finish(claim, Outcome(publish=lambda _: published.append("late")))
     assert published == []
 
 
@@ -69,7 +69,7 @@ def test_a_failed_publication_leaves_the_mesh_running(store: Store) -> None:
         raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
-        store.queue.finish(claim, files=[Artifact("mesh", "0" * 64, 1)], publish=fail)
+        store.queue.finish(claim, Outcome(files=[Artifact("mesh", "0" * 64, 1)], publish=fail))
     assert status(store, "a") == "running"
     assert store.meshes.artifact("a", "mesh") is None
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from equimesh_service.errors import StepTakenError
-from equimesh_service.store.rows import Artifact, NewMesh, NewStep, SamplesRow
+from equimesh_service.store.rows import Artifact, NewMesh, NewStep, Outcome, SamplesRow
 from equimesh_service.store.store import Store
 from service.requests import FRONT
 from service.store.stores import claimed
@@ -43,7 +43,7 @@ class Steps:
     def finish(self, name: str, error: dict[str, Any] | None = None) -> str:
         """The mesh, which a worker has finished."""
         claim = claimed(self.store)
-        assert (claim.mesh_id, self.store.queue.finish(claim, error=error)) == (name, True)
+        assert (claim.mesh_id, self.store.queue.finish(claim, Outcome(error=error))) == (name, True)
         return name
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.files.port import StoredFile
-from equimesh_service.store.rows import Artifact, NewMesh, SamplesRow
+from equimesh_service.store.rows import Artifact, NewMesh, Outcome, SamplesRow
 from equimesh_service.store.store import Store
 from equimesh_service.upkeep.retention import Retention, Swept
 from service.store.stores import SPEC, Clock, claimed
@@ -54,7 +54,7 @@ def keep(files: FolderFiles, content: bytes, *, hours: float = 0.0) -> StoredFil
 
 def finished(store: Store, file: StoredFile, mesh_id: str, **more: Any) -> None:
     store.meshes.add(NewMesh(id=mesh_id, spec=SPEC, **more))
-    assert store.queue.finish(claimed(store), result={}, files=[Artifact("mesh", file.sha256, file.size)])
+    assert store.queue.finish(claimed(store), Outcome(result={}, files=[Artifact("mesh", file.sha256, file.size)]))
 
 
 def test_finished_meshes_and_unused_samples_go_after_their_time(store: Store, clock: Clock, files: FolderFiles) -> None:
