@@ -197,9 +197,7 @@ class Admission:
         )
         return (row, True) if new else (self.find_samples(row.id, "", caller), False)
 
-    def _check(
-        self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]
-    ) -> BuiltSpec | None:
+    def _check(self, spec: CheckedSpec, rows: Mapping[str, SamplesRow], sent: Mapping[str, Path]) -> BuiltSpec | None:
         """Check the monitor on the domain; the problem of the spec, where it was built here.
 
         ``sent`` are the files of samples that came with the request.

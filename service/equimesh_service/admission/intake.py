@@ -22,7 +22,7 @@ from equimesh_service.settings import Settings
 from equimesh_service.store.quotas import Quota
 from equimesh_service.store.rows import Claim, Draft, Ending, Lease, MeshInput, NewMesh, NewStep, Refused, Repeated
 from equimesh_service.store.store import Store
-from equimesh_service.telemetry import log_context, tracing
+from equimesh_service.telemetry import log_context, stopwatch, tracing
 
 # The longest wait of a request in the line for a worker. After it the mesh enters the queue, which survives a crash.
 _MAX_LINE_SECONDS = 1.0
@@ -87,6 +87,7 @@ class Intake:
                 log_context.current().mesh_id = repeated
                 return AcceptedMesh(repeated)
             reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, _MAX_LINE_SECONDS))
+        stopwatch.lap("store")
         lease = self.dispatcher.lease if reserved else None
         if lease is not None and step is None and admitted.built is not None:
             draft = Draft(new=new, built=admitted.built, samples=admitted.upload, key=key, fingerprint=fingerprint)

@@ -10,6 +10,7 @@ from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly.samples import Upload
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
+from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
 from equimesh_service.wire.negotiation import MAX_PREFER, PREFER_PATTERN
 
@@ -155,11 +156,13 @@ async def read_request(request: Request, service: Service) -> tuple[bytes, Uploa
 async def receive_mesh(request: Request, service: Service, caller: Caller) -> Admitted:
     """Read and admit a request for a mesh, with the samples that came with it."""
     document, upload = await read_request(request, service)
+    stopwatch.lap("receive")
     # Before the samples are stored.
     await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
     admitted = await service.check(service.admission.receive, document, upload, caller)
     if upload is not None:
         service.metrics.count_upload()
+    stopwatch.lap("check")
     return admitted
 
 

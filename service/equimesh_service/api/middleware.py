@@ -10,7 +10,8 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from equimesh_service.problems.problem import problem_of
-from equimesh_service.telemetry import log_context, logs, tracing
+from equimesh_service.telemetry import log_context, logs, stopwatch, tracing
+from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.telemetry.tracing import Tracer
 from equimesh_service.upkeep.metrics import UNMATCHED, Metrics
 
@@ -41,7 +42,7 @@ class Observation:
             mesh_id="" if named is None else named[1],
         )
         with ExitStack() as stack:
-            exchange = _Exchange(send, here.request_id, self._metrics, stack)
+            exchange = _Exchange(send, here.request_id, self._metrics, stack, stopwatch.start())
             with log_context.enter(here), self._span(scope):
                 try:
                     await self._answer(scope, receive, exchange)
@@ -82,11 +83,12 @@ class Observation:
 class _Exchange:
     """The answer that is being sent: its status and its size in bytes."""
 
-    def __init__(self, send: Send, request_id: str, metrics: Metrics, stack: ExitStack) -> None:
+    def __init__(self, send: Send, request_id: str, metrics: Metrics, stack: ExitStack, stopwatch: Stopwatch) -> None:
         self._send = send
         self._id = request_id.encode()
         self._metrics = metrics
         self._stack = stack
+        self._stopwatch = stopwatch
         self.status = 0
         self.size = 0
 
@@ -96,6 +98,9 @@ class _Exchange:
             self.status = message["status"]
             headers: list[tuple[bytes, bytes]] = [*message.get("headers", ()), (_ID_HEADER, self._id)]
             self._count_kind(headers)
+            if self._stopwatch.laps:
+                self._stopwatch.lap("answer")
+                headers.append((b"server-timing", self._stopwatch.to_header().encode()))
             message = {**message, "headers": headers}
         elif message["type"] == "http.response.body":
             self.size += len(message.get("body", b""))

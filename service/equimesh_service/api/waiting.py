@@ -16,6 +16,7 @@ from equimesh_service.admission.intake import AcceptedMesh
 from equimesh_service.api.mesh_files import MEDIA_TYPES, check_done, mesh_bytes, mesh_file, mesh_format
 from equimesh_service.service import Service
 from equimesh_service.store.rows import MeshRow
+from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire.negotiation import choose_explicit_offer, parse_wait
 from equimesh_service.worker.names import file_name
 
@@ -57,6 +58,9 @@ class Waiting:
             headers["Preference-Applied"] = f"wait={self.seconds}"
         began, name = time.monotonic(), self.format
         ending = await service.intake.wait_for_ending(accepted, self.seconds)
+        if ending is not None:
+            stopwatch.include(ending.laps)
+            stopwatch.lap("hand-over")
         if ending is not None and name is not None and (file := ending.file(file_name(name, cells))):
             content = ending.content
             return await mesh_bytes(

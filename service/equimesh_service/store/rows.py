@@ -262,7 +262,8 @@ class SequenceRow:
 class Ending:
     """The end of a mesh: its status, the name of the problem of a failed one, and its cost where that is known.
 
-    ``content`` are the bytes of the requested file, where they are few.
+    ``content`` are the bytes of the requested file, where they are few. ``laps`` are the seconds of the parts of the
+    work.
     """
 
     status: str
@@ -271,6 +272,7 @@ class Ending:
     solve_seconds: float | None = None
     files: tuple[Artifact, ...] = ()
     content: bytes | None = None
+    laps: Mapping[str, float] = field(default_factory=dict)
 
     def file(self, name: str) -> Artifact | None:
         """The file of this name of a successful mesh; None where the worker wrote no such file."""

@@ -25,6 +25,7 @@ from equimesh_service.problems.storage import storage_faults
 from equimesh_service.store.rows import Claim, Draft, Ending, MeshInput, NewSamples, Outcome, Refused, Repeated
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
+from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.worker.attempt import attempt, log_context_of
 from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
@@ -134,17 +135,19 @@ class _Work:
 
 
 def _solve(job: Job) -> Ending | Repeated | None:
-    began = time.perf_counter()
+    began, stopwatch = time.perf_counter(), Stopwatch()
     store, files = open_store(job.storage), job.storage.files()
     work = _build(job, store, files)
+    stopwatch.lap("build")
     reporter = Reporter(work.spec.schwarz, partial(_report, store, job.claim, work.mesh_input.draft))
     with tracing.span("solve"):
         solution = _compute(work, job.threads, reporter)
     solved = time.perf_counter()
+    stopwatch.lap("solve")
     reporter.writing()
     with tracing.span("write"), ExitStack() as stack:
         output = Output(files, stack, in_threads=solution.problem.grid.points >= MIN_POINTS_FOR_THREADS)
-        result = _write(work, solution, files, output)
+        result = _write(work, solution, files, output, stopwatch)
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else _problem(solution)
@@ -157,7 +160,9 @@ def _solve(job: Job) -> Ending | Repeated | None:
         )
         requested = None if job.mesh_input is None else job.mesh_input.format  # a request waits for it
         content = None if requested is None else output.small_content(file_name(requested, work.spec.cells))
+        stopwatch.lap("file")
         kept = _keep(job, outcome, files, seconds=time.perf_counter() - began)
+        stopwatch.lap("commit")
     if kept is None:
         return None
     if kept != job.claim.mesh_id:
@@ -170,6 +175,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
         solve_seconds=solved - began,
         files=tuple(artifacts),
         content=content,
+        laps=stopwatch.laps,
     )
 
 
@@ -216,7 +222,9 @@ def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution
         return spec.solve(start=start, began=reporter.begin_grid, threads=threads, observe=reporter, check=False)
 
 
-def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Output) -> dict[str, Any]:
+def _write(
+    work: _Work, solution: equimesh.Solution, files: Files, output: Output, stopwatch: Stopwatch
+) -> dict[str, Any]:
     """Begin to write all files; returns what the mesh says of its solution, measured meanwhile."""
     if work.spec.schwarz is not None or solution.descent:
         output.json(CONVERGENCE, solution.convergence())
@@ -225,13 +233,16 @@ def _write(work: _Work, solution: equimesh.Solution, files: Files, output: Outpu
         data, requested = solution.data(), work.mesh_input.format
         if work.start is not None and work.mesh_input.fields is not None:
             data = replace(data, fields=_transfer_fields(work.start, work.mesh_input.fields, solution.mesh, files))
+        stopwatch.lap("quality")
         output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
         cells = work.spec.cells
         if requested is not None and (requested, cells) != ("npz", "quad"):
             write = partial(write_mesh, data=data, format=requested, cells=cells)
             output.write(file_name(requested, cells), f".{requested}", write)
+        stopwatch.lap("file")
         quality = solution.quality.summary()
     result = {"solution": _summary(solution), "quality": quality, "certificate": solution.certificate.summary()}
+    stopwatch.lap("quality")
     if work.spec.target is None:
         return result
     return {**result, "grid": [*solution.problem.grid.shape]}
