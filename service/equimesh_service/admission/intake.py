@@ -25,9 +25,9 @@ from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, stopwatch, tracing
 
 # The longest wait of a request in the line for a worker. After it the mesh enters the queue, which survives a crash.
-_MAX_LINE_SECONDS = 1.0
+MAX_LINE_SECONDS = 1.0
 # A draft that takes longer is entered into the store, where it can be listed, canceled and retried.
-_MAX_DRAFT_SECONDS = 0.05
+MAX_DRAFT_SECONDS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ class Intake:
             if repeated is not None:  # a repeated request adds no work
                 log_context.current().mesh_id = repeated
                 return AcceptedMesh(repeated)
-            reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, _MAX_LINE_SECONDS))
+            reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, MAX_LINE_SECONDS))
         stopwatch.lap("store")
         lease = self.dispatcher.lease if reserved else None
         if lease is not None and step is None and admitted.built is not None:
@@ -131,7 +131,7 @@ class Intake:
         except BaseException:
             self.dispatcher.line.release()
             raise
-        await self._wait_for(task, new.id, _MAX_DRAFT_SECONDS)
+        await self._wait_for(task, new.id, MAX_DRAFT_SECONDS)
         if not task.done():
             return await self._enter(draft, admitted, caller, quota, task)
         if task.cancelled() or task.exception() is not None:
