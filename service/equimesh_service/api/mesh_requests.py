@@ -7,7 +7,8 @@ from fastapi import Header, Query, Request
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.admit import Admitted
 from equimesh_service.admission.callers import Caller
-from equimesh_service.assembly.samples import Upload
+from equimesh_service.assembly.packed import unpack
+from equimesh_service.assembly.samples import MAX_LIGHT_BYTES, Upload
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
@@ -109,6 +110,8 @@ EXAMPLES: dict[str, Any] = {
 }
 
 
+# The media type of a request in one npz.
+NPZ = FORMATS["npz"].media_type
 _SPEC = {"$ref": "#/components/schemas/MeshSpec"}
 
 
@@ -131,6 +134,14 @@ MESH_BODY = {
             },
             "encoding": {"spec": {"contentType": "application/json"}},
         },
+        NPZ: {
+            "schema": {
+                "type": "string",
+                "contentMediaType": "application/octet-stream",
+                "description": "The array `spec` with the JSON text of the spec, and arrays of samples beside it: for "
+                "{'samples': 'upload'}.",
+            }
+        },
     },
 }
 
@@ -138,10 +149,12 @@ MESH_BODY = {
 async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None]:
     """The bytes of the spec, and the samples that came with it."""
     kind = bodies.media_type(request)
-    if kind not in (bodies.JSON, bodies.MULTIPART):
+    if kind not in (bodies.JSON, bodies.MULTIPART, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
-        raise Problem("unsupported-media-type", f"Send {bodies.JSON} or {bodies.MULTIPART}, not {shown}.")
+        raise Problem("unsupported-media-type", f"Send {bodies.JSON}, {bodies.MULTIPART} or {NPZ}, not {shown}.")
     data = await bodies.read_body(request, service.settings.max_body)
+    if kind == NPZ:
+        return unpack(data) if len(data) <= MAX_LIGHT_BYTES else await service.check(unpack, data)
     upload = None
     if kind == bodies.MULTIPART:
         parts = await bodies.read_parts(request, data, ("spec", "samples"))

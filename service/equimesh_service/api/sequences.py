@@ -10,12 +10,11 @@ from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from equimesh.io.write import FORMATS
 from equimesh_service.admission import steps
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
 from equimesh_service.api.mesh_files import MESH_CONTENT, check_done
-from equimesh_service.api.mesh_requests import MESH_BODY, Format, IdempotencyKey, Prefer, check_key, receive_mesh
+from equimesh_service.api.mesh_requests import MESH_BODY, NPZ, Format, IdempotencyKey, Prefer, check_key, receive_mesh
 from equimesh_service.api.resources import SequenceResource, sequence_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, Writer, problems
 from equimesh_service.api.waiting import Waiting
@@ -26,7 +25,6 @@ from equimesh_service.wire import body as bodies
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
 
-NPZ = FORMATS["npz"].media_type
 _KEEP = "How many of the last meshes are kept; earlier ones are deleted when the sequence takes a step."
 STEP_EXAMPLES: dict[str, Any] = {
     "expression": {
