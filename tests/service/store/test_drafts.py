@@ -13,7 +13,7 @@ from equimesh_service.files.port import Removed
 from equimesh_service.store.quotas import Quota
 from equimesh_service.store.rows import Artifact, Claim, Draft, Lease, NewMesh, NewSamples, Outcome, SamplesRow
 from equimesh_service.store.store import Store
-from service.store.stores import ERROR, SPEC, Clock, status
+from service.store.stores import ERROR, SPEC, Clock, claimed, status
 
 LEASE = Lease(owner="me", seconds=10.0)
 SENT = NewSamples(SamplesRow("s-1", "5" * 64, 3, {"kind": "grid"}, 1000.0), b"npz")
@@ -51,7 +51,7 @@ def test_a_finished_draft_is_a_mesh_with_its_samples_files_and_story(store: Stor
     assert [event.data["status"] for event in store.meshes.events("a")] == ["queued", "running", "succeeded"]
     assert [event.number for event in store.meshes.events("a")] == [1, 2, 3]
     assert published == ["samples", "mesh"]
-    assert store.queue.claim("me", 10.0) is None
+    assert store.queue.claim("me", 10.0, "k") is None
 
 
 def test_a_draft_may_fail(store: Store) -> None:
@@ -89,7 +89,7 @@ def test_an_entered_draft_whose_service_is_silent_is_taken_over(store: Store, cl
     assert store.queue.find_abandoned() == [Claim("a", 1)]
     assert store.queue.lose(Claim("a", 1), "silent", most=3, error=ERROR) == "queued"
     assert finish(store, draft()) is None  # the first attempt is over
-    assert store.queue.claim("other", 10.0) == Claim("a", 2)
+    assert claimed(store, "other", "k") == Claim("a", 2)
 
 
 @pytest.mark.parametrize("entered", [False, True])
