@@ -60,10 +60,12 @@ class Bicubic:
 
         Outside its rectangle the spline is taken at the nearest point of that; at NaN it is NaN.
         """
-        x, y = np.broadcast_arrays(x, y)
+        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        if x.shape != y.shape:
+            x, y = np.broadcast_arrays(x, y)
         values = np.empty((COUNT[order], *x.shape))
         rows = values.reshape(len(values), -1)
-        if math.isfinite(x.sum() + y.sum()):
+        if math.isfinite(total(x.ravel(), y.ravel())):
             self._fill(x.ravel(), y.ravel(), rows, order)
             return tuple(values)
         nowhere = np.isnan(x) | np.isnan(y)
@@ -105,6 +107,15 @@ def _steepest(coefficients: Array, knots: Array) -> float:
     with np.errstate(all="ignore"):
         spans = (knots[ORDER:-1] - knots[1:-ORDER]) / (ORDER - 1)
         return float(np.abs(np.diff(coefficients, axis=0) / spans[:, None]).max())
+
+
+@vectorised
+def total(x: Array, y: Array) -> float:
+    """The sum of all coordinates: not finite where one of them is not."""
+    result = 0.0
+    for p in range(x.size):
+        result += x[p] + y[p]
+    return result
 
 
 @vectorised

@@ -65,7 +65,14 @@ def _of_differences(values: Array, order: int) -> float:
     if min(values.shape) < MIN_AXIS_SAMPLES:
         return 0.0
     differences = np.diff(np.diff(values, order, axis=0), order, axis=1)
-    return float(np.median(np.abs(differences))) / (MEDIAN_OF_NORMAL * math.comb(2 * order, order))
+    return _median(np.abs(differences).ravel()) / (MEDIAN_OF_NORMAL * math.comb(2 * order, order))
+
+
+def _median(sizes: Array) -> float:
+    """As ``np.median``, in a third of the time that it takes for few finite numbers."""
+    middle = sizes.size // 2
+    parted = np.partition(sizes, middle)
+    return float(parted[middle]) if sizes.size % 2 else 0.5 * float(parted[:middle].max() + parted[middle])
 
 
 def _of_fits(points: Array, values: Array) -> tuple[float, float]:

@@ -135,12 +135,20 @@ FOLDED = Norms(math.inf, math.inf, math.nan)
 """The norms on a folded mesh."""
 
 
-def norms(cells: Cells, u: Field, rule: ErrorRule, numbers: IntArray | None, *, nodal: Array | None = None) -> Norms:
+def norms(
+    cells: Cells,
+    u: Field,
+    rule: ErrorRule,
+    numbers: IntArray | None,
+    *,
+    nodal: Array | None = None,
+    threads: int = 1,
+) -> Norms:
     """The norms of u minus its Q1 interpolant: by ``rule``, or by a finer one where a second rule does not agree."""
     if not cells.all_valid:
         return FOLDED
     tally = ErrorTally.of(cells, u, rule, numbers, nodal)
-    tally.add_all()
+    tally.add_all(threads)
     return norms_of(tally)
 
 

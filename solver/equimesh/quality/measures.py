@@ -148,8 +148,8 @@ def measure_all(
         else:
             plain = _uniform_cells(mesh, uniform, domain, numbers)
             error_rule = _error_rule(cells, gauss)
-            here = norms(cells, u, error_rule, numbers, nodal=nodal) if tally is None else norms_of(tally)
-            errors = compared(cells, here, norms(plain, u, error_rule, numbers))
+            here = norms_of(tally) if tally else norms(cells, u, error_rule, numbers, nodal=nodal, threads=threads)
+            errors = compared(cells, here, norms(plain, u, error_rule, numbers, threads=threads))
         return _quality(cells, monitor, rule, survey, errors)
 
 

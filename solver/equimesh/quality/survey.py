@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from equimesh.monitors.monitor import Monitor, OfDerivatives
-from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_errors import mean_metrics
 from equimesh.quality.cell_shapes import shapes, shares_and_alignments, size_ratios
 from equimesh.quality.cells import BilinearCells, CellPoints, locate
 from equimesh.quality.statistics import Statistics, fill_parts
-from equimesh.quality.tally import ErrorTally
+from equimesh.quality.tally import ErrorTally, share_blocks
 
 ROWS = ("q_eq", "q_ali", "q_geo", "scaled_jacobian", "skewness", "aspect_ratio", "size_ratio")
 """The measures that have one value per cell, in the order of the rows of an array of them."""
-MIN_CELLS_FOR_THREADS = 16_384
-"""On fewer cells a second thread costs more than it saves."""
 MAX_KEPT_CELLS = 16_384
 """On at most this many cells all values are kept, since they exist anyway."""
 
@@ -74,12 +70,6 @@ class Survey:
             q_eq *= factor
         found = [Statistics.of(parts[:, row], cells.count) for row in range(len(ROWS))]
         return cls(statistics=(found[0].times(float(factor)), *found[1:]), q_eq=q_eq, kept=kept)
-
-
-def share_blocks(work: Callable[[int, int], None], cells: int, threads: int) -> None:
-    """Call ``work(k, threads)`` for every thread k; in one thread where there are few ``cells``."""
-    threads = threads if cells >= MIN_CELLS_FOR_THREADS else 1
-    run_on_threads(threads, lambda thread: work(thread, threads))
 
 
 def _measure(

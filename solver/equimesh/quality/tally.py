@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from equimesh.fields.field import Field
+from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_errors import add_errors, add_middles, add_values
 from equimesh.quality.cells import BilinearCells, CellPoints, Cells, locate
+
+MIN_CELLS_FOR_THREADS = 16_384
+"""On fewer cells a second thread costs more than it saves."""
+
+
+def share_blocks(work: Callable[[int, int], None], cells: int, threads: int) -> None:
+    """Call ``work(k, threads)`` for every thread k; in one thread where there are few ``cells``."""
+    threads = threads if cells >= MIN_CELLS_FOR_THREADS else 1
+    run_on_threads(threads, lambda thread: work(thread, threads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +111,22 @@ class ErrorTally:
         self.sums[:, where] = sums
         self._widen(u)
 
-    def add_all(self) -> None:
-        """All cells at the inner points of the rule, block by block."""
-        inner, done = self.rule.inner, 0
-        for block in self.cells.blocks(inner, self.numbers):
-            corners = self.cells.corners(block)
-            x, y = np.empty((2, inner.s.size, corners.shape[1]))
-            locate(corners, inner.s, inner.t, x, y)
-            self.add(slice(done, done + corners.shape[1]), corners, self.u.evaluate(x, y, order=1))
-            done += corners.shape[1]
+    def add_all(self, threads: int = 1) -> None:
+        """All cells at the inner points of the rule, block by block; ``threads`` share the blocks if they are many."""
+        inner = self.rule.inner
+        blocks = list(self.cells.blocks(inner, self.numbers))
+        size = max(1, blocks[0].stop if isinstance(blocks[0], slice) else blocks[0].size)
+
+        def work(thread: int, threads: int) -> None:
+            with np.errstate(all="ignore"):
+                for number in range(thread, len(blocks), threads):
+                    corners = self.cells.corners(blocks[number])
+                    x, y = np.empty((2, inner.s.size, corners.shape[1]))
+                    locate(corners, inner.s, inner.t, x, y)
+                    where = slice(number * size, number * size + corners.shape[1])
+                    self.add(where, corners, self.u.evaluate(x, y, order=1))
+
+        share_blocks(work, self.largest.size, threads)
 
     def add_edges(self) -> None:
         """All cells at the edge points of the rule."""

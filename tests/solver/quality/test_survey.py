@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.monitors.monitor import OfDerivatives
-from equimesh.quality import survey
+from equimesh.quality import tally
 from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.measures import PER_CELL, measure, measure_all, measure_interpolation
 from equimesh.quality.survey import Survey
@@ -32,18 +32,21 @@ class Counting:
 
 def of(threads: int, *, keep: bool = False) -> tuple[Survey, ErrorTally]:
     cells = BilinearCells(wavy(150, 141))
-    tally = ErrorTally.of(cells, TANH20, ErrorRule.lean())
+    errors = ErrorTally.of(cells, TANH20, ErrorRule.lean())
     monitor = em.ArcLength(u=TANH20, scaled=False)
-    return Survey.of(cells, monitor, RULE, tally=tally, threads=threads, keep=keep), tally
+    return Survey.of(cells, monitor, RULE, tally=errors, threads=threads, keep=keep), errors
 
 
 def test_threads_change_nothing() -> None:
     (first, alone), (second, shared) = of(1), of(3)
-    assert alone.cells.count > survey.MIN_CELLS_FOR_THREADS
+    assert alone.cells.count > tally.MIN_CELLS_FOR_THREADS
     assert second.statistics == first.statistics
     assert np.array_equal(second.q_eq, first.q_eq)
     assert np.array_equal(shared.sums, alone.sums)
     assert shared.variation == alone.variation
+    whole = ErrorTally.of(alone.cells, TANH20, ErrorRule.lean())
+    whole.add_all(threads=2)
+    assert np.array_equal(whole.sums, alone.sums)
 
 
 def test_the_statistics_are_those_of_the_values() -> None:
