@@ -75,7 +75,7 @@ class Bicubic:
         return tuple(values)
 
     def _fill(self, x: Array, y: Array, rows: Array, order: int) -> None:
-        patches = self._polynomials
+        patches = self.polynomials
         if patches is not None:
             at = x, y, self.along_x, self.along_y, patches, rows
             patch_values(*at) if order == 0 else patch_slopes(*at)
@@ -88,7 +88,7 @@ class Bicubic:
             fill_curvatures(*at)
 
     @cached_property
-    def _polynomials(self) -> Array | None:
+    def polynomials(self) -> Array | None:
         """A polynomial on every rectangle between the breaks; ``None`` where they are too many."""
         pieces = self.along_x.breaks.size - 1, self.along_y.breaks.size - 1
         if pieces[0] * pieces[1] > MAX_PATCHES:
@@ -99,7 +99,7 @@ class Bicubic:
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the polynomials, which are computed again where they are needed."""
-        return {name: value for name, value in self.__dict__.items() if name != "_polynomials"}
+        return {name: value for name, value in self.__dict__.items() if name != "polynomials"}
 
 
 def _steepest(coefficients: Array, knots: Array) -> float:

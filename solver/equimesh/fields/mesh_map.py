@@ -15,14 +15,17 @@ from equimesh.domains.domain import Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.axis import ORDER, Axis, at_piece, buckets_per_length, piece, slopes_at_piece
 from equimesh.fields.bicubic import Bicubic
+from equimesh.fields.patches import at_patch
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.compiled import compiled
+from equimesh.numerics.compiled import compiled, vectorised
 from equimesh.numerics.types import Array, BoolArray, Pair
 
 MAX_STEPS = 20  # of Newton's method
 POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from the result of its spline
+MIN_START_STEP_CELLS = 0.01  # near enough to start Newton's method on the splines
 MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in rounding
 MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
+NO_PATCHES = np.empty((0, 0, ORDER, ORDER))
 
 
 class Places(NamedTuple):
@@ -34,12 +37,16 @@ class Places(NamedTuple):
 
 
 class MapSplines(NamedTuple):
-    """The splines of x and y over the grid coordinates: their axes, and their coefficients."""
+    """The splines of x and y over the grid coordinates: their axes, and their coefficients.
+
+    ``patches`` are the coefficients of their polynomials, empty where these would be too many.
+    """
 
     along_s: Axis
     along_t: Axis
     of_x: Array
     of_y: Array
+    patches: Pair
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,9 +84,14 @@ class MeshMap:
             x, y = np.where(lost, self.mesh.x[0, 0], x), np.where(lost, self.mesh.y[0, 0], y)
         places = Places(np.empty(x.size), np.empty(x.size), np.empty(x.size, dtype=np.bool_))
         points = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(y, dtype=float)
-        splines = MapSplines(self.x.along_x, self.x.along_y, self.x.coefficients, self.y.coefficients)
-        locate_points(points, (self.mesh.x, self.mesh.y), splines, places)
+        locate_points(points, (self.mesh.x, self.mesh.y), self._splines, places)
         return places
+
+    @property
+    def _splines(self) -> MapSplines:
+        of_x, of_y = self.x.polynomials, self.y.polynomials
+        patches = (NO_PATCHES, NO_PATCHES) if of_x is None or of_y is None else (of_x, of_y)
+        return MapSplines(self.x.along_x, self.x.along_y, self.x.coefficients, self.y.coefficients, patches)
 
 
 def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
@@ -107,36 +119,35 @@ def through(values: Array) -> Bicubic:
 def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places) -> None:
     """Fill in the grid coordinates of points. It is fast where each point is near the one before it."""
     (px, py), (x, y), (s, t, smooth) = points, nodes, places
-    along_s, along_t, of_x, of_y = splines
-    (breaks_s, cubics_s, _), (breaks_t, cubics_t, _) = along_s, along_t
+    along_s, along_t = splines.along_s, splines.along_t
+    breaks_s, breaks_t = along_s.breaks, along_t.breaks
+    of_x, of_y = splines.patches
     scale_s, scale_t = buckets_per_length(along_s), buckets_per_length(along_t)
     last_s, last_t = float(x.shape[0] - 1), float(x.shape[1] - 1)
     i = j = 0
     for p in range(px.size):
         i, j = walk(px[p], py[p], x, y, i, j)
-        s0, t0 = within(px[p], py[p], x, y, i, j)
-        s[p], t[p], smooth[p] = s0, t0, False
+        s0, t0 = within(px[p], py[p], x, y, i, j, MIN_START_STEP_CELLS)
+        smooth[p] = False
         a, b = s0, t0
+        k, m = min(max(i - 1, 0), breaks_s.size - 2), min(max(j - 1, 0), breaks_t.size - 2)
         for _ in range(MAX_STEPS):
-            k, m = piece(a, along_s, scale_s), piece(b, along_t, scale_t)
+            if not breaks_s[k] <= a < breaks_s[k + 1]:
+                k = piece(a, along_s, scale_s)
+            if not breaks_t[m] <= b < breaks_t[m + 1]:
+                m = piece(b, along_t, scale_t)
             da, db = a - breaks_s[k], b - breaks_t[m]
-            f_s, g_s = at_piece(cubics_s, k, da), slopes_at_piece(cubics_s, k, da)
-            f_t, g_t = at_piece(cubics_t, m, db), slopes_at_piece(cubics_t, m, db)
-            r, x_s, x_t = px[p], 0.0, 0.0
-            q, y_s, y_t = py[p], 0.0, 0.0
-            for c in range(ORDER):
-                for d in range(ORDER):
-                    w, w_s, w_t = f_s[c] * f_t[d], g_s[c] * f_t[d], f_s[c] * g_t[d]
-                    r -= of_x[k + c, m + d] * w
-                    x_s += of_x[k + c, m + d] * w_s
-                    x_t += of_x[k + c, m + d] * w_t
-                    q -= of_y[k + c, m + d] * w
-                    y_s += of_y[k + c, m + d] * w_s
-                    y_t += of_y[k + c, m + d] * w_t
+            if of_x.shape[0] > 0:
+                r, x_s, x_t = at_patch(of_x[k, m], da, db)
+                q, y_s, y_t = at_patch(of_y[k, m], da, db)
+            else:
+                r, x_s, x_t, q, y_s, y_t = by_splines(splines, k, m, da, db)
+            r, q = px[p] - r, py[p] - q
             det = x_s * y_t - x_t * y_s
             if not det > 0.0:
                 break
-            da, db = (r * y_t - q * x_t) / det, (q * x_s - r * y_s) / det
+            per_det = 1.0 / det
+            da, db = (r * y_t - q * x_t) * per_det, (q * x_s - r * y_s) * per_det
             # At a side that the step leads out of, the nearest point is sought along the side.
             if (a <= 0.0 and da < 0.0) or (a >= last_s and da > 0.0):
                 da, db = 0.0, (r * x_t + q * y_t) / (x_t * x_t + y_t * y_t)
@@ -152,6 +163,29 @@ def locate_points(points: Pair, nodes: Pair, splines: MapSplines, places: Places
             if abs(da) + abs(db) < MIN_STEP_CELLS:
                 s[p], t[p], smooth[p] = a, b, True
                 break
+        if not smooth[p]:
+            s[p], t[p] = within(px[p], py[p], x, y, i, j, MIN_STEP_CELLS)
+
+
+@vectorised
+def by_splines(
+    splines: MapSplines, k: int, m: int, s: float, t: float
+) -> tuple[float, float, float, float, float, float]:
+    """x and y, each with its derivatives, at (s, t) from the begin of the pieces ``k`` and ``m``."""
+    cubics_s, cubics_t, of_x, of_y = splines.along_s.cubics, splines.along_t.cubics, splines.of_x, splines.of_y
+    f_s, g_s = at_piece(cubics_s, k, s), slopes_at_piece(cubics_s, k, s)
+    f_t, g_t = at_piece(cubics_t, m, t), slopes_at_piece(cubics_t, m, t)
+    x = x_s = x_t = y = y_s = y_t = 0.0
+    for c in range(ORDER):
+        for d in range(ORDER):
+            w, w_s, w_t = f_s[c] * f_t[d], g_s[c] * f_t[d], f_s[c] * g_t[d]
+            x += of_x[k + c, m + d] * w
+            x_s += of_x[k + c, m + d] * w_s
+            x_t += of_x[k + c, m + d] * w_t
+            y += of_y[k + c, m + d] * w
+            y_s += of_y[k + c, m + d] * w_s
+            y_t += of_y[k + c, m + d] * w_t
+    return x, x_s, x_t, y, y_s, y_t
 
 
 @compiled
@@ -160,16 +194,16 @@ def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int,
     rows, columns = x.shape[0] - 1, x.shape[1] - 1
     for _ in range(4 * (rows + columns)):
         worst, to_i, to_j = -1e-12, i, j
-        for side in range(4):
-            i0, j0 = i + (side == 1 or side == 2), j + (side == 2 or side == 3)
-            i1, j1 = i + (side == 0 or side == 1), j + (side == 1 or side == 2)
-            next_i, next_j = i + (side == 1) - (side == 3), j + (side == 2) - (side == 0)
-            if next_i < 0 or next_i >= rows or next_j < 0 or next_j >= columns:
-                continue
-            ex, ey = x[i1, j1] - x[i0, j0], y[i1, j1] - y[i0, j0]
-            left = (ex * (py - y[i0, j0]) - ey * (px - x[i0, j0])) / (ex * ex + ey * ey)
-            if left < worst:
-                worst, to_i, to_j = left, next_i, next_j
+        x0, x1, x2, x3 = x[i, j] - px, x[i + 1, j] - px, x[i + 1, j + 1] - px, x[i, j + 1] - px
+        y0, y1, y2, y3 = y[i, j] - py, y[i + 1, j] - py, y[i + 1, j + 1] - py, y[i, j + 1] - py
+        if j > 0 and x0 * y1 - x1 * y0 < worst * ((x1 - x0) ** 2 + (y1 - y0) ** 2):
+            worst, to_i, to_j = (x0 * y1 - x1 * y0) / ((x1 - x0) ** 2 + (y1 - y0) ** 2), i, j - 1
+        if i < rows - 1 and x1 * y2 - x2 * y1 < worst * ((x2 - x1) ** 2 + (y2 - y1) ** 2):
+            worst, to_i, to_j = (x1 * y2 - x2 * y1) / ((x2 - x1) ** 2 + (y2 - y1) ** 2), i + 1, j
+        if j < columns - 1 and x2 * y3 - x3 * y2 < worst * ((x3 - x2) ** 2 + (y3 - y2) ** 2):
+            worst, to_i, to_j = (x2 * y3 - x3 * y2) / ((x3 - x2) ** 2 + (y3 - y2) ** 2), i, j + 1
+        if i > 0 and x3 * y0 - x0 * y3 < worst * ((x0 - x3) ** 2 + (y0 - y3) ** 2):
+            worst, to_i, to_j = (x3 * y0 - x0 * y3) / ((x0 - x3) ** 2 + (y0 - y3) ** 2), i - 1, j
         if to_i == i and to_j == j:
             return i, j
         i, j = to_i, to_j
@@ -193,8 +227,11 @@ def holds(px: float, py: float, x: Array, y: Array, i: int, j: int) -> bool:
 
 
 @compiled
-def within(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[float, float]:
-    """The grid coordinates of a point by the bilinear map of the cell (i, j), or of one on the cell's rim."""
+def within(px: float, py: float, x: Array, y: Array, i: int, j: int, smallest: float) -> tuple[float, float]:
+    """The grid coordinates of a point by the bilinear map of the cell (i, j), or of one on the cell's rim.
+
+    Newton's method ends with a step shorter than ``smallest``.
+    """
     a = b = 0.5
     for _ in range(MAX_STEPS):
         lower_x, upper_x = x[i, j] + a * (x[i + 1, j] - x[i, j]), x[i, j + 1] + a * (x[i + 1, j + 1] - x[i, j + 1])
@@ -206,6 +243,6 @@ def within(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[fl
         det = x_a * y_b - x_b * y_a
         da, db = (r * y_b - q * x_b) / det, (q * x_a - r * y_a) / det
         a, b = min(max(a + da, 0.0), 1.0), min(max(b + db, 0.0), 1.0)
-        if abs(da) + abs(db) < MIN_STEP_CELLS:
+        if abs(da) + abs(db) < smallest:
             break
     return i + a, j + b

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from equimesh.errors import SamplesError
 from equimesh.fields.bicubic import Bicubic
 from equimesh.fields.mesh_map import MeshMap, Places, through
+from equimesh.fields.patches import slopes_on_mesh
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
@@ -50,6 +51,8 @@ class NodalField:
             for part, bilinear in zip(parts, _in_cells(self._map.mesh, self.values, places, rough), strict=False):
                 part[rough] = bilinear
         nowhere = np.isnan(x) | np.isnan(y)
+        if not nowhere.any():
+            return tuple(part.reshape(x.shape) for part in parts)
         return tuple(np.where(nowhere, np.nan, part.reshape(x.shape)) for part in parts)
 
     def __repr__(self) -> str:
@@ -57,6 +60,11 @@ class NodalField:
 
     def _derivatives(self, places: Places, order: int) -> tuple[Array, ...]:
         """By the chain rule from those over the grid."""
+        patches = self._spline.polynomials, self._map.x.polynomials, self._map.y.polynomials
+        if order == 1 and patches[0] is not None and patches[1] is not None and patches[2] is not None:
+            rows, axes = np.empty((3, places.s.size)), (self._spline.along_x, self._spline.along_y)
+            slopes_on_mesh(places.s, places.t, *axes, patches[0], (patches[1], patches[2]), rows)
+            return tuple(rows)
         u, *of_u = self._spline.evaluate(places.s, places.t, order)
         if order == 0:
             return (u,)

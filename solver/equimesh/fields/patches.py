@@ -11,7 +11,7 @@ import numpy as np
 
 from equimesh.fields.axis import ORDER, Axis, buckets_per_length, piece
 from equimesh.numerics.compiled import vectorised
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, Pair
 
 
 @vectorised
@@ -40,6 +40,24 @@ def fill_polynomials(along_x: Axis, along_y: Axis, coefficients: Array, polynomi
 
 
 @vectorised
+def at_patch(q: Array, s: float, t: float) -> tuple[float, float, float]:
+    """The polynomial with coefficients ``q`` and its derivatives by s and t, at (s, t) from the begin of its piece."""
+    r0 = q[0, 0] + t * (q[1, 0] + t * (q[2, 0] + t * q[3, 0]))
+    r1 = q[0, 1] + t * (q[1, 1] + t * (q[2, 1] + t * q[3, 1]))
+    r2 = q[0, 2] + t * (q[1, 2] + t * (q[2, 2] + t * q[3, 2]))
+    r3 = q[0, 3] + t * (q[1, 3] + t * (q[2, 3] + t * q[3, 3]))
+    d0 = q[1, 0] + t * (2.0 * q[2, 0] + t * (3.0 * q[3, 0]))
+    d1 = q[1, 1] + t * (2.0 * q[2, 1] + t * (3.0 * q[3, 1]))
+    d2 = q[1, 2] + t * (2.0 * q[2, 2] + t * (3.0 * q[3, 2]))
+    d3 = q[1, 3] + t * (2.0 * q[2, 3] + t * (3.0 * q[3, 3]))
+    return (
+        r0 + s * (r1 + s * (r2 + s * r3)),
+        r1 + s * (2.0 * r2 + s * (3.0 * r3)),
+        d0 + s * (d1 + s * (d2 + s * d3)),
+    )
+
+
+@vectorised
 def patch_values(x: Array, y: Array, along_x: Axis, along_y: Axis, polynomials: Array, rows: Array) -> None:
     """Fill the first of ``rows`` with the spline at the points nearest to ``x``, ``y`` within the breaks."""
     first, second = along_x.breaks, along_y.breaks
@@ -65,18 +83,7 @@ def patch_slopes(x: Array, y: Array, along_x: Axis, along_y: Axis, polynomials: 
         a, b = min(max(x[p], first[0]), first[-1]), min(max(y[p], second[0]), second[-1])
         i, j = piece(a, along_x, scale_x), piece(b, along_y, scale_y)
         s, t = a - first[i], b - second[j]
-        q = polynomials[i, j]
-        r0 = q[0, 0] + t * (q[1, 0] + t * (q[2, 0] + t * q[3, 0]))
-        r1 = q[0, 1] + t * (q[1, 1] + t * (q[2, 1] + t * q[3, 1]))
-        r2 = q[0, 2] + t * (q[1, 2] + t * (q[2, 2] + t * q[3, 2]))
-        r3 = q[0, 3] + t * (q[1, 3] + t * (q[2, 3] + t * q[3, 3]))
-        d0 = q[1, 0] + t * (2.0 * q[2, 0] + t * (3.0 * q[3, 0]))
-        d1 = q[1, 1] + t * (2.0 * q[2, 1] + t * (3.0 * q[3, 1]))
-        d2 = q[1, 2] + t * (2.0 * q[2, 2] + t * (3.0 * q[3, 2]))
-        d3 = q[1, 3] + t * (2.0 * q[2, 3] + t * (3.0 * q[3, 3]))
-        rows[0, p] = r0 + s * (r1 + s * (r2 + s * r3))
-        rows[1, p] = r1 + s * (2.0 * r2 + s * (3.0 * r3))
-        rows[2, p] = d0 + s * (d1 + s * (d2 + s * d3))
+        rows[0, p], rows[1, p], rows[2, p] = at_patch(polynomials[i, j], s, t)
 
 
 @vectorised
@@ -101,3 +108,24 @@ def patch_curvatures(x: Array, y: Array, along_x: Axis, along_y: Axis, polynomia
         rows[3, p] = 2.0 * r2 + s * (6.0 * r3)
         rows[4, p] = d1 + s * (2.0 * d2 + s * (3.0 * d3))
         rows[5, p] = e0 + s * (e1 + s * (e2 + s * e3))
+
+
+@vectorised
+def slopes_on_mesh(s: Array, t: Array, along_s: Axis, along_t: Axis, of_u: Array, of_map: Pair, rows: Array) -> None:
+    """u and its derivatives by x and y, in the three ``rows``, at grid coordinates within the breaks.
+
+    The polynomials are those of u, and of x and y, over the grid coordinates.
+    """
+    first, second = along_s.breaks, along_t.breaks
+    scale_s, scale_t = buckets_per_length(along_s), buckets_per_length(along_t)
+    of_x, of_y = of_map
+    for p in range(s.size):
+        i, j = piece(s[p], along_s, scale_s), piece(t[p], along_t, scale_t)
+        a, b = s[p] - first[i], t[p] - second[j]
+        u, u_s, u_t = at_patch(of_u[i, j], a, b)
+        _, x_s, x_t = at_patch(of_x[i, j], a, b)
+        _, y_s, y_t = at_patch(of_y[i, j], a, b)
+        per_det = 1.0 / (x_s * y_t - x_t * y_s)
+        rows[0, p] = u
+        rows[1, p] = (u_s * y_t - u_t * y_s) * per_det
+        rows[2, p] = (u_t * x_s - u_s * x_t) * per_det
