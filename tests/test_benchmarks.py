@@ -35,12 +35,21 @@ def test_the_table_has_a_row_for_everything(tiny: dict[str, Row]) -> None:
     expected = [
         *("n = 65, discretization", "n = 65, tight", "n = 65, algebraic over discretisation error"),
         *("n = 65, discretization, two threads against one", "n = 65, tight, two threads against one"),
+        *("n = 65, discretization, CPU time of the busier one", "n = 65, tight, CPU time of the busier one"),
         *("n = 17, expression, the whole call", "n = 17, 65 x 65 samples, the whole call"),
         *("n = 33, sweeps on the finest level", "n = 33, Newton with SuperLU"),
     ]
     assert set(expected) <= set(tiny)
     assert all(math.isfinite(row.value) and row.value > 0.0 for row in tiny.values())
     assert all(json.loads(json.dumps(row.plain())) == row.plain() for row in tiny.values())
+
+
+def test_what_is_not_shared_is_counted(tiny: dict[str, Row]) -> None:
+    """So few points are not shared at all, and a second thread has no processor time."""
+    row = tiny["n = 65, tight, CPU time of the busier one"]
+    alone = float(row.note.partition(" ")[0])
+    assert 80.0 < alone <= 100.0
+    assert f"at most {2.0 / (1.0 + alone / 100.0):.1f}" in row.note
 
 
 def test_finer_grids_take_no_more_sweeps(tiny: dict[str, Row]) -> None:

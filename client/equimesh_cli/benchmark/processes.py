@@ -87,6 +87,7 @@ def use_all_kernels() -> dict[str, Any]:
     first = time.process_time()
     small, both = em.Grid(n_xi=9, n_eta=9), em.Intersection(monitors=(arc, curvature))
     for problem in (
+        em.Problem(monitor=arc, grid=em.Grid(n_xi=65, n_eta=65)),  # from two coarser grids
         em.Problem(monitor=arc, grid=small, domain=sector),
         em.Problem(monitor=em.Smoothed(monitor=both), grid=small),
         em.Problem(monitor=curvature, grid=small),

@@ -160,7 +160,7 @@ def _extremum(less: Callable[..., Any], choose: Callable[..., Any]) -> Callable[
 
 
 # name: f(v), f'(v, f), f''(v, f, f')
-_SMOOTH: Mapping[str, tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]] = MappingProxyType(
+SMOOTH: Mapping[str, tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]] = MappingProxyType(
     {
         "sin": (np.sin, lambda v, _: np.cos(v), lambda _v, f, _: -f),
         "cos": (np.cos, lambda v, _: -np.sin(v), lambda _v, f, _: -f),
@@ -192,7 +192,7 @@ _SMOOTH: Mapping[str, tuple[Callable[..., Any], Callable[..., Any], Callable[...
 
 
 def _smooth(name: str) -> Callable[..., Jet]:
-    f, f1, f2 = _SMOOTH[name]
+    f, f1, f2 = SMOOTH[name]
 
     def function(a: Jet, order: int) -> Jet:
         v = a.value
@@ -223,7 +223,7 @@ OPERATIONS: Mapping[str, Callable[..., Jet]] = MappingProxyType(
         "/": divide,
         "**": power,
         "negative": negate,
-        **{name: _smooth(name) for name in _SMOOTH},
+        **{name: _smooth(name) for name in SMOOTH},
         "abs": absolute,
         "sqrt": sqrt,
         "hypot": hypot,

@@ -1,4 +1,4 @@
-"""An expression prepared for many points: constants folded, equal parts merged, points in blocks."""
+"""An expression prepared for many points: constants folded, equal parts merged."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.formulas.functions import OPERATIONS
-from equimesh.formulas.jet import Jet, constant, coordinates
+from equimesh.formulas.jet import Component, Jet, constant, coordinates
+from equimesh.formulas.routine import Routine
 from equimesh.formulas.syntax import Operation
 from equimesh.formulas.tokens import refuse
 from equimesh.formulas.vocabulary import LIMITS, PLANE
 from equimesh.numerics.types import Array
 
-BLOCK_POINTS = 16384  # evaluated at a time: the jets of a few operations stay in the cache
 CONDITIONS = frozenset(("<", "<=", ">", ">=", "==", "!=", "and", "or", "not"))
 
 
@@ -66,22 +66,19 @@ class Program:
                 self.slots.append(slot)
         self.result = self.slots[-1]
         self.steps = self._schedule()
+        self._routines = dict[int, Routine]()
 
     def evaluate(self, x: Array, y: Array, order: int) -> tuple[Array, ...]:
         """Value and derivatives up to ``order`` at flat arrays of points, as :meth:`Field.evaluate`.
 
         With a single variable ``y`` is ignored, and the derivatives by it are zero.
         """
-        outputs = tuple(np.zeros(x.shape) for _ in range((1, 3, 6)[order]))
+        routine = self._routines.get(order)
         with np.errstate(all="ignore"):
-            for start in range(0, x.size, BLOCK_POINTS):
-                block = slice(start, start + BLOCK_POINTS)
-                jets = self._run(x[block], y[block], order, keep=False)
-                components = jets[self.result].components(order)
-                for output, component in zip(outputs, components, strict=True):
-                    if component is not None:
-                        output[block] = component
-        return outputs
+            if routine is None:
+                routine = Routine(lambda x, y: self._run(x, y, order, keep=False)[self.result].components(order))
+                self._routines[order] = routine
+            return routine.evaluate(x, y)
 
     def culprit(self, x: float, y: float, limit: float) -> Operation:
         """The innermost operation whose value or gradient at a point is not finite or larger than ``limit``.
@@ -106,7 +103,7 @@ class Program:
                 return operation
             number = bad[0]
 
-    def _run(self, x: Array, y: Array, order: int, *, keep: bool) -> dict[int, Jet]:
+    def _run(self, x: Component, y: Component, order: int, *, keep: bool) -> dict[int, Jet]:
         jets = dict(self.constants)
         symbols = dict(zip(self.variables, coordinates(x, y), strict=False))
         for step in self.steps:
