@@ -38,10 +38,11 @@ class Span:
 
 @dataclass
 class Observed:
-    """The running service: its address, its log so far, the received spans."""
+    """The running service: its address and process, its log so far, the received spans."""
 
     log: Path
     url: str = ""
+    pid: int = 0
     spans: list[Span] = field(default_factory=list)
 
     def lines(self, **fields: Any) -> list[dict[str, Any]]:
@@ -70,6 +71,7 @@ def observe(folder: Path) -> Iterator[Observed]:
     environment = {**os.environ, **{f"EQUIMESH_{name}": value for name, value in settings.items()}}
     with service.log.open("w") as log:
         process = subprocess.Popen([Path(sys.executable).parent / "equimesh", "serve"], env=environment, stderr=log)
+    service.pid = process.pid
     try:
         service.url = _until(lambda: _address(service), 90.0)
         _until(lambda: _ready(service.url), 90.0)
