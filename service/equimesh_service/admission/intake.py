@@ -124,7 +124,8 @@ class Intake:
                     await run_in_threadpool(self.store.quotas.check, new.key_id, new.points, quota)
             mesh_input = MeshInput(spec=new.spec, samples=admitted.samples, format=new.format, draft=draft)
             claim = Claim(new.id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
-            task = self.dispatcher.begin(claim, mesh_input)
+            with tracing.span("enqueue"):
+                task = self.dispatcher.begin(claim, mesh_input)
         except EngineError:
             self.dispatcher.line.release()
             return None
@@ -158,7 +159,7 @@ class Intake:
 
         mesh_id = ""
         try:
-            with tracing.span("enqueue"), refusals():
+            with refusals():
                 mesh_id = await run_in_threadpool(enter)
         finally:
             if mesh_id != new.id:
