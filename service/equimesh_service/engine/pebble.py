@@ -58,6 +58,9 @@ class PebbleEngine:
         # Tasks lost with a whole pool. Reported only when there is a new pool: an earlier retry would be lost again.
         self._lost: list[tuple[Future[Any], WorkerLostError]] = []
         self._closed = threading.Event()
+        # The pool before this one. Its last workers may still be starting, and open its locks by their names, which are
+        # removed with the locks.
+        self._retired: ProcessPool | None = None
         self._pool, self._warm = self._new_pool()
         self._watcher = threading.Thread(target=self._watch, name="equimesh-pool-watch", daemon=True)
         self._watcher.start()
@@ -132,6 +135,7 @@ class PebbleEngine:
         fresh, warm = self._new_pool()
         with self._lock:
             broken, self._pool, self._warm = self._pool, fresh, warm
+            self._retired = broken
             lost = list(self._inner.values())
         _stop(broken)  # without the lock, which its threads may need to hand over results
         for inner in lost:

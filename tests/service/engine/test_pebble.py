@@ -40,7 +40,7 @@ def test_an_engine_whose_workers_cannot_start_is_not_ready() -> None:
 
 # In a process of its own, since the engines of a process share the server.
 SERVER_DIES = """
-import os, signal, time
+import gc, os, signal, time, weakref
 from equimesh_service.engine.pebble import PebbleEngine
 from equimesh_service.errors import WorkerLostError
 
@@ -51,6 +51,7 @@ again = []
 running = engine.submit(time.sleep, 60.0)
 running.add_done_callback(lambda _: again.append(engine.submit(os.getpid)))
 time.sleep(0.2)
+pool = weakref.ref(engine._pool)
 os.kill(server, signal.SIGKILL)
 began = time.monotonic()
 while engine.health().ready:
@@ -60,6 +61,8 @@ assert isinstance(running.exception(30.0), WorkerLostError)
 assert again.pop().result(30.0) != worker  # not lost again, with the pool that is about to be replaced
 assert engine.wait_until_ready(30.0)
 assert engine.submit(os.getppid).result(30.0) != server
+gc.collect()
+assert pool() not in (None, engine._pool), "its last workers, which may still start, do not find its locks"
 assert engine.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(30.0) == "1"
 try:
     state = open(f"/proc/{worker}/stat").read().rpartition(")")[2].split()[0]
