@@ -1,6 +1,8 @@
 """The problem to solve: a monitor, a grid, a domain, and a boundary condition."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain
@@ -45,6 +47,12 @@ class Problem:
     def metric(self) -> ReferenceMetric:
         """The metric on the reference square, where everything is solved."""
         return ReferenceMetric(self.monitor, self.domain)
+
+    def on_grid(self, grid: Grid) -> Problem:
+        """The same problem on another grid, with the same :attr:`metric`, whose measures of u are taken once."""
+        other = replace(self, grid=grid)
+        object.__setattr__(other, "metric", self.metric)
+        return other
 
     def equations(self, cross_line: float = 0.0) -> MeshEquations:
         """The discrete equations of the whole grid: the single-domain problem."""

@@ -62,7 +62,7 @@ class _Climb:
     def by_newton(self, start: Mesh | None) -> Iterator[Step]:
         """Newton's method on all levels, the first one from ``start``."""
         for level, grid in enumerate(self._grids):
-            here, label = replace(self._problem, grid=grid), self._label(level)
+            here, label = self._problem.on_grid(grid), self._label(level)
             label = label if start is None else replace(label, mesh=start)
             last = yield from _newton_level(here, label, self._before, plain=True, rough=False)
             yield last
@@ -78,7 +78,7 @@ class _Climb:
         memory = np.empty(memory_needed(self._problem.grid.shape))
         last: Step | None = None
         for level, grid in enumerate(self._grids):
-            here = replace(self._problem, grid=grid)
+            here = self._problem.on_grid(grid)
             last = yield from self._sweeps(here, self._label(level), memory)
             if last is None and only_requested:
                 return None

@@ -28,3 +28,11 @@ def test_the_equations_are_those_of_the_grid_and_the_boundary() -> None:
     assert {getattr(side, "kind", None) for side in equations.conditions} == {em.Boundary.ORTHOGONAL}
     assert case.equations().cross_line == 0.0
     assert equations.metric is case.metric
+
+
+def test_another_grid_keeps_the_metric() -> None:
+    """What it measures of u is measured once for all levels of a nested iteration."""
+    problem = em.Problem(monitor=em.ArcLength(u=em.Expression("x + y")), grid=em.Grid(n_xi=9, n_eta=5))
+    other = problem.on_grid(em.Grid(n_xi=17, n_eta=9))
+    assert other == em.Problem(monitor=problem.monitor, grid=em.Grid(n_xi=17, n_eta=9))
+    assert other.metric is problem.metric
