@@ -1,7 +1,7 @@
 """Files of samples broken at random, read in a program of its own with little memory.
 
-``python -m fuzz.broken_files FOLDER CASES`` ends with 0 when every case of every format was read, or refused with a
-sentence. A reader that reserves what a header promises, opens another file, unpickles, warns, or takes seconds ends
+``python -m fuzz.broken_files FOLDER CASES SEED`` ends with 0 when every case of every format was read, or refused with
+a sentence. A reader that reserves what a header promises, opens another file, unpickles, warns, or takes seconds ends
 it with the reason.
 """
 
@@ -15,12 +15,14 @@ import sys
 import time
 import warnings
 from collections import Counter
+from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import meshio
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
 from equimesh.errors import SamplesError
@@ -145,14 +147,22 @@ def watch(folder: Path) -> None:
     sys.addaudithook(hook)
 
 
-def check(
-    source: Path, suffix: str, files: st.SearchStrategy[bytes], cases: int, counts: Counter[tuple[str, str]]
-) -> None:
-    """Read this many files of one format."""
+@dataclass
+class Report:
+    """How many files of each format were read and refused, and a hash of all of them."""
 
-    @settings(max_examples=cases, deadline=None, derandomize=True, database=None)
+    counts: Counter[str] = field(default_factory=Counter)
+    digest: Any = field(default_factory=sha256)
+
+
+def check(source: Path, suffix: str, files: st.SearchStrategy[bytes], number: int, cases: int, report: Report) -> None:
+    """Read this many files of one format; ``number`` is the seed."""
+
+    @seed(number)
+    @settings(max_examples=cases, deadline=None, database=None)
     @given(data=files)
     def read(data: bytes) -> None:
+        report.digest.update(data)
         source.write_bytes(data)
         started = time.monotonic()
         message = ""
@@ -161,7 +171,7 @@ def check(
         except SamplesError as error:
             message = error.message
             assert_sentence(message)
-        counts[suffix, "refused" if message else "read"] += 1
+        report.counts[f"{suffix} {'refused' if message else 'read'}"] += 1
         assert time.monotonic() - started < MOST_SECONDS
 
     read()
@@ -172,7 +182,7 @@ def assert_sentence(message: str) -> None:
     message.encode()
 
 
-def main(folder: Path, cases: int) -> None:
+def main(folder: Path, cases: int, number: int) -> None:
     good, source = good_files(folder), folder / "source"
     hdf5 = [h5(with_cloud), h5(lambda file: with_cloud(file, compression="gzip"))]
     assert {*good} == {*READERS}
@@ -184,14 +194,14 @@ def main(folder: Path, cases: int) -> None:
     address_space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (address_space + MEMORY,) * 2)
     warnings.simplefilter("error")
-    counts: Counter[tuple[str, str]] = Counter()
+    report = Report()
     watch(folder)
 
     for suffix in READERS:
-        check(source, suffix, broken(suffix, good[suffix], hdf5), cases, counts)
+        check(source, suffix, broken(suffix, good[suffix], hdf5), number, cases, report)
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - used
-    print(json.dumps({"counts": {f"{a} {b}": n for (a, b), n in counts.items()}, "grown": grown}))
+    print(json.dumps({"counts": report.counts, "grown": grown, "digest": report.digest.hexdigest()[:16]}))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

@@ -1,4 +1,4 @@
-"""A service of small limits for random requests, and the number of these."""
+"""A service of small limits for random requests, and the number and the seed of these."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ from equimesh_service import Settings, running
 def count_cases(few: int) -> int:
     """The number of cases to send: ``few`` in an ordinary run, ``FUZZ_CASES`` in a long one."""
     return int(os.environ.get("FUZZ_CASES", few))
+
+
+def chosen_seed() -> int:
+    """The seed of all cases: 1, or ``FUZZ_SEED``."""
+    return int(os.environ.get("FUZZ_SEED", "1"))
 
 
 @pytest.fixture(scope="session")

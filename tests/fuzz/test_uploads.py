@@ -1,6 +1,6 @@
 """Uploads of every format, broken at random: read, or refused with a sentence, in bounded memory and time.
 
-``FUZZ_CASES`` sends more.
+``FUZZ_CASES`` sends more, and ``FUZZ_SEED`` others.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 import httpx
 
 from equimesh.upload.samples import READERS
-from fuzz.conftest import count_cases
+from fuzz.conftest import chosen_seed, count_cases
 from service.conftest import small, until
 
 FEW = 150
@@ -23,7 +23,16 @@ TESTS = Path(__file__).parents[1]
 
 def test_readers_survive_any_file(tmp_path: Path) -> None:
     cases = max(FEW, count_cases(0) // len(READERS))
-    command = [sys.executable, "-X", "faulthandler", "-m", "fuzz.broken_files", str(tmp_path), str(cases)]
+    command = [
+        sys.executable,
+        "-X",
+        "faulthandler",
+        "-m",
+        "fuzz.broken_files",
+        str(tmp_path),
+        str(cases),
+        str(chosen_seed()),
+    ]
     environment = {**os.environ, "PYTHONPATH": str(TESTS), "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=1800)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
@@ -34,6 +43,7 @@ def test_readers_survive_any_file(tmp_path: Path) -> None:
         assert refused + read >= cases
         assert refused > cases / 4, suffix
         assert read > 0, suffix  # not all is refused at the door
+    print(f"files: seed {chosen_seed()}, {sum(counts.values())} files, digest {report['digest']}")
     assert report["grown"] < 150 * 2**20
 
 
