@@ -22,6 +22,8 @@ from equimesh.numerics.types import Array
 
 MAX_PATCHES = 1 << 14
 """Rectangles of the largest spline that is evaluated by a polynomial on each: these take 2 MiB, and stay in a cache."""
+OFTEN = 4
+"""So many times as many where the spline is evaluated at many more points than it has rectangles."""
 COUNT = (1, 3, 6)
 """The number of values up to each order: u; u_x, u_y; u_xx, u_xy, u_yy."""
 
@@ -30,16 +32,17 @@ COUNT = (1, 3, 6)
 class Bicubic:
     """A bicubic spline: ``coefficients[i, j]`` of the product of the i-th B-spline in x and the j-th in y.
 
-    ``knots`` are those in x and in y.
+    ``knots`` are those in x and in y. ``often`` says that it is evaluated at many more points than it has pieces.
     """
 
     knots: tuple[Array, Array]
     along_x: Axis
     along_y: Axis
     coefficients: Array
+    often: bool = False
 
     @classmethod
-    def of(cls, spline: RectBivariateSpline) -> Bicubic:
+    def of(cls, spline: RectBivariateSpline, *, often: bool = False) -> Bicubic:
         """The same spline, which must be cubic in both directions."""
         knots_x, knots_y, coefficients = (np.ascontiguousarray(part, dtype=float) for part in spline.tck)
         return cls(
@@ -47,6 +50,7 @@ class Bicubic:
             along_x=Axis.between(knots_x),
             along_y=Axis.between(knots_y),
             coefficients=coefficients.reshape(len(knots_x) - ORDER, len(knots_y) - ORDER),
+            often=often,
         )
 
     @property
@@ -91,7 +95,7 @@ class Bicubic:
     def polynomials(self) -> Array | None:
         """A polynomial on every rectangle between the breaks; ``None`` where they are too many."""
         pieces = self.along_x.breaks.size - 1, self.along_y.breaks.size - 1
-        if pieces[0] * pieces[1] > MAX_PATCHES:
+        if pieces[0] * pieces[1] > MAX_PATCHES * (OFTEN if self.often else 1):
             return None
         polynomials = np.empty((*pieces, ORDER, ORDER))
         fill_polynomials(self.along_x, self.along_y, self.coefficients, polynomials)

@@ -112,7 +112,7 @@ def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
 def through(values: Array) -> Bicubic:
     """The bicubic spline through values at all nodes, over the grid coordinates."""
     s, t = (np.arange(float(n)) for n in values.shape)
-    return Bicubic.of(RectBivariateSpline(s, t, values, s=0))
+    return Bicubic.of(RectBivariateSpline(s, t, values, s=0), often=True)
 
 
 @compiled

@@ -47,13 +47,20 @@ def write_vtu(
             f'<VTKFile type="UnstructuredGrid" version="1.0" byte_order="{order}" header_type="UInt64">\n'
             f'<UnstructuredGrid>\n<Piece NumberOfPoints="{len(points)}" NumberOfCells="{count}">\n'.encode()
         )
-        _section(file, "Points", {"Points": np.pad(points, ((0, 0), (0, 1)))})
+        _section(file, "Points", {"Points": _in_space(points)})
         offsets = np.arange(corners, cells.size + 1, corners, dtype=index)
         types = np.full(count, CELL_TYPES[corners], dtype=np.uint8)
         _section(file, "Cells", {"connectivity": cells.astype(index).reshape(-1), "offsets": offsets, "types": types})
         _section(file, "PointData", point_data)
         _section(file, "CellData", cell_data)
         file.write(b"</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
+
+
+def _in_space(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """The points with z = 0; ``np.pad`` takes three times as long."""
+    result = np.zeros((len(points), 3))
+    result[:, 0], result[:, 1] = points[:, 0], points[:, 1]
+    return result
 
 
 def _section(file: BinaryIO, name: str, arrays: Mapping[str, Array]) -> None:

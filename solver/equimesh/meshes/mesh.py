@@ -56,9 +56,12 @@ class Mesh:
     @property
     def cells(self) -> npt.NDArray[np.int64]:
         """Nodes of every quadrilateral, counter-clockwise, shape ``((n_xi - 1) * (n_eta - 1), 4)``."""
-        number = np.arange(self.x.size).reshape(self.x.shape)
-        corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-        return np.stack([c.ravel() for c in corners], axis=1)
+        n_xi, n_eta = self.x.shape
+        first = (n_eta * np.arange(n_xi - 1)[:, None] + np.arange(n_eta - 1)).reshape(-1)
+        corners = np.empty((first.size, 4), dtype=np.int64)
+        for k, further in enumerate((0, n_eta, n_eta + 1, 1)):
+            np.add(first, further, out=corners[:, k])
+        return corners
 
     @property
     def sides(self) -> dict[str, npt.NDArray[np.int64]]:
