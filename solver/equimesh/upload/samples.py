@@ -1,9 +1,11 @@
 """Samples from an uploaded file: npz, npy, csv, json, vtu, vtk or xdmf."""
 
+import io
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import PurePath
 from typing import Any, Final, TypeAlias
 
@@ -15,6 +17,7 @@ from equimesh.errors import SamplesError
 from equimesh.fields.samples import UNIT_BOX, GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.numerics.types import Array
+from equimesh.upload.limits import MAX_COLUMNS, Limits
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
 from equimesh.upload.xdmf import read_xdmf
 from equimesh.upload.zip_members import open_zip
@@ -36,7 +39,9 @@ NPY_HEADER: Final = {
 NEEDED = "give x, y and values (a grid), or points and values (scattered samples)"
 
 
-def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box: Box | None = None) -> Samples:
+def read_samples(
+    data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, max_samples: int = sys.maxsize, box: Box | None = None
+) -> Samples:
     """u from the contents ``data`` of a file; the suffix of ``filename`` determines the format.
 
     The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
@@ -52,12 +57,15 @@ def read_samples(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, box:
 
     The points of a csv, vtu, vtk or xdmf file that fill a rectilinear grid become :class:`GridSamples`, others
     :class:`ScatteredSamples`. Nothing is ever unpickled, and arrays of more than ``max_bytes`` are not
-    unpacked. Raises :class:`~equimesh.errors.SamplesError`, whose message names the remedy.
+    unpacked. Reading stops after ``max_samples``. Raises :class:`~equimesh.errors.SamplesError`, whose message names
+    the remedy.
     """
-    return samples_of(read_arrays(data, filename, max_bytes=max_bytes), box=box)
+    return samples_of(read_arrays(data, filename, max_bytes=max_bytes, max_samples=max_samples), box=box)
 
 
-def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
+def read_arrays(
+    data: bytes, filename: str, *, max_bytes: int = MAX_BYTES, max_samples: int = sys.maxsize
+) -> dict[str, Any]:
     """The arrays of a file, for :func:`samples_of`; the domain is not needed yet.
 
     Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), or ``values`` (2-D) alone. Raises the
@@ -70,7 +78,10 @@ def read_arrays(data: bytes, filename: str, *, max_bytes: int = MAX_BYTES) -> di
         raise SamplesError(f"{filename!r} has {len(data)} bytes, more than the {max_bytes} allowed")
     if not data.strip():
         raise SamplesError(f"{filename!r} is empty")
-    return READERS[suffix](data, max_bytes)
+    limits = Limits(max_bytes=max_bytes, max_samples=max_samples)
+    arrays = READERS[suffix](data, limits)
+    limits.check(_count_samples(arrays["values"]))
+    return arrays
 
 
 def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
@@ -91,13 +102,23 @@ def read_npz(data: bytes, *, max_bytes: int = MAX_BYTES) -> dict[str, npt.NDArra
         return {key: _parse_npy(members.read(name), key[:80]) for key, name in files.items()}
 
 
-def _read_npz(data: bytes, max_bytes: int) -> dict[str, Any]:
-    with open_zip(data, "npz", max_bytes, "write it with numpy.savez") as members:
+def _count_samples(values: Any) -> int:
+    """The number of the values of a reader, which json gives as lists."""
+    if isinstance(values, np.ndarray):
+        return values.size
+    return sum(len(row) if isinstance(row, list) else 1 for row in values) if isinstance(values, list) else 1
+
+
+def _read_npz(data: bytes, limits: Limits) -> dict[str, Any]:
+    with open_zip(data, "npz", limits.max_bytes, "write it with numpy.savez") as members:
         files = {name.removesuffix(".npy"): name for name in members.names}
-        return {key: _parse_npy(members.read(files[key]), key) for key in _choose(list(files))}
+        chosen = _choose(list(files))
+        for key in chosen:
+            limits.check(members.size(files[key]), limits.max_npy_bytes)
+        return {key: _parse_npy(members.read(files[key]), key) for key in chosen}
 
 
-def _read_npy(data: bytes, _: int) -> dict[str, Any]:
+def _read_npy(data: bytes, _: Limits) -> dict[str, Any]:
     values = _parse_npy(data, "values")
     if values.ndim != 2:
         raise SamplesError(
@@ -129,7 +150,8 @@ def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
     return np.frombuffer(data, dtype, offset=start).reshape(shape, order="F" if order[1] == "True" else "C")
 
 
-def _read_json(data: bytes, _: int) -> dict[str, Any]:
+def _read_json(data: bytes, limits: Limits) -> dict[str, Any]:
+    limits.check(data.count(b",") + 1, limits.max_values)  # at least; without building any of them
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -142,19 +164,16 @@ def _read_json(data: bytes, _: int) -> dict[str, Any]:
     return {key: found[key] for key in _choose(list(found))}
 
 
-def _read_csv(data: bytes, _: int) -> dict[str, Any]:
-    try:
-        lines = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    except UnicodeDecodeError as error:
-        raise SamplesError(f"the csv file is not UTF-8 text (byte {error.start}): save it as UTF-8") from error
+def _read_csv(data: bytes, limits: Limits) -> dict[str, Any]:
     order: list[int] | None = None
     rows: list[tuple[float, float, float]] = []
-    delimiter = _delimiter(lines)
-    for number, line in enumerate(lines, start=1):
-        text = line.partition("#")[0].strip()
-        if not text:
-            continue
-        cells = [cell.strip().strip('"') for cell in text.split(delimiter)]
+    delimiter: str | None = None
+    for number, text in _lines_of(data, limits):
+        if not rows and order is None:
+            delimiter = next((c for c in ";\t," if c in text), None)  # else white space
+        cells = [cell.strip().strip('"') for cell in text.split(delimiter, MAX_COLUMNS)]
+        if len(cells) > MAX_COLUMNS:
+            raise SamplesError(f"line {number} of the csv file has more than {MAX_COLUMNS} columns: send x, y and u")
         if order is None:
             order = _columns(cells, number)
             if order is not None:
@@ -174,16 +193,26 @@ def _read_csv(data: bytes, _: int) -> dict[str, Any]:
                 field="values",
             )
         rows.append((x, y, u))
+        limits.check(len(rows))
     if not rows:
         raise SamplesError("the csv file has no line of samples: it needs the columns x, y, u")
     table = np.array(rows)
     return _from_points(table[:, :2], table[:, 2])
 
 
-def _delimiter(lines: list[str]) -> str | None:
-    """The character between columns: semicolon, tab or comma if the first line has it, else white space."""
-    first = next((text for line in lines if (text := line.partition("#")[0].strip())), "")
-    return next((c for c in ";\t," if c in first), None)
+def _lines_of(data: bytes, limits: Limits) -> Iterator[tuple[int, str]]:
+    """The lines of a csv file that are not empty, without their comments, with their numbers; one after the other."""
+    try:
+        for number, line in enumerate(io.TextIOWrapper(io.BytesIO(data), "utf-8-sig"), start=1):
+            limits.check(number, limits.max_lines)
+            text = line.partition("#")[0].strip()
+            if text:
+                yield number, text
+    except UnicodeDecodeError:
+        try:
+            data.decode("utf-8-sig")  # for the place in the file
+        except UnicodeDecodeError as error:
+            raise SamplesError(f"the csv file is not UTF-8 text (byte {error.start}): save it as UTF-8") from error
 
 
 def _columns(cells: list[str], number: int) -> list[int] | None:
@@ -205,16 +234,16 @@ def _columns(cells: list[str], number: int) -> list[int] | None:
     return None
 
 
-def _read_vtu(data: bytes, max_bytes: int) -> dict[str, Any]:
-    return _from_cloud(*read_vtu(data, max_bytes=max_bytes))
+def _read_vtu(data: bytes, limits: Limits) -> dict[str, Any]:
+    return _from_cloud(*read_vtu(data, limits))
 
 
-def _read_vtk(data: bytes, _: int) -> dict[str, Any]:
-    return _from_cloud(*read_legacy_vtk(data))
+def _read_vtk(data: bytes, limits: Limits) -> dict[str, Any]:
+    return _from_cloud(*read_legacy_vtk(data, limits))
 
 
-def _read_xdmf(data: bytes, max_bytes: int) -> dict[str, Any]:
-    return _from_cloud(*read_xdmf(data, max_bytes=max_bytes))
+def _read_xdmf(data: bytes, limits: Limits) -> dict[str, Any]:
+    return _from_cloud(*read_xdmf(data, limits))
 
 
 def _from_cloud(points: Array, fields: dict[str, Array]) -> dict[str, Any]:
@@ -245,7 +274,7 @@ def _choose(found: list[str]) -> tuple[str, ...]:
     raise SamplesError(f"the file holds {', '.join(map(repr, sorted(found)[:10])) or 'nothing'}: {NEEDED}")
 
 
-READERS: Final[dict[str, Callable[[bytes, int], dict[str, Any]]]] = {
+READERS: Final[dict[str, Callable[[bytes, Limits], dict[str, Any]]]] = {
     "npz": _read_npz,
     "npy": _read_npy,
     "csv": _read_csv,

@@ -1,7 +1,7 @@
 """Points and point data of VTK files that a caller sends: ``.vtu`` (XML) and legacy ``.vtk``.
 
-Only the data of samples is decoded, and at most ``max_bytes`` of it: the size of an expanded block is known from the
-number of points before it is expanded. Cells are skipped.
+Only the data of samples is decoded, and at most as many bytes and samples of it as the limits allow: the size of an
+expanded block is known from the number of points before it is expanded. Cells are skipped.
 """
 
 import base64
@@ -9,7 +9,7 @@ import binascii
 import lzma
 import re
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Literal, TypeAlias
 from xml.etree import ElementTree
@@ -18,6 +18,7 @@ import numpy as np
 
 from equimesh.errors import SamplesError
 from equimesh.numerics.types import Array
+from equimesh.upload.limits import MAX_SECTIONS, Limits
 from equimesh.upload.xml_tree import parse_xml
 
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]
@@ -35,20 +36,24 @@ DECOMPRESSORS: dict[str, Callable[[], Any]] = {
     "vtkLZMADataCompressor": partial(lzma.LZMADecompressor, memlimit=2**26),
 }
 LEGACY_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
+_BLANK_LINE = re.compile(rb"\n[^\S\n]*(\n|\Z)")
+_WORD = re.compile(rb"\S")
 LEGACY_CELLS = {"CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"}
 
 
-def read_vtu(data: bytes, *, max_bytes: int) -> Cloud:
+def read_vtu(data: bytes, limits: Limits) -> Cloud:
     """Points, shape ``(n, 3)``, and the scalar point data by name, each ``(n,)``, of a VTK XML file.
 
     Reads every encoding: text, inline base64, appended base64 or raw, uncompressed or with zlib or LZMA.
     Raises :class:`~equimesh.errors.SamplesError`.
     """
     try:
-        reader = _VtuReader(data, max_bytes)
-        points, fields = [], []
+        reader = _VtuReader(data, limits.max_bytes)
+        points, fields, total = [], [], 0
         for piece in reader.root.iter("Piece"):
             count = int(piece.attrib["NumberOfPoints"])
+            total += max(count, 0)
+            limits.check(total)
             where = piece.find("Points/DataArray")
             if where is None:
                 raise SamplesError("a piece of the vtu file has no points")
@@ -101,7 +106,7 @@ class _VtuReader:
             raise SamplesError(f"the vtu file holds more data than the limit allows (reached at {name!r})")
         form = element.get("format", "ascii")
         if form == "ascii":
-            values = np.array((element.text or "").split(), dtype=np.float64)
+            values = np.array((element.text or "").split(None, size)[: size + 1], dtype=np.float64)
         else:
             block, raw = (element.text or "").strip().encode(), False
             if form == "appended":
@@ -144,14 +149,14 @@ def _take(block: bytes, raw: bool, count: int) -> bytes:
     return found
 
 
-def read_legacy_vtk(data: bytes) -> Cloud:
+def read_legacy_vtk(data: bytes, limits: Limits) -> Cloud:
     """Points, shape ``(n, 3)``, and the scalar point data by name, each ``(n,)``, of a legacy VTK file.
 
     Reads text and binary files of versions 1 to 5 whose dataset lists its points (unstructured or structured
     grid, poly data). Raises :class:`~equimesh.errors.SamplesError`.
     """
     try:
-        return _LegacyReader(data).read()
+        return _LegacyReader(data, limits).read()
     except (KeyError, ValueError, IndexError) as error:
         if isinstance(error, SamplesError):
             raise
@@ -161,8 +166,8 @@ def read_legacy_vtk(data: bytes) -> Cloud:
 class _LegacyReader:
     """A cursor over a legacy file: lines of words, and arrays in the file's encoding."""
 
-    def __init__(self, data: bytes) -> None:
-        self.data, self.at = data, 0
+    def __init__(self, data: bytes, limits: Limits) -> None:
+        self.data, self.at, self.limits, self.sections = data, 0, limits, 0
         self.points: Array | None = None
         self.fields: dict[str, Array] = {}
         if not self._line().startswith(b"# vtk DataFile"):
@@ -176,6 +181,7 @@ class _LegacyReader:
     def read(self) -> Cloud:
         on_points, count = False, 0
         while words := self._words():
+            self._count_section()
             key = words[0].upper()
             if key in ("POINT_DATA", "CELL_DATA"):
                 on_points, count = key == "POINT_DATA", int(words[1])
@@ -193,22 +199,23 @@ class _LegacyReader:
 
     def _geometry(self, key: str, words: list[str]) -> None:
         if key == "POINTS":
+            self.limits.check(int(words[1]))
             self.points = self._array(words[2], 3 * int(words[1])).reshape(-1, 3)
         elif key in LEGACY_CELLS:
             before, line = self.at, self._words()
             if line and line[0].upper() == "OFFSETS":  # version 5
-                self._array(line[1], int(words[1]))
-                self._array(self._words()[1], int(words[2]))
+                self._skip(line[1], int(words[1]))
+                self._skip(self._words()[1], int(words[2]))
             else:
                 self.at = before
-                self._array("int", int(words[2]))
+                self._skip("int", int(words[2]))
         elif key == "CELL_TYPES":
-            self._array("int", int(words[1]))
+            self._skip("int", int(words[1]))
         elif key == "METADATA":
-            while self._line().strip():
-                pass
+            blank = _BLANK_LINE.search(self.data, self.at - 1)
+            self.at = len(self.data) if blank is None else blank.end()
         elif key == "LOOKUP_TABLE":
-            self._array("unsigned_char" if not self.ascii else "float", 4 * int(words[2]))
+            self._skip("unsigned_char" if not self.ascii else "float", 4 * int(words[2]))
         elif key not in ("DATASET", "DIMENSIONS"):
             raise SamplesError(
                 f"section {words[0][:30]!r} of the vtk file is not known: save it as an unstructured grid"
@@ -217,11 +224,12 @@ class _LegacyReader:
     def _attribute(self, key: str, words: list[str], count: int, on_points: bool) -> None:
         if key == "FIELD":
             for _ in range(int(words[2])):
+                self._count_section()
                 line = self._words()
                 if line[0].upper() == "METADATA":
                     self._geometry("METADATA", line)
                     line = self._words()
-                self._keep(line[0], self._array(line[3], int(line[1]) * int(line[2])), int(line[1]), on_points)
+                self._take(line[0], line[3], int(line[1]), int(line[2]), on_points)
             return
         components = LEGACY_COMPONENTS.get(key, 1)
         dtype = words[2]
@@ -230,11 +238,20 @@ class _LegacyReader:
         if key == "SCALARS":
             components = int(words[3]) if len(words) > 3 else 1
             self._words()  # LOOKUP_TABLE and its name
-        self._keep(words[1], self._array(dtype, components * count), components, on_points)
+        self._take(words[1], dtype, components, count, on_points)
 
-    def _keep(self, name: str, values: Array, components: int, on_points: bool) -> None:
+    def _take(self, name: str, dtype: str, components: int, count: int, on_points: bool) -> None:
+        """Read an attribute if it is a number at each point, and skip it otherwise."""
         if on_points and components == 1:
-            self.fields[name] = values
+            self.limits.check(count)
+            self.fields[name] = self._array(dtype, count)
+        else:
+            self._skip(dtype, components * count)
+
+    def _count_section(self) -> None:
+        self.sections += 1
+        if self.sections > MAX_SECTIONS:
+            raise SamplesError(f"the vtk file has more than {MAX_SECTIONS} sections and arrays")
 
     def _line(self) -> bytes:
         end = self.data.find(b"\n", self.at)
@@ -244,26 +261,46 @@ class _LegacyReader:
 
     def _words(self) -> list[str]:
         """The words of the next line that is not blank; none at the end of the file."""
-        while self.at < len(self.data):
-            words = self._line().decode("latin-1").split()
-            if words:
-                return words
-        return []
+        found = _WORD.search(self.data, self.at)  # any number of blank lines before it, in one step
+        if found is None:
+            self.at = len(self.data)
+            return []
+        self.at = found.start()
+        return self._line().decode("latin-1").split()
 
     def _array(self, type_name: str, size: int) -> Array:
+        """The next ``size`` numbers."""
+        dtype = self._checked(type_name, size)
+        if self.ascii:
+            return np.array([word for line in self._lines(size) for word in line], dtype=np.float64)
+        values = np.frombuffer(self.data, dtype, count=size, offset=self.at).astype(np.float64)
+        self.at += size * dtype.itemsize
+        return values
+
+    def _skip(self, type_name: str, size: int) -> None:
+        """Go past the next ``size`` numbers, and keep none of them."""
+        dtype = self._checked(type_name, size)
+        if self.ascii:
+            for _ in self._lines(size):
+                pass
+        else:
+            self.at += size * dtype.itemsize
+
+    def _checked(self, type_name: str, size: int) -> np.dtype[Any]:
+        """The type of an array that the file is long enough for."""
         dtype = np.dtype(LEGACY_TYPES[type_name.lower()]).newbyteorder(">")
         if size < 0 or size * (2 if self.ascii else dtype.itemsize) > len(self.data) - self.at + 2:
             raise SamplesError(f"the vtk file ends before the {size} numbers of an array")
-        if not self.ascii:
-            values = np.frombuffer(self.data, dtype, count=size, offset=self.at).astype(np.float64)
-            self.at += size * dtype.itemsize
-            return values
-        words: list[str] = []
-        while len(words) < size:
+        return dtype
+
+    def _lines(self, size: int) -> Iterator[list[str]]:
+        """The words of the lines that hold the next ``size`` numbers of a text file."""
+        count = 0
+        while count < size:
             line = self._words()
             if not line:
                 raise SamplesError(f"the vtk file ends before the {size} numbers of an array")
-            words += line
-        if len(words) > size:
-            raise SamplesError(f"the vtk file has {len(words)} numbers where {size} are expected")
-        return np.array(words, dtype=np.float64)
+            count += len(line)
+            if count > size:
+                raise SamplesError(f"the vtk file has {count} numbers where {size} are expected")
+            yield line

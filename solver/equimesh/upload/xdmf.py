@@ -15,6 +15,7 @@ import numpy as np
 
 from equimesh.errors import SamplesError
 from equimesh.numerics.types import Array
+from equimesh.upload.limits import Limits
 from equimesh.upload.xml_tree import parse_xml
 from equimesh.upload.zip_members import Members, open_zip
 
@@ -29,18 +30,18 @@ REMEDY = "send the zip of an .xdmf and its .h5 file, as GET /v1/meshes/{id}/file
 AS_ARRAYS = "dolfinx writes such files; send the points and values of the function in an .npz file instead"
 
 
-def read_xdmf(data: bytes, *, max_bytes: int) -> Cloud:
+def read_xdmf(data: bytes, limits: Limits) -> Cloud:
     """Points, shape ``(n, 2)``, and the scalar point data by name, each ``(n,)``, of the first grid.
 
     Of several ``.xdmf`` members the first is read. Raises :class:`~equimesh.errors.SamplesError`.
     """
     if not data.startswith(b"PK"):
-        return _XdmfReader(data, _no_member, max_bytes).read()
-    with open_zip(data, "xdmf", max_bytes, REMEDY) as members:
+        return _XdmfReader(data, _no_member, limits).read()
+    with open_zip(data, "xdmf", limits.max_bytes, REMEDY) as members:
         descriptions = [name for name in members.names if name.endswith(".xdmf")]
         if not descriptions:
             raise SamplesError(f"the zip file has no member that ends in .xdmf: {REMEDY}")
-        return _XdmfReader(members.read(descriptions[0]), _member_of(members), max_bytes).read()
+        return _XdmfReader(members.read(descriptions[0]), _member_of(members), limits).read()
 
 
 def _no_member(name: str) -> bytes:
@@ -63,9 +64,9 @@ def _member_of(members: Members) -> ReadMember:
 class _XdmfReader:
     """One XDMF description, and how the arrays are found that it names."""
 
-    def __init__(self, description: bytes, member: ReadMember, max_bytes: int) -> None:
+    def __init__(self, description: bytes, member: ReadMember, limits: Limits) -> None:
         self.root = parse_xml(description, "xdmf", AS_ARRAYS)
-        self.member, self.budget = member, max_bytes
+        self.member, self.budget, self.limits = member, limits.max_bytes, limits
         if self.root.tag != "Xdmf":
             raise SamplesError(f"the xdmf file starts with <{self.root.tag[:40]}>, not with <Xdmf>")
 
@@ -79,8 +80,8 @@ class _XdmfReader:
         kind = geometry.get("GeometryType", geometry.get("Type", "XYZ"))
         if kind.upper() not in COMPONENTS:
             raise SamplesError(f"the geometry of the xdmf file is {kind[:40]!r}: save its points as XY or XYZ")
-        points = self._array(geometry, "points").ravel()
         width = COMPONENTS[kind.upper()]
+        points = self._array(geometry, "points", width).ravel()
         if points.size % width:
             raise SamplesError(f"the xdmf file has {points.size} coordinates, not {width} for each point")
         points = points.reshape(-1, width)[:, :2]
@@ -94,8 +95,8 @@ class _XdmfReader:
                     raise SamplesError(f"point data {name[:40]!r} has {len(values)} values for {len(points)} points")
         return points, fields
 
-    def _array(self, owner: ElementTree.Element, name: str) -> Array:
-        """The numbers of the one DataItem of an element."""
+    def _array(self, owner: ElementTree.Element, name: str, width: int = 1) -> Array:
+        """The numbers of the one DataItem of an element, ``width`` for each point."""
         items = owner.findall("DataItem")
         if len(items) != 1 or len(items[0]) or {"Reference", "ItemType"} & set(items[0].attrib):
             raise SamplesError(f"{name[:40]!r} of the xdmf file is not one plain DataItem: save it as one array")
@@ -107,13 +108,14 @@ class _XdmfReader:
         count = 1
         for size in shape:
             count *= size
+        self.limits.check(count // width)
         self.budget -= 8 * count
         if self.budget < 0:
             raise SamplesError(f"the xdmf file holds more data than the limit allows (reached at {name[:40]!r})")
         form, text = item.get("Format", "XML").upper(), item.text or ""
         if form not in ("XML", "HDF"):
             raise SamplesError(f"{name[:40]!r} of the xdmf file has the format {form[:20]!r}: save it as XML or HDF")
-        values = _numbers(text, name) if form == "XML" else self._heavy(text.strip(), count, name)
+        values = _numbers(text, count, name) if form == "XML" else self._heavy(text.strip(), count, name)
         if values.size != count:
             raise SamplesError(f"{name[:40]!r} of the xdmf file has {values.size} numbers where {count} are expected")
         return values.reshape(shape)
@@ -125,9 +127,10 @@ class _XdmfReader:
         return _read_hdf5(self.member(file), path, count, name)
 
 
-def _numbers(text: str, name: str) -> Array:
+def _numbers(text: str, count: int, name: str) -> Array:
+    """The numbers of a text: ``count``, or one more that shows that there are too many."""
     try:
-        return np.array(text.split(), dtype=np.float64)
+        return np.array(text.split(None, count)[: count + 1], dtype=np.float64)
     except ValueError as error:
         raise SamplesError(f"{name[:40]!r} of the xdmf file cannot be read: {str(error)[:200]}") from error
 

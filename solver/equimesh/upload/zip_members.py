@@ -40,6 +40,10 @@ class Members:
     def __post_init__(self) -> None:
         self.names = self.archive.namelist()
 
+    def size(self, name: str) -> int:
+        """The bytes of a member when it is unpacked, as the zip file states them."""
+        return self.archive.getinfo(name).file_size
+
     def read(self, name: str) -> bytes:
         """The bytes of a member, which are never written to a file."""
         member = self.archive.getinfo(name)
