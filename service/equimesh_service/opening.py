@@ -94,7 +94,8 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                 "engine": lambda: _health(engine),
                 "exports": lambda: _health(side_workers),
                 "dispatcher": lambda: OK if dispatcher.is_alive() else "stopped",
-            }
+            },
+            warn=store.clock_warning,
         ),
     )
 

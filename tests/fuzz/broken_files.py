@@ -26,13 +26,14 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
 from equimesh.errors import SamplesError
+from equimesh.upload.limits import Limits
 from equimesh.upload.samples import READERS
 from equimesh_service.assembly.samples import convert
 from solver.upload.files import CLOUD, CLOUD_U, TABLE, X, Y, csv, npy, npz
 from solver.upload.markup import IN_H5, VTK_HEAD, h5, vtu, with_cloud, zipped
 
 MEMORY = 256 * 2**20  # on top of what the readers need to start
-MOST_BYTES = 1_000_000
+LIMITS = Limits(max_bytes=1_000_000)
 # Some milliseconds are usual; a file that takes a reader this long would delay the service.
 MOST_SECONDS = 30.0
 FORBIDDEN = ("pickle.find_class", "socket.connect", "socket.getaddrinfo", "subprocess.Popen", "os.system")
@@ -167,7 +168,7 @@ def check(source: Path, suffix: str, files: st.SearchStrategy[bytes], number: in
         started = time.monotonic()
         message = ""
         try:
-            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES, alone=True)
+            convert(source, f"u.{suffix}", source.with_suffix(".npz"), LIMITS, alone=True)
         except SamplesError as error:
             message = error.message
             assert_sentence(message)
@@ -189,7 +190,7 @@ def main(folder: Path, cases: int, number: int) -> None:
     for suffix, files in good.items():
         for data in files:
             source.write_bytes(data)
-            convert(source, f"u.{suffix}", source.with_suffix(".npz"), MOST_BYTES, alone=True)
+            convert(source, f"u.{suffix}", source.with_suffix(".npz"), LIMITS, alone=True)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     address_space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (address_space + MEMORY,) * 2)

@@ -1,4 +1,7 @@
-"""Two services on one PostgreSQL and one folder of files share the work, and each takes over from the other."""
+"""Two services on one PostgreSQL and one folder of files share the work, and each takes over from the other.
+
+The clock of one is an hour behind, that of the other an hour ahead.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import httpx
@@ -21,6 +25,7 @@ from service.processes import ServiceProcess, service_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
 _LEASE = 3.0
+_HOUR = 3600.0
 # The transaction of a frozen replica is undone after this time, which is shorter than the usual one.
 _IDLE_OPTION = "-c idle_in_transaction_session_timeout=2s"
 _STARTS = re.compile(r"mesh (m-\w+) starts, attempt (\d+)")
@@ -101,8 +106,8 @@ def pair(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Iterat
             "LOG_LEVEL": "info",
         }
         with (
-            service_process(folder / "a", workers=1, **shared) as a,
-            service_process(folder / "b", workers=1, **shared) as b,
+            service_process(folder / "a", workers=1, shift=-_HOUR, **shared) as a,
+            service_process(folder / "b", workers=1, shift=_HOUR, **shared) as b,
         ):
             a.start()
             b.start()
@@ -120,6 +125,22 @@ def test_the_work_is_shared_and_each_mesh_is_begun_once(pair: Pair) -> None:
     mine, others = begun(pair.a), begun(pair.b)
     assert sorted(mine + others) == sorted((name, 1) for name in names)
     assert min(len(mine), len(others)) >= 2
+
+
+def test_wrong_clocks_are_reported_and_lose_nothing(pair: Pair) -> None:
+    for service, words in ((pair.a, "s behind that of the database"), (pair.b, "s ahead of that of the database")):
+        answer = httpx.get(f"{service.url}/readyz", timeout=60.0)
+        assert answer.status_code == 200
+        assert re.fullmatch(rf"this machine's clock is 3\d\d\d {words}", answer.json()["warnings"][0])
+    names = [ask(pair.a, SLOW).json()["id"] for _ in range(2)]
+    until(lambda: {look(pair.a, name)["status"] for name in names} == {"running"})
+    time.sleep(1.5 * _LEASE)  # both replicas look after leases that have expired, and have renewed theirs
+    for name in names:
+        mesh = look(pair.b, name)
+        assert (mesh["status"], mesh["attempts"]) == ("running", 1)
+        assert abs(datetime.fromisoformat(mesh["created_at"]).timestamp() - time.time()) < 600.0
+        httpx.post(f"{pair.b.url}/v1/meshes/{name}/cancel", timeout=60.0)
+        assert pair.states(name) == ["queued", "running", "canceled"]
 
 
 def test_a_mesh_is_followed_waited_for_and_downloaded_through_the_other(pair: Pair) -> None:

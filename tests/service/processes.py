@@ -16,18 +16,28 @@ from pathlib import Path
 
 import httpx
 
-_START_SECONDS = 120.0
+_START_SECONDS = 300.0
 _STOP_SECONDS = 30.0
+_SHIFTED = """\
+import time
+
+_real = time.time
+time.time = lambda: _real() + {shift}
+"""
 
 
 @dataclass
 class ServiceProcess:
-    """``equimesh serve`` on a port and a folder; it can be killed and started again any number of times."""
+    """``equimesh serve`` on a port and a folder; it can be killed and started again any number of times.
+
+    The clock of all its processes is ``shift`` seconds ahead.
+    """
 
     folder: Path
     port: int
     settings: dict[str, str]
     workers: int = 2
+    shift: float = 0.0
     _process: subprocess.Popen[bytes] | None = field(default=None, init=False)
     _below: set[int] = field(default_factory=set, init=False)
 
@@ -54,6 +64,10 @@ class ServiceProcess:
         settings = {"LOG_LEVEL": "warning", "THREADS": "1", **self.settings}
         environment = {**os.environ, **{f"EQUIMESH_{name}": value for name, value in settings.items()}}
         self.folder.mkdir(exist_ok=True)
+        if self.shift:
+            # Python runs this module at the start of every process.
+            (self.folder / "sitecustomize.py").write_text(_SHIFTED.format(shift=self.shift))
+            environment["PYTHONPATH"] = os.pathsep.join((str(self.folder), *filter(None, [os.getenv("PYTHONPATH")])))
         with (self.folder / "log").open("a") as log:
             self._process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
 
@@ -118,9 +132,9 @@ class ServiceProcess:
 
 
 @contextmanager
-def service_process(folder: Path, *, workers: int = 2, **settings: str) -> Iterator[ServiceProcess]:
+def service_process(folder: Path, *, workers: int = 2, shift: float = 0.0, **settings: str) -> Iterator[ServiceProcess]:
     """A service that is not started yet, and is ended after the ``with``; settings as in the environment."""
-    service = ServiceProcess(folder, free_port(), settings, workers)
+    service = ServiceProcess(folder, free_port(), settings, workers, shift)
     try:
         yield service
     finally:

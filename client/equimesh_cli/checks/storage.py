@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import stat
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -88,13 +87,13 @@ def clock(settings: Settings) -> Finding | None:
     """Whether this machine's clock agrees with the database; None where there is nothing to compare with."""
     if not has_tables(settings):
         return None
+    from equimesh_service.store.clock import describe_skew
+
     with open_inspection(settings) as inspection:
-        ahead = inspection.clock_ahead()
-    message = f"the database is {abs(ahead):.1f} s {'ahead of' if ahead > 0 else 'behind'} the clock of this machine"
-    if abs(ahead) > settings.lease:
-        return failed(message, "set the clocks (NTP): services on one database must agree to within EQUIMESH_LEASE")
-    if abs(ahead) > settings.lease / 4:
-        return warning(message, "set the clocks (NTP) before they differ by EQUIMESH_LEASE")
+        ahead = inspection.clock_skew()
+    message = describe_skew(ahead)
+    if message is not None:
+        return warning(message, "set the clocks (NTP): logs, traces and requests to S3 have the time of this machine")
     return ok(f"the clocks agree to {abs(ahead):.1f} s")
 
 
@@ -169,7 +168,7 @@ def open_inspection(settings: Settings) -> Iterator[InspectionStore]:
 
     database = Database(settings.database, durable=False)
     try:
-        yield InspectionStore(database, time.time)
+        yield InspectionStore(database)
     finally:
         database.close()
 

@@ -12,10 +12,10 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import time
 from typing import Any, TypeVar
 
 from equimesh.specs.spec import BuiltSpec
+from equimesh.upload.limits import Limits
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
@@ -128,6 +128,10 @@ class Admission:
     def _limits(self) -> SpecLimits:
         return SpecLimits(max_points=self.settings.max_points, max_samples=self.settings.max_samples)
 
+    @property
+    def _file_limits(self) -> Limits:
+        return Limits(max_bytes=4 * self.settings.max_body, max_samples=self.settings.max_samples)
+
     def find_samples(self, samples_id: str, pointer: str, caller: Caller) -> SamplesRow:
         """The row of samples that the caller has uploaded; raises a 422 problem."""
         row = self.store.samples.get(samples_id, caller.only)
@@ -160,7 +164,7 @@ class Admission:
             arrays = self._read_light(upload, pointer, alone=False)
             if "points" not in arrays:
                 built = check(spec.canonical, {UPLOAD: arrays})
-                new = intake.pack(arrays, time())
+                new = intake.pack(arrays, self.store.clock())
                 return built, new, new.row
         with self._convert(upload, pointer, alone=False) as (path, summary):
             self._check(spec, rows, {**files, UPLOAD: path})
@@ -168,7 +172,7 @@ class Admission:
 
     def _read_light(self, upload: Upload, pointer: str, *, alone: bool) -> Arrays:
         with translate_errors(pointer):
-            arrays = intake.read(upload.data, upload.filename, 4 * self.settings.max_body, alone=alone)
+            arrays = intake.read(upload.data, upload.filename, self._file_limits, alone=alone)
         self._limits.check_number(arrays["values"].size, pointer)
         return arrays
 
@@ -181,17 +185,16 @@ class Admission:
                 with path.open("wb") as file:
                     summary = intake.write(arrays, file)
             else:
-                most = 4 * self.settings.max_body
                 with self.files.unfinished(".upload") as source:
                     source.write_bytes(upload.data)
                     read = partial(intake.convert, alone=alone)
-                    summary = self.work(pointer, read, source, upload.filename, path, most)
+                    summary = self.work(pointer, read, source, upload.filename, path, self._file_limits)
             self._limits.check_number(math.prod(summary["shape"]), pointer)
             yield path, summary
 
     def _keep(self, path: Path, summary: dict[str, Any], caller: Caller, *, durable: bool) -> tuple[SamplesRow, bool]:
         file = self.files.seal(path)
-        row = intake.row_of(file, summary, time())
+        row = intake.row_of(file, summary, self.store.clock())
         new = self.store.samples.add(
             row, partial(self.files.publish, path, file), key_id=caller.key_id, durable=durable
         )

@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from time import time
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -206,7 +205,7 @@ class Stepping:
             np.savez(path, x=mesh.x, y=mesh.y, values=u)
             file = self.files.seal(path)
             summary = {"kind": "nodal", "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
-            row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, time())
+            row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, self.store.clock())
             self.store.samples.add(row, partial(self.files.publish, path, file), key_id=caller.key_id)
         return row
 

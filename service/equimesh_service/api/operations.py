@@ -42,10 +42,15 @@ async def livez() -> dict[str, str]:
 )
 @router.head("/readyz", summary="As GET, without a body", operation_id="headReadiness", responses=_UNREADY)
 async def readyz(service: ServiceDependency) -> Response:
-    """Whether the store, the files, the engine and the dispatcher work, by checks that are at most a second old."""
+    """Whether the store, the files, the engine and the dispatcher work, by checks that are at most a second old.
+
+    `warnings` has sentences about what is wrong but stops no work.
+    """
     checks = await service.readiness.check()
     ready = all(result == OK for result in checks.values())
-    return JSONResponse({"status": OK if ready else "unavailable", "checks": checks}, 200 if ready else 503)
+    status = OK if ready else "unavailable"
+    body = {"status": status, "checks": checks, "warnings": service.readiness.warnings()}
+    return JSONResponse(body, 200 if ready else 503)
 
 
 @router.get(

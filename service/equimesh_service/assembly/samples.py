@@ -26,6 +26,7 @@ from equimesh.domains.domain import Box, Interval
 from equimesh.errors import SamplesError
 from equimesh.fields.samples import MIN_CUBIC
 from equimesh.inputs import count_noun, real_array
+from equimesh.upload.limits import Limits
 from equimesh.upload.samples import read_arrays, samples_of
 from equimesh_service.files.port import StoredFile
 from equimesh_service.spec.bounds import check_bounds
@@ -34,8 +35,6 @@ from equimesh_service.store.rows import NewSamples, SamplesRow
 Arrays: TypeAlias = Mapping[str, Any]
 # The most bytes of samples that the service reads itself, also when they are unpacked.
 MAX_LIGHT_BYTES = 256 * 1024
-# Bytes of one value in an array.
-_VALUE_BYTES = 8
 # The share of the box around a domain with curved sides that the nodes of a mesh may leave out.
 _RIM_SHARE = 0.05
 
@@ -53,7 +52,7 @@ def is_light(data: bytes, filename: str) -> bool:
         return False  # a worker reports what is wrong
 
 
-def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
+def read(data: bytes, filename: str, limits: Limits, *, alone: bool) -> Arrays:
     """The canonical arrays of an upload.
 
     ``alone`` says that they come without a domain: faults on every domain are then found here, otherwise when a field
@@ -61,8 +60,9 @@ def read(data: bytes, filename: str, max_bytes: int, *, alone: bool) -> Arrays:
     :func:`~equimesh_service.spec.bounds.check_bounds` for JSON.
     """
     if filename.lower().endswith(".json"):
-        check_bounds(data, max_bytes // _VALUE_BYTES)
-    arrays = canonical_arrays(read_arrays(data, filename, max_bytes=max_bytes))
+        check_bounds(data, limits.max_values)
+    arrays = read_arrays(data, filename, max_bytes=limits.max_bytes, max_samples=limits.max_samples)
+    arrays = canonical_arrays(arrays)
     if alone and "points" not in arrays:
         samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
     return arrays
@@ -93,10 +93,10 @@ def write(arrays: Arrays, file: IO[bytes]) -> dict[str, Any]:
     }
 
 
-def convert(source: Path, filename: str, target: Path, max_bytes: int, *, alone: bool) -> dict[str, Any]:
+def convert(source: Path, filename: str, target: Path, limits: Limits, *, alone: bool) -> dict[str, Any]:
     """:func:`read` a file, and :func:`write` what it holds."""
     with target.open("wb") as file:
-        return write(read(source.read_bytes(), filename, max_bytes, alone=alone), file)
+        return write(read(source.read_bytes(), filename, limits, alone=alone), file)
 
 
 def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:

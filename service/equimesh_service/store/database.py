@@ -5,7 +5,8 @@ rows that must not change meanwhile, or takes a lock by name.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from hashlib import sha256
@@ -21,6 +22,7 @@ from sqlalchemy.exc import ArgumentError
 from sqlalchemy.sql.dml import ReturningInsert
 
 from equimesh_service.errors import UnusableDatabaseError
+from equimesh_service.store.clock import ServerClock
 
 _ADDRESS_FORMS = "addresses are postgresql+psycopg://user:password@host/name and sqlite:////path/of/a/file"
 _POSTGRES = ("postgres", "postgresql", "postgresql+psycopg")
@@ -36,7 +38,8 @@ class Database:
     """Reading and writing transactions, for all threads of a process.
 
     With ``durable`` every commit is on disk when it returns. Without, a crash of the machine may undo the last commits;
-    a crash of the process does not. Raises :class:`UnusableDatabaseError`.
+    a crash of the process does not. ``clock`` returns the database's time in seconds since 1970; that of SQLite is this
+    machine's. Raises :class:`UnusableDatabaseError`.
     """
 
     def __init__(self, url: str, *, durable: bool) -> None:
@@ -45,6 +48,8 @@ class Database:
         # SQLite has one writer at a time; others sleep for longer and longer. The threads of this process wait here
         # instead, where they wake at once.
         self._turns: AbstractContextManager[object] = nullcontext()
+        self._server_clock = None if address.get_backend_name() == "sqlite" else ServerClock(self.read)
+        self.clock: Callable[[], float] = self._server_clock or time.time
         if address.get_backend_name() == "sqlite":
             self._turns = RLock()
             arguments: dict[str, Any] = {"timeout": 30.0, "check_same_thread": False}
@@ -75,6 +80,8 @@ class Database:
     def read(self) -> Iterator[Connection]:
         """A transaction that only reads."""
         with self._engine.connect() as connection:
+            if self._server_clock is not None:
+                self._server_clock.follow(connection)
             yield connection
 
     @contextmanager
@@ -92,6 +99,8 @@ class Database:
         ):
             if self._durable and not durable and connection.dialect.name == "postgresql":
                 connection.execute(text("SET LOCAL synchronous_commit TO off"))
+            if self._server_clock is not None:
+                self._server_clock.follow(connection)
             yield connection
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from sqlalchemy import func, select
 
 from equimesh_service.errors import UnusableDatabaseError
+from equimesh_service.store.clock import MAX_SKEW_SECONDS, skew
 from equimesh_service.store.database import Database, sqlite_file
 from equimesh_service.store.schema import artifacts, keys, meshes, samples
 
@@ -15,9 +16,9 @@ from equimesh_service.store.schema import artifacts, keys, meshes, samples
 class InspectionStore:
     """Inspects a database of this release, without changes."""
 
-    def __init__(self, database: Database, clock: Callable[[], float]) -> None:
+    def __init__(self, database: Database, clock: Callable[[], float] | None = None) -> None:
         self._read = database.read
-        self._clock = clock
+        self._clock = clock or database.clock
 
     def fault(self) -> str | None:
         """The fault that SQLite finds in its file, None for a sound one; PostgreSQL checks its files itself."""
@@ -27,20 +28,15 @@ class InspectionStore:
             report = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
         return None if report == "ok" else report.splitlines()[-1]
 
-    def clock_ahead(self) -> float:
-        """The seconds that the database's clock, or its newest mesh, is ahead of this machine's clock.
+    def clock_skew(self) -> float:
+        """The seconds that this machine's clock is ahead of the database's; negative when it is behind.
 
-        Negative when the clock of a database server is behind.
+        SQLite has no clock: a mesh from the future shows that this machine's clock is behind.
         """
         with self._read() as connection:
-            before = self._clock()
-            server: float | None = None
-            if connection.dialect.name == "postgresql":
-                server = float(connection.execute(select(func.extract("epoch", func.clock_timestamp()))).scalar_one())
-            here = (before + self._clock()) / 2
             newest = connection.execute(select(func.max(meshes.c.created_at))).scalar() or 0.0
-        ahead = 0.0 if server is None else server - here
-        return max(ahead, newest - here) if newest > here else ahead
+        ahead = skew(self._clock)
+        return ahead if abs(ahead) > MAX_SKEW_SECONDS else min(ahead, self._clock() - newest)
 
     def named_files(self) -> dict[str, int]:
         """The size of every file that a mesh or samples name, by its SHA-256."""

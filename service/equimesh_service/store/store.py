@@ -1,11 +1,11 @@
 """The store: the database of the service, in parts by what they know."""
 
-import time
 from collections.abc import Callable
 
 from sqlalchemy import func, select
 
 from equimesh_service.store import migration
+from equimesh_service.store.clock import describe_skew, skew
 from equimesh_service.store.database import Database
 from equimesh_service.store.drafts import DraftStore
 from equimesh_service.store.keys import KeyStore
@@ -22,11 +22,12 @@ class Store:
     """The database behind a URL. One object serves all threads of a process.
 
     With ``durable`` every commit waits for the disk, as the service needs it; the progress of a worker does not.
-    ``clock`` returns the time in seconds since 1970.
+    ``clock`` returns the time in seconds since 1970; it is the database's unless another one is given.
     """
 
-    def __init__(self, url: str, *, durable: bool = True, clock: Callable[[], float] = time.time) -> None:
+    def __init__(self, url: str, *, durable: bool = True, clock: Callable[[], float] | None = None) -> None:
         self.database = Database(url, durable=durable)
+        self.clock = clock = clock or self.database.clock
         self.meshes = MeshesStore(self.database, clock)
         self.queue = QueueStore(self.database, clock)
         self.drafts = DraftStore(self.database, self.meshes, self.queue, clock)
@@ -46,6 +47,10 @@ class Store:
     def close(self) -> None:
         """Close all connections."""
         self.database.close()
+
+    def clock_warning(self) -> str | None:
+        """A sentence about this machine's clock where it differs from the database's, else None."""
+        return describe_skew(skew(self.clock))
 
     def check(self) -> None:
         """Raise when the database does not answer."""

@@ -19,16 +19,31 @@ _MAX_CHECK_SECONDS = 5.0
 
 
 class Readiness:
-    """Runs ``checks``, by name. Each returns None, "ok" or a message, and may raise and block."""
+    """Runs ``checks``, by name. Each returns None, "ok" or a message, and may raise and block.
 
-    def __init__(self, checks: Mapping[str, Callable[[], str | None]], *, timeout: float = _MAX_CHECK_SECONDS) -> None:
+    ``warn`` returns a sentence about what is wrong but stops no work, or None; it returns at once.
+    """
+
+    def __init__(
+        self,
+        checks: Mapping[str, Callable[[], str | None]],
+        *,
+        warn: Callable[[], str | None] = lambda: None,
+        timeout: float = _MAX_CHECK_SECONDS,
+    ) -> None:
         self._checks = checks
+        self._warn = warn
         self._timeout = timeout
         self._lock = asyncio.Lock()
         self._results: dict[str, str] = {}
         self._checked_at = float("-inf")
         # Threads of their own, so that checks that hang take none from requests.
         self._limiter = CapacityLimiter(len(checks))
+
+    def warnings(self) -> list[str]:
+        """Sentences about what is wrong but stops no work."""
+        warning = self._warn()
+        return [] if warning is None else [warning]
 
     async def check(self) -> Mapping[str, str]:
         """The result of each check; simultaneous callers share one run."""

@@ -180,3 +180,10 @@ def test_a_long_spec_comes_with_an_upload(http: httpx.Client) -> None:
     mesh = answered(http, files=parts)
     first, second = http.get(mesh["links"]["spec"]).json()["monitor"]["monitors"]
     assert first["u"] == second["u"]
+
+
+def test_a_file_with_too_many_samples_is_refused_in_a_sentence(http: httpx.Client, settings: Settings) -> None:
+    row, most = b"0.1,0.2,0.3\n", settings.max_samples
+    answer = http.post("/v1/samples", files={"samples": ("u.csv", 10 * most * row)})
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["message"] == f"the file has more than {most} samples, the limit: send fewer"

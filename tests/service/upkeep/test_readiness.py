@@ -32,7 +32,7 @@ def anyio_backend() -> str:
 
 def test_a_service_that_works_is_ready(http: httpx.Client) -> None:
     answer = http.get("/readyz")
-    assert (answer.status_code, answer.json()["status"]) == (200, "ok")
+    assert (answer.status_code, answer.json()["status"], answer.json()["warnings"]) == (200, "ok", [])
     assert set(answer.json()["checks"]) == {"store", "files", "engine", "exports", "dispatcher"}
     for path in ("/readyz", "/livez"):
         head = http.head(path)
@@ -44,7 +44,7 @@ async def test_what_does_not_work_is_named_without_its_address(tmp_path: Path) -
     store, files = Store(f"sqlite:///{tmp_path / 'no' / 'such.sqlite3'}"), FolderFiles(tmp_path / "gone")
     app = create_app(Settings(data_dir=tmp_path))
     checks: dict[str, Any] = {"store": store.check, "files": files.check, "engine": lambda: "workers are starting"}
-    app.state.service = SimpleNamespace(readiness=Readiness(checks))
+    app.state.service = SimpleNamespace(readiness=Readiness(checks, warn=lambda: "the clock is wrong"))
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://here") as http:
         answer = await http.get("/readyz")
         assert (await http.head("/readyz")).status_code == answer.status_code == 503
@@ -56,6 +56,7 @@ async def test_what_does_not_work_is_named_without_its_address(tmp_path: Path) -
             "files": answer.json()["checks"]["files"],
             "engine": "workers are starting",
         },
+        "warnings": ["the clock is wrong"],
     }
     assert answer.json()["checks"]["files"] != OK
     assert str(tmp_path) not in answer.text
