@@ -258,6 +258,28 @@ def test_a_backlog_in_the_queue_delays_nobody(dispatcher: Dispatcher, store: Sto
     assert all(status(store, name) == "succeeded" for name in ("a-0", "a-1", "b-0", "c-0"))
 
 
+def test_a_backlog_delays_nobody_at_any_of_several_services(database_url: str) -> None:
+    store, engines = Store(database_url), {"one": Patient(), "two": Patient()}
+    store.prepare()
+    dispatchers = [
+        Dispatcher(name, store, engine, lambda *_: (print, ()), Rules(poll=0.01), lambda _: None)
+        for name, engine in engines.items()
+    ]
+    add_backlog(store, 1000, "a", SPEC)
+    for dispatcher in dispatchers:
+        dispatcher.start(alone=False)
+    until(lambda: all(len(engine.tasks) == 2 for engine in engines.values()))
+    add_backlog(store, 2, "b", SPEC)
+    for name, engine in engines.items():
+        store.queue.finish(min(store.queue.find_held(name), key=lambda claim: int(claim.mesh_id.removeprefix("a-"))))
+        engine.tasks[0].set_result(Ending(status="succeeded"))
+        until(lambda tasks=engine.tasks: len(tasks) == 3)
+    assert store.queue.find_waiting().running == {"a": 2, "b": 2}
+    for dispatcher in dispatchers:
+        dispatcher.stop()
+    store.close()
+
+
 def test_a_request_that_waits_and_a_backlog_take_turns(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
     until(dispatcher.line.reserve)
     until(dispatcher.line.reserve)
