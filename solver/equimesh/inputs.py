@@ -30,7 +30,7 @@ def real_array(value: object, name: str, *, ndim: int) -> Array:
             f"{name} has shape {array.shape}: it must have {count_noun(ndim, 'dimension')}, not {array.ndim}",
             field=name,
         )
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # a NaN of 32 bits may be one that warns when it is converted
         array = np.array(array, dtype=np.float64, order="C")
     bad = ~np.isfinite(array)
     if bad.any():

@@ -7,6 +7,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
+from equimesh.inputs import real_array
 
 U = em.Expression("tanh(20*(x + y/2 - 0.75))")
 GRID = em.Grid(n_xi=17, n_eta=17)
@@ -44,3 +45,9 @@ def test_words_are_what_they_name() -> None:
 def test_what_is_of_another_kind_is_refused(wrong: object, said: str) -> None:
     with pytest.raises(em.InputError, match=said):
         wrong()  # type: ignore[operator]
+
+
+def test_a_nan_that_warns_is_refused_as_every_other() -> None:
+    signalling = np.array([0x7F86FE86, 0x3F800000], np.uint32).view(np.float32)
+    with pytest.raises(em.SamplesError, match=r"u\[0\] is NaN: every sample must be a finite number"):
+        real_array(signalling, "u", ndim=1)
