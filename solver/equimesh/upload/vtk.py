@@ -175,7 +175,7 @@ class _LegacyReader:
         self._line()  # the title
         encoding = self._words()
         if encoding not in (["ASCII"], ["BINARY"]):
-            raise SamplesError(f"the third line of the vtk file is {' '.join(encoding)!r}, not ASCII or BINARY")
+            raise SamplesError(f"the third line of the vtk file is {' '.join(encoding)[:30]!r}, not ASCII or BINARY")
         self.ascii = encoding == ["ASCII"]
 
     def read(self) -> Cloud:

@@ -15,6 +15,7 @@ import meshio
 import numpy as np
 import pytest
 
+from equimesh.errors import SamplesError
 from equimesh.upload.samples import read_samples
 from solver.upload.bombs import check_bomb_is_refused
 from solver.upload.files import CLOUD, CLOUD_U, GRID_POINTS, TABLE, check_cloud, check_grid, refused
@@ -163,3 +164,9 @@ class TestVtk:
 def test_a_count_of_points_takes_no_memory() -> None:
     head = b"# vtk DataFile Version 3.0\n\nBINARY\nDATASET POLYDATA\nPOINTS 999999999 double\n"
     check_bomb_is_refused(head, "u.vtk", "ends")
+
+
+def test_a_long_line_is_not_repeated_as_a_whole() -> None:
+    with pytest.raises(SamplesError, match="not ASCII or BINARY") as told:
+        read_samples(b"# vtk DataFile Version 3.0\ntitle\n" + b"0.5 " * 3000 + b"\n", "u.vtk")
+    assert len(str(told.value)) < 200
