@@ -5,6 +5,7 @@ follows the place of every operation in the text, in characters.
 """
 
 import ast
+import threading
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NoReturn
@@ -13,6 +14,8 @@ from equimesh.errors import ExpressionError
 from equimesh.formulas.tokens import Token, refuse, tokenize
 from equimesh.formulas.vocabulary import ARGUMENTS, FUNCTIONS, LIMITS, PLANE, Language
 
+# Threads of Python 3.11 that build syntax trees at once share a count of depth, which may end in a SystemError.
+_PARSING = threading.Lock()
 _OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+",
     ast.Sub: "-",
@@ -54,7 +57,8 @@ def parse(text: str, names: Collection[str], language: Language = PLANE) -> list
     """
     tokens = tokenize(text, names, language)
     try:
-        tree = ast.parse(" ".join(token.text for token in tokens), mode="eval")
+        with _PARSING:
+            tree = ast.parse(" ".join(token.text for token in tokens), mode="eval")
         walk = _Walk(text, tokens, names, language)
         walk.quantity(tree.body, 0)
     except ExpressionError:
