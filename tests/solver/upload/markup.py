@@ -26,7 +26,8 @@ def zipped(**members: bytes) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name, data in members.items():
-            archive.writestr(name.replace("_", "."), data)
+            # At a fixed date, so that the same members give the same bytes.
+            archive.writestr(zipfile.ZipInfo(name.replace("_", "."), date_time=(1980, 1, 1, 0, 0, 0)), data)
     return stream.getvalue()
 
 
