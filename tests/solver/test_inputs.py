@@ -31,7 +31,6 @@ def test_words_are_what_they_name() -> None:
         (lambda: em.solve(problem("paper", 9), mode="tigth"), "mode = 'tigth': choose one of 'discretization'"),
         (lambda: em.solve(problem("paper", 9), initial="zero"), "'nested', 'uniform'"),
         (lambda: em.Schwarz(ordering="random"), "'parallel', 'alternating'"),
-        (lambda: em.ArcLength(u="tanh(x)"), r"write em.Expression\('...'\)"),
         (lambda: em.Curvature(u=abs), "not a function of x and y"),
         (lambda: em.Weight(rho=2.0), "rho = '2.0'"),
         (lambda: em.Tensor(m11=U, m12=0.0, m22=U), "m12 = '0.0'"),

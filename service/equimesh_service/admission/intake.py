@@ -80,12 +80,12 @@ class Intake:
                 log_context.current().mesh_id = again
                 return AcceptedMesh(again)
         fingerprint = admitted.fingerprint(request.format) if step is None else step.fingerprint
+        repeated = await self._find_repeated(new, key, fingerprint)
+        if repeated is not None:  # a repeated request adds no work
+            log_context.current().mesh_id = repeated
+            return AcceptedMesh(repeated)
         reserved = seconds > 0 and self.dispatcher.line.reserve(caller.key_id, caller.share)
         if not reserved:
-            repeated = await self._find_repeated(new, key, fingerprint)
-            if repeated is not None:  # a repeated request adds no work
-                log_context.current().mesh_id = repeated
-                return AcceptedMesh(repeated)
             reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, MAX_LINE_SECONDS))
         stopwatch.lap("store")
         lease = self.dispatcher.lease if reserved else None
@@ -93,7 +93,7 @@ class Intake:
             draft = Draft(new=new, built=admitted.built, samples=admitted.upload, key=key, fingerprint=fingerprint)
             accepted = await self._begin_draft(draft, admitted, caller)
             if accepted is None:  # its worker was lost
-                accepted = await self._add(admitted, caller, request, new, fingerprint, None)
+                accepted = await self._follow(draft, admitted, caller, request)
         else:
             try:
                 accepted = await self._add(admitted, caller, request, new, fingerprint, lease)
@@ -147,6 +147,14 @@ class Intake:
                     raise error
         return None
 
+    async def _follow(self, draft: Draft, admitted: Admitted, caller: Caller, request: MeshRequest) -> AcceptedMesh:
+        """The mesh of a draft whose worker was lost: it is in the store if the worker got so far, else it waits."""
+        if await run_in_threadpool(self.store.drafts.exists, draft.new.id):
+            return AcceptedMesh(draft.new.id)
+        # Under another id, since the dispatcher may still have the claim of the lost attempt.
+        new = replace(draft.new, id=_new_id())
+        return await self._add(admitted, caller, request, new, draft.fingerprint, None)
+
     async def _enter(
         self, draft: Draft, admitted: Admitted, caller: Caller, quota: Quota | None, task: Future[Any]
     ) -> AcceptedMesh:
@@ -162,7 +170,9 @@ class Intake:
             with refusals():
                 mesh_id = await run_in_threadpool(enter)
         finally:
-            if mesh_id != new.id:
+            if mesh_id == new.id:
+                self.dispatcher.note_entered(new.id)
+            else:
                 self.dispatcher.cancel(new.id)
         return AcceptedMesh(mesh_id, task) if mesh_id == new.id else AcceptedMesh(mesh_id)
 
@@ -243,9 +253,13 @@ class Intake:
             await self.wakeups.wait(mesh_id, min(left, self.settings.poll))
 
 
+def _new_id() -> str:
+    return f"m-{secrets.token_hex(10)}"
+
+
 def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh:
     return NewMesh(
-        id=f"m-{secrets.token_hex(10)}",
+        id=_new_id(),
         spec=admitted.spec,
         samples=tuple(admitted.samples),
         format=format,

@@ -39,6 +39,8 @@ RESERVED = NPZ_ARRAYS | {"xi", "eta", "Q_eq", "step", "u"} | {"file", "allow_pic
 KINDS = ("auto", "least_error", "arc_length", "curvature")
 # Bytes of an npz file in addition to its values.
 _NPZ_BYTES = 64 * 1024
+# The most values of a step in JSON beside u and its fields.
+_OTHER_VALUES = 1000
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}", re.ASCII)
 _U = "/monitor/u"
 
@@ -89,11 +91,11 @@ def read_json(data: bytes) -> Move:
     return Move(step=spec.step, u=u, fields=spec.fields, sent=sent)
 
 
-def read_long_json(admission: Admission, data: bytes) -> Move:
+def read_long_json(admission: Admission, data: bytes, points: int) -> Move:
     """A step in JSON of any length, which a side worker reads where it is long; raises 400, 413 and 422 problems."""
     if len(data) <= MAX_SHORT_BYTES:
         return read_json(data)
-    most = (1 + MAX_FIELDS) * 2 * admission.settings.max_points
+    most = 2 * (1 + MAX_FIELDS) * points + _OTHER_VALUES
     with admission.files.unfinished(".json") as text, admission.files.unfinished(".npz") as target:
         text.write_bytes(data)
         short = admission.work("", shorten_step, text, target, most)
@@ -103,9 +105,9 @@ def read_long_json(admission: Admission, data: bytes) -> Move:
     return Move(step=short.step, u=u, fields=short.fields(arrays), sent=short.sent)
 
 
-def max_bytes(settings: Settings) -> int:
-    """The most bytes of an npz step when it is unpacked: those of u and all fields on the largest grid."""
-    return min(4 * settings.max_body, _NPZ_BYTES + 8 * (1 + MAX_FIELDS) * settings.max_points)
+def max_bytes(settings: Settings, points: int) -> int:
+    """The most bytes of an npz step when it is unpacked: twice those of u and all fields on a mesh of ``points``."""
+    return min(4 * settings.max_body, _NPZ_BYTES + 16 * (1 + MAX_FIELDS) * points)
 
 
 def read_arrays(data: bytes, max_bytes: int) -> Move:

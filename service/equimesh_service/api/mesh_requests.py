@@ -8,7 +8,7 @@ from equimesh.io.write import FORMATS
 from equimesh_service.admission.admit import Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly.packed import unpack
-from equimesh_service.assembly.samples import MAX_LIGHT_BYTES, Upload
+from equimesh_service.assembly.samples import Upload, is_light
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
@@ -154,7 +154,7 @@ async def read_request(request: Request, service: Service) -> tuple[bytes, Uploa
         raise Problem("unsupported-media-type", f"Send {bodies.JSON}, {bodies.MULTIPART} or {NPZ}, not {shown}.")
     data = await bodies.read_body(request, service.settings.max_body)
     if kind == NPZ:
-        return unpack(data) if len(data) <= MAX_LIGHT_BYTES else await service.check(unpack, data)
+        return unpack(data) if is_light(data, "request.npz") else await service.check(unpack, data)
     upload = None
     if kind == bodies.MULTIPART:
         parts = await bodies.read_parts(request, data, ("spec", "samples"))

@@ -153,10 +153,12 @@ async def step(
         with service.quotas.count_wait(caller, waiting.seconds):
             return await _answer(waiting, request, service, caller, AcceptedMesh(again), mesh.cells)
     await service.quotas.check_bytes(caller, len(data))
+    mesh = await service.mesh(sequence.mesh_id, caller)
+    points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
     if kind == NPZ:
-        move = await service.check(steps.read_arrays, data, steps.max_bytes(service.settings))
+        move = await service.check(steps.read_arrays, data, steps.max_bytes(service.settings, points))
     else:
-        move = await service.check(steps.read_long_json, service.admission, data)
+        move = await service.check(steps.read_long_json, service.admission, data, points)
     start = await _start(service, caller, sequence.id, move.step)
     prepare = steps.Stepping(service.admission, service.store, service.files).prepare
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:

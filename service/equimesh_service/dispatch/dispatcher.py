@@ -82,6 +82,7 @@ class Dispatcher:
         self._running: dict[Claim, Future[Any]] = {}
         self._woken = False  # since the current check of the queue began
         self._strays: set[Claim] = set()  # claims of this service that no worker has
+        self._drafts: set[str] = set()  # the meshes that workers have and the store does not know yet
         self._gone: set[Claim] = set()  # claims that workers have and this service has lost
         self._ended: queue.SimpleQueue[tuple[Claim, Future[Any]]] = queue.SimpleQueue()
         self._last_round = time.monotonic()
@@ -103,9 +104,16 @@ class Dispatcher:
     def begin(self, claim: Claim, mesh_input: MeshInput) -> Future[Any]:
         """Give a claimed mesh to the reserved worker; the future ends when the worker does."""
         with self._lock:
+            if mesh_input.draft is not None:
+                self._drafts.add(claim.mesh_id)
             task = self._submit(claim, mesh_input)
             self.line.use()
             return task
+
+    def note_entered(self, mesh_id: str) -> None:
+        """Note that a draft is in the store now."""
+        with self._lock:
+            self._drafts.discard(mesh_id)
 
     def cancel(self, mesh_id: str) -> None:
         """Stop the work on a mesh that was canceled or deleted in the store."""
@@ -229,6 +237,7 @@ class Dispatcher:
         """Free the worker of a claim."""
         with self._lock:
             self._running.pop(claim, None)
+            self._drafts.discard(claim.mesh_id)
             self.line.call_next()
 
     def _settle(self) -> None:
@@ -294,7 +303,8 @@ class Dispatcher:
 
     def _cancel_gone(self) -> None:
         """Cancel the tasks of meshes that another service has canceled or taken over."""
-        running = dict(self._tasks())  # before the store is read, which knows all of these
+        # Before the store is read, which knows all of these.
+        running = {claim: task for claim, task in self._tasks() if claim.mesh_id not in self._drafts}
         gone = running.keys() - self._store.queue.find_held(self._owner)
         for claim in gone & self._gone:  # at two checks in a row, so its worker has not just finished it
             self._engine.cancel(running[claim])

@@ -46,6 +46,9 @@ class DraftStore:
         :meth:`~equimesh_service.store.meshes.MeshesStore.add`.
         """
         new = draft.new
+        known = self._meshes.find_repeated(new.key_id, draft.key, draft.fingerprint)
+        if known is not None:
+            return known
         try:
             with self._database.write() as connection:
                 if connection.execute(_EXISTS, {"mesh": new.id}).first() is None:
@@ -58,18 +61,25 @@ class DraftStore:
         return new.id
 
     def finish(
-        self, draft: Draft, claim: Claim, outcome: Outcome, *, seconds: float, publish_samples: Publish
+        self,
+        draft: Draft,
+        claim: Claim,
+        outcome: Outcome,
+        *,
+        seconds: float,
+        publish_samples: Publish,
+        entered: bool = False,
     ) -> str | None:
         """Store a draft that was finished after ``seconds`` of work, or end the mesh that was entered meanwhile.
 
         Returns its id, for a repeated idempotency key that of the earlier mesh, and None when the claim is no longer
-        valid. Raises :class:`~equimesh_service.errors.KeyReusedError` and
-        :class:`~equimesh_service.errors.SamplesGoneError`.
+        valid. A draft that is known to be ``entered`` and is not there was deleted. Raises
+        :class:`~equimesh_service.errors.KeyReusedError` and :class:`~equimesh_service.errors.SamplesGoneError`.
         """
         new = draft.new
         try:
             with self._database.write() as connection:
-                if connection.execute(_EXISTS, {"mesh": new.id}).first() is None:
+                if not entered and connection.execute(_EXISTS, {"mesh": new.id}).first() is None:
                     self._insert(connection, draft, outcome, seconds, publish_samples)
                     return new.id
         except IntegrityError:  # the service, or a request with the same key, was faster

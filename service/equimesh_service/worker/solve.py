@@ -1,6 +1,7 @@
 """The solve of one mesh in a worker process, from its spec in the store to its files."""
 
 import logging
+import pickle
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -22,7 +23,7 @@ from equimesh_service.errors import AttemptLostError, KeyReusedError, SamplesGon
 from equimesh_service.files.port import Files, Publish, publish_nothing
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.store.rows import Claim, Draft, Ending, MeshInput, NewSamples, Outcome, Refused, Repeated
+from equimesh_service.store.rows import Claim, Ending, MeshInput, NewSamples, Outcome, Refused, Repeated
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.telemetry.stopwatch import Stopwatch
@@ -68,8 +69,9 @@ def warm_up() -> None:
     nodes = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
     nodal = equimesh.ArcLength(u=equimesh.NodalField(mesh=nodes, values=nodes.x * nodes.y))
     sampled = equimesh.ArcLength(u=equimesh.GridSamples(x=axis, y=axis, values=np.add.outer(axis, np.tanh(axis))))
+    sent = pickle.loads(pickle.dumps(sampled))  # as the service sends it: its arrays are of another kind for Numba
     fine = np.linspace(0.0, 1.0, 140)  # so many samples are evaluated in another way
-    for samples in (sampled.u, equimesh.GridSamples(x=fine, y=fine, values=np.add.outer(fine, fine))):
+    for samples in (sampled.u, sent.u, equimesh.GridSamples(x=fine, y=fine, values=np.add.outer(fine, fine))):
         for order in range(3):
             samples.evaluate(axis, axis, order=order)
     curved = equimesh.Smoothed(monitor=equimesh.Intersection(monitors=(equimesh.Curvature(u=u), weight)))
@@ -80,6 +82,7 @@ def warm_up() -> None:
         (plain, 9, equimesh.Rectangle(), schwarz),
         (plain, 193, equimesh.Rectangle(), schwarz),  # this many points are swept in strips, the last of them smaller
         (sampled, 33, equimesh.Rectangle(), None),
+        (sent, 33, equimesh.Rectangle(), None),
         (nodal, 33, equimesh.Rectangle(), None),
         (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
@@ -93,9 +96,10 @@ def warm_up() -> None:
         grid = equimesh.Grid(n_xi=points, n_eta=points)
         problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
         solution = equimesh.solve(problem, settings, threads=1, check=False)
-        if points < 100:
-            solution.data(), solution.certificate, solution.quality
+        solution.data(), solution.certificate, solution.quality
         problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
+    fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
+    equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
     with TemporaryDirectory() as folder:
         write_mesh(Path(folder) / "mesh.vtu", solution.data())
 
@@ -139,7 +143,8 @@ def _solve(job: Job) -> Ending | Repeated | None:
     store, files = open_store(job.storage), job.storage.files()
     work = _build(job, store, files)
     stopwatch.lap("build")
-    reporter = Reporter(work.spec.schwarz, partial(_report, store, job.claim, work.mesh_input.draft))
+    presence = _Presence(store, job.claim, work.mesh_input.draft is None)
+    reporter = Reporter(work.spec.schwarz, presence.report)
     with tracing.span("solve"):
         solution = _compute(work, job.threads, reporter)
     solved = time.perf_counter()
@@ -161,7 +166,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
         requested = None if job.mesh_input is None else job.mesh_input.format  # a request waits for it
         content = None if requested is None else output.small_content(file_name(requested, work.spec.cells))
         stopwatch.lap("file")
-        kept = _keep(job, outcome, files, seconds=time.perf_counter() - began)
+        kept = _keep(job, outcome, files, seconds=time.perf_counter() - began, entered=presence.known)
         stopwatch.lap("commit")
     if kept is None:
         return None
@@ -179,7 +184,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
     )
 
 
-def _keep(job: Job, outcome: Outcome, files: Files, *, seconds: float) -> str | None:
+def _keep(job: Job, outcome: Outcome, files: Files, *, seconds: float, entered: bool) -> str | None:
     """Put the outcome into the store; the id of the mesh there, None when the attempt was lost meanwhile."""
     draft = None if job.mesh_input is None else job.mesh_input.draft
     if draft is None:
@@ -188,7 +193,7 @@ def _keep(job: Job, outcome: Outcome, files: Files, *, seconds: float) -> str | 
         publish = publish_nothing if draft.samples is None else _seal_samples(draft.samples, files, stack)
         # Nothing was promised for a draft before, so its only commit waits for the disk.
         drafts = open_store(job.storage, durable=True).drafts
-        return drafts.finish(draft, job.claim, outcome, seconds=seconds, publish_samples=publish)
+        return drafts.finish(draft, job.claim, outcome, seconds=seconds, publish_samples=publish, entered=entered)
 
 
 def _seal_samples(samples: NewSamples, files: Files, stack: ExitStack) -> Publish:
@@ -210,9 +215,19 @@ def _build(job: Job, store: Store, files: Files) -> _Work:
     return _Work(mesh_input=mesh_input, spec=spec, start=_start(mesh_input, files))
 
 
-def _report(store: Store, claim: Claim, draft: Draft | None, progress: Mapping[str, Any]) -> bool:
-    """Store the progress of an attempt; False when it is lost. A draft that is not in the store is not lost."""
-    return store.queue.progress(claim, progress) or (draft is not None and not store.drafts.exists(claim.mesh_id))
+@dataclass
+class _Presence:
+    """Whether the mesh of an attempt is ``known`` to be in the store, which a draft is only after a while."""
+
+    store: Store
+    claim: Claim
+    known: bool
+
+    def report(self, progress: Mapping[str, Any]) -> bool:
+        """Store the progress; False when the attempt is lost. A draft that was never in the store is not lost."""
+        # Looked at before the progress is stored: a draft may be entered at any moment.
+        self.known = self.known or self.store.drafts.exists(self.claim.mesh_id)
+        return self.store.queue.progress(self.claim, progress) if self.known else True
 
 
 def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution:

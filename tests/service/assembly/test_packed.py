@@ -52,7 +52,9 @@ def test_a_spec_alone_has_no_samples() -> None:
         (b"not a zip", "invalid-input", "npz"),
         (packed(spec=np.array([1.5, 2.5])), "invalid-input", "one text"),
         (packed(spec=np.array(["a", "b"])), "invalid-input", "one text"),
-        (packed(spec=np.array([None], dtype=object)), "invalid-input", "cannot be read"),
+        (packed(spec=np.array([None], dtype=object)), "invalid-input", "one text"),
+        (packed(spec=np.arange(4, dtype=np.uint16)), "invalid-input", "one text"),
+        (packed(spec="ab").replace(b"<U2", b"<U9"), "invalid-input", "npz"),
         (packed(spec="x" * 2_000_000), "invalid-input", "more than the bytes allowed"),
     ],
 )

@@ -86,6 +86,11 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
 ELSEWHERE = {
     "_absolute",
     "add_corner",
+    "at_patch",
+    "by_splines",
+    "choose",
+    "decide",
+    "interpolate_line",
     "at_piece",
     "buckets_per_length",
     "gather",

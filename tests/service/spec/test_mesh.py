@@ -19,11 +19,11 @@ from service.spec.bad_specs import (
 
 SPECS: dict[str, Refusal] = {
     "other mode": (small(mode="fast"), "/mode", "'discretization' or 'tight'", None),
-    "text for allow_relaxed": (small(allow_relaxed="no"), "/allow_relaxed", "boolean", None),
+    "text for allow_relaxed": (small(allow_relaxed="no"), "/allow_relaxed", "true or false", None),
     "few points": (small(grid={"n_xi": 3, "n_eta": 8}), "/grid/n_xi", "at least 4", None),
     "negative points": (small(grid={"n_xi": -8, "n_eta": -8}), "/grid/n_xi", "at least 4", None),
-    "fractional points": (small(grid={"n_xi": 8.5, "n_eta": 8}), "/grid/n_xi", "integer", None),
-    "text points": (small(grid={"n_xi": "8"}), "/grid/n_xi", "integer", None),
+    "fractional points": (small(grid={"n_xi": 8.5, "n_eta": 8}), "/grid/n_xi", "whole number", None),
+    "text points": (small(grid={"n_xi": "8"}), "/grid/n_xi", "whole number", None),
     "many points": (small(grid={"n_xi": 200, "n_eta": 200}), "/grid", "20000", None),
     "absurd points": (small(grid={"n_xi": 10**30, "n_eta": 8}), "/grid/n_xi", "20000", None),
     "endless points": (

@@ -23,7 +23,7 @@ MONITORS: dict[str, Refusal] = {
     "null monitor": ({"monitor": None}, "/monitor", "", None),
     "other monitor": (small(monitor={"kind": "magic", "u": {"expression": "x"}}), "/monitor/kind", "arc_length", None),
     "other norm": (monitor("curvature", u=X, norm="l3"), "/monitor/norm", "'l2' or 'h1'", None),
-    "text for isotropic": (monitor("curvature", u=X, isotropic="yes"), "/monitor/isotropic", "boolean", None),
+    "text for isotropic": (monitor("curvature", u=X, isotropic="yes"), "/monitor/isotropic", "true or false", None),
     "least error without u": (monitor("least_error", norm="h1"), "/monitor/u", "the norm is that of the error", None),
     "least error in no norm": (monitor("least_error", u=X, norm="max"), "/monitor/norm", "'l2' or 'h1'", None),
     "no weight": (monitor("least_error", u=X, distortion=0), "/monitor/distortion", "must be positive", None),

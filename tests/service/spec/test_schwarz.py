@@ -44,7 +44,7 @@ SETTINGS: dict[str, Refusal] = {
     "fractional line corrections": (schwarz(line_correction=1.5), "/schwarz/line_correction", "whole number", None),
     "other acceleration": (schwarz(acceleration="aitken"), "/schwarz/acceleration", "'anderson'", None),
     "other local solver": (schwarz(local_solver="direct"), "/schwarz/local_solver", "'sweeps' or 'newton'", None),
-    "fallback as text": (schwarz(fallback="no"), "/schwarz/fallback", "boolean", None),
+    "fallback as text": (schwarz(fallback="no"), "/schwarz/fallback", "true or false", None),
     "word for tolerance": (schwarz(tolerance="low"), "/schwarz/tolerance", "'discretization', or null", None),
     "p of classical": (
         schwarz(transmission={"kind": "classical", "p": 1}),

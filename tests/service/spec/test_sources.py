@@ -34,7 +34,7 @@ SOURCES: dict[str, Refusal] = {
     "nan": (u("log(x - 2)"), EXPRESSION, "", 1),
     "infinite slope": (u("sqrt(x)"), EXPRESSION, "gradient", 1),
     "overflow": (u("exp(1000*x)"), EXPRESSION, "", 1),
-    "very long": (u("+".join(["x"] * 20_000)), EXPRESSION, "", None),
+    "very long": (u("+".join(["x"] * 10_000)), EXPRESSION, "", None),
     "very deep": (u("(" * 5000 + "x" + ")" * 5000), EXPRESSION, "", None),
     "nan parameter": (u("k*x", parameters={"k": float("nan")}), "/monitor/u/parameters/k", "finite", None),
     "parameter named x": (u("x", parameters={"x": 1}), "/monitor/u/parameters/x", "", None),

@@ -83,6 +83,17 @@ def test_an_entered_draft_that_is_canceled_has_no_outcome(store: Store) -> None:
     assert (status(store, "a"), published) == ("canceled", [])
 
 
+def test_an_entered_draft_that_is_deleted_does_not_come_back(store: Store) -> None:
+    made = draft()
+    store.drafts.enter(made, LEASE, None)
+    store.queue.cancel("a")
+    store.meshes.delete("a", lambda _: None)
+    claim, outcome = Claim("a", 1), Outcome(result={})
+    more: Any = {"seconds": 1.0, "publish_samples": lambda _: None, "entered": True}
+    assert store.drafts.finish(made, claim, outcome, **more) is None
+    assert not store.drafts.exists("a")
+
+
 def test_an_entered_draft_whose_service_is_silent_is_taken_over(store: Store, clock: Clock) -> None:
     store.drafts.enter(draft(), LEASE, None)
     clock.now += 11.0
@@ -132,3 +143,9 @@ def test_the_quota_holds_for_drafts_that_are_entered(store: Store) -> None:
     with pytest.raises(QuotaError):
         store.drafts.enter(draft("b"), LEASE, quota)
     assert not store.drafts.exists("b")
+
+
+def test_a_repeated_key_gets_its_mesh_also_at_the_limit(store: Store) -> None:
+    quota = Quota(queued=1, points=0)
+    store.drafts.enter(draft("a", key="x"), LEASE, quota)
+    assert store.drafts.enter(draft("b", key="x"), LEASE, quota) == "a"

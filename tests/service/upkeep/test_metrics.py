@@ -233,7 +233,7 @@ async def test_metrics_can_be_switched_off(tmp_path: Path) -> None:
         callers=SimpleNamespace(identify=anyone),
         quotas=SimpleNamespace(count_request=lambda _: {}),
     )
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://here") as http:
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as http:
         answer = await http.get("/metrics")
     assert (answer.status_code, answer.json()["type"]) == (404, "/problems/not-found")
     assert "EQUIMESH_METRICS" in answer.json()["detail"]
@@ -302,4 +302,4 @@ def test_the_alerts_of_the_document_are_the_rules() -> None:
     rules = {re.sub(r"\s+", " ", query) for where, query in queries() if where.startswith("Equimesh")}
     told = {query for where, query in queries() if where == "docs/observe.md"}
     assert told <= rules
-    assert rules - told == {'up{job="equimesh"} == 0'}
+    assert all('up{job="equimesh"}' in rule for rule in rules - told)  # whether Prometheus finds the services at all

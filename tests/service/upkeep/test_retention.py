@@ -54,7 +54,10 @@ def keep(files: FolderFiles, content: bytes, *, hours: float = 0.0) -> StoredFil
 
 def finished(store: Store, file: StoredFile, mesh_id: str, **more: Any) -> None:
     store.meshes.add(NewMesh(id=mesh_id, spec=SPEC, **more))
-    assert store.queue.finish(claimed(store), Outcome(result={}, files=[Artifact("mesh", file.sha256, file.size)]))
+    assert store.queue.finish(
+        claimed(store, key_id=more.get("key_id", "")),
+        Outcome(result={}, files=[Artifact("mesh", file.sha256, file.size)]),
+    )
 
 
 def test_finished_meshes_and_unused_samples_go_after_their_time(store: Store, clock: Clock, files: FolderFiles) -> None:

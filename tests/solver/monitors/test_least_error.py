@@ -47,7 +47,7 @@ def test_the_defaults() -> None:
         ("smoothness", 1001.0),
         ("smoothness", float("inf")),
         ("u", 3.0),
-        ("u", "tanh(x)"),
+        ("u", "tanh(x"),
     ],
 )
 def test_what_is_refused_names_its_field(field: str, value: Any) -> None:
