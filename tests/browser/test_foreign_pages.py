@@ -47,13 +47,18 @@ def ids(http: httpx.Client) -> dict[str, str]:
     return {"meshes": mesh, "sequences": sequence, "samples": http.post("/v1/samples", json=GRID).json()["id"]}
 
 
+QUERY = {"filename": "u.csv", "format": "npz"}  # where a route has these parameters
+
+
 def plan(ids: dict[str, str], target: str) -> dict[str, Any]:
     """What the page does: every writing route of the application, with an id that is there."""
-    routes = []
-    for method, path in walk(create_app(Settings()).routes):
+    routes, app = [], create_app(Settings())
+    told = app.openapi()["paths"]
+    for method, path in walk(app.routes):
         if method not in {"GET", "HEAD", "OPTIONS"}:
-            noun = path.split("/")[2]
-            routes.append((method, path.replace("{id}", ids.get(noun, "")) + "?filename=u.csv&format=npz"))
+            known = {parameter["name"] for parameter in told[path][method.lower()].get("parameters", [])}
+            query = "&".join(f"{name}={value}" for name, value in QUERY.items() if name in known)
+            routes.append((method, path.replace("{id}", ids.get(path.split("/")[2], "")) + f"?{query}"))
     assert not any("{" in path for _, path in routes)
     routes.sort(key=lambda route: route[0] == "DELETE")  # last, so that the others find what they write to
     return {"target": target, "routes": routes, "spec": json.dumps(small(label="foreign")), "csv": CSV}
