@@ -21,6 +21,7 @@ from equimesh_service.api.waiting import Waiting
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, Ending, MeshRow, NewStep
+from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
 
 router = APIRouter(prefix="/v1/sequences", tags=["sequences"], responses=KEY_PROBLEMS)
@@ -145,6 +146,7 @@ async def step(
     waiting = Waiting.of(request, service, format, prefer)
     key = check_key(idempotency_key)
     kind, data = await _read_body(request, service)
+    stopwatch.lap("receive")
     fingerprint = await run_in_threadpool(_fingerprint, f"{id} {waiting.format} {kind} ", data)
     with refusals():
         again = await run_in_threadpool(service.store.meshes.find_repeated, caller.key_id, key, fingerprint)
@@ -163,6 +165,7 @@ async def step(
     prepare = steps.Stepping(service.admission, service.store, service.files).prepare
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
         made = await service.check(prepare, move, start, caller, stack)
+        stopwatch.lap("check")
         mesh_artifact = await run_in_threadpool(service.store.meshes.artifact, start, "mesh")
         new = NewStep(
             sequence_id=id,

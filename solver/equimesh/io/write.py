@@ -3,6 +3,7 @@
 import os
 import zipfile
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, Literal, TypeAlias
@@ -23,6 +24,8 @@ __all__ = ["CELLS", "FORMATS", "Cells", "MeshData", "MeshFormat", "write_mesh"]
 
 Cells: TypeAlias = Literal["quad", "triangle"]
 CELLS: Final = ("quad", "triangle")
+# Meshes of at most this many points are packed in memory.
+MAX_POINTS_IN_MEMORY: Final = 100_000
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same mesh gives the same bytes
 
 
@@ -178,6 +181,11 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
             arrays["cells"] = _cells(data, kind)
             for array, values in (("q_eq", data.q_eq), ("subdomain", data.subdomain)):
                 arrays[array] = np.repeat(values.ravel(), _parts(kind))
+            if data.mesh.x.size <= MAX_POINTS_IN_MEMORY:  # NumPy writes in small pieces, which takes longer in a file
+                buffer = BytesIO()
+                np.savez(buffer, **arrays)
+                file.write_bytes(buffer.getbuffer())
+                return
             with file.open("wb") as stream:
                 np.savez(stream, **arrays)
 
