@@ -146,7 +146,6 @@ async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
     await service.mesh(id, caller)
     if await run_in_threadpool(service.store.queue.cancel, id):
         service.metrics.count_end(Ending(status=CANCELED))
-        service.dispatcher.cancel(id)
     if not await run_in_threadpool(service.store.meshes.delete, id, service.discard):
         raise Problem("not-found", "There is no mesh with this id.")
     service.dispatcher.cancel(id)
