@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
 from equimesh_service.errors import EngineError
-from equimesh_service.store.rows import Claim, Ending, KeysInQueue, MeshInput, NewMesh
+from equimesh_service.store.rows import Claim, Draft, Ending, KeysInQueue, MeshInput, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import until
 from service.store.stores import add_backlog, status
@@ -171,6 +172,21 @@ def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, s
     story = [event.data for event in store.meshes.events("a")]
     assert [told["status"] for told in story] == ["queued", "running", "queued", "running"]
     assert story[2]["reason"] == "it had not reached a worker"
+
+
+def test_a_draft_is_not_gone_before_it_is_entered(store: Store, engine: Patient) -> None:
+    dispatcher = Dispatcher("me", store, engine, lambda *_: (print, ()), Rules(), lambda _: None)  # no thread runs
+    dispatcher.line.queue_is_empty = True
+    assert dispatcher.line.reserve()
+    draft = Draft(new=NewMesh(id="a", spec=SPEC), built=None)
+    task = dispatcher.begin(Claim("a", 1), replace(MESH_INPUT, draft=draft))
+    for _ in range(3):
+        dispatcher._cancel_gone()
+    assert engine.canceled == []
+    dispatcher.note_entered("a")  # from now on it is a mesh like every other, and this one is not in the store
+    for _ in range(2):
+        dispatcher._cancel_gone()
+    assert engine.canceled == [task]
 
 
 def test_a_dispatcher_that_is_stuck_is_not_alive(
