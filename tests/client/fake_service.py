@@ -18,6 +18,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from equimesh_client.wire.archives import FOAM_FILES
+
 CERTIFICATE: dict[str, Any] = {
     "status": "relaxed",
     "mode": "discretization",
@@ -72,6 +74,14 @@ def mesh_file(n_xi: int, n_eta: int) -> bytes:
         subdomain=np.zeros((n_xi - 1, n_eta - 1), dtype=int),
         **{side: np.column_stack([lines[side][:-1], lines[side][1:]]) for side in SIDES},
     )
+    return file.getvalue()
+
+
+def foam_archive() -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as zipped:
+        for name in FOAM_FILES:
+            zipped.writestr(name, name)
     return file.getvalue()
 
 
@@ -264,6 +274,8 @@ class _Handler(BaseHTTPRequestHandler):
             data = self.service.file or mesh_file(grid["n_xi"], grid["n_eta"])
             if request.query["format"] == "xdmf":
                 data = archive()
+            elif request.query["format"] == "foam":
+                data = foam_archive()
             return self._range(request, data)
         if part == "quality":
             return _json(200, {"q_eq": {"max": 1.5, "min": 0.5, "mean": 1.0, "rms": 1.1}, "min_jacobian": 0.25})

@@ -28,7 +28,7 @@ SCHWARZ = (
     "max_iterations",
     "compare",
 )
-MESH_SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".npz")
+MESH_SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".foam.zip", ".npz")
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence")
 
@@ -89,7 +89,11 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     _add_schwarz_options(parser)
     results = parser.add_argument_group("results")
     results.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, help="the mesh: .vtu .vtk .xdmf .msh .mesh .su2 .npz"
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=Path,
+        help="the mesh: .vtu .vtk .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case",
     )
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
     results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
@@ -155,7 +159,7 @@ def check_options(options: argparse.Namespace) -> None:
         flags = ", ".join("--" + name.replace("_", "-") for name in given)
         raise Refused(f"{flags} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
     for path, allowed in ((options.output, MESH_SUFFIXES), (options.plot, PLOT_SUFFIXES)):
-        if path is None:
+        if path is None or (path is options.output and path.is_dir()):
             continue
         if not str(path).lower().endswith(allowed):
             raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}")

@@ -12,7 +12,7 @@ from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Quality
 from equimesh_client.records.state import MeshState
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.archives import unpack_xdmf
+from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
@@ -95,6 +95,8 @@ class AsyncMesh(MeshState):
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(await self._session.run(flows.fetch_file(call, settings, limit)), path)
+        if format in (None, "foam") and Path(path).is_dir():
+            return unpack_foam(await self._session.run(flows.fetch_file(call, settings, limit)), path)
         with PartFile(path) as part:
             await self._session.run(flows.save(call, settings, limit, part))
         return Path(path)

@@ -13,7 +13,7 @@ from equimesh_client.records.quality import Quality
 from equimesh_client.records.state import MeshState
 from equimesh_client.records.tables import Array, IntArray
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.archives import unpack_xdmf
+from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
@@ -102,7 +102,8 @@ class Mesh(MeshState):
     ) -> Path:
         """Write the mesh to ``path`` and return it; the format follows from the suffix.
 
-        A ``.xdmf`` file comes with three others next to it; a ``.xdmf.zip`` file holds all four.
+        A ``.xdmf`` file comes with three others next to it; a ``.xdmf.zip`` file holds all four. A folder that exists
+        is the case of an OpenFOAM solver, and gets the files of ``constant/polyMesh``.
 
         A complete file with the announced checksum is written, or none. An interrupted transfer continues where it
         ended, also in the next download to this name: until then the part stays next to the file, as
@@ -113,6 +114,8 @@ class Mesh(MeshState):
         settings, limit = self._session.settings, Deadline.after(deadline)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(self._session.run(flows.fetch_file(call, settings, limit)), path)
+        if format in (None, "foam") and Path(path).is_dir():
+            return unpack_foam(self._session.run(flows.fetch_file(call, settings, limit)), path)
         with PartFile(path) as part:
             self._session.run(flows.save(call, settings, limit, part))
         return Path(path)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -19,6 +20,7 @@ from equimesh_client.wire.stream import StreamPosition
 FORMATS = ("vtu", "vtk", "xdmf", "msh", "su2", "npz")  # whose suffix is their name
 SUFFIXES: Mapping[str, str] = {
     ".xdmf.zip": "xdmf",
+    ".foam.zip": "foam",
     ".zip": "xdmf",
     ".mesh": "medit",
     **{f".{name}": name for name in FORMATS},
@@ -329,12 +331,14 @@ def resumable(reply: Reply) -> bool:
 
 
 def format_of(path: str, format: str | None = None) -> str:
-    """The mesh format: ``format`` itself, or that of the suffix of ``path``.
+    """The mesh format: ``format`` itself, or that of the suffix of ``path``; for a folder that exists, ``foam``.
 
     Raises :class:`BadArgument` for a suffix of no format.
     """
     if format is not None:
         return format
+    if Path(path).is_dir():
+        return "foam"
     for suffix, name in SUFFIXES.items():
         if path.lower().endswith(suffix):
             return name

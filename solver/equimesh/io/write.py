@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
+from equimesh.io import foam
 from equimesh.io.gmsh import gmsh_text
 from equimesh.io.medit import medit_text
 from equimesh.io.su2 import su2_text
@@ -82,6 +83,13 @@ FORMATS: Final = {
             description="SU2 text with markers left, right, bottom, top: SU2",
         ),
         MeshFormat(
+            name="foam",
+            suffix=".foam.zip",
+            media_type="application/x-openfoam+zip",
+            description="zip of constant/polyMesh, one cell thick, with patches left, right, bottom, top, and"
+            " frontAndBack of type empty: OpenFOAM",
+        ),
+        MeshFormat(
             name="npz",
             suffix=".npz",
             media_type="application/x-npz",
@@ -98,7 +106,9 @@ def write_mesh(
 
     ``format`` is a name in :data:`FORMATS`; without it the suffix of ``path`` decides, and a plain ``.xdmf``
     is then written unpacked, with its three companions ``.h5``, ``_facets.xdmf`` and ``_facets.h5`` next to
-    it. ``cells="triangle"`` cuts each quadrilateral on its better diagonal; triangles inherit its cell data.
+    it. A folder that exists is the case of an OpenFOAM solver, and gets the files of ``constant/polyMesh``; other
+    files there stay. ``cells="triangle"`` cuts each quadrilateral on its better diagonal; triangles inherit its cell
+    data.
 
     Point data: ``u``, the ``fields``, and ``xi``, ``eta``, from which a reader without side tags finds the
     sides (left is ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). Cell data: ``Q_eq``
@@ -109,24 +119,28 @@ def write_mesh(
     does not exist, and ``OSError`` where a file cannot be written.
     """
     path = Path(path)
-    unpacked = format is None and path.suffix == ".xdmf"
-    name = "xdmf" if unpacked else _format_name(path) if format is None else format
+    unpacked, case = format is None and path.suffix == ".xdmf", format in (None, "foam") and path.is_dir()
+    name = "foam" if case else "xdmf" if unpacked else _format_name(path) if format is None else format
     if name not in FORMATS:
         raise InputError(f"unknown mesh format {name!r}: choose one of {', '.join(FORMATS)}", field="format")
     if cells not in CELLS:
         raise InputError(f"unknown kind of cells {cells!r}: choose quad or triangle", field="cells")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it first", field="path")
-    with TemporaryDirectory(dir=path.parent, prefix=".equimesh-") as folder:
-        if unpacked:
+    target = path / foam.FOLDER if case else path.parent
+    target.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=target, prefix=".equimesh-") as folder:
+        if case:
+            written = tuple(reversed(_write_foam(Path(folder), data, cells)))
+        elif unpacked:
             # the data before the files that refer to it
             written = tuple(reversed(_write_xdmf(Path(folder), data, cells, path.stem, f"{path.stem}_facets")))
         else:
             written = (Path(folder) / path.name,)
             _write_file(written[0], data, name, cells)
         for file in written:
-            os.replace(file, path.parent / file.name)
-    return tuple(path.parent / file.name for file in reversed(written))
+            os.replace(file, target / file.name)
+    return tuple(target / file.name for file in reversed(written))
 
 
 def _format_name(path: Path) -> str:
@@ -151,11 +165,8 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
         case "vtk":
             meshio.write(file, _meshio_mesh(data, kind, dimension=3), file_format="vtk42")
         case "xdmf":
-            with TemporaryDirectory(dir=file.parent) as folder, zipfile.ZipFile(file, "w") as archive:
-                for part in _write_xdmf(Path(folder), data, kind, "mesh", "facets"):
-                    entry = zipfile.ZipInfo(part.name, date_time=ZIP_EPOCH)
-                    entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-                    archive.writestr(entry, part.read_bytes())
+            with TemporaryDirectory(dir=file.parent) as folder:
+                _pack(file, _write_xdmf(Path(folder), data, kind, "mesh", "facets"))
         case "msh":
             text = gmsh_text(
                 data.mesh.points,
@@ -173,6 +184,9 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
         case "su2":
             text = su2_text(data.mesh.points, _cells(data, kind), data.mesh.sides)
             file.write_text(text, encoding="ascii", newline="\n")
+        case "foam":
+            with TemporaryDirectory(dir=file.parent) as folder:
+                _pack(file, _write_foam(Path(folder), data, kind), f"{foam.FOLDER}/")
         case _:
             arrays: dict[str, Any] = {"x": data.mesh.x, "y": data.mesh.y, **data.mesh.sides}
             if data.u is not None:
@@ -199,6 +213,23 @@ def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: st
     meshio.write(folder / f"{mesh}.xdmf", _meshio_mesh(data, kind, dimension=2), file_format="xdmf")
     meshio.write(folder / f"{facets}.xdmf", boundary, file_format="xdmf")
     return tuple(folder / f"{stem}{suffix}" for stem in (mesh, facets) for suffix in (".xdmf", ".h5"))
+
+
+def _write_foam(folder: Path, data: MeshData, kind: Cells) -> tuple[Path, ...]:
+    """The files of an OpenFOAM mesh."""
+    texts = foam.foam_files(data.mesh.points, _cells(data, kind), data.mesh.sides)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="ascii", newline="\n")
+    return tuple(folder / name for name in texts)
+
+
+def _pack(file: Path, parts: tuple[Path, ...], prefix: str = "") -> None:
+    """Write a zip of these files, whose names in it begin with ``prefix``."""
+    with zipfile.ZipFile(file, "w") as archive:
+        for part in parts:
+            entry = zipfile.ZipInfo(prefix + part.name, date_time=ZIP_EPOCH)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, part.read_bytes())
 
 
 def _meshio_mesh(data: MeshData, kind: Cells, *, dimension: int) -> meshio.Mesh:

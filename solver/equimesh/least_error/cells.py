@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from equimesh.meshes.cuts import corner_cuts
 from equimesh.numerics.types import Array, IntArray
 
 MAX_CACHED_GRIDS = 16
@@ -31,6 +33,8 @@ class Cells:
     """1 where a node may move along s and along t, else 0, shape ``(2, nodes)``: nodes of a side stay on it."""
     stiffness: Array
     """The sum of squared weights of each node in the second differences of ``triples``."""
+    corner_cuts: Mapping[int, int]
+    """The cells that are cut into triangles through a corner of the grid, with that cut."""
 
     @property
     def count(self) -> int:
@@ -75,4 +79,5 @@ def _cells(shape: tuple[int, int]) -> Cells:
         triples=triples,
         free=free.reshape(2, -1),
         stiffness=squares[0] + 4.0 * squares[1] + squares[2],
+        corner_cuts=corner_cuts((shape[0] - 1, shape[1] - 1)),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Literal, TypeAlias
@@ -9,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from equimesh.least_error.kernels import Element, Nodes
-from equimesh.meshes.cuts import CUTS, better_cuts
+from equimesh.meshes.cuts import ANYWHERE, CUTS, better_cuts
 from equimesh.numerics.types import IntArray
 from equimesh.quality.cells import CellPoints
 
@@ -45,17 +46,18 @@ class Rule:
         """Quadrature points of a quadrilateral."""
         return self.element.weights.size * (1 if self.cells == "quad" else 2)
 
-    def elements(self, count: int, nodes: Nodes | None = None) -> IntArray:
+    def elements(self, count: int, nodes: Nodes | None = None, through: Mapping[int, int] = ANYWHERE) -> IntArray:
         """The corners, ``4 cell + corner``, of the elements of ``count`` cells, shape ``(elements, 4 or 3)``.
 
-        Triangles are those of the better cut of the cells with ``nodes``, or of the first.
+        Triangles are those of the better cut of the cells with ``nodes``, or of the first. The cells in ``through``
+        have the cut given there.
         """
         if self.cells == "quad":
             return np.arange(4 * count).reshape(count, 4)
         cuts = (
             np.zeros(count, dtype=np.int64)
             if nodes is None
-            else better_cuts(np.stack([nodes.x, nodes.y], axis=-1)[nodes.corners].reshape(-1, 4, 2))
+            else better_cuts(np.stack([nodes.x, nodes.y], axis=-1)[nodes.corners].reshape(-1, 4, 2), through)
         )
         triangles: IntArray = CUTS[cuts] + 4 * np.arange(count)[:, None, None]
         return triangles.reshape(-1, 3)

@@ -103,7 +103,8 @@ class Objective:
         """
         if self._rule.cells == "quad":
             return False
-        before, self._elements = self._elements, self._rule.elements(self.cells.count, self.nodes(mesh))
+        before, cells = self._elements, self.cells
+        self._elements = self._rule.elements(cells.count, self.nodes(mesh), cells.corner_cuts)
         return not np.array_equal(before, self._elements)
 
     def smallest_share(self, mesh: Array) -> float:

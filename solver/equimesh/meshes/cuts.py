@@ -1,5 +1,8 @@
 """The cut of quadrilaterals into triangles."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from equimesh.numerics.types import Array, IntArray
@@ -8,17 +11,37 @@ from equimesh.numerics.types import Array, IntArray
 CUTS = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])
 # Below this difference of angles both diagonals are equally good.
 TIE_RADIANS = 1e-9
+# Where no cell has to be cut through one corner.
+ANYWHERE: Mapping[int, int] = MappingProxyType({})
 
 
-def better_cuts(corners: Array) -> IntArray:
+def better_cuts(corners: Array, through: Mapping[int, int] = ANYWHERE) -> IntArray:
     """The cut of every cell, 0 or 1 as in ``CUTS``: along the diagonal that leaves the larger smallest angle.
 
     ``corners`` has the shape ``(cells, 4, 2)``. An inverted triangle has a negative angle, so a cut with two positive
-    triangles is taken wherever there is one.
+    triangles is taken wherever there is one. The cells in ``through`` get the cut given there, unless it inverts a
+    triangle.
     """
     first, second = (_smallest_angle(corners[:, cut]).min(axis=1) for cut in CUTS)
     chosen: IntArray = (second > first + TIE_RADIANS).astype(np.int64)
+    for cell, cut in through.items():
+        if (first, second)[cut][cell] > 0.0:
+            chosen[cell] = cut
     return chosen
+
+
+def corner_cuts(shape: tuple[int, int]) -> dict[int, int]:
+    """The cells at the four corners of a grid of ``shape`` cells, by their numbers, with the cut through that corner.
+
+    The other cut leaves a triangle with two edges on the boundary: all its nodes are fixed by Dirichlet conditions,
+    and a finite-volume cell has one inner face alone. The result is empty where the grid is one cell wide, since a
+    cell then has two corners of the grid.
+    """
+    along_xi, along_eta = shape
+    if min(shape) < 2:
+        return {}
+    last = along_xi * along_eta - 1
+    return {0: 0, along_eta - 1: 1, last - along_eta + 1: 1, last: 0}
 
 
 def _smallest_angle(corners: Array) -> Array:

@@ -7,11 +7,12 @@ of cells also measure triangles, and divide them where a layer lies inside one.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from equimesh.fields.field import Field
-from equimesh.meshes.cuts import CUTS, better_cuts
+from equimesh.meshes.cuts import ANYWHERE, CUTS, better_cuts, corner_cuts
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_errors import add_errors
@@ -46,10 +47,13 @@ def triangle_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> Interp
         return compared(first, _norms(first, u), _norms(second, u))
 
 
-def halves(cells: Pieces) -> Pieces:
-    """The triangles of whole cells: cell ``k`` gives ``2 k`` and ``2 k + 1``. Their last two corners are one point."""
+def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
+    """The triangles of whole cells: cell ``k`` gives ``2 k`` and ``2 k + 1``. Their last two corners are one point.
+
+    Cells are cut as :func:`~equimesh.meshes.cuts.better_cuts` says, those in ``through`` along the diagonal given.
+    """
     corners = cells.corners.reshape(2, 4, -1)
-    cuts = CUTS[better_cuts(corners.transpose(2, 1, 0))].reshape(-1, 3)
+    cuts = CUTS[better_cuts(corners.transpose(2, 1, 0), through)].reshape(-1, 3)
     which, cell = np.concatenate([cuts, cuts[:, 2:]], axis=1).T, np.repeat(np.arange(cells.count), 2)
     return Pieces(corners[:, which, cell].reshape(8, -1), cells.values[which, cell])
 
@@ -61,7 +65,9 @@ def _norms(cells: BilinearCells, u: Field) -> Norms:
     known = np.arange(cells.count) if numbers is None else numbers
     corners = cells.corners(known)
     (values,) = u.evaluate(corners[:4], corners[4:])
-    triangles = halves(Pieces.of(cells, known, values))
+    # of a sample the four cells at the corners, if they are in it at all, change nothing that could be seen
+    through = corner_cuts(cells.shape) if numbers is None else ANYWHERE
+    triangles = halves(Pieces.of(cells, known, values), through)
     sums, largest, ends = _leanly(triangles, u)
     size = float(np.abs(values).max())
     allowed = noise(cells, size)

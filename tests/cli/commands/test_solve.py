@@ -39,6 +39,12 @@ def test_solve_writes_the_partial_mesh_too(capsys: pytest.CaptureFixture[str], t
     assert json.loads(capsys.readouterr().out)["files"] == [str(path)]
 
 
+def test_a_folder_is_an_openfoam_case(tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    assert main(["solve", "x*y", "-n", "5", "--monitor", "arc-length", "--quiet", "-o", str(tmp_path)]) == 0
+    assert (tmp_path / "constant" / "polyMesh" / "points").read_text().count("\n(") == 2 * 25 + 1
+
+
 def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     mesh, picture = tmp_path / "m.npz", tmp_path / "m.png"

@@ -1,4 +1,4 @@
-"""The four files of an XDMF mesh."""
+"""The four files of an XDMF mesh, and the five of an OpenFOAM mesh."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from equimesh_client import DownloadDamaged
-from equimesh_client.wire.archives import unpack_xdmf
+from equimesh_client.wire.archives import FOAM_FILES, unpack_foam, unpack_xdmf
 
 
 def archive(*names: str) -> bytes:
@@ -51,3 +51,21 @@ def test_references_follow_the_new_name(tmp_path: Path) -> None:
         "m_facets.xdmf": "m_facets.h5:/0",
     }
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == names
+
+
+def test_foam_is_unpacked_into_a_case_whose_other_files_stay(connect: Any, service: Any, tmp_path: Path) -> None:
+    (tmp_path / "system").mkdir()
+    (tmp_path / "system" / "controlDict").write_text("mine")
+    mesh = connect(service.url).generate("x", 5)
+    assert mesh.download(tmp_path) == mesh.download(tmp_path, "foam") == tmp_path
+    found = {path.relative_to(tmp_path).as_posix(): path.read_text() for path in tmp_path.rglob("*") if path.is_file()}
+    assert found.pop("system/controlDict") == "mine"
+    assert found == {name: name for name in FOAM_FILES}
+    assert mesh.download(tmp_path / "a.foam.zip").read_bytes()[:2] == b"PK"
+
+
+@pytest.mark.parametrize("data", [b"no zip", archive(*FOAM_FILES[1:])])
+def test_an_incomplete_foam_mesh_writes_nothing(data: bytes, tmp_path: Path) -> None:
+    with pytest.raises(DownloadDamaged, match="OpenFOAM archive"):
+        unpack_foam(data, tmp_path)
+    assert list(tmp_path.iterdir()) == []

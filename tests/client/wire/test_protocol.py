@@ -154,6 +154,7 @@ def test_checksums_in_etags() -> None:
 
 
 def test_formats_by_suffix() -> None:
+    assert format_of("a.foam.zip") == format_of(".") == "foam"
     assert format_of("a.xdmf.zip") == format_of("a.ZIP") == "xdmf"
     assert format_of("a.vtu", "npz") == "npz"
     with pytest.raises(BadArgument, match="suffix"):

@@ -93,14 +93,16 @@ class TestReadBack:
 class TestRefusals:
     @pytest.mark.parametrize("name", ["stl", "", "VTU", "xdmf.zip"])
     def test_unknown_formats(self, tmp_path: Path, name: str) -> None:
-        with pytest.raises(InputError, match=r"vtu, vtk, xdmf, msh, medit, su2, npz") as caught:
+        with pytest.raises(InputError, match=r"vtu, vtk, xdmf, msh, medit, su2, foam, npz") as caught:
             write_mesh(tmp_path / "mesh.vtu", DATA, format=name)
         assert caught.value.field == "format"
         assert list(tmp_path.iterdir()) == []
 
     @pytest.mark.parametrize("name", ["mesh", "mesh.stl", "mesh.zip", "vtu"])
     def test_unknown_suffixes(self, tmp_path: Path, name: str) -> None:
-        with pytest.raises(InputError, match=r"\.vtu, \.vtk, \.xdmf\.zip, \.msh, \.mesh, \.su2, \.npz, \.xdmf"):
+        with pytest.raises(
+            InputError, match=r"\.vtu, \.vtk, \.xdmf\.zip, \.msh, \.mesh, \.su2, \.foam\.zip, \.npz, \.xdmf"
+        ):
             write_mesh(tmp_path / name, DATA)
 
     @pytest.mark.parametrize("name", ["m.vtu", "m.xdmf"])
@@ -178,7 +180,7 @@ class TestDisk:
 
 class TestFormats:
     def test_each_is_described(self) -> None:
-        assert list(FORMATS) == ["vtu", "vtk", "xdmf", "msh", "medit", "su2", "npz"]
+        assert list(FORMATS) == ["vtu", "vtk", "xdmf", "msh", "medit", "su2", "foam", "npz"]
         for name, known in FORMATS.items():
             assert known.name == name
             assert known.suffix.startswith(".")

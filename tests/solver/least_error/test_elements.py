@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.elements import Rule, quadrilateral, triangle
 from equimesh.least_error.kernels import Nodes
 from solver.least_error.bent import bent, objective_on, uniform
@@ -69,7 +70,7 @@ def test_triangles_are_those_of_the_mesh_file(seed: int) -> None:
     s, t = bent(grid, seed, share=0.45)
     mesh = em.Mesh(s.reshape(grid.shape), t.reshape(grid.shape))
     nodes = Nodes(s, t, mesh.cells.reshape(-1))
-    elements = Rule(cells="triangle").elements(len(mesh.cells), nodes)
+    elements = Rule(cells="triangle").elements(len(mesh.cells), nodes, cells_of_grid(grid.shape).corner_cuts)
     cells = np.zeros((grid.n_xi - 1, grid.n_eta - 1))
     data = em.MeshData(mesh=mesh, u=None, q_eq=cells, subdomain=cells.astype(np.int64))
     assert np.array_equal(nodes.corners[elements], data.triangles())

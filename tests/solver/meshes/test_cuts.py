@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.cuts import CUTS, better_cuts
+from equimesh.meshes.cuts import CUTS, better_cuts, corner_cuts
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -48,3 +48,41 @@ def test_the_triangles_cover_the_cell() -> None:
         assert sorted({*parts.ravel()}) == [0, 1, 2, 3]
         areas = [np.linalg.det(np.diff(SQUARE[list(part)], axis=0)) / 2 for part in parts]
         assert areas == pytest.approx([0.5, 0.5])
+
+
+def corner_cells() -> np.ndarray:
+    """Six cells of a 3 x 2 grid, all cut better from corner 1 to 3 or, where the row says so, from 0 to 2."""
+    wide = SQUARE @ np.array([[1.0, 0.4], [0.4, 1.0]])  # corners 0 and 2 far apart: 1 to 3 is better
+    return np.stack([wide] * 6)
+
+
+def test_cells_at_the_corners_are_cut_through_the_corner() -> None:
+    cells, through = corner_cells(), corner_cuts((3, 2))
+    assert through == {0: 0, 1: 1, 4: 1, 5: 0}
+    assert better_cuts(cells).tolist() == [1] * 6
+    assert better_cuts(cells, through).tolist() == [0, 1, 1, 1, 1, 0]
+    mirrored = cells[:, ::-1] * [-1.0, 1.0]
+    assert better_cuts(mirrored[:, [3, 0, 1, 2]], through).tolist() == [0, 1, 1, 1, 1, 0]
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 5), (7, 4)])
+def test_the_corners_of_the_grid_are_in_two_triangles(shape: tuple[int, int]) -> None:
+    number = np.arange((shape[0] + 1) * (shape[1] + 1)).reshape(shape[0] + 1, shape[1] + 1)
+    ends = (number[0, 0], number[-1, 0], number[-1, -1], number[0, -1])
+    parts = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
+    cells = np.stack([part.ravel() for part in parts], axis=1)
+    for cell, cut in corner_cuts(shape).items():
+        (end,) = {*cells[cell]} & {*ends}
+        assert all(end in cells[cell][list(part)] for part in CUTS[cut])
+    assert len(corner_cuts(shape)) == 4
+
+
+def test_a_cut_that_inverts_a_triangle_is_not_taken() -> None:
+    cell = SQUARE.copy()
+    cell[0] = [0.55, 0.55]
+    assert better_cuts(cell[None], {0: 1}).tolist() == [0]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (4, 1)])
+def test_grids_one_cell_wide_have_no_such_cells(shape: tuple[int, int]) -> None:
+    assert corner_cuts(shape) == {}

@@ -9,6 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.domains.domain import map_mesh
+from equimesh.meshes.cuts import corner_cuts
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.quality import triangles
 from equimesh.quality.cells import BilinearCells
@@ -91,7 +92,7 @@ def test_halves_are_the_triangles_of_the_mesh_file() -> None:
     mesh = bent(9, 6, seed=3, share=0.45)
     cells = BilinearCells(mesh)
     corner = np.arange(4.0 * cells.count).reshape(4, -1)
-    pieces = halves(Pieces.of(cells, np.arange(cells.count), corner))
+    pieces = halves(Pieces.of(cells, np.arange(cells.count), corner), corner_cuts(cells.shape))
     none = np.zeros(cells.shape)
     rows = MeshData(mesh=mesh, u=None, q_eq=none, subdomain=none.astype(np.int64)).triangles()
     assert np.array_equal(pieces.corners[:3].T, mesh.points[rows][:, :, 0])

@@ -1,0 +1,115 @@
+"""The files of an OpenFOAM mesh, ``constant/polyMesh``: the plane mesh, one cell thick along z."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.numerics.types import Array
+
+IntArray: TypeAlias = npt.NDArray[np.integer[Any]]
+
+# Where OpenFOAM looks for a mesh, below the folder of a case.
+FOLDER = "constant/polyMesh"
+# The patch of all faces below and above the plane. OpenFOAM solves nothing along z where its type is "empty".
+PLANE_PATCH = "frontAndBack"
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """The edges of plane cells, from which faces are made.
+
+    ``edges`` of shape ``(k, 2)`` go counter-clockwise around their ``owner``. Internal ones come first, in the order
+    of owner and ``neighbour``, which are the lower and the higher number of the two cells; then those of the sides.
+    """
+
+    edges: IntArray
+    owner: IntArray
+    neighbour: IntArray
+
+
+def foam_files(points: Array, cells: IntArray, sides: Mapping[str, IntArray]) -> dict[str, str]:
+    """The texts of ``points``, ``faces``, ``owner``, ``neighbour`` and ``boundary``, by name.
+
+    ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, counter-clockwise, each side ``(k, 2)``, with
+    the domain on its left. Cells keep their numbers. Node ``i`` is a point of the plane z = 0, and ``i + n`` the point
+    above it, at the mean size of a cell. Each side is a patch, with its faces in the order of its edges; the patch
+    ``frontAndBack`` is of the type ``empty``.
+
+    Source: OpenFOAM user guide, "Mesh description": a face is internal or of one patch, its normal leaves the owner.
+    """
+    count, faces = len(points), plane_faces(cells, sides)
+    inner, total = len(faces.neighbour), len(faces.edges) + 2 * len(cells)
+    note = f"nPoints:{2 * count}  nCells:{len(cells)}  nFaces:{total}  nInternalFaces:{inner}"
+    edges = faces.edges
+    walls = np.column_stack([edges, edges[:, ::-1] + count])
+    plane = np.concatenate([cells[:, ::-1], cells + count])
+    owner = np.concatenate([faces.owner, np.tile(np.arange(len(cells)), 2)])
+    height = float(np.sqrt(_area(points, cells) / len(cells)))
+    places = [f"({x!r} {y!r} {z!r})" for z in (0.0, height) for x, y in points.tolist()]
+    return {
+        "points": _file("vectorField", "points", places),
+        "faces": _file("faceList", "faces", [*_rows(walls), *_rows(plane)]),
+        "owner": _file("labelList", "owner", map(str, owner.tolist()), note),
+        "neighbour": _file("labelList", "neighbour", map(str, faces.neighbour.tolist()), note),
+        "boundary": _boundary(sides, inner, 2 * len(cells)),
+    }
+
+
+def plane_faces(cells: IntArray, sides: Mapping[str, IntArray]) -> Faces:
+    """The edges of the cells in OpenFOAM's order: internal ones, then each side in the order of its edges.
+
+    Every edge must be of two cells, or of one cell and one side.
+    """
+    around = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2)
+    of_cell = np.repeat(np.arange(len(cells)), cells.shape[1])
+    keys = _keys(around, cells)
+    order = np.argsort(keys, kind="stable")  # of two equal edges, that of the lower cell first
+    pairs = np.flatnonzero(keys[order][1:] == keys[order][:-1])
+    first, second = order[pairs], order[pairs + 1]
+    first = first[by := np.lexsort((of_cell[second], of_cell[first]))]
+    second = second[by]
+    boundary = np.concatenate(list(sides.values()))
+    places = order[np.searchsorted(keys[order], _keys(boundary, cells))]
+    return Faces(
+        edges=np.concatenate([around[first], boundary]),
+        owner=np.concatenate([of_cell[first], of_cell[places]]),
+        neighbour=of_cell[second],
+    )
+
+
+def _keys(edges: IntArray, cells: IntArray) -> IntArray:
+    """One number for every edge, the same in both directions."""
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    keys: IntArray = low * (int(cells.max()) + 1) + high
+    return keys
+
+
+def _area(points: Array, cells: IntArray) -> float:
+    x, y = points[cells, 0], points[cells, 1]
+    return 0.5 * float(np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)))
+
+
+def _rows(faces: IntArray) -> list[str]:
+    corners = faces.shape[1]
+    return [f"{corners}({' '.join(map(str, face))})" for face in faces.tolist()]
+
+
+def _boundary(sides: Mapping[str, IntArray], inner: int, plane: int) -> str:
+    patches, start = [], inner
+    of_sides = [(side, "patch", len(edges)) for side, edges in sides.items()]
+    for name, kind, count in [*of_sides, (PLANE_PATCH, "empty", plane)]:
+        patches.append(f"{name}\n{{\n    type {kind};\n    nFaces {count};\n    startFace {start};\n}}")
+        start += count
+    return _file("polyBoundaryMesh", "boundary", patches)
+
+
+def _file(kind: str, name: str, rows: Any, note: str | None = None) -> str:
+    """A list with the head that OpenFOAM expects."""
+    entries = [*rows]
+    lines = ["FoamFile", "{", "    version 2.0;", "    format ascii;", f"    class {kind};"]
+    lines += [] if note is None else [f'    note "{note}";']
+    lines += [f'    location "{FOLDER}";', f"    object {name};", "}"]
+    return "\n".join([*lines, str(len(entries)), "(", *entries, ")"]) + "\n"

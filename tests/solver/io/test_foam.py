@@ -1,0 +1,136 @@
+"""OpenFOAM meshes: the rules of its format, read back from the text, and the files in a zip and in a case."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from equimesh.io.foam import foam_files, plane_faces
+from equimesh.io.write import Cells, write_mesh
+from equimesh.meshes.mesh import SIDES
+from solver.io.files import DATA, KINDS, areas, check_edges, written
+
+NAMES = ["points", "faces", "owner", "neighbour", "boundary"]
+NUMBER = re.compile(r"-?[\d.]+(?:e-?\d+)?")
+
+
+def rows_of(text: str) -> list[list[float]]:
+    """The entries of a list, without the number of corners before a face."""
+    head, _, body = text.partition("\n(\n")
+    rows = [[float(q) for q in NUMBER.findall(line.partition("(")[2] or line)] for line in body.splitlines()[:-1]]
+    assert int(head.splitlines()[-1]) == len(rows)
+    return rows
+
+
+class Read:
+    """A mesh as OpenFOAM sees it: points in space, faces, the cells on both sides, patches."""
+
+    def __init__(self, files: dict[str, str]) -> None:
+        self.points = np.array(rows_of(files["points"]))
+        self.faces = [np.array(row, dtype=int) for row in rows_of(files["faces"])]
+        self.owner, self.neighbour = (np.array(rows_of(files[n]), dtype=int)[:, 0] for n in ("owner", "neighbour"))
+        pattern = r"(\w+)\n\{\n    type (\w+);\n    nFaces (\d+);\n    startFace (\d+);\n\}"
+        self.patches = [(n, t, int(k), int(s)) for n, t, k, s in re.findall(pattern, files["boundary"])]
+
+    def area(self, face: np.ndarray) -> np.ndarray:
+        """The area vector of a plane face."""
+        at = self.points[face]
+        return 0.5 * np.sum(np.cross(at, np.roll(at, -1, axis=0)), axis=0)
+
+
+def read(kind: Cells) -> tuple[Read, np.ndarray]:
+    cells = DATA.triangles() if kind == "triangle" else DATA.mesh.cells
+    return Read(foam_files(DATA.mesh.points, cells, DATA.mesh.sides)), cells
+
+
+@pytest.mark.parametrize("kind", KINDS)
+class TestRules:
+    def test_faces_close_every_cell_and_leave_their_owner(self, kind: Cells) -> None:
+        found, cells = read(kind)
+        inner, sums, volumes = len(found.neighbour), np.zeros((len(cells), 3)), np.zeros(len(cells))
+        for number, face in enumerate(found.faces):
+            area, middle = found.area(face), found.points[face].mean(axis=0)
+            assert area @ (middle - found.points[self.corners(found, cells, found.owner[number])].mean(axis=0)) > 0
+            sums[found.owner[number]] += area
+            volumes[found.owner[number]] += area @ middle / 3
+            if number < inner:
+                sums[found.neighbour[number]] -= area
+                volumes[found.neighbour[number]] -= area @ middle / 3
+        assert np.abs(sums).max() < 1e-14
+        height = found.points[-1, 2]
+        assert height == pytest.approx(len(cells) ** -0.5, rel=1e-12)  # the mean size of a cell: the area is 1
+        np.testing.assert_allclose(volumes, areas(DATA.mesh.points, cells) * height, rtol=1e-12)
+
+    @staticmethod
+    def corners(found: Read, cells: np.ndarray, number: int) -> np.ndarray:
+        return np.concatenate([cells[number], cells[number] + len(found.points) // 2])
+
+    def test_internal_faces_are_in_the_order_of_owner_and_neighbour(self, kind: Cells) -> None:
+        found, cells = read(kind)
+        pairs = list(zip(found.owner.tolist(), found.neighbour.tolist(), strict=False))
+        assert pairs == sorted(pairs)
+        assert len({*pairs}) == len(pairs)
+        assert np.all(found.neighbour > found.owner[: len(pairs)])
+        assert len(found.owner) == len(found.faces) == len(pairs) + sum(patch[2] for patch in found.patches)
+        assert 2 * len(pairs) + sum(map(len, DATA.mesh.sides.values())) == cells.size
+
+    def test_patches_are_the_sides_and_the_plane(self, kind: Cells) -> None:
+        found, _ = read(kind)
+        assert [patch[:2] for patch in found.patches] == [
+            *((side, "patch") for side in SIDES),
+            ("frontAndBack", "empty"),
+        ]
+        start = len(found.neighbour)
+        for name, _, count, first in found.patches:
+            assert first == start
+            start += count
+            faces = found.faces[first:start]
+            if name == "frontAndBack":
+                assert all(np.ptp(found.points[face][:, 2]) == 0 for face in faces)
+                continue
+            edges = np.array([face[:2] for face in faces])
+            np.testing.assert_array_equal(edges, DATA.mesh.sides[name])
+            check_edges(DATA.mesh.points, edges, name)
+            assert all((face == [i, j, j + 35, i + 35]).all() for face, (i, j) in zip(faces, edges, strict=True))
+        assert start == len(found.faces)
+
+    def test_points_are_exact_and_twins_are_above_each_other(self, kind: Cells) -> None:
+        found, _ = read(kind)
+        below, above = found.points[:35], found.points[35:]
+        np.testing.assert_array_equal(below[:, :2], DATA.mesh.points)
+        np.testing.assert_array_equal(above[:, :2], DATA.mesh.points)
+        assert np.all(below[:, 2] == 0)
+
+    def test_a_zip_and_a_case_hold_the_same_files(self, tmp_path: Path, kind: Cells) -> None:
+        with zipfile.ZipFile(written(tmp_path, "foam", kind)) as archive:
+            contents = {name: archive.read(name) for name in archive.namelist()}
+        assert [*contents] == [f"constant/polyMesh/{name}" for name in NAMES]
+        case = tmp_path / "case"
+        (case / "constant" / "polyMesh").mkdir(parents=True)
+        (case / "constant" / "polyMesh" / "blockMeshDict").write_text("mine")
+        files = write_mesh(case, DATA, cells=kind)
+        assert files == write_mesh(case, DATA, cells=kind, format="foam")
+        assert [path.relative_to(case).as_posix() for path in files] == [*contents]
+        assert {name: (case / name).read_bytes() for name in contents} == contents
+        assert sorted(p.name for p in (case / "constant" / "polyMesh").iterdir()) == sorted([*NAMES, "blockMeshDict"])
+
+
+def test_the_head_counts_points_cells_and_faces() -> None:
+    files = foam_files(DATA.mesh.points, DATA.mesh.cells, DATA.mesh.sides)
+    # 24 cells: 38 internal edges, 20 of the sides, and 48 faces of the plane
+    assert 'note "nPoints:70  nCells:24  nFaces:106  nInternalFaces:38";' in files["owner"]
+    for name, kind in (("points", "vectorField"), ("faces", "faceList"), ("boundary", "polyBoundaryMesh")):
+        assert files[name].startswith(f"FoamFile\n{{\n    version 2.0;\n    format ascii;\n    class {kind};\n")
+
+
+def test_two_cells_share_one_face() -> None:
+    cells = np.array([[0, 2, 3, 1], [2, 4, 5, 3]])
+    sides = {"left": [[1, 0]], "right": [[4, 5]], "bottom": [[0, 2], [2, 4]], "top": [[5, 3], [3, 1]]}
+    faces = plane_faces(cells, {name: np.array(edges) for name, edges in sides.items()})
+    assert faces.edges.tolist() == [[2, 3], [1, 0], [4, 5], [0, 2], [2, 4], [5, 3], [3, 1]]
+    assert faces.owner.tolist() == [0, 0, 1, 0, 1, 1, 0]
+    assert faces.neighbour.tolist() == [1]
