@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import equimesh
+from equimesh.adapt.round import adapt_round
 from equimesh.fields.mesh_map import reference_of
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
@@ -98,6 +99,7 @@ def warm_up() -> None:
         solution = equimesh.solve(problem, settings, threads=1, check=False)
         solution.data(), solution.certificate, solution.quality
         problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
+    adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
     equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
     with TemporaryDirectory() as folder:

@@ -1,0 +1,164 @@
+"""Candidates for the next mesh: descents from the mesh before on coarse grids, and meshes of straight lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from equimesh.adapt.recovery import measured
+from equimesh.domains.domain import Domain
+from equimesh.fields.field import Field
+from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.descent import descend
+from equimesh.least_error.elements import Norm, Rule
+from equimesh.least_error.iteration import DISTORTION_WEIGHT, MORE_SLOPE_POINTS, SMOOTHNESS_WEIGHT
+from equimesh.least_error.levels import Level, nested_levels
+from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.starts import rectilinear
+from equimesh.least_error.ways import Way, coordinates_of, mesh_of
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.interpolation import interpolated_values
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
+
+STEPS = ((17 * 17, 20), (33 * 33, 15), (129 * 129, 8))
+"""Steps of descent, at most, on grids of at most this many points. The mesh before has done much of the work."""
+STEPS_BEYOND = 3
+"""On finer grids."""
+MIN_DECREASE = 2.5e-3
+"""Mean decrease of the objective in a step at which a descent on a coarse grid ends."""
+MAX_COMPARED_POINTS = 33 * 33
+"""Points of the grid, at most, up to which every candidate is descended."""
+LINE_FLOOR = 1.0
+"""The share of straight lines for flat parts of u, as in :func:`~equimesh.least_error.starts.rectilinear`."""
+SMOOTH, SHARP = (0.5, 1.0), (0.2, 0.3)
+"""Weights of distortion and smoothness, as those of :class:`~equimesh.monitors.least_error.LeastError`."""
+SAMPLED = (("whole", 0, SMOOTH), ("whole, sharper", 0, SHARP), ("parts", 1, SHARP))
+"""Candidates from the mesh before: their names, the numbers of the grids on which they begin, and their weights.
+
+From the coarsest grid fronts move far, from the next one rings keep their shape.
+"""
+WITH_LINES = ("lines", "straight lines")
+"""The names of the candidates whose first lines are straight: polished on the finer grids, and as they are."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate:
+    """A mesh of the reference square on the requested grid."""
+
+    name: str
+    way: Way
+    level: Level
+    """The finest grid on which it was descended."""
+    mesh: Array
+    """On the requested grid, shape ``(2, nodes)``."""
+    coarse: Array
+    """On the grid of ``level``."""
+    error: float
+    """The norm of the error of the interpolant of the recovered u."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Search:
+    """The search for a mesh on which the interpolant of ``u`` has a small error, from the mesh ``before``."""
+
+    u: Field
+    domain: Domain
+    before: Mesh
+    """A mesh of the reference square."""
+    norm: Norm
+    threads: int = 1
+
+    def candidates(self) -> Iterator[Candidate]:
+        """All candidates that are not folded, each with its measured error on the requested grid."""
+        levels = self._levels
+        coarse = [level for level in levels[:-1] if level.grid.points <= MAX_COMPARED_POINTS] or levels[:1]
+        begun = set()
+        for name, first, weights in SAMPLED:
+            started = self._started(coarse[first:] or coarse)
+            if started and (started[0].number, weights) not in begun:
+                begun.add((started[0].number, weights))
+                way = Way.uniform(_weights(weights), name)
+                yield from self._climbed(way, coarse[started[0].number :], started[1])
+        lines = rectilinear(self.u, self.domain, self.before.grid.shape, self.norm, LINE_FLOOR)
+        if lines is not None:
+            bent, straight = (Way(name=name, s=lines[0], t=lines[1], weights=_weights(SHARP)) for name in WITH_LINES)
+            fine = coarse[1:] or coarse
+            yield from self._climbed(bent, fine, bent.start(fine[0].grid))
+            yield from self._candidate(straight, levels[-1], straight.start(levels[-1].grid))
+
+    def finished(self, candidate: Candidate) -> Candidate:
+        """The candidate after descents on the finer grids; itself where these do not lower its error."""
+        levels, at, mesh = self._levels, candidate.level, candidate.coarse
+        for level in levels[at.number + 1 :] or [at]:
+            mesh = self._descended(candidate.way, level, _lifted(candidate.way, mesh, at, level), min_decrease=0.0)
+            at = level
+        return min([candidate, *self._candidate(candidate.way, at, mesh)], key=lambda one: one.error)
+
+    def _started(self, levels: list[Level]) -> tuple[Level, Array] | None:
+        """The first of the levels on whose grid the mesh before is not folded, with that mesh."""
+        for level in levels:
+            mesh = self._sampled(level.grid)
+            if not mesh_of(mesh, level.grid).is_folded:
+                return level, mesh
+        return None
+
+    def _climbed(self, way: Way, levels: list[Level], mesh: Array) -> Iterator[Candidate]:
+        """The end of the descents from a mesh on the first of the levels."""
+        at = levels[0]
+        for level in levels:
+            mesh = self._descended(way, level, _lifted(way, mesh, at, level), MIN_DECREASE)
+            at = level
+        yield from self._candidate(way, at, mesh)
+
+    def _candidate(self, way: Way, level: Level, coarse: Array) -> Iterator[Candidate]:
+        """The candidate with a mesh on the grid of a level; none where it is folded, or u is not finite."""
+        mesh = _lifted(way, coarse, level, self._levels[-1])
+        square = mesh_of(mesh, self.before.grid)
+        if not square.is_folded:
+            error = measured(self.u, self.domain, square, self.norm, self.threads)
+            if np.isfinite(error):
+                yield Candidate(name=way.name, way=way, level=level, mesh=mesh, coarse=coarse, error=error)
+
+    def _descended(self, way: Way, level: Level, mesh: Array, min_decrease: float) -> Array:
+        """The mesh after the steps of a level."""
+        steps = next((steps for points, steps in STEPS if level.grid.points <= points), STEPS_BEYOND)
+        for found, _ in descend(self._objective(way, level), mesh, steps, min_decrease):
+            mesh = found
+        return mesh
+
+    def _objective(self, way: Way, level: Level) -> Objective:
+        points = level.gauss_points + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
+        return Objective(
+            self.u,
+            self.domain,
+            cells_of_grid(level.grid.shape),
+            way.start(level.grid),
+            replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),
+            Rule(norm=self.norm, points=points),
+            self.threads,
+        )
+
+    def _sampled(self, grid: Grid) -> Array:
+        """The mesh before on a coarser grid."""
+        before = self.before.grid.shape
+        parts = [interpolated_values(q.reshape(before), grid.shape) for q in coordinates_of(self.before)]
+        for ends in (parts[0], parts[1].T):
+            ends[0], ends[-1] = 0.0, 1.0
+        return np.stack([part.reshape(-1) for part in parts])
+
+    @cached_property
+    def _levels(self) -> list[Level]:
+        return nested_levels(self.before.grid)
+
+
+def _lifted(way: Way, mesh: Array, coarse: Level, fine: Level) -> Array:
+    """A mesh on a finer grid, or on its own."""
+    return mesh if coarse.number == fine.number else way.lifted(mesh, coarse.grid, fine.grid)
+
+
+def _weights(of: tuple[float, float]) -> Weights:
+    return Weights(distortion=DISTORTION_WEIGHT * of[0], smoothness=SMOOTHNESS_WEIGHT * of[1])

@@ -1,0 +1,87 @@
+"""The solution that is recovered from nodal values, and the estimate of the error on its own mesh."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.domains.domain import Domain, Rectangle
+from equimesh.fields.field import Field
+from equimesh.fields.hermite_field import HermiteField
+from equimesh.fields.mesh_map import reference_of
+from equimesh.fields.on_domain import OnDomain
+from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.elements import Norm, Rule
+from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
+from equimesh.least_error.ways import coordinates_of
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
+
+ESTIMATE_POINTS = 3
+"""Gauss points a direction and cell for estimates."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recovery:
+    """u as a function of x and y, from nodal values of a solver that does not know more."""
+
+    u: Field
+    domain: Domain
+    mesh: Mesh
+    """The mesh of the values, on the reference square."""
+    rounding: float
+    """The estimated L2 error that is nothing but rounding of the values."""
+
+    @classmethod
+    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> Recovery:
+        """From ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
+
+        Raises as :class:`~equimesh.fields.hermite_field.HermiteField`. On a domain with curved sides u is recovered on
+        the reference square, so that a layer along such a side has the values of that side on all of it.
+        """
+        is_straight = isinstance(domain, Rectangle)
+        reference = reference_on(mesh, domain)
+        own = HermiteField(mesh=mesh if is_straight else reference, values=values)
+        return cls(
+            u=own if is_straight else OnDomain(reference=own, domain=domain),
+            domain=domain,
+            mesh=reference,
+            rounding=ROUNDING_SHARE * float(np.abs(own.values).max()) * math.sqrt(domain.area),
+        )
+
+    def estimate(self, norm: Norm, threads: int = 1) -> float:
+        """The norm of u minus its bilinear interpolant on the mesh of the values: an estimate of the solver's error.
+
+        It is zero where the values are those of a linear function. Layers that the mesh does not resolve at all are
+        not seen.
+        """
+        return measured(self.u, self.domain, self.mesh, norm, threads)
+
+
+def reference_on(mesh: Mesh, domain: Domain) -> Mesh:
+    """The mesh of the reference square whose image is ``mesh``; its sides are those of the square exactly."""
+    if not isinstance(domain, Rectangle):
+        return reference_of(mesh, domain)
+    if domain.is_unit_square:
+        return Mesh.of_unit_square(mesh.x, mesh.y)
+    ((x0, x1), (y0, y1)) = domain.x, domain.y
+    return Mesh.of_unit_square((mesh.x - x0) / (x1 - x0), (mesh.y - y0) / (y1 - y0))
+
+
+def measured(u: Field, domain: Domain, mesh: Mesh, norm: Norm, threads: int = 1) -> float:
+    """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square."""
+    uniform = coordinates_of(Mesh.uniform(mesh.grid))
+    rule = Rule(norm=norm, points=ESTIMATE_POINTS)
+    weights = Weights(distortion=0.0, smoothness=0.0)
+    objective = Objective(u, domain, cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
+    return objective.error(np.ascontiguousarray(coordinates_of(mesh)))
+
+
+def moved_cells(before: Mesh, after: Mesh) -> float:
+    """The root mean square of the moves of the nodes, in spacings of the uniform mesh of the square."""
+    spacing: Array = np.array([n - 1 for n in before.grid.shape], dtype=float)
+    moves = np.stack([after.x - before.x, after.y - before.y], axis=-1) * spacing
+    return float(np.sqrt(np.mean(np.sum(moves**2, axis=-1))))

@@ -1,0 +1,106 @@
+"""A function of the reference square as a function of the points of a domain."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from equimesh.domains.domain import Domain, Rectangle, map_mesh
+from equimesh.fields.field import Field
+from equimesh.fields.mesh_map import MeshMap
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array, Pair
+
+GRID = Grid(n_xi=65, n_eta=65)
+"""The nodes through which splines follow the map of a domain, to start Newton's method."""
+POLISHING_STEPS = 2
+"""Steps of Newton's method on the map itself."""
+STEP = 1e-5
+"""Distance of the points whose Jacobians give the second derivatives of the map; maps hold so far beyond the square."""
+MAX_CACHED_DOMAINS = 4
+"""Domains whose splines are kept."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnDomain:
+    """``reference``, a function of (s, t) in the unit square, as one of the points (x, y) of ``domain``.
+
+    Implements :class:`~equimesh.fields.field.Field`; second derivatives are exact up to those of the map, which are
+    differences. A point outside of the domain has the value of one next to it.
+    """
+
+    reference: Field
+    domain: Domain
+
+    def evaluate(self, x: Array, y: Array, order: int = 0) -> tuple[Array, ...]:
+        """u and its partial derivatives up to ``order``, by the chain rule: see ``Field.evaluate``."""
+        x, y = np.broadcast_arrays(x, y)
+        s, t = self._inverse.at(x, y)
+        u, *of_u = self.reference.evaluate(s, t, order)
+        if order == 0:
+            return (u,)
+        x_s, x_t, y_s, y_t = self.domain.jacobian(s, t)
+        per_det = 1.0 / (x_s * y_t - x_t * y_s)
+        s_x, s_y, t_x, t_y = y_t * per_det, -x_t * per_det, -y_s * per_det, x_s * per_det
+        u_x, u_y = of_u[0] * s_x + of_u[1] * t_x, of_u[0] * s_y + of_u[1] * t_y
+        if order == 1:
+            return u, u_x, u_y
+        bends_x, bends_y = self._bends(s, t)
+        ss, st, tt = (of_u[2 + k] - u_x * bends_x[k] - u_y * bends_y[k] for k in range(3))
+        u_xx = s_x * (ss * s_x + st * t_x) + t_x * (st * s_x + tt * t_x)
+        u_xy = s_x * (ss * s_y + st * t_y) + t_x * (st * s_y + tt * t_y)
+        u_yy = s_y * (ss * s_y + st * t_y) + t_y * (st * s_y + tt * t_y)
+        return u, u_x, u_y, u_xx, u_xy, u_yy
+
+    def _bends(self, s: Array, t: Array) -> tuple[list[Array], list[Array]]:
+        """The second derivatives ``(ss, st, tt)`` of x and of y, from differences of the Jacobian."""
+        ahead, behind = self.domain.jacobian(s + STEP, t), self.domain.jacobian(s - STEP, t)
+        above, below = self.domain.jacobian(s, t + STEP), self.domain.jacobian(s, t - STEP)
+        of_s = [(one - other) / (2.0 * STEP) for one, other in zip(ahead, behind, strict=True)]
+        of_t = [(one - other) / (2.0 * STEP) for one, other in zip(above, below, strict=True)]
+        return [of_s[0], of_s[1], of_t[1]], [of_s[2], of_s[3], of_t[3]]
+
+    @cached_property
+    def _inverse(self) -> Inverse:
+        return inverse_of(self.domain)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inverse:
+    """The inverse of the map of a domain."""
+
+    domain: Domain
+
+    def at(self, x: Array, y: Array) -> Pair:
+        """(s, t) of points, of their shape; those of points outside are on a side of the square."""
+        if isinstance(self.domain, Rectangle):
+            ((x0, x1), (y0, y1)) = self.domain.x, self.domain.y
+            return np.clip((x - x0) / (x1 - x0), 0.0, 1.0), np.clip((y - y0) / (y1 - y0), 0.0, 1.0)
+        places = self._splines.locate(x, y)
+        s, t = (along.reshape(x.shape) / (n - 1) for along, n in zip((places.s, places.t), GRID.shape, strict=True))
+        for _ in range(POLISHING_STEPS):
+            at_x, at_y = self.domain.map(s, t)
+            x_s, x_t, y_s, y_t = self.domain.jacobian(s, t)
+            per_det = 1.0 / (x_s * y_t - x_t * y_s)
+            r, q = x - at_x, y - at_y
+            s = np.clip(s + (r * y_t - q * x_t) * per_det, 0.0, 1.0)
+            t = np.clip(t + (q * x_s - r * y_s) * per_det, 0.0, 1.0)
+        return s, t
+
+    @cached_property
+    def _splines(self) -> MeshMap:
+        return MeshMap.of(map_mesh(Mesh.uniform(GRID), self.domain))
+
+
+@lru_cache(maxsize=MAX_CACHED_DOMAINS)
+def _kept(domain: Domain) -> Inverse:
+    return Inverse(domain=domain)
+
+
+def inverse_of(domain: Domain) -> Inverse:
+    """The inverse of the map of a domain; kept for the next call where the domain can be hashed."""
+    return _kept(domain) if isinstance(domain, Hashable) else Inverse(domain=domain)

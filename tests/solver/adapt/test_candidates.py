@@ -1,0 +1,73 @@
+"""The candidates for the next mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.adapt.candidates import SAMPLED, WITH_LINES, Search
+from equimesh.domains.domain import UNIT_SQUARE, map_mesh
+from equimesh.least_error.ways import mesh_of
+from equimesh.quality.interpolation import interpolation_errors
+
+NAMES = [*(name for name, *_ in SAMPLED), *WITH_LINES]
+FRONT, LAYERS = em.Expression("tanh(20*(x + y/2 - 0.75))"), em.Expression("exp(50*(x - 1)) + exp(50*(y - 1))")
+
+
+def search(u: em.Field, n: int, m: int, norm: str = "l2") -> Search:
+    return Search(u=u, domain=UNIT_SQUARE, before=em.Mesh.uniform(em.Grid(n_xi=n, n_eta=m)), norm=norm)
+
+
+def test_there_is_one_candidate_of_each_kind_with_its_measured_error() -> None:
+    found = list(search(FRONT, 33, 33).candidates())
+    assert [one.name for one in found] == NAMES
+    for one in found:
+        mesh = mesh_of(one.mesh, em.Grid(n_xi=33, n_eta=33))
+        assert mesh.min_jacobian > 0
+        assert one.error == pytest.approx(interpolation_errors(mesh, FRONT).l2, rel=0.1)
+
+
+def test_a_front_is_met_by_bent_lines_and_layers_by_straight_ones() -> None:
+    for u, bent in ((FRONT, True), (LAYERS, False)):
+        best = min(search(u, 33, 33).candidates(), key=lambda one: one.error)
+        assert (best.name not in WITH_LINES) is bent
+
+
+def test_the_last_steps_lower_the_error() -> None:
+    here = search(FRONT, 33, 25)
+    best = min(here.candidates(), key=lambda one: one.error)
+    finished = here.finished(best)
+    assert finished.error < 0.97 * best.error
+    assert not mesh_of(finished.mesh, here.before.grid).is_folded
+
+
+@pytest.mark.parametrize(("n", "m"), [(4, 4), (9, 9), (12, 30), (17, 65)])
+def test_every_grid_has_candidates(n: int, m: int) -> None:
+    here = search(FRONT, n, m)
+    found = list(here.candidates())
+    assert len(found) >= 3
+    assert len({one.name for one in found}) == len(found)
+    assert here.finished(found[0]).mesh.shape == (2, n * m)
+
+
+def test_a_mesh_that_folds_on_the_coarsest_grid_is_taken_on_a_finer_one() -> None:
+    uniform = em.Mesh.uniform(em.Grid(n_xi=33, n_eta=33))
+    # A wave of the lines that is too short for 9 points.
+    wavy = em.Mesh.of_unit_square(
+        uniform.x + 0.09 * np.sin(8 * np.pi * uniform.y) * np.sin(np.pi * uniform.x), uniform.y
+    )
+    here = Search(u=FRONT, domain=UNIT_SQUARE, before=wavy, norm="l2")
+    assert len(list(here.candidates())) >= 3
+
+
+def test_candidates_of_a_domain_with_curved_sides_are_not_folded() -> None:
+    domain = em.AnnulusSector(radii=(1.0, 2.0))
+    ring = em.Expression("tanh(40*(sqrt(x**2 + y**2) - 1.5))")
+    here = Search(u=ring, domain=domain, before=em.Mesh.uniform(em.Grid(n_xi=33, n_eta=33)), norm="l2")
+    errors = {}
+    for one in here.candidates():
+        mesh = map_mesh(mesh_of(one.mesh, here.before.grid), domain)
+        assert not mesh.is_folded
+        errors[one.name] = one.error
+    assert errors["straight lines"] < 0.9 * errors["whole"]

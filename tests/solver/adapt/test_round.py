@@ -1,0 +1,80 @@
+"""One round from nodal values to the next mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.adapt.recovery import measured
+from equimesh.adapt.round import KEPT, Round, adapt_round
+from equimesh.domains.domain import UNIT_SQUARE, map_mesh
+from equimesh.errors import InputError, SamplesError
+
+FRONT = em.Expression("tanh(20*(x + y/2 - 0.75))")
+SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))
+
+
+def uniform(n: int, m: int, domain: em.Domain = UNIT_SQUARE) -> em.Mesh:
+    return map_mesh(em.Mesh.uniform(em.Grid(n_xi=n, n_eta=m)), domain)
+
+
+def first_round(n: int, m: int, u: em.Field = FRONT, domain: em.Domain = UNIT_SQUARE, **settings: object) -> Round:
+    mesh = uniform(n, m, domain)
+    return adapt_round(mesh, u.evaluate(mesh.x, mesh.y)[0], domain, **settings)
+
+
+@pytest.mark.parametrize(
+    ("domain", "u", "gain"),
+    [
+        (UNIT_SQUARE, FRONT, 4.0),
+        (em.Rectangle(x=(0.0, 2.0), y=(-1.0, 0.0)), em.Expression("tanh(10*(x + y - 0.6))"), 3.0),
+        (SECTOR, em.Expression("tanh(20*(x + y/2 - 1.6))"), 3.0),
+        (SECTOR, em.Expression("exp(-50*(sqrt(x**2 + y**2) - 1))"), 8.0),
+    ],
+)
+def test_the_next_mesh_has_a_smaller_error_of_the_true_solution(domain: em.Domain, u: em.Field, gain: float) -> None:
+    mesh, found = uniform(33, 25, domain), first_round(33, 25, u, domain)
+    errors = [measured(u, domain, one, "l2") for one in (em.Mesh.uniform(mesh.grid), found.reference)]
+    assert errors[0] > gain * errors[1]
+    assert found.mesh.min_jacobian > 0
+    assert found.mesh.distance(map_mesh(found.reference, domain)) == 0.0
+    assert found.chosen in found.candidates
+    assert found.moved_cells > 0.3
+    assert found.gain > 0.5 * gain
+
+
+def test_a_round_replays_bit_by_bit_on_any_number_of_threads() -> None:
+    one, again, threads = first_round(33, 33), first_round(33, 33), first_round(33, 33, threads=3)
+    for other in (again, threads):
+        assert np.array_equal(one.mesh.x, other.mesh.x)
+        assert np.array_equal(one.mesh.y, other.mesh.y)
+        assert (one.estimate, one.candidates) == (other.estimate, other.candidates)
+
+
+def test_the_norm_decides_what_is_measured() -> None:
+    l2, h1 = first_round(17, 17), first_round(17, 17, norm="h1")
+    assert (l2.estimate, l2.estimate_h1) == (h1.estimate, h1.estimate_h1)
+    assert h1.mesh.distance(l2.mesh) > 0.01
+    slopes = [measured(FRONT, UNIT_SQUARE, one.reference, "h1") for one in (l2, h1)]
+    assert slopes[1] < slopes[0]
+
+
+@pytest.mark.parametrize("values", [0.0, 7.5])
+def test_constant_values_keep_the_mesh(values: float) -> None:
+    mesh = uniform(9, 9)
+    found = adapt_round(mesh, np.full((9, 9), values))
+    assert found.chosen == KEPT
+    assert found.mesh is mesh
+    assert (found.gain, found.moved_cells) == (1.0, 0.0)
+    assert found.estimate < 1e-13
+
+
+def test_bad_arguments_are_refused() -> None:
+    mesh = uniform(9, 9)
+    with pytest.raises(SamplesError, match="values has shape"):
+        adapt_round(mesh, np.ones((8, 9)))
+    with pytest.raises(InputError, match="choose 'l2' or 'h1'"):
+        adapt_round(mesh, np.ones((9, 9)), norm="linf")
+    with pytest.raises(InputError, match="threads = 0"):
+        adapt_round(mesh, np.ones((9, 9)), threads=0)
