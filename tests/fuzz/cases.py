@@ -1,7 +1,7 @@
 """The requests of a fuzz run: a seed gives the same ones each time, on every machine.
 
 Nothing here depends on answers. Where a request needs an id that is there, it has a number, which chooses one when the
-request is sent. ``python -m fuzz.cases SEED COUNT`` prints the digest of this many random requests.
+request is sent. ``python -m fuzz.cases COUNT SEED ...`` prints, for each seed, the digest of this many random requests.
 """
 
 from __future__ import annotations
@@ -208,4 +208,5 @@ def digest_of(number: int, count: int) -> str:
 
 
 if __name__ == "__main__":
-    print(digest_of(int(sys.argv[1]), int(sys.argv[2])))
+    for chosen in sys.argv[2:]:
+        print(digest_of(int(chosen), int(sys.argv[1])))

@@ -90,8 +90,8 @@ def warm_up() -> None:
         (curved, 33, equimesh.Rectangle(), None),
         (equimesh.Weight(rho=weight.rho, map="gradient"), 33, equimesh.Rectangle(), None),
         (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, equimesh.Rectangle(), None),  # relaxed
-        (equimesh.Auto(u=u), 33, equimesh.Rectangle(), None),
-        *((least, 17, domain, None) for least in _least_errors(u) for domain in (equimesh.Rectangle(), ring)),
+        (equimesh.Auto(u=u), 17, equimesh.Rectangle(), None),
+        *((least, 9, ring, None) for least in _least_errors(u)),
     )
     for monitor, points, domain, settings in cases:
         grid = equimesh.Grid(n_xi=points, n_eta=points)
