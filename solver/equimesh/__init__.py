@@ -19,7 +19,7 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
 from equimesh.fields.expression import Expression
 from equimesh.fields.field import Field
-from equimesh.fields.nodal_field import NodalField, transfer
+from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.least_error.steps import Descent
@@ -55,6 +55,9 @@ from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status
 from equimesh.solving.target import Target, solve_to
+from equimesh.transfers.integrals import integral
+from equimesh.transfers.mesh_values import MeshValues
+from equimesh.transfers.transfer import transfer
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # The problem: a monitor on a grid of a domain
@@ -73,7 +76,10 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "GridSamples",
     "ScatteredSamples",
     "NodalField",
+    # Values on a mesh, and the way to another mesh
+    "MeshValues",
     "transfer",
+    "integral",
     # Monitors: metrics that a mesh equidistributes
     "Monitor",
     "Auto",

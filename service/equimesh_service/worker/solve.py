@@ -102,6 +102,9 @@ def warm_up() -> None:
     adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
     equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
+    carried = equimesh.MeshValues(np.round(nodes.x + nodes.y), transfer="conservative")
+    averages = equimesh.MeshValues(nodes.x[1:, 1:], transfer="conservative", location="cells")
+    equimesh.transfer(nodes, {"u": carried, "v": averages}, equimesh.Mesh(nodes.x**2, nodes.y))
     with TemporaryDirectory() as folder:
         write_mesh(Path(folder) / "mesh.vtu", solution.data())
 

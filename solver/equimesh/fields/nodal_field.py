@@ -1,6 +1,5 @@
-"""u by values at the nodes of a mesh, as a function of x and y; and the transfer of fields to another mesh."""
+"""u by values at the nodes of a mesh, as a function of x and y."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +47,7 @@ class NodalField:
         parts = list(self._derivatives(places, order))
         if not places.smooth.all():
             rough = np.flatnonzero(~places.smooth)
-            for part, bilinear in zip(parts, _in_cells(self._map.mesh, self.values, places, rough), strict=False):
+            for part, bilinear in zip(parts, in_cells(self._map.mesh, self.values, places, rough), strict=False):
                 part[rough] = bilinear
         nowhere = np.isnan(x) | np.isnan(y)
         if not nowhere.any():
@@ -83,26 +82,6 @@ class NodalField:
         return u, u_x, u_y, u_xx, u_xy, u_yy
 
 
-def transfer(mesh: Mesh, fields: Mapping[str, npt.ArrayLike], new_mesh: Mesh) -> dict[str, Array]:
-    """Fields at the nodes of ``mesh``, interpolated to those of ``new_mesh``, by their names.
-
-    Each has the shape ``(n_xi, n_eta)`` of its mesh. As :class:`NodalField`: accurate to O(h^4), exact for linear
-    functions; not monotone, so that an under-resolved front may overshoot by a few percent. Raises as it does.
-    """
-    checked = {name: nodal_values(values, mesh, name) for name, values in fields.items()}
-    if not checked:
-        return {}
-    places = MeshMap.of(mesh).locate(new_mesh.x, new_mesh.y)
-    rough = np.flatnonzero(~places.smooth)
-    moved = {}
-    for name, values in checked.items():
-        (found,) = through(values).evaluate(places.s, places.t)
-        if rough.size:
-            found[rough] = _in_cells(mesh, values, places, rough)[0]
-        moved[name] = found.reshape(new_mesh.x.shape)
-    return moved
-
-
 def nodal_values(values: npt.ArrayLike, mesh: Mesh, name: str) -> Array:
     """Finite numbers at all nodes; raises :class:`~equimesh.errors.SamplesError` with ``name`` as its field."""
     checked = real_array(values, name, ndim=2)
@@ -123,7 +102,7 @@ def nodal_values(values: npt.ArrayLike, mesh: Mesh, name: str) -> Array:
     return np.ascontiguousarray(checked)
 
 
-def _in_cells(mesh: Mesh, values: Array, places: Places, which: npt.NDArray[np.int64]) -> tuple[Array, ...]:
+def in_cells(mesh: Mesh, values: Array, places: Places, which: npt.NDArray[np.int64]) -> tuple[Array, ...]:
     """u, u_x, u_y of the bilinear cells, and second derivatives, which are set to zero."""
     i = np.minimum(places.s[which].astype(int), mesh.x.shape[0] - 2)
     j = np.minimum(places.t[which].astype(int), mesh.x.shape[1] - 2)

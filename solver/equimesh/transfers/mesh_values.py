@@ -1,0 +1,102 @@
+"""Values that belong to a mesh: where they are, and how they are carried to the next mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import InputError, SamplesError
+from equimesh.formulas.vocabulary import LIMITS
+from equimesh.inputs import real_array
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
+
+Transfer: TypeAlias = Literal["spline", "conservative"]
+Location: TypeAlias = Literal["nodes", "cells"]
+
+TRANSFERS: tuple[Transfer, ...] = ("spline", "conservative")
+LOCATIONS: tuple[Location, ...] = ("nodes", "cells")
+# Components, at most, of one field.
+MAX_COMPONENTS = 16
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeshValues:
+    """Values on a mesh, and the way that they are carried to another one by :func:`~equimesh.transfers.transfer`.
+
+    ``values`` has the shape ``(n_xi, n_eta)`` at nodes, ``(n_xi - 1, n_eta - 1)`` for averages over cells; a vector
+    has one more axis, of at most 16 components, each of which is carried by itself. ``transfer`` is ``"spline"`` for
+    smooth fields at nodes, ``"conservative"`` where the integral or bounds count; averages need the latter. ``bounds``,
+    least and largest value, hold for the conservative transfer; without them the range of the values does.
+
+    Raises :class:`~equimesh.errors.InputError` for other words, and for bounds that do not increase.
+    """
+
+    values: npt.ArrayLike
+    transfer: Transfer = field(default="spline", kw_only=True)
+    location: Location = field(default="nodes", kw_only=True)
+    bounds: tuple[float, float] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name, known in (("transfer", TRANSFERS), ("location", LOCATIONS)):
+            if getattr(self, name) not in known:
+                raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
+        if self.location == "cells" and self.transfer == "spline":
+            raise InputError(
+                "averages over cells are carried with their integrals: give transfer='conservative', or values at"
+                " nodes",
+                field="transfer",
+            )
+        if self.bounds is not None:
+            _check_bounds(self.bounds, self.transfer)
+
+    def on(self, mesh: Mesh, name: str) -> Array:
+        """The checked values on ``mesh``; raises :class:`~equimesh.errors.SamplesError` with the field ``name``."""
+        checked = real_array(self.values, name, ndim=3 if np.ndim(self.values) == 3 else 2)
+        nodes = mesh.x.shape
+        cells = nodes[0] - 1, nodes[1] - 1
+        wanted, other = (nodes, cells) if self.location == "nodes" else (cells, nodes)
+        shape = checked.shape[:2]
+        if shape != wanted:
+            raise SamplesError(_other_shape(name, shape, wanted, other, self.location), field=name)
+        if checked.ndim == 3 and not 1 <= checked.shape[2] <= MAX_COMPONENTS:
+            raise SamplesError(
+                f"{name} has {checked.shape[2]} components: a field has 1 to {MAX_COMPONENTS}", field=name
+            )
+        if self.bounds is not None and not (self.bounds[0] <= checked.min() and checked.max() <= self.bounds[1]):
+            raise SamplesError(
+                f"{name} lies between {checked.min():.6g} and {checked.max():.6g}, its bounds are {self.bounds[0]:g}"
+                f" and {self.bounds[1]:g}: give bounds that hold for the values",
+                field=name,
+            )
+        if np.abs(checked).max() > LIMITS.magnitude:
+            raise SamplesError(f"{name} has values of more than {LIMITS.magnitude:g} in size: rescale it", field=name)
+        return checked
+
+
+def mesh_values(field: Any) -> MeshValues:
+    """The field as it is; an array as values at nodes that are carried by splines."""
+    return field if isinstance(field, MeshValues) else MeshValues(field)
+
+
+def _other_shape(
+    name: str, shape: tuple[int, ...], wanted: tuple[int, ...], other: tuple[int, ...], location: str
+) -> str:
+    """The message for values of another shape."""
+    what = "a value at each node" if location == "nodes" else "an average over each cell"
+    if shape == other:
+        word = "cells" if location == "nodes" else "nodes"
+        hint = f"; for values of this shape give location='{word}'"
+    else:
+        hint = "; transpose it" if shape == wanted[::-1] else ""
+    return f"{name} has shape {shape}, but {what} is needed, shape {wanted}, xi first{hint}"
+
+
+def _check_bounds(bounds: tuple[float, float], transfer: str) -> None:
+    if transfer != "conservative":
+        raise InputError("only the conservative transfer keeps bounds: give transfer='conservative'", field="bounds")
+    if not (len(bounds) == 2 and bounds[0] < bounds[1]):
+        raise InputError(f"bounds = {bounds}: give the least and the largest value, in this order", field="bounds")

@@ -1,0 +1,78 @@
+"""Bounds and an integral at once: what is beyond a bound is given to neighbours that have room."""
+
+import numpy as np
+
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array
+from equimesh.transfers.integrals import total
+
+# How far, in cells, the neighbours are that take an excess, in the rounds of a repair.
+REACHES = (1, 1, 2, 2)
+# Rounds that share out what rounding or a full cell leaves.
+MAX_ROUNDS = 4
+
+
+def repair(values: Array, weights: Array, lowest: Array, highest: Array) -> None:
+    """Bring values, shape ``(rows, columns)``, between their bounds, and keep the sum of weights times values.
+
+    What is beyond a bound moves to the neighbours, in proportion to the room that they have. What does not find room
+    there is shared out among all values (:func:`share_out`). The repair of M. Kucharik, M. Shashkov and B. Wendroff,
+    J. Comput. Phys. 188 (2003).
+    """
+    if np.all((values >= lowest) & (values <= highest)):
+        return
+    aim = total(weights.reshape(-1), values.reshape(-1))
+    for reach in REACHES:
+        if not give_to_neighbours(values, weights, lowest, highest, reach):
+            break
+    np.clip(values, lowest, highest, out=values)
+    share_out(values, weights, lowest, highest, aim)
+
+
+def share_out(values: Array, weights: Array, lowest: Array, highest: Array, aim: float) -> None:
+    """Change values within their bounds, each by the same share of its room, so that their weighted sum is ``aim``.
+
+    Where the bounds leave too little room, the values end at the bounds.
+    """
+    for _ in range(MAX_ROUNDS):
+        missing = aim - total(weights.reshape(-1), values.reshape(-1))
+        room = (highest if missing > 0.0 else lowest) - values
+        whole = total(weights.reshape(-1), room.reshape(-1))
+        if missing == 0.0 or whole == 0.0:
+            return
+        values += min(missing / whole, 1.0) * room
+        np.clip(values, lowest, highest, out=values)
+
+
+@compiled
+def give_to_neighbours(values: Array, weights: Array, lowest: Array, highest: Array, reach: int) -> bool:
+    """Move what is beyond a bound to values at most ``reach`` away; returns whether something was beyond."""
+    rows, columns = values.shape
+    beyond = np.zeros((rows, columns))
+    some = False
+    for i in range(rows):
+        for j in range(columns):
+            u = values[i, j]
+            kept = min(max(u, lowest[i, j]), highest[i, j])
+            if kept != u:
+                beyond[i, j], values[i, j], some = weights[i, j] * (u - kept), kept, True
+    if not some:
+        return False
+    for i in range(rows):
+        for j in range(columns):
+            amount = beyond[i, j]
+            if amount == 0.0:
+                continue
+            whole = 0.0
+            for r in range(max(i - reach, 0), min(i + reach + 1, rows)):
+                for c in range(max(j - reach, 0), min(j + reach + 1, columns)):
+                    end = highest[r, c] if amount > 0.0 else lowest[r, c]
+                    whole += weights[r, c] * (end - values[r, c])
+            share = 0.0 if whole == 0.0 else min(amount / whole, 1.0)
+            if share > 0.0:
+                for r in range(max(i - reach, 0), min(i + reach + 1, rows)):
+                    for c in range(max(j - reach, 0), min(j + reach + 1, columns)):
+                        end = highest[r, c] if amount > 0.0 else lowest[r, c]
+                        values[r, c] += share * (end - values[r, c])
+            values[i, j] += (amount - share * whole) / weights[i, j]
+    return True

@@ -1,0 +1,81 @@
+"""Fields of a mesh on another mesh of the same domain, each carried in its own way.
+
+*Conservative.* The integral that is kept is that over the straight-edged cells: of averages, the sum of averages times
+areas; of values at nodes, the integral of the bilinear function, which is that of bilinear elements with a consistent
+or a lumped mass matrix. Where the sides of the domain are straight, both meshes cover it, and old and new integral
+agree to rounding. Where a side is curved, straight edges cut it differently in each mesh. A cell of the new mesh that
+reaches beyond the old one has the mean of its covered part there. Then the integral over all cells is brought to the
+old one: first by the averages at these sides, then by all, each within its bounds and by the same share of its room.
+Bounds come first: a constant stays constant, although the area differs. :func:`~equimesh.transfers.integrals.integral`
+measures what is left.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from equimesh.errors import InputError
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
+from equimesh.transfers.averages import transfer_averages
+from equimesh.transfers.mesh_values import MeshValues, mesh_values
+from equimesh.transfers.nodal import transfer_nodal
+from equimesh.transfers.overlaps import Overlaps
+from equimesh.transfers.spline import transfer_spline
+
+# The largest share of the area that may lie beyond the other mesh: more than straight edges of a curved side cause.
+MAX_BEYOND = 0.25
+
+
+def transfer(mesh: Mesh, fields: Mapping[str, Any], new_mesh: Mesh) -> dict[str, Array]:
+    """Fields of ``mesh`` on ``new_mesh``, by their names, in the shapes of that mesh.
+
+    A field is an array of shape ``(n_xi, n_eta)`` or ``(n_xi, n_eta, components)`` at the nodes, which is carried by
+    splines, or a :class:`~equimesh.transfers.mesh_values.MeshValues`, which says how. Splines are accurate to O(h^4),
+    exact for linear functions, and not monotone: an under-resolved front may overshoot by a few percent. The
+    conservative transfer keeps integrals and bounds, and is of second order where the field is smooth.
+
+    Raises :class:`~equimesh.errors.SamplesError`, which names the first bad index, for values that do not fit the mesh,
+    and :class:`~equimesh.errors.InputError` for a folded mesh and for meshes of different domains.
+    """
+    given = {name: mesh_values(field) for name, field in fields.items()}
+    checked = {name: field.on(mesh, name) for name, field in given.items()}
+    if not checked:
+        return {}
+    at_nodes = {name: values for name, values in checked.items() if given[name].location == "nodes"}
+    moved = transfer_spline(mesh, at_nodes, new_mesh) if at_nodes else {}
+    if any(field.transfer == "conservative" for field in given.values()):
+        overlaps = overlaps_of(mesh, new_mesh)
+        for name, field in given.items():
+            if field.transfer == "conservative":
+                moved[name] = _conserved(overlaps, field, checked[name], moved.get(name))
+    return {name: moved[name] for name in given}
+
+
+def overlaps_of(mesh: Mesh, new_mesh: Mesh) -> Overlaps:
+    """The common parts of two meshes of one domain; raises :class:`~equimesh.errors.InputError` for other meshes."""
+    overlaps = Overlaps.of(mesh, new_mesh)
+    beyond = float(np.sum(overlaps.new.area - overlaps.covered) / np.sum(overlaps.new.area))
+    missing = float(1.0 - np.sum(overlaps.covered) / np.sum(overlaps.old.area))
+    if max(beyond, missing) > MAX_BEYOND:
+        raise InputError(
+            f"{100 * max(beyond, missing):.0f} % of the area of one mesh lies beyond the other one: fields are carried"
+            " between two meshes of one domain",
+            field="mesh",
+        )
+    return overlaps
+
+
+def _conserved(overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None) -> Array:
+    """One field, each component by itself."""
+    new = overlaps.new
+    moved = np.empty((new.shape if interpolated is None else new.nodes) + values.shape[2:])
+    for index in np.ndindex(*values.shape[2:]):
+        part = np.ascontiguousarray(values[(..., *index)])
+        if interpolated is None:
+            found = transfer_averages(overlaps, part.reshape(-1), field.bounds).reshape(new.shape)
+        else:
+            found = transfer_nodal(overlaps, part, interpolated[(..., *index)])
+        moved[(..., *index)] = found
+    return moved

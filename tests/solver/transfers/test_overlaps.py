@@ -1,0 +1,65 @@
+"""Common parts of two meshes: nothing is left out, nothing counts twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.errors import InputError
+from equimesh.transfers.overlaps import Overlaps, corners_of, find_overlaps, longer
+from solver.fields.bent_meshes import smooth_mesh
+from solver.transfers.cases import adapted, fronts
+
+PAIRS = ((smooth_mesh(9), smooth_mesh(12, depth=-0.05)), fronts(), (smooth_mesh(33), smooth_mesh(4)))
+
+
+@pytest.mark.parametrize(("old", "new"), PAIRS)
+def test_the_parts_fill_every_old_and_every_new_cell(old: em.Mesh, new: em.Mesh) -> None:
+    overlaps = Overlaps.of(old, new)
+    found = np.bincount(overlaps.cell, overlaps.area, minlength=overlaps.old.area.size)
+    assert np.abs(overlaps.covered / overlaps.new.area - 1.0).max() < 1e-12
+    assert np.abs(found / overlaps.old.area - 1.0).max() < 1e-12
+    assert not overlaps.beyond.any()
+    for of_axis in (overlaps.of_x, overlaps.of_y):  # the first moments of an old cell are those of its centroid
+        assert np.abs(np.bincount(overlaps.cell, of_axis)).max() < 1e-15
+
+
+def test_a_mesh_meets_itself_in_its_cells_alone() -> None:
+    mesh = smooth_mesh(9)
+    overlaps = Overlaps.of(mesh, mesh)
+    large = overlaps.area > 1e-15
+    assert np.array_equal(overlaps.cell[large], np.arange(overlaps.new.area.size))
+    values = np.arange(overlaps.new.area.size, dtype=float)
+    assert overlaps.bounds(values, values)[0].size == values.size
+    nothing = np.zeros(values.size)
+    assert np.abs(overlaps.integrals(values, (nothing, nothing)) / overlaps.new.area - values).max() < 1e-12
+
+
+def test_cells_beyond_a_curved_side_are_seen() -> None:
+    ring = em.AnnulusSector(angles=(0, 180))
+    old, new = adapted("tanh(20*(x + y/2 - 0.75))", 17, ring), adapted("tanh(9*x)", 24, ring)
+    overlaps, nothing = Overlaps.of(old, new), np.zeros(256)
+    assert overlaps.beyond.max() > 0.01
+    assert np.abs(overlaps.integrals(nothing + 3.0, (nothing, nothing)) / overlaps.new.area - 3.0).max() < 1e-12
+
+
+def test_more_parts_than_expected_find_room() -> None:
+    fine, coarse = smooth_mesh(65), smooth_mesh(4)
+    cells = np.zeros(64 * 67)
+    first, cell, area, *_ = find_overlaps((fine.x, fine.y), (coarse.x, coarse.y), (cells, cells))
+    assert first[-1] == cell.size == area.size > 64 * 67
+    assert area.sum() == pytest.approx(1.0, abs=1e-12)
+    assert np.array_equal(longer(np.array([1.0, 2.0]), 5)[:2], [1.0, 2.0])
+
+
+def test_corners_are_counter_clockwise_from_an_origin() -> None:
+    mesh, quad = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5)), np.empty((4, 2))
+    corners_of(mesh.x, mesh.y, 1, 2, 0.25, 0.5, quad)
+    assert quad.tolist() == [[0.0, 0.0], [0.25, 0.0], [0.25, 0.25], [0.0, 0.25]]
+
+
+def test_a_folded_mesh_is_refused() -> None:
+    mesh = smooth_mesh(9)
+    with pytest.raises(InputError, match="folded"):
+        Overlaps.of(mesh, em.Mesh(mesh.y, mesh.x))
