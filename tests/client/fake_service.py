@@ -27,6 +27,8 @@ CERTIFICATE: dict[str, Any] = {
     "discretization_error": 1e-3,
     "algebraic_error": 1e-4,
     "min_jacobian": 0.25,
+    "non_orthogonality": {"max": 41.7, "mean": 16.9},
+    "skewness": 0.62,
     "relaxed": [{"what": "a", "asked": 0.7, "reached": 0.35}],
     "warnings": ["The mesh adapts less than requested."],
     "interpolation_gain": {"l2": 5.4, "h1": 2.4},

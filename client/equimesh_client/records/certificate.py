@@ -105,7 +105,9 @@ class Certificate:
     ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is the largest
     relative difference of a squared metric length from the mean of its grid line, None for a mesh that solves no
     equations. ``discretization_error`` and ``algebraic_error`` estimate errors of the nodes in units of the reference
-    square. ``min_jacobian`` is 1 for the uniform mesh. ``relaxed`` lists the relaxed requirements, ``warnings`` are
+    square. ``min_jacobian`` is 1 for the uniform mesh. ``non_orthogonality`` and ``mean_non_orthogonality`` are angles
+    between the normal of a face and the line of its two cell centres, in degrees; these and ``skewness`` are defined as
+    in OpenFOAM's ``checkMesh``. ``relaxed`` lists the relaxed requirements, ``warnings`` are
     sentences. ``interpolation_gain`` is the error on the uniform mesh over that on this one, in the norms ``"l2"`` and
     ``"h1"``; None without a u. ``resolved`` is False where a gain is not known, because a layer of u lies inside a
     cell; it is nan then. ``target`` is the requested error and what was reached, None where a grid was given.
@@ -119,6 +121,9 @@ class Certificate:
     discretization_error: float
     algebraic_error: float
     min_jacobian: float
+    non_orthogonality: float = math.nan
+    mean_non_orthogonality: float = math.nan
+    skewness: float = math.nan
     relaxed: tuple[Relaxed, ...]
     warnings: tuple[str, ...]
     resolved: bool
@@ -131,6 +136,7 @@ class Certificate:
     def from_json(cls, record: Mapping[str, Any]) -> Certificate:
         """The certificate in the JSON of the service, or of ``equimesh``'s ``Certificate.summary()``."""
         gain, residual = record.get("interpolation_gain"), record.get("equation_residual")
+        angles = record.get("non_orthogonality") or {}
         return cls(
             status=str(record.get("status") or ""),
             mode=str(record.get("mode") or ""),
@@ -138,6 +144,9 @@ class Certificate:
             discretization_error=real_or_nan(record.get("discretization_error")),
             algebraic_error=real_or_nan(record.get("algebraic_error")),
             min_jacobian=real_or_nan(record.get("min_jacobian")),
+            non_orthogonality=real_or_nan(angles.get("max")),
+            mean_non_orthogonality=real_or_nan(angles.get("mean")),
+            skewness=real_or_nan(record.get("skewness")),
             relaxed=tuple(
                 Relaxed(
                     what=str(part["what"]),
@@ -167,6 +176,9 @@ class Certificate:
                 + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
             )
         lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
+        if math.isfinite(self.non_orthogonality):
+            angles = f"{_short(self.non_orthogonality)} degrees, {_short(self.mean_non_orthogonality)} mean"
+            lines.append(f"  non-orthogonality     {angles}; skewness {_short(self.skewness)}")
         if self.interpolation_gain is not None:
             gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")

@@ -106,6 +106,13 @@ class ComparedMonitor(BaseModel):
     chosen: bool = Field(description="Whether it is that of the mesh.")
 
 
+class FaceAngles(BaseModel):
+    """Angles between the normal of an inner face and the line of its two cell centres, as OpenFOAM measures them."""
+
+    max: float | None = Field(None, description="The largest, in degrees; null for a folded mesh.")
+    mean: float | None = Field(None, description="The angle whose cosine is the mean of their cosines, in degrees.")
+
+
 class MeshCertificate(BaseModel):
     """How well the mesh solves the requested equations; null stands for unknown."""
 
@@ -120,6 +127,8 @@ class MeshCertificate(BaseModel):
     )
     algebraic_error: float | None = Field(description="Estimated error of the solution of the discrete equations.")
     min_jacobian: float | None = Field(description="Smallest corner Jacobian; 1 for the uniform mesh.")
+    non_orthogonality: FaceAngles | None = Field(None, description="null for a mesh made before it was measured.")
+    skewness: float | None = Field(None, description="The largest skewness of a face, as OpenFOAM defines it.")
     relaxed: list[Relaxation]
     warnings: list[str] = Field(description="What a user of the mesh should know.")
     resolved: bool = Field(

@@ -7,6 +7,7 @@ from typing import Any
 
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.grid import Grid
+from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.status import Status
@@ -99,6 +100,8 @@ class Certificate:
     """
     min_jacobian: float
     """The smallest corner Jacobian: positive on every valid mesh, 1 on the uniform mesh of a rectangle."""
+    faces: Faces
+    """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
     discretization_error: float | None = None
     """Estimate of the largest error of a node's coordinate that the grid causes, in units of the reference square.
 
@@ -132,6 +135,8 @@ class Certificate:
             "discretization_error": finite_or_none(self.discretization_error),
             "algebraic_error": finite_or_none(self.algebraic_error),
             "min_jacobian": finite_or_none(self.min_jacobian),
+            "non_orthogonality": self.faces.summary(),
+            "skewness": finite_or_none(self.faces.skewness),
             "relaxed": [{"what": r.what, "asked": r.asked, "reached": r.reached} for r in self.relaxed],
             "warnings": list(self.warnings),
             "target": self.target and self.target.summary(),
@@ -153,6 +158,9 @@ class Certificate:
                 + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
             )
         lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
+        if finite_or_none(self.faces.non_orthogonality) is not None:
+            angles = f"{_short(self.faces.non_orthogonality)} degrees, {_short(self.faces.mean_non_orthogonality)} mean"
+            lines.append(f"  non-orthogonality     {angles}; skewness {_short(self.faces.skewness)}")
         if self.interpolation is not None:
             gains = f"{_short(self.interpolation.gain_l2)} in L2, {_short(self.interpolation.gain_h1)} in H1"
             lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")

@@ -11,6 +11,7 @@ from equimesh.fields.noise import noise_share
 from equimesh.fields.samples import GridSamples
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
+from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.probes import probe_errors
 from equimesh.solving.certificate import Relaxed
@@ -32,6 +33,8 @@ MIN_NOISE_SHARE = 5e-4
 MAX_SAMPLE_STEP_SHARE = 0.4
 # Cells with a smaller Jacobian, 1 for the uniform mesh, deserve a warning: solvers round there.
 MIN_SILENT_JACOBIAN = 1e-6
+# Faces with a larger angle, in degrees, deserve a warning: corrections of fluxes diverge there.
+MAX_SILENT_ANGLE = 60.0
 # A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
 MAX_UNIFORM_MOVE = 0.01
 # Every so many nodes are compared with it first.
@@ -165,6 +168,16 @@ def _about_gains(errors: InterpolationErrors) -> Iterator[str]:
         yield (
             f"The mesh interpolates u worse than the uniform one: its L2 error is {1 / errors.gain_l2:.2g} times as"
             " large. Take the curvature monitor to interpolate u well."
+        )
+
+
+def about_faces(faces: Faces) -> Iterator[str]:
+    """A warning for codes with fluxes between cell centres."""
+    if faces.non_orthogonality > MAX_SILENT_ANGLE:
+        yield (
+            f"Between the normal of a face and the line of its two cell centres there are up to"
+            f" {faces.non_orthogonality:.0f} degrees. Finite elements can use such a mesh. Finite-volume codes often"
+            f" diverge over {MAX_SILENT_ANGLE:.0f} degrees: bound the angle by orthogonality, 50 for instance."
         )
 
 

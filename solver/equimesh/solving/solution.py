@@ -15,6 +15,7 @@ from equimesh.meshes.mesh_data import MeshData
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of
 from equimesh.numerics.types import Array
+from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality, measure_all
 from equimesh.schwarz.decomposition import Decomposition
@@ -23,7 +24,7 @@ from equimesh.schwarz.records import Iteration, observed_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
-from equimesh.solving.mesh_warnings import warnings
+from equimesh.solving.mesh_warnings import about_faces, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
 
@@ -110,6 +111,11 @@ class Solution:
         field = self.problem.monitor.u
         return None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
 
+    @cached_property
+    def faces(self) -> Faces:
+        """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
+        return measure_faces(self.mesh)
+
     @property
     def _cells(self) -> Literal["quad", "triangle"]:
         monitor = self.problem.monitor
@@ -123,6 +129,7 @@ class Solution:
             mode=self.mode,
             equation_residual=self._deviation,
             min_jacobian=self.mesh.min_jacobian / self.problem.domain.area,
+            faces=self.faces,
             discretization_error=self.discretization_error,
             algebraic_error=self.algebraic_error,
             relaxed=self.relaxed,
@@ -146,7 +153,8 @@ class Solution:
 
     def _warnings(self) -> tuple[str, ...]:
         meshes = self.mesh, self.reference
-        return tuple(warnings(self.problem, self.status, self.relaxed, meshes, self.interpolation))
+        found = warnings(self.problem, self.status, self.relaxed, meshes, self.interpolation)
+        return (*found, *about_faces(self.faces))
 
     @property
     def decomposition(self) -> Decomposition | None:

@@ -18,8 +18,16 @@ def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
     assert mesh.warnings == ("The mesh adapts less than requested.",)
     assert mesh.certificate.interpolation_gain == {"l2": 5.4, "h1": 2.4}
     assert (mesh.certificate.relaxed[0].what, mesh.certificate.relaxed[0].reached) == ("a", 0.35)
+    assert (mesh.certificate.non_orthogonality, mesh.certificate.mean_non_orthogonality) == (41.7, 16.9)
+    assert mesh.certificate.skewness == 0.62
     said = str(mesh.certificate)
-    for words in ("relaxed", "a of the arc length: 0.7 requested, 0.35 reached", "5.4 in L2", "warning: The mesh"):
+    for words in (
+        "relaxed",
+        "a of the arc length: 0.7 requested, 0.35 reached",
+        "5.4 in L2",
+        "42 degrees, 17 mean; skewness 0.62",
+        "warning: The mesh",
+    ):
         assert words in said
 
 

@@ -1,0 +1,120 @@
+"""The faces of a mesh as codes with cell-centred unknowns see them: non-orthogonality and skewness.
+
+Both are defined as in OpenFOAM 1912, ``primitiveMeshTools`` and ``checkMesh``, for a mesh that is one cell thick.
+The centre of a cell is the centroid of its area, the centre of a face the middle of its edge.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.inputs import finite_or_none
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array
+
+INNER_DISTANCE_SHARE = 0.2
+"""The share of the distance between two centres that is at least the length of reference for skewness."""
+SIDE_DISTANCE_SHARE = 0.4
+"""The same of the distance between the centre of a cell and a side of the domain."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faces:
+    """Measures of all faces of a mesh; NaN for a mesh with a folded cell."""
+
+    non_orthogonality: float
+    """The largest angle between the normal of an inner face and the line of its two cell centres, in degrees."""
+    mean_non_orthogonality: float
+    """The angle whose cosine is the mean of their cosines: the average that ``checkMesh`` prints, in degrees."""
+    skewness: float
+    """The largest skewness of a face, those of the sides included; dimensionless.
+
+    It is the distance between the middle of the face and the point where the line of the two centres meets the face.
+    It is divided by half the length of the face, or by ``INNER_DISTANCE_SHARE`` of the distance of the centres if that
+    is longer. On a side the foot of the perpendicular from the centre takes the place of that point.
+    """
+
+    def summary(self) -> dict[str, float | None]:
+        """The two angles as plain Python data, ready for JSON."""
+        return {
+            "max": finite_or_none(self.non_orthogonality),
+            "mean": finite_or_none(self.mean_non_orthogonality),
+        }
+
+
+def measure_faces(mesh: Mesh) -> Faces:
+    """The measures of the faces of ``mesh``."""
+    x, y = (np.ascontiguousarray(q, dtype=float) for q in (mesh.x, mesh.y))
+    lowest, mean, skewness = survey_faces(x, y)
+    return Faces(
+        non_orthogonality=_degrees(lowest),
+        mean_non_orthogonality=_degrees(mean),
+        skewness=float(skewness),
+    )
+
+
+def _degrees(cosine: float) -> float:
+    return math.nan if math.isnan(cosine) else math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+
+
+@compiled
+def place_centres(x: Array, y: Array, at_x: Array, at_y: Array) -> bool:
+    """Write the centroids of all cells; returns whether no cell is folded."""
+    valid = True
+    for i in range(at_x.shape[0]):
+        for j in range(at_x.shape[1]):
+            ax, ay = x[i + 1, j] - x[i, j], y[i + 1, j] - y[i, j]  # the other corners, seen from the first one
+            bx, by = x[i + 1, j + 1] - x[i, j], y[i + 1, j + 1] - y[i, j]
+            cx, cy = x[i, j + 1] - x[i, j], y[i, j + 1] - y[i, j]
+            first, second = ax * by - ay * bx, bx * cy - by * cx
+            at_b, at_d = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax), ax * cy - ay * cx
+            valid = valid and first > 0.0 and second > 0.0 and at_d > 0.0 and at_b > 0.0
+            weight = 1.0 / (3.0 * (first + second))
+            at_x[i, j] = x[i, j] + weight * (first * (ax + bx) + second * (bx + cx))
+            at_y[i, j] = y[i, j] + weight * (first * (ay + by) + second * (by + cy))
+    return valid
+
+
+@compiled
+def survey_faces(x: Array, y: Array) -> tuple[float, float, float]:
+    """The smallest and the mean cosine of inner faces, and the largest skewness; NaN where a cell is folded."""
+    cells_xi, cells_eta = x.shape[0] - 1, x.shape[1] - 1
+    at_x, at_y = np.empty((cells_xi, cells_eta)), np.empty((cells_xi, cells_eta))
+    if not place_centres(x, y, at_x, at_y):
+        return np.nan, np.nan, np.nan
+    lowest, total, skewness, count = 1.0, 0.0, 0.0, 0
+    for i in range(cells_xi + 1):
+        for j in range(cells_eta + 1):
+            for along in range(2):  # the edge that leaves the node along xi, then along eta
+                end_i, end_j = i + 1 - along, j + along
+                if end_i > cells_xi or end_j > cells_eta:
+                    continue
+                ex, ey = x[end_i, end_j] - x[i, j], y[end_i, end_j] - y[i, j]
+                half = 0.5 * np.sqrt(ex * ex + ey * ey)
+                last_i, last_j = min(i, cells_xi - 1), min(j, cells_eta - 1)
+                before_i, before_j = (last_i, j - 1) if along == 0 else (i - 1, last_j)
+                mx, my = x[i, j] + 0.5 * ex, y[i, j] + 0.5 * ey
+                if before_i < 0 or before_j < 0 or (j if along == 0 else i) == (cells_eta if along == 0 else cells_xi):
+                    own_i, own_j = max(before_i, 0), max(before_j, 0)
+                    fx, fy = mx - at_x[own_i, own_j], my - at_y[own_i, own_j]
+                    off = abs(fx * ex + fy * ey) / (2.0 * half)
+                    apart = abs(fx * ey - fy * ex) / (2.0 * half)
+                    skewness = max(skewness, off / max(SIDE_DISTANCE_SHARE * apart, half))
+                    continue
+                fx, fy = mx - at_x[before_i, before_j], my - at_y[before_i, before_j]
+                dx, dy = (
+                    at_x[last_i, last_j] - at_x[before_i, before_j],
+                    at_y[last_i, last_j] - at_y[before_i, before_j],
+                )
+                apart, across = np.sqrt(dx * dx + dy * dy), abs(dx * ey - dy * ex)
+                cosine = across / (apart * 2.0 * half)
+                lowest, total, count = min(lowest, cosine), total + cosine, count + 1
+                share = abs(fx * ey - fy * ex) / across
+                sx, sy = fx - share * dx, fy - share * dy
+                off = np.sqrt(sx * sx + sy * sy)
+                skewness = max(skewness, off / max(INNER_DISTANCE_SHARE * apart, half))
+    return lowest, total / count if count else 1.0, skewness

@@ -1,0 +1,74 @@
+"""Non-orthogonality and skewness of faces, against values by hand and those that OpenFOAM 1912 prints."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh.domains.domain import map_mesh
+from equimesh.meshes.mesh import Mesh
+from equimesh.quality.faces import measure_faces
+
+
+def waves(shape: tuple[int, int], domain: em.Domain) -> Mesh:
+    """A smooth mesh that is oblique everywhere, without a solve."""
+    s, t = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shape), indexing="ij")
+    x = s + 0.06 * np.sin(2 * np.pi * s) * np.sin(3 * np.pi * t)
+    y = t + 0.05 * np.sin(3 * np.pi * s) * np.sin(2 * np.pi * t)
+    return map_mesh(Mesh(x, y), domain)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "largest", "mean", "skewness"),
+    [
+        (waves((17, 13), em.Rectangle()), 48.08795399651592, 21.67502629886008, 0.6521059590804418),
+        (waves((9, 25), em.AnnulusSector()), 58.42239755020146, 26.84092768886008, 1.300867657977332),
+    ],
+)
+def test_the_values_of_check_mesh(mesh: Mesh, largest: float, mean: float, skewness: float) -> None:
+    """``checkMesh -allTopology -allGeometry`` of OpenFOAM 1912 printed these for the same nodes, one cell thick."""
+    faces = measure_faces(mesh)
+    assert faces.non_orthogonality == pytest.approx(largest, rel=1e-12)
+    assert faces.mean_non_orthogonality == pytest.approx(mean, rel=1e-12)
+    assert faces.skewness == pytest.approx(skewness, rel=1e-12)
+
+
+def test_cells_of_parallelograms() -> None:
+    """All faces of one family have the angle of the shear, the other none that differs; only sides are skew."""
+    s, t = np.meshgrid(np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 5), indexing="ij")
+    faces = measure_faces(Mesh(s + t, t))
+    assert faces.non_orthogonality == pytest.approx(45.0)
+    assert faces.mean_non_orthogonality == pytest.approx(45.0)
+    # The centre is 1/8 off the foot on the sides bottom and top, where half an edge is 1/8.
+    assert faces.skewness == pytest.approx(1.0)
+
+
+def test_a_rectangle_has_right_angles_and_a_folded_mesh_none() -> None:
+    uniform = Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
+    right = measure_faces(uniform)
+    assert right.non_orthogonality == right.mean_non_orthogonality == 0.0
+    assert right.skewness < 1e-15
+    folded = Mesh(uniform.x.copy(), uniform.y.copy())
+    folded.x[2, 1] = 0.9
+    faces = measure_faces(folded)
+    assert math.isnan(faces.skewness)
+    assert json.dumps(faces.summary()) == '{"max": null, "mean": null}'
+
+
+def test_the_certificate_has_them_and_warns_over_60_degrees() -> None:
+    steep = em.LeastError(u=em.Expression("tanh(30*(y - 0.5 - 0.25*sin(2*pi*x)))"))
+    certificate = em.solve(em.Problem(monitor=steep, grid=em.Grid(n_xi=17, n_eta=17))).certificate
+    summary = certificate.summary()
+    assert summary["non_orthogonality"]["max"] == certificate.faces.non_orthogonality > 60.0
+    assert summary["skewness"] == certificate.faces.skewness
+    (warning,) = (text for text in certificate.warnings if "Finite-volume" in text)
+    assert f"{certificate.faces.non_orthogonality:.0f} degrees" in warning
+    assert "non-orthogonality" in str(certificate)
+    gentle = em.solve(problem("tanh20", 17)).certificate
+    assert 0.0 < gentle.faces.non_orthogonality < 60.0
+    assert not [text for text in gentle.warnings if "Finite-volume" in text]
