@@ -109,7 +109,7 @@ def test_a_mesh_of_least_error_is_told_of_rounding_and_of_what_it_does_not_see()
 
     assert said(f"1e15 + {FRONT}", 17)[0].startswith("u counts as constant or linear")
     assert said("sin(64*pi*x)*sin(64*pi*y)", 65)[0].startswith("The mesh is uniform although u varies")
-    assert said(FRONT, 33) == ()
+    assert all("Finite-volume" in one for one in said(FRONT, 33))
 
 
 def test_a_jump_between_neighbouring_samples_is_named_with_its_place() -> None:
