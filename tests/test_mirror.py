@@ -12,6 +12,7 @@ PARTS = {
     "solver": ROOT / "solver" / "equimesh",
     "service": ROOT / "service" / "equimesh_service",
     "client": ROOT / "client" / "equimesh_client",
+    "coupling": ROOT / "client" / "equimesh_coupling",
     "cli": ROOT / "client" / "equimesh_cli",
 }
 # Tests of no single module, by part, with the reason.
@@ -19,6 +20,7 @@ OF_NO_MODULE: dict[str, dict[str, str]] = {
     "solver": {},
     "service": {"assembly/test_schwarz.py": "the half of problem.py that builds the settings of the Schwarz iteration"},
     "client": {"test_imports.py": "what the whole package imports"},
+    "coupling": {},
     "cli": {},
 }
 # Modules of the solver without a file of tests, with the reason.

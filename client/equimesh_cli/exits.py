@@ -62,7 +62,6 @@ def code_of(error: Exception) -> Exit | None:
             (client.DeadlineExceeded, Exit.DEADLINE),
             ((client.ServiceUnreachable, client.ServerError, client.RateLimited), Exit.UNREACHABLE),
             (client.DownloadDamaged, Exit.UNREACHABLE),
-            (client.EquimeshClientError, Exit.INPUT),
         ):
             if isinstance(error, kind):
                 return code
@@ -71,6 +70,9 @@ def code_of(error: Exception) -> Exit | None:
 
         if isinstance(error, solver.SolveError):
             return Exit.FAILED
-        if isinstance(error, solver.EquimeshError):
+    if "equimesh_coupling" in sys.modules:
+        from equimesh_coupling import EquimeshError
+
+        if isinstance(error, EquimeshError):
             return Exit.INPUT
     return None

@@ -52,6 +52,8 @@ from equimesh_client.wire.pictures import Plot
 from equimesh_client.wire.retry import RetryPolicy
 from equimesh_client.wire.steps import SequenceStep
 from equimesh_client.wire.stream import Event
+from equimesh_coupling.cells import CellAverages, ErrorIndicator
+from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
 
 Relaxation = Relaxed  # the name in release 0.2
 Step = SequenceStep  # the name in release 0.2
@@ -65,16 +67,20 @@ __all__ = [
     "AsyncSequence",
     "Auto",
     "BadArgument",
+    "BadValues",
     "Candidate",
+    "CellAverages",
     "Certificate",
     "Classical",
     "Client",
     "Conflict",
     "Convergence",
+    "CouplingError",
     "Curvature",
     "DeadlineExceeded",
     "DownloadDamaged",
     "EquimeshClientError",
+    "ErrorIndicator",
     "Event",
     "Forbidden",
     "Gone",
@@ -88,8 +94,10 @@ __all__ = [
     "MeshArrays",
     "MeshCanceled",
     "MeshFailed",
+    "MissingLibrary",
     "NonlinearRobin",
     "NotFound",
+    "OldLibrary",
     "Optimized",
     "Plot",
     "ProblemError",

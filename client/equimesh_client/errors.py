@@ -2,7 +2,8 @@
 
 ::
 
-    EquimeshClientError
+    EquimeshClientError      the root of all packages, EquimeshError of equimesh_coupling, under its name here
+    ├── CouplingError        a mesh does not reach another library, or values do not come back; drawn there
     ├── BadArgument          refused before anything was sent (also a ValueError)
     ├── ServiceUnreachable   no service answers at this address (also a ConnectionError)
     ├── DeadlineExceeded     the deadline of the caller has passed (also a TimeoutError)
@@ -28,10 +29,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from equimesh_client.records.state import MeshState
+from equimesh_coupling.errors import EquimeshError
 
-
-class EquimeshClientError(Exception):
-    """Base of every exception that the client raises on purpose."""
+# One root for all packages: it also catches what a mesh raises on its way to another library.
+EquimeshClientError = EquimeshError
 
 
 class BadArgument(EquimeshClientError, ValueError):

@@ -58,6 +58,8 @@ from equimesh.solving.target import Target, solve_to
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import transfer
+from equimesh_coupling.cells import CellAverages, ErrorIndicator
+from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
 
 __all__ = [  # noqa: RUF022 - grouped by noun
     # The problem: a monitor on a grid of a domain
@@ -123,6 +125,9 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Relaxed",
     "Candidate",
     "Aim",
+    # What other solvers return on a mesh
+    "CellAverages",
+    "ErrorIndicator",
     # Meshes and their quality
     "Mesh",
     "MeshData",
@@ -136,4 +141,8 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "SamplesError",
     "DecompositionError",
     "SolveError",
+    "CouplingError",
+    "MissingLibrary",
+    "OldLibrary",
+    "BadValues",
 ]

@@ -2,7 +2,8 @@
 
 ::
 
-    EquimeshError
+    EquimeshError             the root of all packages, of :mod:`equimesh_coupling.errors`
+    ├── CouplingError         a mesh does not reach another library, or values do not come back; drawn there
     ├── InputError            the caller's data cannot be used; the message names the place and a remedy
     │   ├── ExpressionError   ... at a position inside the expression
     │   ├── SamplesError      ... in an array of samples, names the first bad index
@@ -13,9 +14,9 @@
 
 from dataclasses import dataclass
 
+from equimesh_coupling.errors import EquimeshError
 
-class EquimeshError(Exception):
-    """Base of every exception that equimesh raises on purpose."""
+__all__ = ["DecompositionError", "EquimeshError", "ExpressionError", "InputError", "Position", "SamplesError"]
 
 
 class InputError(EquimeshError, ValueError):

@@ -42,6 +42,7 @@ from equimesh_client import (
     Mesh,
     MeshCanceled,
     MeshFailed,
+    MissingLibrary,
     NotFound,
     Quadrilateral,
     QuotaExceeded,
@@ -630,6 +631,23 @@ def test_every_public_name_of_the_twins_works(
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(BadArgument, match="pip install meshio"):
         mesh.to_meshio()
+    for library in (
+        "skfem",
+        "dolfinx",
+        "pyvista",
+        "fipy",
+        "mfem.ser",
+        "ngsolve",
+        "sfepy.discrete.fem",
+        "petsc4py.PETSc",
+    ):
+        monkeypatch.setitem(sys.modules, library, None)
+    for hand_over in (mesh.to_skfem, mesh.to_pyvista, mesh.to_fipy, mesh.to_mfem, mesh.to_ngsolve, mesh.to_sfepy):
+        with pytest.raises(MissingLibrary, match="which is not installed: pip install"):
+            hand_over()
+    for hand_over in (mesh.to_dolfinx, mesh.to_dmplex):
+        with pytest.raises(MissingLibrary, match="which is not installed: apt-get install"):
+            hand_over(None)
     assert mesh.refresh().wait().id == mesh.id
     assert [event.kind for event in mesh.events()][-1] == "done"
     with pytest.raises(Conflict):

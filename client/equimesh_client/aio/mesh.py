@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from equimesh_client.aio.coupled import AsyncCoupled
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.records.convergence import Convergence
@@ -16,13 +17,13 @@ from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
-from equimesh_client.wire.outcome import meshio_mesh, raise_unless_succeeded
+from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.pictures import Plot, plot_format
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.stream import Event, StreamPosition
 
 
-class AsyncMesh(MeshState):
+class AsyncMesh(AsyncCoupled, MeshState):
     """A mesh at the service. Arrays, quality and convergence are fetched on first use, and stored."""
 
     def __init__(self, session: AsyncSession, record: Mapping[str, Any]) -> None:
@@ -108,10 +109,6 @@ class AsyncMesh(MeshState):
             flow = flows.fetch_file(call, self._session.settings, limit)
             self._arrays = arrays_of(await self._session.run(flow))
         return self._arrays
-
-    async def to_meshio(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
-        """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
-        return meshio_mesh(await self.arrays(deadline=deadline))
 
     async def plot(
         self,

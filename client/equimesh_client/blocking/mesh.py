@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from equimesh_client.blocking.coupled import Coupled
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.records.convergence import Convergence
@@ -17,13 +18,13 @@ from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
-from equimesh_client.wire.outcome import meshio_mesh, raise_unless_succeeded
+from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.pictures import Plot, plot_format
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.stream import Event, StreamPosition
 
 
-class Mesh(MeshState):
+class Mesh(Coupled, MeshState):
     """A mesh at the service. Arrays, quality and convergence are fetched on first use, and stored."""
 
     def __init__(self, session: Session, record: Mapping[str, Any]) -> None:
@@ -157,10 +158,6 @@ class Mesh(MeshState):
     def u(self) -> Array | None:
         """The values of u at the nodes, shape ``(n_xi, n_eta)``; None where the monitor has no u."""
         return self.arrays().u
-
-    def to_meshio(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
-        """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
-        return meshio_mesh(self.arrays(deadline=deadline))
 
     def plot(
         self,

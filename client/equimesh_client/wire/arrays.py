@@ -10,12 +10,12 @@ import numpy as np
 
 from equimesh_client.errors import DownloadDamaged
 from equimesh_client.records.tables import Array, IntArray
-
-SIDES = ("left", "right", "bottom", "top")
+from equimesh_coupling.coupled import Coupled
+from equimesh_coupling.parts import SIDES, Cells, MeshParts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MeshArrays:
+class MeshArrays(Coupled):
     """The arrays of a mesh.
 
     ``x``, ``y`` and ``u`` have shape ``(n_xi, n_eta)``; ``u`` is None where the monitor has none. ``cells`` are
@@ -37,6 +37,12 @@ class MeshArrays:
     def points(self) -> Array:
         """Node coordinates, shape ``(n_xi * n_eta, 2)``."""
         return np.column_stack([self.x.ravel(), self.y.ravel()])
+
+    def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
+        """Points, cells and sides for other libraries; raises ``BadValues`` for ``cells`` that are not there."""
+        n_xi, n_eta = self.x.shape
+        parts = MeshParts(points=self.points, cells=self.cells, sides=self.boundary, shape=(n_xi, n_eta))
+        return parts.mesh_parts(cells)
 
 
 KNOWN = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", *SIDES})

@@ -8,16 +8,19 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
+from equimesh.meshes.cuts import CUTS, better_cuts, corner_cuts
 from equimesh.meshes.folding import largest_difference, smallest_in_parts, smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.parts import Parts
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
+from equimesh_coupling.coupled import Coupled
+from equimesh_coupling.parts import Cells, MeshParts
 
 SIDES = ("left", "right", "bottom", "top")
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(Coupled):
     """Node coordinates ``x`` and ``y`` of shape ``(n_xi, n_eta)``, the first index running along xi.
 
     Node ``(i, j)`` has number ``i * n_eta + j``, cell ``(i, j)`` number ``i * (n_eta - 1) + j``.
@@ -69,6 +72,30 @@ class Mesh:
         number = np.arange(self.x.size).reshape(self.x.shape)
         lines = {"left": number[0, ::-1], "right": number[-1, :], "bottom": number[:, 0], "top": number[::-1, -1]}
         return {side: np.column_stack([lines[side][:-1], lines[side][1:]]) for side in SIDES}
+
+    def triangles(self) -> IntArray:
+        """The cells cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
+
+        Cell ``k`` gives the rows ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that
+        leaves the larger smallest angle. An inverted triangle has a negative angle, so a cut with two positive
+        triangles is taken wherever there is one. The four cells at the corners are cut through the corner, so that
+        no triangle has two edges on the boundary.
+        """
+        cells, (n_xi, n_eta) = self.cells, self.x.shape
+        corners = CUTS[better_cuts(self.points[cells], corner_cuts((n_xi - 1, n_eta - 1)))].reshape(-1, 6)
+        triangles: IntArray = np.take_along_axis(cells, corners, axis=1)
+        return triangles.reshape(-1, 3)
+
+    def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
+        """Points, cells and sides as plain arrays; quadrilaterals, unless ``cells`` is ``"triangle"``.
+
+        Raises :class:`~equimesh.errors.InputError` for another kind of cells.
+        """
+        if cells not in (None, "quad", "triangle"):
+            raise InputError(f"unknown kind of cells {cells!r}: choose quad or triangle", field="cells")
+        n_xi, n_eta = self.x.shape
+        corners = self.triangles() if cells == "triangle" else self.cells
+        return MeshParts(points=self.points, cells=corners, sides=self.sides, shape=(n_xi, n_eta))
 
     def distance(self, other: Mesh) -> float:
         """The largest difference of a coordinate to another mesh of the same shape."""

@@ -3,10 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from equimesh.errors import InputError
-from equimesh.meshes.cuts import CUTS, better_cuts, corner_cuts
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
 
@@ -50,14 +47,5 @@ class MeshData:
         return uniform.x, uniform.y
 
     def triangles(self) -> IntArray:
-        """The cells cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
-
-        Cell ``k`` gives the rows ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that
-        leaves the larger smallest angle. An inverted triangle has a negative angle, so a cut with two positive
-        triangles is taken wherever there is one. The four cells at the corners are cut through the corner, so that
-        no triangle has two edges on the boundary.
-        """
-        cuts = better_cuts(self.mesh.points[self.mesh.cells], corner_cuts(self.q_eq.shape))
-        corners = CUTS[cuts].reshape(-1, 6)
-        triangles: IntArray = np.take_along_axis(self.mesh.cells, corners, axis=1)
-        return triangles.reshape(-1, 3)
+        """The cells cut into triangles, as :meth:`Mesh.triangles` does it."""
+        return self.mesh.triangles()

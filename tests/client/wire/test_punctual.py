@@ -83,6 +83,9 @@ def url(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iter
     dripper.close()
 
 
+LIBRARIES = ("skfem", "pyvista", "fipy", "mfem", "ngsolve", "sfepy")
+
+
 def calls(client: Any, mesh: Any, folder: Path) -> dict[str, Callable[..., Any]]:
     """Everything public that waits, by name; each takes a deadline."""
     big = np.ones((400, 400))
@@ -108,6 +111,9 @@ def calls(client: Any, mesh: Any, folder: Path) -> dict[str, Callable[..., Any]]
         "download of parts": lambda **limit: mesh.download(folder / "m.xdmf", **limit),
         "arrays": mesh.arrays,
         "to_meshio": mesh.to_meshio,
+        **{f"to_{library}": getattr(mesh, f"to_{library}") for library in LIBRARIES},
+        "to_dolfinx": lambda **limit: mesh.to_dolfinx(None, **limit),
+        "to_dmplex": lambda **limit: mesh.to_dmplex(None, **limit),
         "plot": mesh.plot,
     }
 

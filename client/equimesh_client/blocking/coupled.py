@@ -1,0 +1,58 @@
+"""A mesh at the service, handed to other libraries."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from equimesh_client.wire.arrays import MeshArrays
+from equimesh_client.wire.deadline import DEADLINE_SECONDS
+from equimesh_client.wire.outcome import meshio_mesh
+
+
+class Coupled(ABC):
+    """The ``to_...`` methods: each fetches the arrays once, and hands them over without a file.
+
+    Each raises ``MissingLibrary`` where the library is not installed, and ``OldLibrary`` where it is too old; the
+    message names the package.
+    """
+
+    @abstractmethod
+    def arrays(self, *, deadline: float = DEADLINE_SECONDS) -> MeshArrays:
+        """All arrays of the mesh."""
+
+    def to_meshio(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""
+        return meshio_mesh(self.arrays(deadline=deadline))
+
+    def to_skfem(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """A ``skfem.MeshQuad`` or ``MeshTri`` with the four sides as ``boundaries``; needs scikit-fem."""
+        return self.arrays(deadline=deadline).to_skfem()
+
+    def to_dolfinx(self, comm: Any, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """A ``dolfinx.mesh.Mesh`` on ``comm`` and the tags of its boundary facets, 1 to 4; needs FEniCSx."""
+        return self.arrays(deadline=deadline).to_dolfinx(comm)
+
+    def to_pyvista(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """A ``pyvista.UnstructuredGrid`` with the edges of the four sides in ``field_data``; needs PyVista."""
+        return self.arrays(deadline=deadline).to_pyvista()
+
+    def to_fipy(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """A ``fipy`` mesh with the four sides as masks in ``physicalFaces``; needs FiPy."""
+        return self.arrays(deadline=deadline).to_fipy()
+
+    def to_mfem(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """An ``mfem.ser.Mesh`` with boundary attributes 1 to 4; needs PyMFEM."""
+        return self.arrays(deadline=deadline).to_mfem()
+
+    def to_ngsolve(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """An ``ngsolve.Mesh`` with the four sides as boundaries by name; needs NGSolve."""
+        return self.arrays(deadline=deadline).to_ngsolve()
+
+    def to_sfepy(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """A ``sfepy.discrete.fem.Mesh`` with the vertices of the four sides as sets by name; needs SfePy."""
+        return self.arrays(deadline=deadline).to_sfepy()
+
+    def to_dmplex(self, comm: Any, *, deadline: float = DEADLINE_SECONDS) -> Any:
+        """A ``petsc4py.PETSc.DMPlex`` on ``comm`` with 1 to 4 in the label ``Face Sets``; needs petsc4py."""
+        return self.arrays(deadline=deadline).to_dmplex(comm)

@@ -1,0 +1,27 @@
+"""Meshes for the solvers of others: arrays in, no file, and their solutions back.
+
+``__all__`` is the table of contents. Meshes of ``equimesh`` and ``equimesh_client`` have the methods of
+:class:`Coupled`: ``mesh.to_skfem()``, ``mesh.to_fipy()`` and so on.
+"""
+
+from equimesh_coupling.coupled import Coupled
+from equimesh_coupling.errors import BadValues, CouplingError, EquimeshError, MissingLibrary, OldLibrary
+from equimesh_coupling.parts import MeshParts
+from equimesh_coupling.values import CellAverages, ErrorIndicator, cell_values, node_values
+
+__all__ = [  # noqa: RUF022 - grouped by noun
+    # Meshes that other libraries take
+    "Coupled",
+    "MeshParts",
+    # What a solver returns
+    "node_values",
+    "cell_values",
+    "CellAverages",
+    "ErrorIndicator",
+    # Errors, drawn as a tree in ``equimesh_coupling/errors.py``
+    "EquimeshError",
+    "CouplingError",
+    "MissingLibrary",
+    "OldLibrary",
+    "BadValues",
+]

@@ -1,0 +1,53 @@
+"""MFEM, by its Python package PyMFEM: a serial ``Mesh``, and grid functions."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from equimesh_coupling.errors import BadValues
+from equimesh_coupling.libraries import library
+from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
+
+OLDEST: Final = "4.6"
+INSTALL: Final = f"pip install 'mfem>={OLDEST}'"
+
+
+def mesh_of(parts: MeshParts) -> Any:
+    """The mesh of MFEM, with boundary attributes 1 left, 2 right, 3 bottom, 4 top; node ``k`` is vertex ``k``."""
+    mfem = library("mfem.ser", package="mfem", at_least=OLDEST, install=INSTALL)
+    edges = sum(len(side) for side in parts.sides.values())
+    mesh = mfem.Mesh(2, len(parts.points), len(parts.cells), edges, 2)
+    for x, y in parts.points.tolist():
+        mesh.AddVertex(x, y)
+    add = mesh.AddTriangle if parts.is_triangular else mesh.AddQuad
+    for cell in parts.cells.tolist():
+        add(*cell)
+    for side, edges_of_side in parts.sides.items():
+        for edge in edges_of_side.tolist():
+            mesh.AddBdrSegment(*edge, TAGS[side])
+    mesh.FinalizeTopology()
+    mesh.Finalize(False, True)
+    return mesh
+
+
+def nodal_values(field: Any, mesh: HasParts) -> Array:
+    """The values at the nodes, shape ``(n_xi, n_eta)``, of a scalar ``GridFunction`` of MFEM, of any order.
+
+    Raises :class:`BadValues` for another mesh and for a field that is discontinuous or has components.
+    """
+    parts = mesh.mesh_parts()
+    mfem = library("mfem.ser", package="mfem", at_least=OLDEST, install=INSTALL)
+    space = field.FESpace()
+    nodes = space.GetMesh().GetNV()
+    collection = space.FEColl()
+    is_nodal = collection.Name().startswith("H1") and space.GetVDim() == 1
+    if nodes != len(parts.points) or not is_nodal:
+        raise BadValues(
+            f"the grid function of MFEM has collection {collection.Name()}, {space.GetVDim()} components and {nodes} "
+            f"vertices: return a scalar H1 function on this mesh of {len(parts.points)} nodes"
+        )
+    values = mfem.Vector()
+    field.GetNodalValues(values, 1)
+    return np.array(values.GetDataArray(), dtype=np.float64).reshape(parts.shape)

@@ -1,0 +1,50 @@
+"""NGSolve: its ``Mesh``, and grid functions."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from equimesh_coupling.errors import BadValues
+from equimesh_coupling.libraries import library
+from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
+
+OLDEST: Final = "6.2.2204"
+INSTALL: Final = f"pip install 'ngsolve>={OLDEST}'"
+
+
+def mesh_of(parts: MeshParts) -> Any:
+    """The mesh of NGSolve with boundaries ``left``, ``right``, ``bottom``, ``top``, and the material ``domain``.
+
+    Node ``k`` is vertex ``k``.
+    """
+    ngsolve = library("ngsolve", at_least=OLDEST, install=INSTALL)
+    netgen = library("netgen.meshing", package="ngsolve", install=INSTALL)
+    mesh = netgen.Mesh(dim=2)
+    numbers = [mesh.Add(netgen.MeshPoint(netgen.Pnt(x, y, 0.0))) for x, y in parts.points.tolist()]
+    mesh.Add(netgen.FaceDescriptor(surfnr=1, domin=1, bc=1))
+    for cell in parts.cells.tolist():
+        mesh.Add(netgen.Element2D(1, [numbers[node] for node in cell]))
+    for side, edges in parts.sides.items():
+        for edge in edges.tolist():
+            mesh.Add(netgen.Element1D([numbers[node] for node in edge], index=TAGS[side]))
+        mesh.SetBCName(TAGS[side] - 1, side)
+    mesh.SetMaterial(1, "domain")
+    return ngsolve.Mesh(mesh)
+
+
+def nodal_values(field: Any, mesh: HasParts) -> Array:
+    """The values at the nodes, shape ``(n_xi, n_eta)``, of a scalar ``GridFunction`` of NGSolve on ``H1``.
+
+    The degrees of freedom of vertices come first, at any order. Raises :class:`BadValues` for another space or mesh.
+    """
+    parts = mesh.mesh_parts()
+    space = field.space
+    if space.mesh.nv != len(parts.points) or not space.type.startswith("h1") or field.dim != 1:
+        raise BadValues(
+            f"the grid function of NGSolve is on the space {space.type} with {space.mesh.nv} vertices: return a scalar "
+            f"H1 function on this mesh of {len(parts.points)} nodes"
+        )
+    values = np.array(field.vec.FV().NumPy()[: len(parts.points)])
+    return values.reshape(parts.shape)

@@ -1,0 +1,50 @@
+"""SfePy: its ``Mesh``, and field variables."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from equimesh_coupling.errors import BadValues
+from equimesh_coupling.libraries import library
+from equimesh_coupling.parts import Array, HasParts, MeshParts
+
+OLDEST: Final = "2021.1"
+INSTALL: Final = f"pip install 'sfepy>={OLDEST}'"
+
+
+def mesh_of(parts: MeshParts) -> Any:
+    """The mesh of SfePy, with the vertices of the four sides as sets by name.
+
+    A region is ``domain.create_region("Left", "vertices of set left", "facet")``. Node ``k`` is vertex ``k``.
+    """
+    fem = library("sfepy.discrete.fem", package="sfepy", at_least=OLDEST, install=INSTALL)
+    kind = "2_3" if parts.is_triangular else "2_4"
+    vertices = {side: np.unique(edges).astype(np.int32) for side, edges in parts.sides.items()}
+    return fem.Mesh.from_data(
+        "equimesh",
+        parts.points,
+        np.zeros(len(parts.points), dtype=np.int32),
+        [parts.cells.astype(np.int32)],
+        [np.ones(len(parts.cells), dtype=np.int32)],
+        [kind],
+        nodal_bcs=vertices,
+    )
+
+
+def nodal_values(variable: Any, mesh: HasParts) -> Array:
+    """The values at the nodes, shape ``(n_xi, n_eta)``, of a scalar ``FieldVariable`` of SfePy.
+
+    Raises :class:`BadValues` for another mesh and for a field with components.
+    """
+    parts = mesh.mesh_parts()
+    field = variable.field
+    nodes = field.domain.mesh.n_nod
+    if nodes != len(parts.points) or variable.n_components != 1:
+        raise BadValues(
+            f"the variable of SfePy has {variable.n_components} components and {nodes} vertices: return a scalar one "
+            f"on this mesh of {len(parts.points)} nodes"
+        )
+    values = np.array(variable.get_state_in_region(field.region), dtype=np.float64)
+    return values.reshape(parts.shape)

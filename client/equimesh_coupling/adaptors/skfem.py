@@ -1,0 +1,42 @@
+"""scikit-fem: a ``MeshQuad`` or ``MeshTri``, and vectors of nodal degrees of freedom."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from equimesh_coupling.edges import edge_numbers
+from equimesh_coupling.errors import BadValues
+from equimesh_coupling.libraries import library
+from equimesh_coupling.parts import Array, HasParts, MeshParts
+
+OLDEST: Final = "9"
+INSTALL: Final = f"pip install 'scikit-fem>={OLDEST}'"
+
+
+def mesh_of(parts: MeshParts) -> Any:
+    """The mesh of scikit-fem, with the four sides as ``boundaries``; node ``k`` is vertex ``k``."""
+    skfem = library("skfem", package="scikit-fem", at_least=OLDEST, install=INSTALL)
+    kind = skfem.MeshTri if parts.is_triangular else skfem.MeshQuad
+    mesh = kind(parts.points.T.copy(), parts.cells.T.copy())
+    facets = {side: edge_numbers(edges, mesh.facets.T) for side, edges in parts.sides.items()}
+    return mesh.with_boundaries(facets)
+
+
+def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
+    """The values at the nodes, shape ``(n_xi, n_eta)``, of ``(basis, vector)`` as scikit-fem solves for it.
+
+    The element of the basis needs a degree of freedom at each vertex: ``ElementQuad1``, ``ElementTri2`` and so on.
+    Raises :class:`BadValues` for another element, mesh or length.
+    """
+    parts = mesh.mesh_parts()
+    basis, vector = field
+    at_vertices = basis.nodal_dofs
+    if at_vertices.shape != (1, len(parts.points)):
+        raise BadValues(
+            f"the basis of scikit-fem has {at_vertices.shape[0]} values at each of {at_vertices.shape[1]} vertices, "
+            f"and needs 1 at each of {len(parts.points)}: take a scalar Lagrange element on this mesh"
+        )
+    if len(vector) != basis.N:
+        raise BadValues(f"the vector has {len(vector)} entries, and its basis {basis.N} degrees of freedom")
+    values: Array = vector[at_vertices[0]].reshape(parts.shape)
+    return values

@@ -1,0 +1,58 @@
+"""The methods that hand a mesh to another library, for every class of meshes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from equimesh_coupling.adaptors import dmplex, dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
+from equimesh_coupling.parts import Cells, MeshParts
+
+
+class Coupled(ABC):
+    """A mesh that other libraries take as arrays, without a file.
+
+    Each method imports its library when it is called. The nodes of the foreign mesh are those of this mesh, in the same
+    order wherever the library keeps an order. ``cells``, ``"quad"`` or ``"triangle"``, is the kind of cells; without it
+    the mesh decides. The sides keep their names: ``left``, ``right``, ``bottom``, ``top``; a library that knows numbers
+    only has 1, 2, 3, 4 in this order.
+
+    Each method raises :class:`~equimesh_coupling.MissingLibrary` where the library is not installed, and
+    :class:`~equimesh_coupling.OldLibrary` where it is too old; the message names the package.
+    """
+
+    @abstractmethod
+    def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
+        """Points, cells and sides as plain arrays."""
+
+    def to_skfem(self, *, cells: Cells | None = None) -> Any:
+        """A ``skfem.MeshQuad`` or ``MeshTri`` with the four sides as ``boundaries``; needs scikit-fem."""
+        return skfem.mesh_of(self.mesh_parts(cells))
+
+    def to_dolfinx(self, comm: Any, *, cells: Cells | None = None) -> Any:
+        """A ``dolfinx.mesh.Mesh`` on ``comm`` and the tags of its boundary facets, 1 to 4; needs FEniCSx."""
+        return dolfinx.mesh_of(self.mesh_parts(cells), comm)
+
+    def to_pyvista(self, *, cells: Cells | None = None) -> Any:
+        """A ``pyvista.UnstructuredGrid`` with the edges of the four sides in ``field_data``; needs PyVista."""
+        return pyvista.mesh_of(self.mesh_parts(cells))
+
+    def to_fipy(self, *, cells: Cells | None = None) -> Any:
+        """A ``fipy`` mesh with the four sides as masks in ``physicalFaces``; needs FiPy."""
+        return fipy.mesh_of(self.mesh_parts(cells))
+
+    def to_mfem(self, *, cells: Cells | None = None) -> Any:
+        """An ``mfem.ser.Mesh`` with boundary attributes 1 to 4; needs PyMFEM."""
+        return mfem.mesh_of(self.mesh_parts(cells))
+
+    def to_ngsolve(self, *, cells: Cells | None = None) -> Any:
+        """An ``ngsolve.Mesh`` with the four sides as boundaries by name; needs NGSolve."""
+        return ngsolve.mesh_of(self.mesh_parts(cells))
+
+    def to_sfepy(self, *, cells: Cells | None = None) -> Any:
+        """A ``sfepy.discrete.fem.Mesh`` with the vertices of the four sides as sets by name; needs SfePy."""
+        return sfepy.mesh_of(self.mesh_parts(cells))
+
+    def to_dmplex(self, comm: Any, *, cells: Cells | None = None) -> Any:
+        """A ``petsc4py.PETSc.DMPlex`` on ``comm`` with 1 to 4 in the label ``Face Sets``; needs petsc4py."""
+        return dmplex.mesh_of(self.mesh_parts(cells), comm)

@@ -1,0 +1,76 @@
+"""What a solver returned, as checked values at the nodes of the mesh that it was given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from equimesh_coupling.adaptors import dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
+from equimesh_coupling.arrays import finite, real
+from equimesh_coupling.cells import CellAverages, ErrorIndicator, cell_counts, cell_values
+from equimesh_coupling.errors import BadValues
+from equimesh_coupling.parts import Array, HasParts
+from equimesh_coupling.recovery import nodes_from_cells
+
+__all__ = ["CellAverages", "ErrorIndicator", "cell_values", "node_values"]
+
+# By the package and the class of a field, or of a class that it is derived from: the adaptor that reads it.
+READERS: Final[dict[tuple[str, str], Callable[[Any, HasParts], Array]]] = {
+    ("dolfinx", "Function"): dolfinx.nodal_values,
+    ("fipy", "CellVariable"): fipy.nodal_values,
+    ("mfem", "GridFunction"): mfem.nodal_values,
+    ("ngsolve", "GridFunction"): ngsolve.nodal_values,
+    ("pyvista", "UnstructuredGrid"): pyvista.nodal_values,
+    ("sfepy", "FieldVariable"): sfepy.nodal_values,
+}
+
+
+def node_values(returned: Any, mesh: HasParts) -> Array:
+    """The values at the nodes of ``mesh``, shape ``(n_xi, n_eta)``, from what a solver ``returned``.
+
+    It takes an array with one value for each node, of shape ``(n_xi, n_eta)`` or flat in the order of the nodes; a
+    field of FEniCSx, FiPy, MFEM, NGSolve, PyVista or SfePy; ``(basis, vector)`` of scikit-fem; and
+    :class:`CellAverages`, from which the values at the nodes are recovered.
+
+    Raises :class:`BadValues` for another length, for values that are not finite, for an error indicator, and for an
+    array with one value for each cell.
+    """
+    parts = mesh.mesh_parts()
+    what = "the solution"
+    if isinstance(returned, CellAverages):
+        return nodes_from_cells(returned, mesh)
+    if isinstance(returned, ErrorIndicator):
+        raise BadValues("an error indicator is no solution: return values at the nodes")
+    read = _reader(returned)
+    if read is not None:
+        return finite(read(returned, mesh), what)
+    values = real(returned, what)
+    if values.shape == parts.shape:
+        return finite(values, what)
+    if values.size == len(parts.points) and max(values.shape) == values.size:
+        return finite(values.reshape(parts.shape), what)
+    if values.size in cell_counts(parts):
+        raise BadValues(
+            f"the solution has {values.size} values, one for each cell, and needs one for each of the "
+            f"{len(parts.points)} nodes: wrap averages over cells in CellAverages(values), an error indicator in "
+            "ErrorIndicator(values)"
+        )
+    raise BadValues(
+        f"the solution has the shape {values.shape}, and needs one value for each of the {len(parts.points)} nodes: "
+        f"return an array of shape {parts.shape}, or flat in the order of the nodes"
+    )
+
+
+def _reader(returned: Any) -> Callable[[Any, HasParts], Array] | None:
+    """The adaptor for a field of another library, found by the names of its types: no library is imported."""
+    if isinstance(returned, tuple) and len(returned) == 2 and _is_of("skfem", returned[0]):
+        return skfem.nodal_values
+    for kind in type(returned).__mro__:
+        found = READERS.get((kind.__module__.partition(".")[0], kind.__name__))
+        if found is not None:
+            return found
+    return None
+
+
+def _is_of(package: str, value: Any) -> bool:
+    return any(kind.__module__.partition(".")[0] == package for kind in type(value).__mro__)

@@ -1,0 +1,46 @@
+"""scikit-fem: the mesh with its sides, and vectors of degrees of freedom."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import skfem
+
+from equimesh import Mesh
+from equimesh_coupling import BadValues, MeshParts, node_values
+from equimesh_coupling.adaptors.skfem import mesh_of
+
+
+def test_nodes_cells_and_sides_are_those_of_the_mesh(parts: MeshParts) -> None:
+    mesh = mesh_of(parts)
+    assert np.array_equal(mesh.p.T, parts.points)
+    assert np.array_equal(np.sort(mesh.t.T), np.sort(parts.cells))
+    assert mesh.is_valid()
+    assert {*mesh.boundaries} == {*parts.sides}
+    for side, edges in parts.sides.items():
+        found = mesh.facets[:, mesh.boundaries[side]].T
+        assert {*map(frozenset, found.tolist())} == {*map(frozenset, edges.tolist())}
+
+
+def test_a_mesh_of_the_solver_goes_there_with_both_kinds_of_cells(mesh: Mesh) -> None:
+    assert isinstance(mesh.to_skfem(), skfem.MeshQuad)
+    assert isinstance(mesh.to_skfem(cells="triangle"), skfem.MeshTri)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_solutions_come_back_in_the_order_of_the_nodes(order: int, parts: MeshParts) -> None:
+    kinds = (skfem.ElementTriP1, skfem.ElementTriP2), (skfem.ElementQuad1, skfem.ElementQuad2)
+    basis = skfem.Basis(mesh_of(parts), kinds[not parts.is_triangular][order - 1]())
+    vector = basis.project(lambda x: x[0] + 2 * x[1])
+    expected = (parts.points @ [1.0, 2.0]).reshape(parts.shape)
+    assert np.allclose(node_values((basis, vector), parts), expected)
+
+
+def test_other_elements_and_lengths_are_refused(quads: MeshParts) -> None:
+    mesh = mesh_of(quads)
+    constant = skfem.Basis(mesh, skfem.ElementQuad0())
+    with pytest.raises(BadValues, match="take a scalar Lagrange element on this mesh"):
+        node_values((constant, constant.zeros()), quads)
+    bilinear = skfem.Basis(mesh, skfem.ElementQuad1())
+    with pytest.raises(BadValues, match="the vector has 3 entries, and its basis 35 degrees of freedom"):
+        node_values((bilinear, np.ones(3)), quads)
