@@ -16,8 +16,8 @@ class Record:
 
     ``format`` is that of the file, or ``"adaptor"``. ``mesh`` is ``"square quads"``, ``"square triangles"``,
     ``"annulus quads"`` or ``"annulus triangles"``. ``error`` is the L2 error of the Poisson problem on the adapted
-    mesh, ``uniform_error`` that on the uniform one; None for programs that solve nothing. ``read`` says whether nodes, area
-    and orientation arrived, ``tags`` whether the four sides did.
+    mesh, ``uniform_error`` that on the uniform one; None for programs that solve nothing. ``read`` says whether nodes,
+    area and orientation arrived, ``tags`` whether the four sides did.
     """
 
     consumer: str
