@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 import equimesh
-from equimesh.adapt.round import adapt_round
 from equimesh.fields.mesh_map import reference_of
 from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
+from equimesh.rounds.round import adapt_round
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.problem import SamplesOf, build, translate_errors
 from equimesh_service.errors import AttemptLostError, KeyReusedError, SamplesGoneError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.recovery import Recovery, measured, moved_cells, reference_on
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
+from equimesh.rounds.recovery import Recovery, measured, moved_cells, reference_on
 from solver.fields.bent_meshes import smooth_mesh
 
 FRONT = em.Expression("tanh(8*(x + y/2 - 0.75))")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.candidates import SAMPLED, WITH_LINES, Search
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.least_error.ways import mesh_of
 from equimesh.quality.interpolation import interpolation_errors
+from equimesh.rounds.candidates import SAMPLED, WITH_LINES, Search
 
 NAMES = [*(name for name, *_ in SAMPLED), *WITH_LINES]
 FRONT, LAYERS = em.Expression("tanh(20*(x + y/2 - 0.75))"), em.Expression("exp(50*(x - 1)) + exp(50*(y - 1))")

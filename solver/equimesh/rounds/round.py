@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy.typing as npt
 
-from equimesh.adapt.candidates import Search
-from equimesh.adapt.recovery import Recovery, moved_cells
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.least_error.elements import Norm
@@ -16,6 +14,8 @@ from equimesh.least_error.ways import mesh_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.numerics.threads import thread_count
+from equimesh.rounds.candidates import Search
+from equimesh.rounds.recovery import Recovery, moved_cells
 
 KEPT = "kept"
 """The name of the mesh before, where no candidate is valid or the values are those of a linear function."""

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from equimesh.adapt.recovery import measured
 from equimesh.domains.domain import Domain
 from equimesh.fields.field import Field
 from equimesh.least_error.cells import cells_of_grid
@@ -23,6 +22,7 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.interpolation import interpolated_values
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
+from equimesh.rounds.recovery import measured
 
 STEPS = ((17 * 17, 20), (33 * 33, 15), (129 * 129, 8))
 """Steps of descent, at most, on grids of at most this many points. The mesh before has done much of the work."""

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.recovery import measured
-from equimesh.adapt.round import KEPT, Round, adapt_round
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
+from equimesh.rounds.recovery import measured
+from equimesh.rounds.round import KEPT, Round, adapt_round
 
 FRONT = em.Expression("tanh(20*(x + y/2 - 0.75))")
 SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))

@@ -1,1 +1,0 @@
-"""Meshes for a solution that is not known: solve, adapt to the nodal values, and solve again."""
