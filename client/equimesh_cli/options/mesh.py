@@ -28,7 +28,7 @@ SCHWARZ = (
     "max_iterations",
     "compare",
 )
-MESH_SUFFIXES = (".vtu", ".vtk", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".foam.zip", ".npz")
+MESH_SUFFIXES = (".vtu", ".vtk", ".vts", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".foam.zip", ".npz")
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence")
 
@@ -93,7 +93,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "--output",
         metavar="FILE",
         type=Path,
-        help="the mesh: .vtu .vtk .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case",
+        help="the mesh: .vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case",
     )
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
     results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
@@ -154,6 +154,7 @@ def check_options(options: argparse.Namespace) -> None:
     """Raises :class:`Refused` for options that contradict each other, before any work is done."""
     check_monitor(options)
     _check_target(options)
+    _check_cells(options)
     given = [name for name in SCHWARZ if getattr(options, name) is not None]
     if given and options.subdomains is None:
         flags = ", ".join("--" + name.replace("_", "-") for name in given)
@@ -165,6 +166,11 @@ def check_options(options: argparse.Namespace) -> None:
             raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}")
         if not path.parent.is_dir():
             raise Refused(f"{path.parent}: there is no such folder")
+
+
+def _check_cells(options: argparse.Namespace) -> None:
+    if options.cells == "triangle" and str(options.output or "").lower().endswith(".vts"):
+        raise Refused("a .vts file holds no triangles: choose another format, or leave out --cells")
 
 
 def _check_target(options: argparse.Namespace) -> None:

@@ -17,7 +17,7 @@ from equimesh_client.spec.sources import Upload
 from equimesh_client.wire.retry import retry_after_of
 from equimesh_client.wire.stream import StreamPosition
 
-FORMATS = ("vtu", "vtk", "xdmf", "msh", "su2", "npz")  # whose suffix is their name
+FORMATS = ("vtu", "vtk", "vts", "xdmf", "msh", "su2", "npz")  # whose suffix is their name
 SUFFIXES: Mapping[str, str] = {
     ".xdmf.zip": "xdmf",
     ".foam.zip": "foam",

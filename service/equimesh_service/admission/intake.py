@@ -11,6 +11,7 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
+from equimesh.io.formats import FORMATS
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.quotas import Quotas, quota_problem
@@ -28,6 +29,12 @@ from equimesh_service.telemetry import log_context, stopwatch, tracing
 MAX_LINE_SECONDS = 1.0
 # A draft that takes longer is entered into the store, where it can be listed, canceled and retried.
 MAX_DRAFT_SECONDS = 0.05
+
+
+def check_cells(format: str, cells: str) -> None:
+    """Raises a 406 problem for a mesh format that does not hold these cells."""
+    if cells not in FORMATS[format].cells:
+        raise Problem("not-acceptable", f"A {format} file holds no {cells}s. Request cells=quad or another format.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +74,10 @@ class Intake:
     async def accept(self, admitted: Admitted, caller: Caller, request: MeshRequest) -> AcceptedMesh:
         """Put an admitted spec into the queue, or give it to a worker at once when the request waits for it.
 
-        Raises 409, 422 and 429 problems.
+        Raises 406, 409, 422 and 429 problems.
         """
+        if request.format is not None:
+            check_cells(request.format, admitted.spec["cells"])
         key, step, seconds = request.key, request.step, request.seconds
         new = _new_mesh(admitted, caller, request.format)
         if step is not None:

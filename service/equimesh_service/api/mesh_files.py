@@ -7,6 +7,7 @@ from fastapi import Request
 from starlette.responses import Response
 
 from equimesh.io.write import FORMATS
+from equimesh_service.admission.intake import check_cells
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.sentences import did_you_mean
@@ -31,7 +32,8 @@ async def mesh_file(
     headers: Mapping[str, str] | None = None,
     status: int = 200,
 ) -> Response:
-    """The file of a finished mesh."""
+    """The file of a finished mesh; raises a 406 problem for cells that the format does not hold."""
+    check_cells(format, cells)
     artifact = await service.artifact(row.id, file_name(format, cells))
     return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
 

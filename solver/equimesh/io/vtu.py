@@ -40,30 +40,37 @@ def write_vtu(
     """
     index = np.int32 if cells.size <= np.iinfo(np.int32).max else np.int64
     count, corners = cells.shape
-    order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
     with open(path, "wb") as file:
         file.write(
-            '<?xml version="1.0"?>\n'
-            f'<VTKFile type="UnstructuredGrid" version="1.0" byte_order="{order}" header_type="UInt64">\n'
-            f'<UnstructuredGrid>\n<Piece NumberOfPoints="{len(points)}" NumberOfCells="{count}">\n'.encode()
+            f"{head('UnstructuredGrid')}<UnstructuredGrid>\n"
+            f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{count}">\n'.encode()
         )
-        _section(file, "Points", {"Points": _in_space(points)})
+        write_section(file, "Points", {"Points": in_space(points)})
         offsets = np.arange(corners, cells.size + 1, corners, dtype=index)
         types = np.full(count, CELL_TYPES[corners], dtype=np.uint8)
-        _section(file, "Cells", {"connectivity": cells.astype(index).reshape(-1), "offsets": offsets, "types": types})
-        _section(file, "PointData", point_data)
-        _section(file, "CellData", cell_data)
+        write_section(
+            file, "Cells", {"connectivity": cells.astype(index).reshape(-1), "offsets": offsets, "types": types}
+        )
+        write_section(file, "PointData", point_data)
+        write_section(file, "CellData", cell_data)
         file.write(b"</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
 
 
-def _in_space(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def head(kind: str) -> str:
+    """The first two lines of a VTK XML file."""
+    order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
+    return f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="{order}" header_type="UInt64">\n'
+
+
+def in_space(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """The points with z = 0; ``np.pad`` takes three times as long."""
     result = np.zeros((len(points), 3))
     result[:, 0], result[:, 1] = points[:, 0], points[:, 1]
     return result
 
 
-def _section(file: BinaryIO, name: str, arrays: Mapping[str, Array]) -> None:
+def write_section(file: BinaryIO, name: str, arrays: Mapping[str, Array]) -> None:
+    """Write arrays, flat or with one column for each component, as the section ``name`` of a file."""
     file.write(f"<{name}>\n".encode())
     for label, values in arrays.items():
         kind = f"{NUMBERS[values.dtype.kind]}{8 * values.itemsize}"

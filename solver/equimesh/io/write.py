@@ -2,11 +2,10 @@
 
 import os
 import zipfile
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final
 
 import meshio
 import numpy as np
@@ -14,89 +13,21 @@ import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.io import foam
+from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
 from equimesh.io.gmsh import gmsh_text
 from equimesh.io.medit import medit_text
 from equimesh.io.su2 import su2_text
+from equimesh.io.vts import write_vts
 from equimesh.io.vtu import write_vtu
+from equimesh.io.xdmf import with_time
 from equimesh.meshes.mesh import SIDES
 from equimesh.meshes.mesh_data import MeshData
 
 __all__ = ["CELLS", "FORMATS", "Cells", "MeshData", "MeshFormat", "write_mesh"]
 
-Cells: TypeAlias = Literal["quad", "triangle"]
-CELLS: Final = ("quad", "triangle")
 # Meshes of at most this many points are packed in memory.
 MAX_POINTS_IN_MEMORY: Final = 100_000
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same mesh gives the same bytes
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeshFormat:
-    """A file format: its short ``name``, file name ``suffix``, ``media_type``, and the programs that read it."""
-
-    name: str
-    suffix: str
-    media_type: str
-    description: str
-
-
-FORMATS: Final = {
-    f.name: f
-    for f in (
-        MeshFormat(
-            name="vtu",
-            suffix=".vtu",
-            media_type="application/vnd.vtk.vtu+xml",
-            description="VTK XML unstructured grid: ParaView, VisIt, PyVista, meshio",
-        ),
-        MeshFormat(
-            name="vtk",
-            suffix=".vtk",
-            media_type="application/vnd.vtk",
-            description="legacy VTK 4.2, binary: FreeFEM (vtkload, triangles), ParaView, VisIt",
-        ),
-        MeshFormat(
-            name="xdmf",
-            suffix=".xdmf.zip",
-            media_type="application/zip",
-            description="zip of mesh.xdmf, mesh.h5, facets.xdmf, facets.h5 (side tags 1 left, 2 right, 3"
-            " bottom, 4 top): FEniCSx dolfinx, legacy FEniCS, ParaView",
-        ),
-        MeshFormat(
-            name="msh",
-            suffix=".msh",
-            media_type="model/mesh",
-            description="Gmsh 2.2 text with physical groups left, right, bottom, top, domain: Gmsh, FreeFEM"
-            " (gmshload), scikit-fem, deal.II, MFEM, SfePy",
-        ),
-        MeshFormat(
-            name="medit",
-            suffix=".mesh",
-            media_type="model/x-medit",
-            description="Medit text with references 1 left, 2 right, 3 bottom, 4 top: FreeFEM (readmesh,"
-            " triangles), Mmg",
-        ),
-        MeshFormat(
-            name="su2",
-            suffix=".su2",
-            media_type="model/x-su2",
-            description="SU2 text with markers left, right, bottom, top: SU2",
-        ),
-        MeshFormat(
-            name="foam",
-            suffix=".foam.zip",
-            media_type="application/x-openfoam+zip",
-            description="zip of constant/polyMesh, one cell thick, with patches left, right, bottom, top, and"
-            " frontAndBack of type empty: OpenFOAM",
-        ),
-        MeshFormat(
-            name="npz",
-            suffix=".npz",
-            media_type="application/x-npz",
-            description="NumPy arrays x, y, u, cells, q_eq, subdomain and the edges left, right, bottom, top",
-        ),
-    )
-}
 
 
 def write_mesh(
@@ -116,7 +47,7 @@ def write_mesh(
 
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
     :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
-    does not exist, and ``OSError`` where a file cannot be written.
+    does not exist, for triangles in a structured grid (``vts``), and ``OSError`` where a file cannot be written.
     """
     path = Path(path)
     unpacked, case = format is None and path.suffix == ".xdmf", format in (None, "foam") and path.is_dir()
@@ -125,6 +56,8 @@ def write_mesh(
         raise InputError(f"unknown mesh format {name!r}: choose one of {', '.join(FORMATS)}", field="format")
     if cells not in CELLS:
         raise InputError(f"unknown kind of cells {cells!r}: choose quad or triangle", field="cells")
+    if cells not in FORMATS[name].cells:
+        raise InputError(f"a {name} file holds no {cells}s: choose another format, or quad", field="cells")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it first", field="path")
     target = path / foam.FOLDER if case else path.parent
@@ -163,7 +96,13 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
                 cell_data=_cell_data(data, kind),
             )
         case "vtk":
-            meshio.write(file, _meshio_mesh(data, kind, dimension=3), file_format="vtk42")
+            mesh = _meshio_mesh(data, kind, dimension=3)
+            mesh.point_data["node_groups"] = node_groups(data)
+            meshio.write(file, mesh, file_format="vtk42")
+        case "vts":
+            at_nodes = {name: array.reshape(data.mesh.x.shape) for name, array in _point_data(data).items()}
+            per_cell: dict[str, npt.NDArray[Any]] = {"Q_eq": data.q_eq, "subdomain": data.subdomain.astype(np.int32)}
+            write_vts(file, data.mesh.x, data.mesh.y, point_data=at_nodes, cell_data=per_cell)
         case "xdmf":
             with TemporaryDirectory(dir=file.parent) as folder:
                 _pack(file, _write_xdmf(Path(folder), data, kind, "mesh", "facets"))
@@ -212,6 +151,9 @@ def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: st
     boundary = meshio.Mesh(data.mesh.points, edges, cell_data={"name_to_read": [tags]})
     meshio.write(folder / f"{mesh}.xdmf", _meshio_mesh(data, kind, dimension=2), file_format="xdmf")
     meshio.write(folder / f"{facets}.xdmf", boundary, file_format="xdmf")
+    for stem in (mesh, facets):
+        light = folder / f"{stem}.xdmf"
+        light.write_text(with_time(light.read_text()), newline="\n")
     return tuple(folder / f"{stem}{suffix}" for stem in (mesh, facets) for suffix in (".xdmf", ".h5"))
 
 
@@ -245,6 +187,15 @@ def _cells(data: MeshData, kind: Cells) -> npt.NDArray[np.int64]:
 def _parts(kind: Cells) -> int:
     """How many cells of the file come from one quadrilateral."""
     return 2 if kind == "triangle" else 1
+
+
+def node_groups(data: MeshData) -> npt.NDArray[np.int32]:
+    """SfePy's tag of every node: 0 inside, 1 left, 2 right, 3 bottom, 4 top, and at a corner both digits, as 13."""
+    groups = np.zeros(data.mesh.x.size, dtype=np.int32)
+    for number, side in enumerate(SIDES, start=1):
+        nodes = np.unique(data.mesh.sides[side])
+        groups[nodes] = 10 * groups[nodes] + number
+    return groups
 
 
 def _point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:

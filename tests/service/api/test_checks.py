@@ -15,7 +15,9 @@ from service.conftest import PAPER
 
 def test_capabilities_name_every_choice(http: httpx.Client, document: dict[str, Any], settings: Settings) -> None:
     able = http.get("/v1/capabilities").json()
-    assert {form["name"] for form in able["formats"]} == {"vtu", "vtk", "xdmf", "msh", "medit", "su2", "foam", "npz"}
+    names = {"vtu", "vtk", "vts", "xdmf", "msh", "medit", "su2", "foam", "npz"}
+    assert {form["name"] for form in able["formats"]} == names
+    assert {form["name"] for form in able["formats"] if form["cells"] == ["quad"]} == {"vts"}
     properties = document["components"]["schemas"]["MeshSpec"]["properties"]
     assert able["boundaries"] == properties["boundary"]["enum"]
     assert able["initials"] == properties["initial"]["enum"]

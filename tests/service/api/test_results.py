@@ -21,6 +21,12 @@ from service.requests import WAIT, post
 @pytest.mark.parametrize("cells", ["quad", "triangle"])
 def test_every_format(http: httpx.Client, finished: dict[str, Any], format: str, cells: str) -> None:
     answer = http.get(finished["links"]["file"], params={"format": format, "cells": cells})
+    if cells not in FORMATS[format].cells:
+        assert answer.status_code == 406
+        assert answer.json()["detail"] == "A vts file holds no triangles. Request cells=quad or another format."
+        asked = post(http, small(cells=cells), f"?format={format}")
+        assert (asked.status_code, asked.json()["detail"]) == (406, answer.json()["detail"])
+        return
     assert answer.status_code == 200
     form = FORMATS[format]
     assert answer.headers["content-type"] == form.media_type

@@ -61,7 +61,7 @@ async function show(mesh) {
     [term.textContent, text.textContent] = [name, value];
     return [term, text];
   }));
-  element("files").replaceChildren(...["vtu", "vtk", "xdmf", "msh", "medit", "su2", "foam", "npz"].map((format) => download(mesh, format)));
+  element("files").replaceChildren(...["vtu", "vtk", "vts", "xdmf", "msh", "medit", "su2", "foam", "npz"].map((format) => download(mesh, format)));
   element("result").hidden = false;
 }
 

@@ -1,0 +1,17 @@
+"""The table of mesh formats."""
+
+from __future__ import annotations
+
+import re
+
+from equimesh.io.formats import FORMATS
+
+
+def test_each_format_is_described() -> None:
+    assert list(FORMATS) == ["vtu", "vtk", "vts", "xdmf", "msh", "medit", "su2", "foam", "npz"]
+    for name, known in FORMATS.items():
+        assert known.name == name
+        assert known.suffix.startswith(".")
+        assert re.fullmatch(r"[a-z]+/[a-z0-9.+-]+", known.media_type)
+        assert len(known.description) > 20
+    assert len({known.media_type for known in FORMATS.values()}) == len(FORMATS)
