@@ -11,6 +11,8 @@ The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistribut
 Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the table of contents.
 """
 
+from equimesh.adapt.adaptation import Adaptation, AdaptRound
+from equimesh.adapt.loop import adapt
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
@@ -125,6 +127,10 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Relaxed",
     "Candidate",
     "Aim",
+    # Meshes for a solution that is not known
+    "adapt",
+    "Adaptation",
+    "AdaptRound",
     # What other solvers return on a mesh
     "CellAverages",
     "ErrorIndicator",

@@ -32,8 +32,12 @@ MIN_DECREASE = 2.5e-3
 """Mean decrease of the objective in a step at which a descent on a coarse grid ends."""
 MAX_COMPARED_POINTS = 33 * 33
 """Points of the grid, at most, up to which every candidate is descended."""
-LINE_FLOOR = 1.0
-"""The share of straight lines for flat parts of u, as in :func:`~equimesh.least_error.starts.rectilinear`."""
+LINE_FLOORS = (1.0, 0.1)
+"""Shares of straight lines for flat parts of u that are tried; see :func:`~equimesh.least_error.starts.rectilinear`."""
+MAX_CLIMBING = 2
+"""Candidates, at most, that are descended on the last grid of comparison; the others end on the grid before it."""
+MEASURED_POINTS = 2
+"""Gauss points a direction and cell at which candidates are compared; so many were enough for descents, too."""
 SMOOTH, SHARP = (0.5, 1.0), (0.2, 0.3)
 """Weights of distortion and smoothness, as those of :class:`~equimesh.monitors.least_error.LeastError`."""
 SAMPLED = (("whole", 0, SMOOTH), ("whole, sharper", 0, SHARP), ("parts", 1, SHARP))
@@ -41,7 +45,7 @@ SAMPLED = (("whole", 0, SMOOTH), ("whole, sharper", 0, SHARP), ("parts", 1, SHAR
 
 From the coarsest grid fronts move far, from the next one rings keep their shape.
 """
-WITH_LINES = ("lines", "straight lines")
+LINES, STRAIGHT = "lines", "straight lines"
 """The names of the candidates whose first lines are straight: polished on the finer grids, and as they are."""
 
 
@@ -73,22 +77,47 @@ class Search:
     threads: int = 1
 
     def candidates(self) -> Iterator[Candidate]:
-        """All candidates that are not folded, each with its measured error on the requested grid."""
+        """The candidates that are not folded, each with its measured error on the requested grid."""
         levels = self._levels
-        coarse = [level for level in levels[:-1] if level.grid.points <= MAX_COMPARED_POINTS] or levels[:1]
+        *coarse, last = [level for level in levels[:-1] if level.grid.points <= MAX_COMPARED_POINTS] or levels[:1]
+        straight = self._straight()
+        found = list(self._climbed(coarse or [last], straight))
+        found.sort(key=lambda one: one.error)
+        if coarse:
+            yield from (again for one in found[:MAX_CLIMBING] for again in self._descended_to(one, last))
+        else:
+            yield from found
+        if straight is not None:
+            yield straight
+
+    def _climbed(self, levels: list[Level], straight: Candidate | None) -> Iterator[Candidate]:
+        """The ends of the descents from all starts on the coarse levels."""
         begun = set()
         for name, first, weights in SAMPLED:
-            started = self._started(coarse[first:] or coarse)
+            started = self._started(levels[first:] or levels)
             if started and (started[0].number, weights) not in begun:
                 begun.add((started[0].number, weights))
-                way = Way.uniform(_weights(weights), name)
-                yield from self._climbed(way, coarse[started[0].number :], started[1])
-        lines = rectilinear(self.u, self.domain, self.before.grid.shape, self.norm, LINE_FLOOR)
-        if lines is not None:
-            bent, straight = (Way(name=name, s=lines[0], t=lines[1], weights=_weights(SHARP)) for name in WITH_LINES)
-            fine = coarse[1:] or coarse
-            yield from self._climbed(bent, fine, bent.start(fine[0].grid))
-            yield from self._candidate(straight, levels[-1], straight.start(levels[-1].grid))
+                yield from self._climb(Way.uniform(_weights(weights), name), levels[started[0].number :], started[1])
+        if straight is not None:
+            way, first_level = replace(straight.way, name=LINES), (levels[1:] or levels)[0]
+            yield from self._climb(way, levels[first_level.number :], way.start(first_level.grid))
+
+    def _straight(self) -> Candidate | None:
+        """The better of the meshes of straight lines."""
+        level = self._levels[-1]
+        found: list[Candidate] = []
+        for floor in LINE_FLOORS:
+            lines = rectilinear(self.u, self.domain, level.grid.shape, self.norm, floor)
+            if lines is not None:
+                way = Way(name=STRAIGHT, s=lines[0], t=lines[1], weights=_weights(SHARP))
+                found += self._candidate(way, level, way.start(level.grid))
+        return min(found, key=lambda one: one.error, default=None)
+
+    def _descended_to(self, candidate: Candidate, level: Level) -> Iterator[Candidate]:
+        """The candidate after the descent on one more level; none where it is folded."""
+        mesh = _lifted(candidate.way, candidate.coarse, candidate.level, level)
+        mesh = self._descended(candidate.way, level, mesh, MIN_DECREASE)
+        yield from self._candidate(candidate.way, level, mesh)
 
     def finished(self, candidate: Candidate) -> Candidate:
         """The candidate after descents on the finer grids; itself where these do not lower its error."""
@@ -106,7 +135,7 @@ class Search:
                 return level, mesh
         return None
 
-    def _climbed(self, way: Way, levels: list[Level], mesh: Array) -> Iterator[Candidate]:
+    def _climb(self, way: Way, levels: list[Level], mesh: Array) -> Iterator[Candidate]:
         """The end of the descents from a mesh on the first of the levels."""
         at = levels[0]
         for level in levels:
@@ -119,7 +148,8 @@ class Search:
         mesh = _lifted(way, coarse, level, self._levels[-1])
         square = mesh_of(mesh, self.before.grid)
         if not square.is_folded:
-            error = measured(self.u, self.domain, square, self.norm, self.threads)
+            points = MEASURED_POINTS + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
+            error = measured(self.u, self.domain, square, Rule(norm=self.norm, points=points), self.threads)
             if np.isfinite(error):
                 yield Candidate(name=way.name, way=way, level=level, mesh=mesh, coarse=coarse, error=error)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.domains.domain import Domain, Rectangle
+from equimesh.domains.domain import Domain, Rectangle, map_mesh
 from equimesh.fields.field import Field
 from equimesh.fields.hermite_field import HermiteField
 from equimesh.fields.mesh_map import reference_of
@@ -19,6 +19,7 @@ from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.ways import coordinates_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
+from equimesh.quality.cells import BilinearCells, CellPoints
 
 ESTIMATE_POINTS = 3
 """Gauss points a direction and cell for estimates."""
@@ -32,6 +33,8 @@ class Recovery:
     domain: Domain
     mesh: Mesh
     """The mesh of the values, on the reference square."""
+    values: Array
+    """The values at the nodes, shape ``(n_xi, n_eta)``."""
     rounding: float
     """The estimated L2 error that is nothing but rounding of the values."""
 
@@ -49,6 +52,7 @@ class Recovery:
             u=own if is_straight else OnDomain(reference=own, domain=domain),
             domain=domain,
             mesh=reference,
+            values=own.values,
             rounding=ROUNDING_SHARE * float(np.abs(own.values).max()) * math.sqrt(domain.area),
         )
 
@@ -58,7 +62,18 @@ class Recovery:
         It is zero where the values are those of a linear function. Layers that the mesh does not resolve at all are
         not seen.
         """
-        return measured(self.u, self.domain, self.mesh, norm, threads)
+        return measured(self.u, self.domain, self.mesh, Rule(norm=norm, points=ESTIMATE_POINTS), threads)
+
+    def gradient_norm(self) -> float:
+        """The norm of the gradient of the bilinear interpolant of the values on their mesh, in the units of u."""
+        physical = BilinearCells(map_mesh(self.mesh, self.domain))
+        points, every = CellPoints.gauss(2), np.arange(physical.count)
+        at, corners = physical.at(points, every), physical.corner_values(self.values, every)
+        s, t = points.s[:, None], points.t[:, None]
+        u_s = (1.0 - t) * (corners[1] - corners[0]) + t * (corners[2] - corners[3])
+        u_t = (1.0 - s) * (corners[3] - corners[0]) + s * (corners[2] - corners[1])
+        u_x, u_y = u_s * at.y_t - u_t * at.y_s, u_t * at.x_s - u_s * at.x_t
+        return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
 
 
 def reference_on(mesh: Mesh, domain: Domain) -> Mesh:
@@ -71,10 +86,9 @@ def reference_on(mesh: Mesh, domain: Domain) -> Mesh:
     return Mesh.of_unit_square((mesh.x - x0) / (x1 - x0), (mesh.y - y0) / (y1 - y0))
 
 
-def measured(u: Field, domain: Domain, mesh: Mesh, norm: Norm, threads: int = 1) -> float:
+def measured(u: Field, domain: Domain, mesh: Mesh, rule: Rule, threads: int = 1) -> float:
     """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square."""
     uniform = coordinates_of(Mesh.uniform(mesh.grid))
-    rule = Rule(norm=norm, points=ESTIMATE_POINTS)
     weights = Weights(distortion=0.0, smoothness=0.0)
     objective = Objective(u, domain, cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
     return objective.error(np.ascontiguousarray(coordinates_of(mesh)))

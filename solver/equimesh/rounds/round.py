@@ -22,6 +22,78 @@ KEPT = "kept"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Knowledge:
+    """What the values of a solver say of the mesh that they are on."""
+
+    recovery: Recovery
+    """u, recovered from the values."""
+    estimate: float
+    """The estimated L2 error of the values on their own mesh, in the units of u times a length."""
+    estimate_h1: float
+    """The same for the gradient, in the units of u. It must not rank meshes: one without resolution looks good."""
+    unresolved: float
+    """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
+
+    @classmethod
+    def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain, threads: int = 1) -> Knowledge:
+        """From ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
+
+        Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
+        :class:`~equimesh.errors.InputError` for a folded mesh.
+        """
+        known = Recovery.of(mesh, values, domain)
+        slopes, size = known.estimate("h1", threads), known.gradient_norm()
+        return cls(
+            recovery=known,
+            estimate=known.estimate("l2", threads),
+            estimate_h1=slopes,
+            unresolved=slopes / size if size > 0.0 else 0.0,
+        )
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the estimate is nothing but rounding."""
+        return not self.estimate > self.recovery.rounding
+
+    def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh:
+        """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly."""
+        before = self.recovery.mesh
+        here = self.estimate if norm == "l2" else self.estimate_h1
+        search = Search(u=self.recovery.u, domain=self.recovery.domain, before=before, norm=norm, threads=threads)
+        found = [] if self.is_exact else list(search.candidates())
+        if not found:
+            return NextMesh(reference=before, chosen=KEPT, candidates={}, gain=1.0, moved_cells=0.0)
+        best = search.finished(min(found, key=lambda one: one.error))
+        square = mesh_of(best.mesh, before.grid)
+        reference = Mesh.of_unit_square(square.x, square.y)
+        return NextMesh(
+            reference=reference,
+            chosen=best.name,
+            candidates={one.name: one.error for one in found},
+            gain=here / best.error if best.error > 0.0 else 1.0,
+            moved_cells=moved_cells(before, reference),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NextMesh:
+    """The mesh for the next solve."""
+
+    reference: Mesh
+    """It on the reference square."""
+    chosen: str
+    """The name of the candidate that it was."""
+    candidates: Mapping[str, float]
+    """The candidates, with the errors of the interpolant of the recovered u on them in the requested norm."""
+    gain: float
+    """The estimate in the requested norm over the predicted one on this mesh. Where the values do not resolve the
+    solution it can be below 1.
+    """
+    moved_cells: float
+    """The root mean square of the moves of the nodes, in spacings of the uniform mesh."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Round:
     """The next mesh, and what the values say of the mesh that they are on."""
 
@@ -30,18 +102,19 @@ class Round:
     reference: Mesh
     """The same mesh on the reference square."""
     estimate: float
-    """The estimated L2 error of the values on their own mesh, in the units of u times a length."""
+    """As :attr:`Knowledge.estimate`."""
     estimate_h1: float
-    """The same for the gradient, in the units of u. It must not rank meshes: one without resolution looks good."""
+    """As :attr:`Knowledge.estimate_h1`."""
+    unresolved: float
+    """As :attr:`Knowledge.unresolved`."""
     chosen: str
-    """The name of the candidate that became the next mesh."""
+    """As :attr:`NextMesh.chosen`."""
     candidates: Mapping[str, float]
-    """The candidates, with the errors of the interpolant of the recovered u on them in the requested norm."""
+    """As :attr:`NextMesh.candidates`."""
     gain: float
-    """The estimate in the requested norm over the predicted one on the next mesh. It is too small where the values do
-    not resolve the solution."""
+    """As :attr:`NextMesh.gain`."""
     moved_cells: float
-    """The root mean square of the moves of the nodes, in spacings of the uniform mesh."""
+    """As :attr:`NextMesh.moved_cells`."""
 
 
 def adapt_round(
@@ -61,22 +134,16 @@ def adapt_round(
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     threads = thread_count(threads)
-    known = Recovery.of(mesh, values, domain)
-    estimates = {one: known.estimate(one, threads) for one in ("l2", "h1")}
-    search = Search(u=known.u, domain=domain, before=known.mesh, norm=norm, threads=threads)
-    found = list(search.candidates()) if estimates["l2"] > known.rounding else []
-    reference, chosen, error = known.mesh, KEPT, estimates[norm]
-    if found:
-        best = search.finished(min(found, key=lambda one: one.error))
-        square = mesh_of(best.mesh, mesh.grid)
-        reference, chosen, error = Mesh.of_unit_square(square.x, square.y), best.name, best.error
+    known = Knowledge.of(mesh, values, domain, threads)
+    found = known.next_mesh(norm, threads)
     return Round(
-        mesh=mesh if reference is known.mesh else map_mesh(reference, domain),
-        reference=reference,
-        estimate=estimates["l2"],
-        estimate_h1=estimates["h1"],
-        chosen=chosen,
-        candidates={one.name: one.error for one in found},
-        gain=estimates[norm] / error if found and error > 0.0 else 1.0,
-        moved_cells=moved_cells(known.mesh, reference),
+        mesh=mesh if found.reference is known.recovery.mesh else map_mesh(found.reference, domain),
+        reference=found.reference,
+        estimate=known.estimate,
+        estimate_h1=known.estimate_h1,
+        unresolved=known.unresolved,
+        chosen=found.chosen,
+        candidates=found.candidates,
+        gain=found.gain,
+        moved_cells=found.moved_cells,
     )

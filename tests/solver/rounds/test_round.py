@@ -8,6 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
+from equimesh.least_error.elements import Rule
 from equimesh.rounds.recovery import measured
 from equimesh.rounds.round import KEPT, Round, adapt_round
 
@@ -35,13 +36,14 @@ def first_round(n: int, m: int, u: em.Field = FRONT, domain: em.Domain = UNIT_SQ
 )
 def test_the_next_mesh_has_a_smaller_error_of_the_true_solution(domain: em.Domain, u: em.Field, gain: float) -> None:
     mesh, found = uniform(33, 25, domain), first_round(33, 25, u, domain)
-    errors = [measured(u, domain, one, "l2") for one in (em.Mesh.uniform(mesh.grid), found.reference)]
+    errors = [measured(u, domain, one, Rule(norm="l2")) for one in (em.Mesh.uniform(mesh.grid), found.reference)]
     assert errors[0] > gain * errors[1]
     assert found.mesh.min_jacobian > 0
     assert found.mesh.distance(map_mesh(found.reference, domain)) == 0.0
     assert found.chosen in found.candidates
     assert found.moved_cells > 0.3
     assert found.gain > 0.5 * gain
+    assert 0.0 < found.unresolved < 0.3
 
 
 def test_a_round_replays_bit_by_bit_on_any_number_of_threads() -> None:
@@ -56,7 +58,7 @@ def test_the_norm_decides_what_is_measured() -> None:
     l2, h1 = first_round(17, 17), first_round(17, 17, norm="h1")
     assert (l2.estimate, l2.estimate_h1) == (h1.estimate, h1.estimate_h1)
     assert h1.mesh.distance(l2.mesh) > 0.01
-    slopes = [measured(FRONT, UNIT_SQUARE, one.reference, "h1") for one in (l2, h1)]
+    slopes = [measured(FRONT, UNIT_SQUARE, one.reference, Rule(norm="h1")) for one in (l2, h1)]
     assert slopes[1] < slopes[0]
 
 
@@ -78,3 +80,8 @@ def test_bad_arguments_are_refused() -> None:
         adapt_round(mesh, np.ones((9, 9)), norm="linf")
     with pytest.raises(InputError, match="threads = 0"):
         adapt_round(mesh, np.ones((9, 9)), threads=0)
+
+
+def test_the_unresolved_share_of_a_layer_within_one_cell_is_large() -> None:
+    assert first_round(17, 17, em.Expression("tanh(500*(x + y/2 - 0.75))")).unresolved > 0.12
+    assert first_round(33, 33, em.Expression("tanh(5*(x + y/2 - 0.75))")).unresolved < 0.05

@@ -1,0 +1,35 @@
+"""The records of a loop that adapts."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import equimesh as em
+
+MESH = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=5))
+
+
+def record(number: int, estimate: float) -> em.AdaptRound:
+    return em.AdaptRound(number=number, mesh=MESH, values=np.full((4, 5), float(number)), estimate=estimate)
+
+
+def test_the_result_is_that_of_the_best_round() -> None:
+    done = (record(0, 3.0), record(1, 1.0), record(2, 2.0))
+    found = em.Adaptation(rounds=done, best=1, resolved=True, reason="It ended.")
+    assert found.mesh is done[1].mesh
+    assert found.values is done[1].values
+    assert found.estimate == 1.0
+    assert found.failure is None
+    assert repr(found) == "<Adaptation: 4 x 5 points, round 1 of 2, resolved>"
+
+
+@pytest.mark.parametrize("estimate", [0.5, float("nan")])
+def test_the_numbers_of_a_round_are_ready_for_json(estimate: float) -> None:
+    numbers = json.loads(json.dumps(record(2, estimate).numbers(), allow_nan=False))
+    assert numbers["number"] == 2
+    assert numbers["start"] == "given"
+    assert numbers["estimate"] == (0.5 if estimate == 0.5 else None)
+    assert numbers["unresolved"] is None

@@ -1,0 +1,169 @@
+"""Solve, adapt, solve: with solvers that are cheap, and with what they can do wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.domains.domain import UNIT_SQUARE
+from equimesh.errors import InputError
+from equimesh.quality.interpolation import interpolation_errors
+
+FRONT = em.Expression("tanh(30*(x + y/2 - 0.75))")
+SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))
+
+
+def sampled(u: em.Expression = FRONT) -> Callable[[em.Mesh], np.ndarray]:
+    """A solver that is exact at the nodes."""
+    return lambda mesh: u.evaluate(mesh.x, mesh.y)[0]
+
+
+def gain(found: em.Adaptation, u: em.Expression = FRONT) -> float:
+    first, best = (interpolation_errors(mesh, u).l2 for mesh in (found.rounds[0].mesh, found.mesh))
+    return first / best
+
+
+@pytest.mark.parametrize(
+    ("n", "domain", "least"),
+    [(33, UNIT_SQUARE, 15.0), ((25, 33), em.Rectangle(x=(0.0, 1.2), y=(0.1, 0.9)), 8.0), ((17, 25), SECTOR, 4.0)],
+)
+def test_rounds_lower_the_error_of_a_front(n: int | tuple[int, int], domain: em.Domain, least: float) -> None:
+    u = FRONT if domain is not SECTOR else em.Expression("tanh(30*(x + y/2 - 1.6))")
+    found = em.adapt(sampled(u), n, domain=domain)
+    assert gain(found, u) > least
+    assert found.resolved
+    assert found.mesh.min_jacobian > 0
+    assert 2 <= len(found.rounds) - 1 <= 5
+    assert found.estimate == min(one.estimate for one in found.rounds)
+    assert [one.number for one in found.rounds] == [*range(len(found.rounds))]
+    assert (found.rounds[0].start, found.rounds[0].moved_cells) == ("given", 0.0)
+    assert found.rounds[1].moved_cells > 0.5
+
+
+def test_boundary_layers_are_resolved_by_straight_lines() -> None:
+    u = em.Expression("(x - exp((x - 1)/0.005))*(y - exp((y - 1)/0.005))")
+    found = em.adapt(sampled(u), 33)
+    assert gain(found, u) > 100
+    assert found.resolved
+    assert {one.start for one in found.rounds[1:]} & {"lines", "straight lines"}
+
+
+def test_a_layer_that_no_mesh_meets_is_not_resolved() -> None:
+    found = em.adapt(sampled(em.Expression("tanh(1e7*(x*x + y*y/2 - 0.55))")), 17, rounds=2)
+    assert not found.resolved
+    assert 0.15 < found.rounds[found.best].unresolved < 0.6
+
+
+def test_the_loop_replays_bit_by_bit_on_any_number_of_threads() -> None:
+    one, other = (em.adapt(sampled(), 17, rounds=2, threads=threads) for threads in (1, 2))
+    assert np.array_equal(one.mesh.x, other.mesh.x)
+    assert [record.numbers() for record in one.rounds] == [record.numbers() for record in other.rounds]
+
+
+def test_a_smooth_solution_ends_early_and_a_linear_one_at_once() -> None:
+    smooth = em.adapt(sampled(em.Expression("sin(x)*cos(y)")), 9, rounds=20)
+    assert smooth.reason == "The estimate stands still: it did not fall by 15% in the last 2 rounds."
+    assert len(smooth.rounds) < 8
+    linear = em.adapt(lambda mesh: 2.0 * mesh.x - mesh.y, 9)
+    assert len(linear.rounds) == 1
+    assert (linear.estimate, linear.resolved) == (0.0, True)
+
+
+def test_every_round_is_observed_and_an_observer_can_end_the_loop() -> None:
+    seen: list[int] = []
+
+    def observe(record: em.AdaptRound) -> None:
+        seen.append(record.number)
+        if record.number == 1:
+            raise KeyError("enough")
+
+    with pytest.raises(KeyError, match="enough"):
+        em.adapt(sampled(), 9, observe=observe)
+    assert seen == [0, 1]
+
+
+def test_an_error_indicator_adapts_by_a_weight_and_its_sum_decides() -> None:
+    def means(nodal: np.ndarray) -> np.ndarray:
+        return 0.25 * (nodal[1:, 1:] + nodal[1:, :-1] + nodal[:-1, 1:] + nodal[:-1, :-1])
+
+    def solve(mesh: em.Mesh) -> em.ErrorIndicator:
+        u, middle = FRONT.evaluate(mesh.x, mesh.y)[0], FRONT.evaluate(means(mesh.x), means(mesh.y))[0]
+        return em.ErrorIndicator(np.abs(means(u) - middle))
+
+    found = em.adapt(solve, 17)
+    assert gain(found) > 2
+    assert found.values.shape == (16, 16)
+    assert found.estimate == pytest.approx(np.linalg.norm(found.values))
+    assert found.estimate == min(one.estimate for one in found.rounds)
+    assert (found.rounds[1].start, found.rounds[1].estimate_h1) == ("weight", None)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (lambda mesh: np.full(mesh.x.size, np.nan), "the solver diverged"),
+        (lambda mesh: np.zeros(len(mesh.cells)), "wrap averages over cells in CellAverages"),
+        (lambda _: np.zeros(7), "needs one value for each of the 81 nodes"),
+        (lambda _: None, "is None"),
+        (lambda mesh: em.ErrorIndicator(-np.ones(len(mesh.cells))), "negative"),
+    ],
+)
+def test_bad_values_are_refused_at_first_and_end_the_loop_later(
+    wrong: Callable[[em.Mesh], object], sentence: str
+) -> None:
+    with pytest.raises(em.BadValues, match=sentence):
+        em.adapt(wrong, 9)
+    calls: list[em.Mesh] = []
+
+    def at_first_right(mesh: em.Mesh) -> object:
+        calls.append(mesh)
+        return sampled()(mesh) if len(calls) < 3 else wrong(mesh)
+
+    found = em.adapt(at_first_right, 9)
+    assert len(found.rounds) == 2
+    assert found.mesh in calls[:2]
+    assert isinstance(found.failure, em.BadValues)
+    assert found.reason.startswith("Round 2 failed, and the best mesh before it is kept: BadValues: ")
+    assert sentence in found.reason
+
+
+def test_an_exception_of_the_solver_is_its_own_at_first_and_ends_the_loop_later() -> None:
+    calls: list[em.Mesh] = []
+
+    def singular(mesh: em.Mesh) -> np.ndarray:
+        calls.append(mesh)
+        if len(calls) == 2:
+            raise ZeroDivisionError("the matrix is singular")
+        return sampled()(mesh)
+
+    found = em.adapt(singular, 9)
+    assert len(found.rounds) == 1
+    assert isinstance(found.failure, ZeroDivisionError)
+    assert "ZeroDivisionError: the matrix is singular" in found.reason
+    calls.append(em.Mesh.uniform(em.Grid(n_xi=4, n_eta=4)))
+    calls[:] = calls[:1]
+    with pytest.raises(ZeroDivisionError):
+        em.adapt(singular, 9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        ({"n": 2}, "grid"),
+        ({"n": "65"}, "n"),
+        ({"n": (9, 9, 9)}, "n"),
+        ({"rounds": 0}, "rounds"),
+        ({"rounds": True}, "rounds"),
+        ({"norm": "linf"}, "norm"),
+        ({"solve": 3}, "solve"),
+        ({"threads": 0}, "threads"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments: dict[str, object], field: str) -> None:
+    given = {"solve": sampled(), "n": 9, **arguments}
+    with pytest.raises(InputError) as caught:
+        em.adapt(given.pop("solve"), given.pop("n"), **given)
+    assert caught.value.field.startswith(field)
