@@ -50,6 +50,8 @@ from equimesh.schwarz.iteration import schwarz_iterations as iterate
 from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
+from equimesh.sequences.sequence import Sequence
+from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
 from equimesh.solving.options import Event, Initial
@@ -114,6 +116,9 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "iterate",
     "Initial",
     "Mode",
+    # Meshes that follow a solution in time
+    "Sequence",
+    "SequenceStep",
     # Records of a running solve
     "Event",
     "Step",

@@ -1,0 +1,114 @@
+"""The solve of one step: from the mesh before, and in other ways where u has outrun its cells.
+
+A descent from the mesh before is sooner done than one from a uniform mesh, and loses where a front moves by more than
+a cell. What it has lost is measured: the error of the mesh, relative to that of the uniform mesh. Then a nested start
+is tried, and substeps with u interpolated in time, and the smallest error decides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.fields.field import Field
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.auto import Auto
+from equimesh.monitors.least_error import LeastError
+from equimesh.schwarz.settings import Schwarz
+from equimesh.sequences.between import Between
+from equimesh.sequences.following import with_u
+from equimesh.sequences.moves import cells_moved
+from equimesh.solving.options import Initial, SolveArguments
+from equimesh.solving.solution import Solution
+from equimesh.solving.solve import solve
+
+# A gain less than this share of that of the step before calls for a nested start, which costs as much again.
+MIN_GAIN_SHARE = 0.8
+# A gain less than this share of the one before, in spite of a nested start, calls for substeps.
+MIN_GAIN_SHARE_WITHOUT_SUBSTEPS = 0.5
+# Substeps, at most, of one step.
+MAX_SUBSTEPS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """The solution of a step, and the number of meshes on the way to it."""
+
+    solution: Solution
+    substeps: int = 1
+
+    @property
+    def gain(self) -> float:
+        """The error on the uniform mesh over that on this one; NaN where there is none."""
+        return gain_of(self.solution)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pursuit:
+    """Finds the mesh of the next step after ``before``, whose u was ``u``; ``None`` where it is not known."""
+
+    schwarz: Schwarz | None
+    options: SolveArguments
+    before: Mesh
+    """The mesh before, on the reference square and the grid of the step."""
+    u: Field | None
+    gain: float
+    """The gain of the mesh before for its u; NaN where it is not known."""
+    max_move: float
+
+    def solve(self, problem: Problem) -> Found:
+        """The solution with the smallest measured error of those that were needed."""
+        found = Found(solution=self._from(problem, self.before))
+        if not self._has_lost(found, MIN_GAIN_SHARE) and self._moved(found) <= self.max_move:
+            return found
+        if isinstance(problem.monitor, LeastError | Auto) and self.schwarz is None:
+            found = _better(found, Found(solution=self._from(problem, Initial.NESTED)))
+        if self._has_lost(found, MIN_GAIN_SHARE_WITHOUT_SUBSTEPS) and self._moved(found) > self.max_move:
+            found = _better(found, self._in_substeps(problem, self._moved(found)))
+        return found
+
+    def _in_substeps(self, problem: Problem, moved: float) -> Found | None:
+        """The solution by several meshes, each from the one before it; ``None`` where u is not known at both times."""
+        later = problem.monitor.u
+        if self.u is None or later is None:
+            return None
+        count = min(math.ceil(moved / self.max_move), MAX_SUBSTEPS)
+        mesh = self.before
+        for number in range(1, count):
+            u = Between(earlier=self.u, later=later, share=number / count)
+            try:
+                monitor = with_u(problem.monitor, u)
+            except InputError:
+                return None
+            solution = self._from(replace(problem, monitor=monitor), mesh)
+            if not solution.status.succeeded:
+                return None
+            mesh = solution.reference
+        return Found(solution=self._from(problem, mesh), substeps=count)
+
+    def _from(self, problem: Problem, start: Mesh | Initial) -> Solution:
+        options: SolveArguments = {**self.options, "initial": start, "check": False}
+        return solve(problem, self.schwarz, **options)
+
+    def _has_lost(self, found: Found, share: float) -> bool:
+        return not found.solution.status.succeeded or found.gain < share * self.gain
+
+    def _moved(self, found: Found) -> float:
+        return cells_moved(self.before, found.solution.reference)
+
+
+def gain_of(solution: Solution) -> float:
+    """The gain of a mesh in the norm of its monitor; NaN where there is no u."""
+    errors = solution.interpolation
+    return math.nan if errors is None else errors.estimated_gain(getattr(solution.problem.monitor, "norm", "l2"))
+
+
+def _better(one: Found, other: Found | None) -> Found:
+    """The one with the larger gain, of those that succeeded."""
+    if other is None or not other.solution.status.succeeded:
+        return one
+    if not one.solution.status.succeeded or other.gain > one.gain:
+        return other
+    return one

@@ -1,0 +1,246 @@
+"""A sequence of meshes in time: each step adapts to u, starts from the mesh before, and carries fields along."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Literal, Unpack
+
+import numpy as np
+
+from equimesh.domains.domain import map_mesh
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.fields.field import Field
+from equimesh.fields.mesh_map import reference_of
+from equimesh.fields.nodal_field import NodalField
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.nested import prolong
+from equimesh.numerics.types import Array
+from equimesh.schwarz.settings import Schwarz
+from equimesh.sequences.between import mesh_between
+from equimesh.sequences.following import monitor_for
+from equimesh.sequences.moves import cells_moved, displacement, largest_jump, stays_valid
+from equimesh.sequences.pursuit import Found, Pursuit, gain_of
+from equimesh.sequences.sequence_step import SequenceStep
+from equimesh.solving.options import SolveArguments
+from equimesh.solving.solution import Solution, SolveError
+from equimesh.solving.solve import solve
+from equimesh.transfers.integrals import integral
+from equimesh.transfers.mesh_values import MeshValues, mesh_values
+from equimesh.transfers.transfer import transfer
+
+OUTRUN = ("substeps", "refuse")
+# The largest share of the mesh before in a mesh that is smoothed in time.
+MAX_SMOOTHING = 0.9
+# A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
+MAX_SILENT_JUMP = 0.5
+# A relative change of an integral that deserves a sentence: rounding is far less.
+MAX_SILENT_CHANGE = 1e-12
+
+
+class Sequence:
+    """Meshes of one domain that follow a solution in time.
+
+    ``problem`` gives domain, grid and the monitor, whose settings hold for all steps. The first mesh is that of
+    ``solution``, or ``mesh``, a valid mesh of the domain; without both, the problem is solved. ``schwarz`` and
+    ``options`` are those of :func:`equimesh.solve`: ``mode``, ``allow_relaxed``, ``threads`` (here 1), ``observe`` and
+    ``check``.
+
+    ``smoothing`` in [0, 0.9] is the share of the mesh before in each new mesh, so that meshes do not jitter where u is
+    noisy or changes little; a front is then followed later, by about ``smoothing / (1 - smoothing)`` steps. It is
+    less in a step that would fold a cell.
+
+    ``max_move`` is the move, in cells, that one step may take; ``outrun`` says what happens to a larger one.
+    ``"substeps"`` tries a nested start, and meshes for u interpolated in time, where the measured error has risen, and
+    takes the best. ``"refuse"`` raises, and keeps the mesh before.
+
+    A worker that has a problem, the mesh before and the fields of one step calls
+    ``Sequence(problem, schwarz, mesh=before, check=False, ...).step(problem.monitor, fields)``.
+
+    Raises :class:`~equimesh.errors.InputError` for values that cannot be used, and as :func:`equimesh.solve`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        schwarz: Schwarz | None = None,
+        *,
+        solution: Solution | None = None,
+        mesh: Mesh | None = None,
+        smoothing: float = 0.0,
+        max_move: float = 1.0,
+        outrun: Literal["substeps", "refuse"] = "substeps",
+        **options: Unpack[SolveArguments],
+    ) -> None:
+        _check(smoothing, max_move, outrun)
+        self.problem = problem
+        self.schwarz = schwarz
+        self.smoothing, self.max_move, self.outrun = smoothing, max_move, outrun
+        defaults: SolveArguments = {"threads": 1}
+        self._options: SolveArguments = {**defaults, **options}
+        self._check = options.get("check", True)
+        if solution is None and mesh is None:
+            solution = solve(problem, schwarz, **self._options)
+        self.solution = solution
+        self.mesh: Mesh = solution.mesh if solution is not None else _own(mesh)
+        reference = None if solution is None else solution.reference
+        self._reference = reference_of(self.mesh, problem.domain) if reference is None else reference
+        self.number = 0
+
+    def step(
+        self,
+        u: Any,
+        fields: Mapping[str, Any] | None = None,
+        *,
+        grid: Grid | None = None,
+    ) -> SequenceStep:
+        """The next mesh, adapted to ``u``, with the ``fields`` of the mesh before on it.
+
+        ``u`` is an array of shape ``(n_xi, n_eta)`` at the nodes of :attr:`mesh`; a field, or the text of an
+        expression; a monitor of any kind, whose settings hold from now on; or several of these, in a mapping or a
+        tuple, which are intersected. A field is an array at the nodes, carried by splines, or a
+        :class:`~equimesh.transfers.mesh_values.MeshValues`. ``grid`` changes the number of points.
+
+        A solve that fails, and a refused step, leave the sequence as it was: the mesh before is kept. Raises
+        :class:`~equimesh.solving.solution.SolveError` then, unless ``check`` is false, and
+        :class:`~equimesh.errors.InputError` for values that cannot be used.
+        """
+        given = {name: mesh_values(field) for name, field in (fields or {}).items()}
+        for name, field in given.items():
+            field.on(self.mesh, name)  # what cannot be carried is refused before the solve
+        is_monitor = callable(getattr(u, "metric", None))
+        monitor = monitor_for(self.problem.monitor, u, self.mesh)
+        problem = replace(self.problem, monitor=monitor, grid=grid or self.problem.grid)
+        before = self._on_grid(problem.grid)
+        found = self._pursue(problem, before)
+        if not found.solution.status.succeeded:
+            return self._failed(found.solution, given)
+        solution = self._smoothed(found.solution, before)
+        same = problem.grid == self.mesh.grid
+        moved = cells_moved(self.mesh, solution.mesh) if same else None
+        self._refuse_outrun(moved)
+        carried = transfer(self.mesh, given, solution.mesh)
+        step = SequenceStep(
+            number=self.number + 1,
+            mesh=solution.mesh,
+            solution=solution,
+            fields=carried,
+            velocity=displacement(self.mesh, solution.mesh) if same else None,
+            moved=moved,
+            substeps=found.substeps,
+            notes=(*self._about_moves(solution, moved), *_about_integrals((self.mesh, solution.mesh), given, carried)),
+        )
+        kept = problem.monitor if is_monitor else self.problem.monitor
+        self.problem = replace(problem, monitor=kept)
+        self.solution, self.mesh, self._reference = solution, solution.mesh, solution.reference
+        self.number += 1
+        return step
+
+    def _on_grid(self, grid: Grid) -> Mesh:
+        """The reference mesh before, on the grid of the step."""
+        return self._reference if grid == self._reference.grid else prolong(self._reference, grid)
+
+    def _pursue(self, problem: Problem, before: Mesh) -> Found:
+        """The solution of a step."""
+        last: Field | None = None if self.solution is None else self.solution.problem.monitor.u
+        pursuit = Pursuit(
+            schwarz=self.schwarz,
+            options=self._options,
+            before=before,
+            u=last,
+            gain=math.nan if self.solution is None else gain_of(self.solution),
+            max_move=self.max_move if self.outrun == "substeps" else math.inf,
+        )
+        return pursuit.solve(problem)
+
+    def _smoothed(self, solution: Solution, before: Mesh) -> Solution:
+        """The solution with a share of the mesh before."""
+        if self.smoothing == 0.0:
+            return solution
+        reference = mesh_between(before, solution.reference, self.smoothing)
+        return replace(solution, reference=reference, mesh=map_mesh(reference, solution.problem.domain))
+
+    def _refuse_outrun(self, moved: float | None) -> None:
+        if self.outrun == "refuse" and self.solution is not None and moved is not None and moved > self.max_move:
+            raise InputError(
+                f"the mesh would move by {moved:.2g} cells in this step, more than max_move = {self.max_move:g}: u has"
+                f" outrun its cells. Take {math.ceil(moved / self.max_move)} smaller time steps; the mesh before is"
+                " kept",
+                field="u",
+            )
+
+    def _failed(self, solution: Solution, given: Mapping[str, MeshValues]) -> SequenceStep:
+        """A step that keeps the mesh and the fields as they were."""
+        if self._check:
+            raise SolveError(solution.message, solution)
+        return SequenceStep(
+            number=self.number + 1,
+            mesh=self.mesh,
+            solution=solution,
+            fields={name: field.on(self.mesh, name) for name, field in given.items()},
+            velocity=np.zeros((*self.mesh.x.shape, 2)),
+            moved=0.0,
+            substeps=1,
+            notes=("The solve failed: the mesh before and its fields are kept.",),
+        )
+
+    def _about_moves(self, solution: Solution, moved: float | None) -> Iterator[str]:
+        """Sentences about the move of the nodes."""
+        if moved is None:
+            return
+        u = solution.problem.monitor.u
+        jump = largest_jump(u.values) if isinstance(u, NodalField) and u.mesh is self.mesh else 0.0
+        if moved > self.max_move and jump > MAX_SILENT_JUMP:
+            yield (
+                f"The mesh moved by {moved:.2g} cells in this step, and u changes by {100 * jump:.0f} % of its range"
+                " along one edge of the mesh before: it has outrun its cells there. Take smaller time steps."
+            )
+        if not stays_valid(self.mesh, solution.mesh):
+            yield (
+                "A cell would fold while its nodes move on straight lines from the mesh before to this one: take the"
+                " carried fields, and not the velocity, in this step."
+            )
+
+
+def _about_integrals(
+    meshes: tuple[Mesh, Mesh], given: Mapping[str, MeshValues], carried: Mapping[str, Array]
+) -> Iterator[str]:
+    """Sentences about integrals that were not kept."""
+    for name, field in given.items():
+        change = _change(*meshes, field, carried[name]) if field.transfer == "conservative" else 0.0
+        if change > MAX_SILENT_CHANGE:
+            yield (
+                f"The integral of {name} changed by {change:.1e} of itself: straight edges cut a curved side"
+                " differently in the two meshes, and the bounds leave no room for the difference."
+            )
+
+
+def _change(old: Mesh, new: Mesh, field: MeshValues, carried: Array) -> float:
+    """The largest relative change of the integral of a component."""
+    values, largest = np.asarray(field.values, dtype=float), 0.0
+    for index in np.ndindex(*values.shape[2:]):
+        before = integral(old, values[(..., *index)], field.location)
+        size = integral(old, np.abs(values[(..., *index)]), field.location)
+        after = integral(new, carried[(..., *index)], field.location)
+        largest = max(largest, abs(after - before) / size if size > 0.0 else 0.0)
+    return largest
+
+
+def _own(mesh: Mesh | None) -> Mesh:
+    if mesh is None or mesh.is_folded:
+        raise InputError(
+            "the first mesh of a sequence must be valid: give one whose min_jacobian is positive", field="mesh"
+        )
+    return mesh
+
+
+def _check(smoothing: float, max_move: float, outrun: str) -> None:
+    if not 0.0 <= smoothing <= MAX_SMOOTHING:
+        raise InputError(f"smoothing = {smoothing}: the share lies between 0 and {MAX_SMOOTHING}", field="smoothing")
+    if not max_move > 0.0:
+        raise InputError(f"max_move = {max_move}: a positive number of cells; 1 is usual", field="max_move")
+    if outrun not in OUTRUN:
+        raise InputError(f"outrun = {outrun!r}: choose 'substeps' or 'refuse'", field="outrun")

@@ -1,0 +1,54 @@
+"""From what a time-stepper gives to the monitor of the next mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.errors import InputError
+from equimesh.sequences.following import field_of, monitor_for, with_u
+
+MESH = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+U = em.Expression("x*y")
+
+
+def test_nodal_values_fields_and_texts_become_u_with_the_settings_of_the_template() -> None:
+    template = em.Smoothed(monitor=em.Curvature(u=U, norm="h1"), radius=0.03)
+    for given in (MESH.x, U, "x + y"):
+        monitor = monitor_for(template, given, MESH)
+        assert isinstance(monitor, em.Smoothed)
+        assert monitor.radius == 0.03
+        assert isinstance(monitor.monitor, em.Curvature)
+        assert monitor.monitor.norm == "h1"
+    assert monitor_for(em.Auto(u=U), MESH.x, MESH).u.values is not None
+
+
+def test_a_monitor_is_taken_as_it_is() -> None:
+    other = em.Weight(rho=em.Expression("1 + x"))
+    assert monitor_for(em.Auto(u=U), other, MESH) is other
+
+
+def test_several_u_are_intersected() -> None:
+    template = em.ArcLength(u=U, a=0.3)
+    for given in ({"u": MESH.x, "v": "sin(y)"}, (MESH.x, U), [em.Curvature(u=U), "x"]):
+        monitor = monitor_for(template, given, MESH)
+        assert isinstance(monitor, em.Intersection)
+        assert len(monitor.monitors) == 2
+    assert isinstance(monitor_for(template, [list(row) for row in MESH.x], MESH), em.ArcLength)  # rows of one array
+    assert isinstance(monitor_for(template, {"u": U}, MESH), em.ArcLength)
+
+
+def test_members_of_an_intersection_follow_the_same_u_and_a_weight_is_u() -> None:
+    both = em.Intersection(monitors=(em.ArcLength(u=U), em.Weight(rho=em.Expression("1 + x"))))
+    moved = with_u(both, em.Expression("2 + y"))
+    assert isinstance(moved, em.Intersection)
+    assert moved.monitors[0].u == moved.monitors[1].rho
+
+
+def test_what_follows_nothing_is_refused() -> None:
+    one = em.Expression("1")
+    with pytest.raises(InputError, match="give each step a monitor"):
+        with_u(em.Tensor(m11=one, m12=em.Expression("0"), m22=one), U)
+    with pytest.raises(InputError, match=r"9 x 9|needed"):
+        field_of(np.zeros((4, 4)), MESH, "u")
