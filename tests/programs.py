@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes.util
 import os
 import shutil
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 FOR_CONTAINERS = ("podman", "buildah", "debootstrap", "runc", "netavark", "aardvark-dns", "iptables", "podman-compose")
+GMSH_LIBRARIES = ("GL", "GLU", "Xcursor", "Xft", "Xinerama", "Xrender", "Xfixes", "Xext", "fontconfig")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -68,6 +70,12 @@ PROGRAMS = {
         here=lambda: not lacking_for_containers(),
         remedy="as root: apt-get install --no-install-recommends podman buildah debootstrap runc netavark aardvark-dns "
         "iptables; pip install podman-compose; here is missing: " + (", ".join(lacking_for_containers()) or "nothing"),
+    ),
+    "gmsh-libraries": Program(
+        name="What the Gmsh of pip loads",
+        here=lambda: all(map(ctypes.util.find_library, GMSH_LIBRARIES)),
+        remedy="apt-get install libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1 libxfixes3 libxext6",
+        needed="EQUIMESH_TEST_CONSUMERS_NEEDED",
     ),
     "systemd-analyze": _one("systemd-analyze", package="systemd"),
 }

@@ -8,6 +8,7 @@ import numpy as np
 
 from equimesh_coupling.cells import CellAverages
 from equimesh_coupling.edges import edge_numbers, unique_edges
+from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
 from equimesh_coupling.recovery import nodes_from_cells
@@ -36,6 +37,9 @@ def nodal_values(variable: Any, mesh: HasParts) -> Array:
     """The values at the nodes, shape ``(n_xi, n_eta)``, of a ``CellVariable`` of FiPy.
 
     FiPy solves for averages over cells: the values at the nodes are recovered as in
-    ``equimesh_coupling.recovery.nodes_from_cells``. Raises :class:`BadValues` for another mesh.
+    ``equimesh_coupling.recovery.nodes_from_cells``. Raises :class:`BadValues` for another mesh, and for a
+    variable with components.
     """
+    if variable.rank != 0:
+        raise BadValues(f"the variable of FiPy has rank {variable.rank}: return a scalar one")
     return nodes_from_cells(CellAverages(variable.value), mesh)

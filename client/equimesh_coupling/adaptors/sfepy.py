@@ -46,5 +46,5 @@ def nodal_values(variable: Any, mesh: HasParts) -> Array:
             f"the variable of SfePy has {variable.n_components} components and {nodes} vertices: return a scalar one "
             f"on this mesh of {len(parts.points)} nodes"
         )
-    values = np.array(variable.get_state_in_region(field.region), dtype=np.float64)
+    values = np.array(variable()[field.vertex_remap], dtype=np.float64)
     return values.reshape(parts.shape)

@@ -37,6 +37,9 @@ def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
             f"and needs 1 at each of {len(parts.points)}: take a scalar Lagrange element on this mesh"
         )
     if len(vector) != basis.N:
-        raise BadValues(f"the vector has {len(vector)} entries, and its basis {basis.N} degrees of freedom")
+        raise BadValues(
+            f"the vector of scikit-fem has {len(vector)} entries, and its basis {basis.N} degrees of freedom: return "
+            "the basis on which it was solved for"
+        )
     values: Array = vector[at_vertices[0]].reshape(parts.shape)
     return values

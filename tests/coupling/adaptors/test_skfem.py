@@ -42,5 +42,5 @@ def test_other_elements_and_lengths_are_refused(quads: MeshParts) -> None:
     with pytest.raises(BadValues, match="take a scalar Lagrange element on this mesh"):
         node_values((constant, constant.zeros()), quads)
     bilinear = skfem.Basis(mesh, skfem.ElementQuad1())
-    with pytest.raises(BadValues, match="the vector has 3 entries, and its basis 35 degrees of freedom"):
+    with pytest.raises(BadValues, match="the vector of scikit-fem has 3 entries, and its basis 35 degrees of freedom"):
         node_values((bilinear, np.ones(3)), quads)

@@ -1,0 +1,91 @@
+"""What one consumer does with all meshes of a folder, as a JSON file there: run.py NAME FOLDER.
+
+It runs in the environment of the consumers, and knows `equimesh_coupling` alone of the project.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from equimesh_coupling import BadValues, MeshParts, node_values
+
+SIDES = ("left", "right", "bottom", "top")
+
+
+def parts_of(path: Path) -> MeshParts:
+    """The arrays of a mesh."""
+    with np.load(path) as file:
+        n_xi, n_eta = file["shape"].tolist()
+        return MeshParts(
+            points=file["points"], cells=file["cells"], sides={side: file[side] for side in SIDES}, shape=(n_xi, n_eta)
+        )
+
+
+def outcome(consumer: Any, mesh: Any, parts: MeshParts, values_too: bool) -> dict[str, Any]:
+    """What the mesh of the consumer holds; its values at our nodes, and the error at its cells where it has one."""
+    facts = consumer.facts(mesh)
+    points = np.asarray(facts["points"], dtype=float)
+    number = {tuple(point): k for k, point in enumerate(parts.points.tolist())}
+    ours = [number.get(tuple(point), -1) for point in points.tolist()]
+    found: dict[str, Any] = {
+        "nodes": ours,
+        "area": float(facts["area"]),
+        "smallest": float(facts["smallest"]),
+        "sides": {
+            side: sorted(ours[node] for node in np.asarray([*nodes]).tolist()) for side, nodes in facts["sides"].items()
+        },
+    }
+    if values_too:
+        solution = consumer.solve(mesh)
+        found["values"] = node_values(solution, parts).tolist()
+        if hasattr(consumer, "error"):
+            found["error"] = consumer.error(mesh, solution)
+    return found
+
+
+def refused(fields: list[Any], parts: MeshParts) -> list[str]:
+    """The sentences with which fields are refused that are no nodal values on the mesh."""
+    sentences = []
+    for field in fields:
+        try:
+            node_values(field, parts)
+        except BadValues as error:
+            sentences.append(str(error))
+        else:
+            raise AssertionError(f"{field!r} was taken")
+    return sentences
+
+
+def main(name: str, folder: Path) -> None:
+    consumer = importlib.import_module(f"with_{name}")
+    adaptor = name not in ("vtk", "gmsh", "meshio")
+    hand_over = importlib.import_module(f"equimesh_coupling.adaptors.{name}").mesh_of if adaptor else None
+    solves = hasattr(consumer, "solve")
+    found: dict[str, Any] = {"version": consumer.VERSION, "meshes": {}}
+    for path in sorted(folder.glob("*.npz")):
+        parts = parts_of(path)
+        ways: dict[str, Any] = {}
+        if adaptor:
+            ways["adaptor"] = outcome(consumer, hand_over(parts), parts, solves)
+        for suffix in consumer.FORMATS:
+            file = path.with_suffix(f".{suffix}")
+            if file.exists():
+                ways[suffix] = outcome(consumer, consumer.read(str(file)), parts, solves)
+        found["meshes"][path.stem] = ways
+    small = parts_of(folder / "adapted square quads.npz")
+    found["takes_fields"] = adaptor
+    if hasattr(consumer, "linear"):
+        field = consumer.linear(hand_over(small))
+        found["carried"] = bool(np.allclose(node_values(field, small).ravel(), small.points @ [1.0, 2.0]))
+    found["refused"] = refused(consumer.strangers(small), small) if adaptor else []
+    (folder / f"{name}.json").write_text(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]))
