@@ -38,13 +38,17 @@ MAX_CLIMBING = 2
 """Candidates, at most, that are descended on the last grid of comparison; the others end on the grid before it."""
 MEASURED_POINTS = 2
 """Gauss points a direction and cell at which candidates are compared; so many were enough for descents, too."""
+PARTS = "parts"
+"""The name of candidates that keep more of the mesh before."""
 SMOOTH, SHARP = (0.5, 1.0), (0.2, 0.3)
 """Weights of distortion and smoothness, as those of :class:`~equimesh.monitors.least_error.LeastError`."""
-SAMPLED = (("whole", 0, SMOOTH), ("whole, sharper", 0, SHARP), ("parts", 1, SHARP))
+SAMPLED = (("whole", 0, SMOOTH), ("whole, sharper", 0, SHARP), (PARTS, 1, SHARP))
 """Candidates from the mesh before: their names, the numbers of the grids on which they begin, and their weights.
 
 From the coarsest grid fronts move far, from the next one rings keep their shape.
 """
+DISPLACEMENT_SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
+"""Shares of the displacements of the mesh before that are tried on a coarse grid, until it is not folded there."""
 LINES, STRAIGHT = "lines", "straight lines"
 """The names of the candidates whose first lines are straight: polished on the finer grids, and as they are."""
 
@@ -82,11 +86,12 @@ class Search:
         *coarse, last = [level for level in levels[:-1] if level.grid.points <= MAX_COMPARED_POINTS] or levels[:1]
         straight = self._straight()
         found = list(self._climbed(coarse or [last], straight))
-        found.sort(key=lambda one: one.error)
         if coarse:
-            yield from (again for one in found[:MAX_CLIMBING] for again in self._descended_to(one, last))
-        else:
-            yield from found
+            found = sorted(found, key=lambda one: one.error)[:MAX_CLIMBING]
+            found = [again for one in found for again in self._descended_to(one, last)]
+            if not any(one.way.is_uniform for one in found) and (started := self._started([last])):
+                found += self._climb(Way.uniform(_weights(SHARP), PARTS), [last], started[1])
+        yield from found
         if straight is not None:
             yield straight
 
@@ -128,11 +133,16 @@ class Search:
         return min([candidate, *self._candidate(candidate.way, at, mesh)], key=lambda one: one.error)
 
     def _started(self, levels: list[Level]) -> tuple[Level, Array] | None:
-        """The first of the levels on whose grid the mesh before is not folded, with that mesh."""
+        """The mesh before on the first of the levels on whose grid it is not folded, with the level.
+
+        Few of its nodes may be the nodes of a folded mesh. Then their displacements are reduced, down to a half.
+        """
         for level in levels:
-            mesh = self._sampled(level.grid)
-            if not mesh_of(mesh, level.grid).is_folded:
-                return level, mesh
+            mesh, uniform = self._sampled(level.grid), coordinates_of(Mesh.uniform(level.grid))
+            for share in DISPLACEMENT_SHARES:
+                reduced = uniform + share * (mesh - uniform)
+                if not mesh_of(reduced, level.grid).is_folded:
+                    return level, reduced
         return None
 
     def _climb(self, way: Way, levels: list[Level], mesh: Array) -> Iterator[Candidate]:
