@@ -38,13 +38,22 @@ from equimesh_client.errors import (
     TooLarge,
     Unauthorized,
 )
-from equimesh_client.records.certificate import Aim, Candidate, Certificate, Relaxed
+from equimesh_client.records.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.state import Progress
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
 from equimesh_client.spec.mesh import Target
-from equimesh_client.spec.monitors import ArcLength, Auto, Curvature, Intersection, LeastError, Tensor, Weight
+from equimesh_client.spec.monitors import (
+    ArcLength,
+    Auto,
+    Curvature,
+    Intersection,
+    LeastError,
+    NodalSolution,
+    Tensor,
+    Weight,
+)
 from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
@@ -81,6 +90,7 @@ __all__ = [
     "DownloadDamaged",
     "EquimeshClientError",
     "ErrorIndicator",
+    "Estimate",
     "Event",
     "Forbidden",
     "Gone",
@@ -95,6 +105,7 @@ __all__ = [
     "MeshCanceled",
     "MeshFailed",
     "MissingLibrary",
+    "NodalSolution",
     "NonlinearRobin",
     "NotFound",
     "OldLibrary",

@@ -34,9 +34,11 @@ from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.intersection import Intersection
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
 from equimesh.quality.measures import Quality, measure
+from equimesh.rounds.round import Round, adapt_round
 from equimesh.schwarz.conditions import (
     Classical,
     LinearRobin,
@@ -90,6 +92,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Monitor",
     "Auto",
     "LeastError",
+    "NodalSolution",
     "ArcLength",
     "Curvature",
     "Weight",
@@ -136,6 +139,8 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "adapt",
     "Adaptation",
     "AdaptRound",
+    "adapt_round",
+    "Round",
     # What other solvers return on a mesh
     "CellAverages",
     "ErrorIndicator",

@@ -18,6 +18,7 @@ NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
 ALLOWED = {
     "auto": ("norm",),
     "least-error": ("norm", "distortion", "smoothness"),
+    "nodal-solution": ("norm",),
     "arc-length": ("a", "b", "scaled", "smoothing"),
     "curvature": ("norm", "isotropic", "smoothing"),
     "weight": ("rho", "map", "smoothing"),
@@ -38,7 +39,9 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--monitor", type=_dashed, choices=tuple(ALLOWED), default="auto", help="(auto)")
     group.add_argument(
-        "--norm", choices=("l2", "h1"), help="auto, least-error, curvature: the error to be made small (l2)"
+        "--norm",
+        choices=("l2", "h1"),
+        help="auto, least-error, nodal-solution, curvature: the error to keep small (l2)",
     )
     group.add_argument(
         "--distortion",
@@ -103,7 +106,7 @@ def function(text: str) -> str | Path:
 
 def monitor_of(options: argparse.Namespace) -> Monitor:
     """The monitor of the client, without its u."""
-    from equimesh_client import ArcLength, Auto, Curvature, LeastError, Tensor, Weight
+    from equimesh_client import ArcLength, Auto, Curvature, LeastError, NodalSolution, Tensor, Weight
 
     values = {name: getattr(options, name) for name in ALLOWED[options.monitor]}
     settings: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
@@ -112,6 +115,7 @@ def monitor_of(options: argparse.Namespace) -> Monitor:
     kinds: dict[str, Callable[..., Monitor]] = {
         "auto": Auto,
         "least-error": LeastError,
+        "nodal-solution": NodalSolution,
         "arc-length": ArcLength,
         "curvature": Curvature,
         "weight": Weight,

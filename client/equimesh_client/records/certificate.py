@@ -99,6 +99,29 @@ class Aim:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """The estimated error of the values of a solver on their own mesh, from which a round of adapting began.
+
+    ``l2`` is in the units of u times a length, ``h1`` that of the gradient. ``unresolved`` is ``h1`` over the
+    norm of the gradient: the share that the mesh does not resolve. ``moved_cells`` is the root mean square of
+    the moves of the nodes in the round, in spacings of the uniform mesh.
+    """
+
+    l2: float
+    h1: float
+    unresolved: float
+    moved_cells: float
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> Estimate:
+        """The estimate in the JSON of the service."""
+        return cls(**{name: real_or_nan(record.get(name)) for name in ("l2", "h1", "unresolved", "moved_cells")})
+
+    def __str__(self) -> str:
+        return f"{_short(self.l2)} in L2, {_short(self.h1)} in H1; nodes moved by {_short(self.moved_cells)} cells"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How well a mesh solves the requested equations; nan for what is not known.
 
@@ -111,8 +134,8 @@ class Certificate:
     sentences. ``interpolation_gain`` is the error on the uniform mesh over that on this one, in the norms ``"l2"`` and
     ``"h1"``; None without a u. ``resolved`` is False where a gain is not known, because a layer of u lies inside a
     cell; it is nan then. ``target`` is the requested error and what was reached, None where a grid was given.
-    ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first. ``record`` is the JSON of the
-    service.
+    ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first. ``estimate`` is that of a
+    round of adapting. ``record`` is the JSON of the service.
     """
 
     status: str
@@ -130,6 +153,7 @@ class Certificate:
     interpolation_gain: Mapping[str, float] | None
     target: Aim | None = None
     comparison: tuple[Candidate, ...] = ()
+    estimate: Estimate | None = None
     record: Mapping[str, Any] = field(repr=False)
 
     @classmethod
@@ -160,6 +184,7 @@ class Certificate:
             interpolation_gain=None if gain is None else {name: real_or_nan(value) for name, value in gain.items()},
             target=None if record.get("target") is None else Aim.from_json(record["target"]),
             comparison=tuple(map(Candidate.from_json, record.get("comparison") or ())),
+            estimate=None if record.get("estimate") is None else Estimate.from_json(record["estimate"]),
             record=record,
         )
 
@@ -185,6 +210,8 @@ class Certificate:
         if self.target is not None:
             lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]
+        if self.estimate is not None:
+            lines.append(f"  estimate              {self.estimate}  (of the given values, on their own mesh)")
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
     def __str__(self) -> str:

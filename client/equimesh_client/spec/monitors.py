@@ -52,6 +52,22 @@ class LeastError:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NodalSolution:
+    """The next mesh of a solver: one round of :meth:`Client.adapt`, which calls it for you.
+
+    ``u`` are the values at the nodes of the mesh before, as ``(x, y, values)`` of one shape ``(n_xi, n_eta)``; it
+    replaces that of `generate`. ``norm`` as in :class:`Auto`. The certificate has the estimated error of the values.
+    """
+
+    norm: Norm = "l2"
+    u: object = None
+
+    def json(self, read: Read, u: object) -> Json:
+        """The JSON of the monitor; ``u`` is that of `generate`."""
+        return {"kind": "nodal_solution", **_u_json(read, self.u, u, required_by="NodalSolution"), "norm": self.norm}
+
+
+@dataclass(frozen=True, kw_only=True)
 class ArcLength:
     """Equal shares of the arc length of u: small cells where u is steep. The paper's.
 
@@ -158,7 +174,7 @@ class Intersection:
         return _with_smoothing({"kind": "intersection", "monitors": members}, self.smoothing)
 
 
-Monitor: TypeAlias = Auto | LeastError | PlainMonitor | Intersection
+Monitor: TypeAlias = Auto | LeastError | NodalSolution | PlainMonitor | Intersection
 
 
 def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) -> Json:
@@ -166,7 +182,7 @@ def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) ->
 
     Raises :class:`BadArgument` for another object, and for a u that is missing or given twice.
     """
-    if isinstance(monitor, Auto | LeastError | Intersection):
+    if isinstance(monitor, Auto | LeastError | NodalSolution | Intersection):
         return monitor.json(read, u)
     return _json(monitor, read, u)
 
@@ -179,8 +195,8 @@ def _json(monitor: object, read: Read, u: object) -> Json:
     if isinstance(monitor, PlainMonitor):
         return monitor.json(read, u)
     raise BadArgument(
-        "a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Auto, a LeastError or an"
-        f" Intersection; not {monitor!r:.80}"
+        "a monitor is an ArcLength, Curvature, Weight or Tensor, or at the top an Auto, a LeastError, an"
+        f" NodalSolution or an Intersection; not {monitor!r:.80}"
     )
 
 

@@ -68,10 +68,10 @@ def source_of(
     """The JSON and the file of ``u``, of any kind.
 
     ``u`` is an expression in x and y (a string); a 2-D array or list of values on the uniform grid of the ``box``,
-    first index along x; ``(x, y, values)`` or a mapping with these keys: a rectilinear grid when ``values`` is
-    2-D, scattered points when all three are 1-D; scattered ``(points, values)`` or such a mapping; a callable
-    ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path of a file; or
-    :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
+    first index along x; ``(x, y, values)`` or a mapping with these keys: a rectilinear grid when ``values`` is 2-D,
+    scattered points when all three are 1-D, the nodes of a mesh when all three are 2-D; scattered ``(points, values)``
+    or such a mapping; a callable ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path of a
+    file; or :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
 
     Raises :class:`BadArgument` when ``u`` is none of these, or has a value that is not finite.
     """
@@ -179,8 +179,13 @@ def _pieces(u: object, box: Box) -> dict[str, Array]:
 
 
 def _three(x: object, y: object, values: object) -> dict[str, Array]:
-    """A rectilinear grid when the values are 2-D, scattered points when everything is 1-D."""
+    """A rectilinear grid when the values are 2-D, points when everything is 1-D, nodes of a mesh when it is 2-D."""
     pieces = {"x": _array("x", x), "y": _array("y", y), "values": _array("values", values)}
+    if pieces["x"].ndim == pieces["y"].ndim == pieces["values"].ndim == 2:
+        if not pieces["x"].shape == pieces["y"].shape == pieces["values"].shape:
+            shapes = ", ".join(str(piece.shape) for piece in pieces.values())
+            raise BadArgument(f"x, y and values at the nodes of a mesh have one common shape, not {shapes}")
+        return _check_finite(pieces)
     if pieces["x"].ndim != 1 or pieces["y"].ndim != 1:
         raise BadArgument("x and y are the two axes, with one dimension each; values[i, j] belongs to (x[i], y[j])")
     if pieces["values"].ndim == 1:
@@ -215,7 +220,8 @@ def _check_finite(pieces: dict[str, Array]) -> dict[str, Array]:
 
 def _samples(pieces: dict[str, Array]) -> Source:
     if sum(array.size for array in pieces.values()) <= MAX_INLINE_VALUES:
-        return Source(json={"grid" if "x" in pieces else "scattered": {k: v.tolist() for k, v in pieces.items()}})
+        kind = "scattered" if "points" in pieces else "nodal" if pieces["x"].ndim == 2 else "grid"
+        return Source(json={kind: {name: values.tolist() for name, values in pieces.items()}})
     return Source(json={"samples": "upload"}, upload=_npz(pieces))
 
 

@@ -113,6 +113,17 @@ class FaceAngles(BaseModel):
     mean: float | None = Field(None, description="The angle whose cosine is the mean of their cosines, in degrees.")
 
 
+class SolverEstimate(BaseModel):
+    """The estimated error of the values that a round of adapting was given, on their own mesh."""
+
+    l2: float = Field(description="In the units of u times a length.")
+    h1: float = Field(description="The same for the gradient; it must not rank meshes.")
+    unresolved: float = Field(description="h1 over the norm of the gradient: the share that is not resolved.")
+    moved_cells: float = Field(
+        description="Root mean square of the moves of the nodes in the round, in spacings of the uniform mesh."
+    )
+
+
 class MeshCertificate(BaseModel):
     """How well the mesh solves the requested equations; null stands for unknown."""
 
@@ -140,6 +151,7 @@ class MeshCertificate(BaseModel):
     comparison: list[ComparedMonitor] = Field(
         default_factory=list, description="The monitors among which auto has chosen, the best one first."
     )
+    estimate: SolverEstimate | None = Field(None, description="null for a mesh that is no round of adapting.")
 
 
 class Timings(BaseModel):
@@ -211,7 +223,7 @@ class SamplesResource(BaseModel):
     """Stored samples of a monitor function."""
 
     id: str
-    kind: Literal["grid", "scattered", "nodal"] = Field(description="nodal: at the nodes of a sequence's mesh.")
+    kind: Literal["grid", "scattered", "nodal"] = Field(description="nodal: at the nodes of a mesh.")
     shape: list[int]
     min: float
     max: float

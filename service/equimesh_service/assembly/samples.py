@@ -27,6 +27,7 @@ from equimesh.errors import SamplesError
 from equimesh.fields.samples import MIN_CUBIC
 from equimesh.inputs import count_noun, real_array
 from equimesh.upload.limits import Limits
+from equimesh.upload.nodal import is_nodal, nodal_samples
 from equimesh.upload.samples import read_arrays, samples_of
 from equimesh_service.files.port import StoredFile
 from equimesh_service.spec.bounds import check_bounds
@@ -35,8 +36,6 @@ from equimesh_service.store.rows import NewSamples, SamplesRow
 Arrays: TypeAlias = Mapping[str, Any]
 # The most bytes of samples that the service reads itself, also when they are unpacked.
 MAX_LIGHT_BYTES = 256 * 1024
-# The share of the box around a domain with curved sides that the nodes of a mesh may leave out.
-_RIM_SHARE = 0.05
 
 
 def is_light(data: bytes, filename: str) -> bool:
@@ -63,7 +62,9 @@ def read(data: bytes, filename: str, limits: Limits, *, alone: bool) -> Arrays:
         check_bounds(data, limits.max_values)
     arrays = read_arrays(data, filename, max_bytes=limits.max_bytes, max_samples=limits.max_samples)
     arrays = canonical_arrays(arrays)
-    if alone and "points" not in arrays:
+    if alone and is_nodal(arrays):
+        nodal_samples(**arrays)
+    elif alone and "points" not in arrays:
         samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
     return arrays
 
@@ -86,7 +87,7 @@ def write(arrays: Arrays, file: IO[bytes]) -> dict[str, Any]:
     np.savez(file, **arrays)
     values = arrays["values"]
     return {
-        "kind": "scattered" if "points" in arrays else "grid",
+        "kind": "scattered" if "points" in arrays else "nodal" if is_nodal(arrays) else "grid",
         "shape": list(values.shape),
         "min": float(values.min()),
         "max": float(values.max()),
@@ -101,14 +102,7 @@ def convert(source: Path, filename: str, target: Path, limits: Limits, *, alone:
 
 def field_of(samples: Path | Arrays, box: Box) -> equimesh.Field:
     """A field from canonical samples, which must cover ``box``."""
-    arrays = _load(samples) if isinstance(samples, Path) else samples
-    if "x" not in arrays or arrays["x"].ndim == 1:
-        return samples_of(arrays, box=box)
-    for name, (low, high) in zip(("x", "y"), box, strict=True):
-        rim = _RIM_SHARE * (high - low)
-        if abs(arrays[name].min() - low) > rim or abs(arrays[name].max() - high) > rim:
-            raise SamplesError("these are values at the nodes of a mesh of another domain", field=name)
-    return equimesh.NodalField(mesh=equimesh.Mesh(arrays["x"], arrays["y"]), values=arrays["values"])
+    return samples_of(_load(samples) if isinstance(samples, Path) else samples, box=box)
 
 
 def _load(path: Path) -> Arrays:
@@ -119,7 +113,10 @@ def _load(path: Path) -> Arrays:
 def canonical_arrays(arrays: dict[str, Any]) -> dict[str, Any]:
     """The arrays as floats of the right dimensions."""
     if "points" not in arrays:
-        axes: dict[str, Any] = {name: real_array(arrays[name], name, ndim=1) for name in ("x", "y") if name in arrays}
+        ndim = 2 if is_nodal(arrays) else 1
+        axes: dict[str, Any] = {
+            name: real_array(arrays[name], name, ndim=ndim) for name in ("x", "y") if name in arrays
+        }
         return {**axes, "values": real_array(arrays["values"], "values", ndim=2)}
     points, values = real_array(arrays["points"], "points", ndim=2), real_array(arrays["values"], "values", ndim=1)
     if points.shape[1] != 2:

@@ -19,11 +19,12 @@ from equimesh_service.spec.monitors import (
     AutoSpec,
     LeastErrorSpec,
     Monitor,
+    NodalSolutionSpec,
     sources_of,
     with_samples,
 )
 from equimesh_service.spec.schwarz import SchwarzSpec
-from equimesh_service.spec.sources import AnySource, ExpressionSource, GridSource, StoredSource
+from equimesh_service.spec.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
 from equimesh_service.spec.strict import Parameters, Strict, validate
 
 MODE_USES = {
@@ -104,12 +105,12 @@ class CheckedSpec:
         monitor = self.spec.monitor
         if isinstance(monitor, ArcLengthSpec):
             return monitor.smoothing == 0.0
-        return isinstance(monitor, AutoSpec | LeastErrorSpec)
+        return isinstance(monitor, AutoSpec | LeastErrorSpec | NodalSolutionSpec)
 
     @property
     def is_quick(self) -> bool:
         """Whether the solver checks it within milliseconds: it evaluates a formula at many points."""
-        quick = (ExpressionSource, GridSource)
+        quick = (ExpressionSource, GridSource, NodalSource)
         return (
             self.is_plain
             and self.spec.target is None

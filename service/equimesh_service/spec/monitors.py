@@ -12,6 +12,7 @@ MAX_MONITORS = 8
 USES = {
     "auto": "You have u: candidates are tried on a coarse grid, and the one of least error is taken. The default.",
     "least_error": "You have u, and want the settings in your hand: the measured interpolation error is minimised.",
+    "nodal_solution": "You solve for u: from its values at the nodes of one mesh to the next mesh.",
     "arc_length": "Fronts and layers: small cells where u is steep, after Haynes and Howse.",
     "curvature": "A metric made for a small interpolation error of u (norm l2) or of its gradient (h1).",
     "weight": "You know the sizes of cells: they are as small as rho > 0 is large, and not stretched.",
@@ -63,6 +64,16 @@ class LeastErrorSpec(Strict):
         0.5, description="Weight of the deformation of cells, positive; less for a smaller error."
     )
     smoothness: FiniteFloat = Field(1.0, description="Weight of uneven neighbours, positive; less for a smaller error.")
+
+
+class NodalSolutionSpec(Strict):
+    """The next mesh of a solver whose solution on a mesh is given: one round of adapting, without the exact u."""
+
+    REFUSED: ClassVar[Mapping[str, str]] = {"smoothing": NO_SMOOTHING}
+    MISSING: ClassVar[Mapping[str, str]] = {"u": "a round follows from values at the nodes of a mesh: give u"}
+    kind: Literal["nodal_solution"]
+    u: Source = Field(description="Values of a solver at the nodes of a mesh: nodal, or samples with x and y of 2-D.")
+    norm: _Norm = "l2"
 
 
 class ArcLengthSpec(Strict):
@@ -141,11 +152,19 @@ class IntersectionSpec(Strict):
 
 
 AnyMonitor: TypeAlias = (
-    AutoSpec | LeastErrorSpec | ArcLengthSpec | CurvatureSpec | WeightSpec | TensorSpec | IntersectionSpec
+    AutoSpec
+    | LeastErrorSpec
+    | NodalSolutionSpec
+    | ArcLengthSpec
+    | CurvatureSpec
+    | WeightSpec
+    | TensorSpec
+    | IntersectionSpec
 )
 Monitor = Annotated[
     Annotated[AutoSpec, Tag(TAG + "auto")]
     | Annotated[LeastErrorSpec, Tag(TAG + "least_error")]
+    | Annotated[NodalSolutionSpec, Tag(TAG + "nodal_solution")]
     | Annotated[ArcLengthSpec, Tag(TAG + "arc_length")]
     | Annotated[CurvatureSpec, Tag(TAG + "curvature")]
     | Annotated[WeightSpec, Tag(TAG + "weight")]

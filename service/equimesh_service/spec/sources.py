@@ -35,6 +35,20 @@ class GridSource(Strict):
     grid: GridValues
 
 
+class NodalValues(Strict):
+    """u at the nodes of a mesh of the domain; the first index runs along xi."""
+
+    x: Annotated[list[Numbers], FailFast()] = Field(description="x[i][j] of the node (i, j).")
+    y: Annotated[list[Numbers], FailFast()] = Field(description="y[i][j] of the node (i, j).")
+    values: Annotated[list[Numbers], FailFast()] = Field(description="values[i][j] is u at the node (i, j).")
+
+
+class NodalSource(Strict):
+    """A function as values at the nodes of a mesh."""
+
+    nodal: NodalValues
+
+
 class ScatteredValues(Strict):
     """Samples at points in any order whose hull covers the box of the domain."""
 
@@ -57,7 +71,7 @@ class StoredSource(Strict):
     )
 
 
-AnySource: TypeAlias = ExpressionSource | GridSource | ScatteredSource | StoredSource
+AnySource: TypeAlias = ExpressionSource | GridSource | NodalSource | ScatteredSource | StoredSource
 
 
 class OrText:
@@ -81,8 +95,9 @@ def _as_object(value: Any) -> Any:
 Source = Annotated[
     Annotated[ExpressionSource, Tag(TAG + "expression")]
     | Annotated[GridSource, Tag(TAG + "grid")]
+    | Annotated[NodalSource, Tag(TAG + "nodal")]
     | Annotated[ScatteredSource, Tag(TAG + "scattered")]
     | Annotated[StoredSource, Tag(TAG + "samples")],
-    by_key("expression", "grid", "scattered", "samples"),
+    by_key("expression", "grid", "nodal", "scattered", "samples"),
     OrText(),
 ]

@@ -8,11 +8,11 @@ from equimesh.domains.domain import Domain
 from equimesh.equations.problem import Problem
 from equimesh.fields.hermite_field import HermiteField
 from equimesh.fields.on_domain import OnDomain
+from equimesh.fields.recovered import reference_on
 from equimesh.least_error.elements import Norm
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.tensor import Weight
 from equimesh.numerics.types import Array
-from equimesh.rounds.recovery import reference_on
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 

@@ -12,13 +12,14 @@ from equimesh.adapt.adaptation import Adaptation, AdaptRound
 from equimesh.adapt.indicated import indicated_mesh
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
+from equimesh.fields.recovered import reference_on
 from equimesh.least_error.elements import Norm
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
-from equimesh.rounds.recovery import moved_cells, reference_on
+from equimesh.rounds.recovery import moved_cells
 from equimesh.rounds.round import Knowledge
 from equimesh_coupling.cells import ErrorIndicator, cell_values
 from equimesh_coupling.rounds import RoundNumbers, judge

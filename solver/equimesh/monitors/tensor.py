@@ -10,6 +10,8 @@ import numpy as np
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
+from equimesh.fields.hermite_field import HermiteField
+from equimesh.fields.nodal_field import NodalField
 from equimesh.monitors.monitor import Monitor
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
@@ -27,7 +29,8 @@ class Weight:
     """The metric ``M = rho I``: cells are small where ``rho`` is large, and are not stretched on purpose.
 
     Metric lengths are lengths times ``sqrt(rho)``. ``rho`` must be positive on the domain; only its proportions
-    matter. ``u``, if given, is the function whose interpolation is measured.
+    matter. Values at the nodes of a mesh are interpolated without overshoots: a positive ``rho`` stays positive. ``u``,
+    if given, is the function whose interpolation is measured.
 
     ``map`` says how cells get equal shares of ``rho``. ``"lines"`` makes the metric lengths along each mesh line equal,
     as for all monitors. ``"gradient"`` moves the nodes by a gradient, so that the areas of cells times ``rho`` are
@@ -45,6 +48,8 @@ class Weight:
 
     def __post_init__(self) -> None:
         require_fields(self, "rho", *(["u"] if self.u is not None else []))
+        if isinstance(self.rho, NodalField):
+            object.__setattr__(self, "rho", HermiteField(mesh=self.rho.mesh, values=self.rho.values))
         if self.map not in MAPS:
             raise InputError(f"map = {self.map!r}: choose 'lines' or 'gradient'", field="map")
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from equimesh.domains.domain import Domain, Rectangle, map_mesh
+from equimesh.domains.domain import Domain, map_mesh
 from equimesh.fields.field import Field
-from equimesh.fields.hermite_field import HermiteField
-from equimesh.fields.mesh_map import reference_of
-from equimesh.fields.on_domain import OnDomain
+from equimesh.fields.recovered import recover
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
@@ -42,18 +40,15 @@ class Recovery:
     def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain) -> Recovery:
         """From ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``, a mesh of ``domain``.
 
-        Raises as :class:`~equimesh.fields.hermite_field.HermiteField`. On a domain with curved sides u is recovered on
-        the reference square, so that a layer along such a side has the values of that side on all of it.
+        Raises as :func:`~equimesh.fields.recovered.recover`.
         """
-        is_straight = isinstance(domain, Rectangle)
-        reference = reference_on(mesh, domain)
-        own = HermiteField(mesh=mesh if is_straight else reference, values=values)
+        found = recover(mesh, values, domain)
         return cls(
-            u=own if is_straight else OnDomain(reference=own, domain=domain),
+            u=found.u,
             domain=domain,
-            mesh=reference,
-            values=own.values,
-            rounding=ROUNDING_SHARE * float(np.abs(own.values).max()) * math.sqrt(domain.area),
+            mesh=found.reference,
+            values=found.values,
+            rounding=ROUNDING_SHARE * float(np.abs(found.values).max()) * math.sqrt(domain.area),
         )
 
     def estimate(self, norm: Norm, threads: int = 1) -> float:
@@ -74,16 +69,6 @@ class Recovery:
         u_t = (1.0 - s) * (corners[3] - corners[0]) + s * (corners[2] - corners[1])
         u_x, u_y = u_s * at.y_t - u_t * at.y_s, u_t * at.x_s - u_s * at.x_t
         return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
-
-
-def reference_on(mesh: Mesh, domain: Domain) -> Mesh:
-    """The mesh of the reference square whose image is ``mesh``; its sides are those of the square exactly."""
-    if not isinstance(domain, Rectangle):
-        return reference_of(mesh, domain)
-    if domain.is_unit_square:
-        return Mesh.of_unit_square(mesh.x, mesh.y)
-    ((x0, x1), (y0, y1)) = domain.x, domain.y
-    return Mesh.of_unit_square((mesh.x - x0) / (x1 - x0), (mesh.y - y0) / (y1 - y0))
 
 
 def measured(u: Field, domain: Domain, mesh: Mesh, rule: Rule, threads: int = 1) -> float:

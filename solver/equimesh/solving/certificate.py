@@ -84,6 +84,24 @@ class Aim:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """The estimated error of the values of a solver on their own mesh, from which a round of adapting began.
+
+    ``l2`` is in the units of u times a length, ``h1`` that of the gradient. ``unresolved`` is ``h1`` over the
+    norm of the gradient: the share that the mesh does not resolve. ``moved_cells`` is the root mean square of
+    the moves of the nodes in the round, in spacings of the uniform mesh.
+    """
+
+    l2: float
+    h1: float
+    unresolved: float
+    moved_cells: float
+
+    def __str__(self) -> str:
+        return f"{_short(self.l2)} in L2, {_short(self.h1)} in H1; nodes moved by {_short(self.moved_cells)} cells"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """How well a mesh solves the requested equations, measured on the mesh itself wherever possible."""
 
@@ -119,6 +137,8 @@ class Certificate:
     """The requested interpolation error and what was reached; ``None`` where a grid was given."""
     comparison: tuple[Candidate, ...] = ()
     """The monitors that were compared on a coarse grid, the best one first; empty where the monitor was given."""
+    estimate: Estimate | None = None
+    """The estimated error of the values that a round of adapting was given; ``None`` for other meshes."""
 
     @property
     def resolved(self) -> bool:
@@ -141,6 +161,7 @@ class Certificate:
             "warnings": list(self.warnings),
             "target": self.target and self.target.summary(),
             "comparison": [asdict(candidate) for candidate in self.comparison],
+            "estimate": self.estimate and asdict(self.estimate),
             "resolved": self.resolved,
             "interpolation_gain": gain and {"l2": finite_or_none(gain.gain_l2), "h1": finite_or_none(gain.gain_h1)},
         }
@@ -167,6 +188,8 @@ class Certificate:
         if self.target is not None:
             lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]
+        if self.estimate is not None:
+            lines.append(f"  estimate              {self.estimate}  (of the given values, on their own mesh)")
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
 

@@ -14,6 +14,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of
+from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.types import Array
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
@@ -23,7 +24,7 @@ from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, observed_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
+from equimesh.solving.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
 from equimesh.solving.mesh_warnings import about_faces, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
@@ -62,6 +63,8 @@ class Solution:
     """The requested interpolation error and what was reached; ``None`` where a grid was given."""
     comparison: tuple[Candidate, ...] = ()
     """The candidates among which the monitor was chosen; empty where it was given."""
+    estimate: Estimate | None = None
+    """The estimated error of the values that a round of adapting was given; ``None`` for other meshes."""
     detours: tuple[str, ...] = ()
     """Sentences about deviations of the solve from the request."""
     note: str = ""
@@ -137,12 +140,13 @@ class Solution:
             interpolation=self.interpolation,
             target=self.target,
             comparison=self.comparison,
+            estimate=self.estimate,
         )
 
     @property
     def _deviation(self) -> float | None:
         """The residual of the equidistribution equations; ``None`` where these were not solved."""
-        if isinstance(self.problem.monitor, LeastError):
+        if isinstance(self.problem.monitor, NodalSolution | LeastError):
             return None
         if map_of(self.problem.monitor) == "gradient":
             return self.residual

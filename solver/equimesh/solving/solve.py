@@ -16,11 +16,13 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of, require_lines
+from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.auto import choose_monitor
 from equimesh.solving.least_error import is_no_worse, solve_least_error
+from equimesh.solving.nodal_solution import solve_round
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
 from equimesh.solving.schwarz import solve_by_schwarz
@@ -104,6 +106,8 @@ def _solve(
     coarse: Reached | None = None,
 ) -> Solution:
     """The solution by the way that belongs to the monitor and the settings."""
+    if isinstance(problem.monitor, NodalSolution):
+        return replace(solve_round(problem, options.threads), threads=options.threads)
     if isinstance(problem.monitor, LeastError):
         return replace(solve_least_error(problem, initial, options, coarse), threads=options.threads)
     starts = map_of(problem.monitor) == "lines"  # a gradient map has no use for a mesh to start from
@@ -140,7 +144,7 @@ def _check_arguments(problem: object, schwarz: object) -> None:
 
 def _check_ways(problem: Problem, schwarz: Schwarz | None) -> None:
     """Refuse a monitor that subdomains cannot solve."""
-    if schwarz is not None and isinstance(problem.monitor, LeastError):
+    if schwarz is not None and isinstance(problem.monitor, NodalSolution | LeastError):
         raise InputError(NO_SUBDOMAINS, field="schwarz")
     if schwarz is not None:
         require_lines(problem.monitor)
@@ -152,7 +156,7 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
         _check_mesh(problem, initial)
     if (
         initial is Initial.UNIFORM
-        and not isinstance(problem.monitor, LeastError)
+        and not isinstance(problem.monitor, NodalSolution | LeastError)
         and problem.grid.points > MAX_FACTORISED_POINTS
     ):
         raise InputError(

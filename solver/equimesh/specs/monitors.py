@@ -13,6 +13,7 @@ from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.intersection import Intersection
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
 from equimesh.specs.document import (
@@ -71,9 +72,11 @@ def _monitor(function: Reader, cells: Cells) -> ByKind[Monitor]:
     auto = Record(partial(Auto, cells=cells), {"u": function, "norm": as_given})
     weights = {"distortion": number, "smoothness": number}
     least_error = Record(partial(LeastError, cells=cells), {"u": function, "norm": as_given, **weights})
+    solution = Record(NodalSolution, {"u": function, "norm": as_given})
     kinds: dict[str, Callable[[object, str], Monitor]] = {
         "auto": Refusing(auto, FOREIGN_TO_AUTO),
         "least_error": Refusing(least_error, {"smoothing": NO_SMOOTHING}),
+        "nodal_solution": Refusing(solution, {"smoothing": NO_SMOOTHING}),
         **plain,
         "intersection": _record(Intersection, monitors=members),
     }

@@ -13,6 +13,7 @@ from equimesh.fields.field import Field
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.specs.document import ByKey, Record, as_given, mapping, text, within
+from equimesh.upload.nodal import nodal_samples
 from equimesh.upload.samples import read_samples
 
 FindSamples: TypeAlias = Callable[[str, Box], Field]
@@ -46,10 +47,12 @@ def build_field(document: object, domain: Domain, find_samples: FindSamples, pat
 
     on_grid = Record(partial(GridSamples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
     scattered = Record(partial(ScatteredSamples, box=domain.box), dict.fromkeys(("points", "values"), as_given))
+    at_nodes = Record(partial(nodal_samples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
     source: ByKey[Field] = ByKey(
         {
             "expression": _expression(domain),
             "grid": Record(lambda grid: grid, {"grid": on_grid}),
+            "nodal": Record(lambda nodal: nodal, {"nodal": at_nodes}),
             "scattered": Record(lambda scattered: scattered, {"scattered": scattered}),
             "samples": Record(lambda samples: samples, {"samples": samples}),
         }

@@ -1,5 +1,7 @@
 """A whole document: the JSON form of a problem, which the service, the command line and problem files share."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -17,11 +19,12 @@ from equimesh.io.write import CELLS, Cells
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
+from equimesh.monitors.nodal_solution import NO_OTHER_GRID, NodalSolution
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.options import Initial, SolveArguments
 from equimesh.solving.solution import Solution
-from equimesh.solving.solve import solve
+from equimesh.solving.solve import NO_SUBDOMAINS, solve
 from equimesh.solving.target import NO_U, Target, solve_to
 from equimesh.specs.document import Reader, Record, as_given, flag, optional, text
 from equimesh.specs.domains import DOMAIN, GRID
@@ -94,6 +97,8 @@ def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -
         require_lines(monitor)
     if parts.target is not None and monitor.u is None:
         raise InputError(NO_U, field="target")
+    if isinstance(monitor, NodalSolution):
+        _check_round(parts, monitor, schwarz)
     grid = parts.grid or (GRID.make() if parts.target is None else parts.target.grid(parts.domain))
     return BuiltSpec(
         problem=Problem(monitor=monitor, grid=grid, boundary=parts.boundary, domain=parts.domain),
@@ -105,6 +110,15 @@ def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -
         cells=parts.cells,
         label=parts.label,
     )
+
+
+def _check_round(parts: _Parts, monitor: NodalSolution, schwarz: Schwarz | None) -> None:
+    """Refuse what the next mesh of a solver cannot have: a target, subdomains, another grid than that of the values."""
+    if parts.target is not None:
+        raise InputError(f"{NO_OTHER_GRID}: leave the target out", field="target")
+    if schwarz is not None:
+        raise InputError(NO_SUBDOMAINS, field="schwarz")
+    monitor.require_grid(parts.grid or GRID.make())
 
 
 def load(path: str | os.PathLike[str]) -> BuiltSpec:

@@ -14,15 +14,17 @@ import numpy.typing as npt
 
 from equimesh.domains.domain import Box
 from equimesh.errors import SamplesError
+from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.samples import UNIT_BOX, GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.numerics.types import Array
 from equimesh.upload.limits import MAX_COLUMNS, Limits
+from equimesh.upload.nodal import is_nodal, nodal_samples
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
 from equimesh.upload.xdmf import read_xdmf
 from equimesh.upload.zip_members import open_zip
 
-Samples: TypeAlias = GridSamples | ScatteredSamples
+Samples: TypeAlias = GridSamples | ScatteredSamples | NodalField
 
 MAX_BYTES: Final = 256 * 2**20
 GRID_KEYS = ("x", "y", "values")
@@ -47,10 +49,10 @@ def read_samples(
     The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
 
     ========= ==========================================================================================
-    npz       arrays ``x``, ``y``, ``values`` (grid) or ``points``, ``values`` (scattered)
+    npz       arrays ``x``, ``y``, ``values`` (grid; nodes of a mesh where all are 2-D) or ``points``, ``values``
     npy       ``values`` alone, 2-D: u on the uniform grid of the box, first index along x
     csv       rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
-    json      ``{"grid": {...}}`` or ``{"scattered": {...}}`` with the keys of the npz, or these keys alone
+    json      ``{"grid": {...}}``, ``{"nodal": ...}`` or ``{"scattered": ...}`` with the keys of the npz, or these alone
     vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
     xdmf, zip the same: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone with its numbers as text
     ========= ==========================================================================================
@@ -88,6 +90,8 @@ def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
     """u from arrays with the keys of :func:`read_arrays`."""
     if "points" in arrays:
         return ScatteredSamples(points=arrays["points"], values=arrays["values"], box=box)
+    if is_nodal(arrays):
+        return nodal_samples(**arrays, box=box)
     values = arrays["values"]
     if "x" in arrays:
         return GridSamples(x=arrays["x"], y=arrays["y"], values=values, box=box)
@@ -156,7 +160,7 @@ def _read_json(data: bytes, limits: Limits) -> dict[str, Any]:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise SamplesError(f"the json file cannot be read: {str(error)[:200]}") from error
-    for kind in ("u", "grid", "scattered"):
+    for kind in ("u", "grid", "nodal", "scattered"):
         if isinstance(found, dict) and kind in found:
             found = found[kind]
     if not isinstance(found, dict):

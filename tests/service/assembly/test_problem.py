@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import httpx
@@ -56,6 +57,51 @@ def test_every_monitor_on_every_domain(http: httpx.Client, monitor: str, domain:
     with_arrays = http.get(mesh["links"]["quality"], params={"arrays": True}).json()
     assert with_arrays["q_eq"]["max"] == pytest.approx(mesh["quality"]["q_eq"]["max"], rel=1e-12)
     assert with_arrays["interpolation_error"] == mesh["quality"]["interpolation_error"]
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_the_next_mesh_of_a_solver_on_every_domain(http: httpx.Client, domain: str) -> None:
+    grid = {"n_xi": 13, "n_eta": 12}
+    before = arrays(
+        http, solved(http, small(monitor={"kind": "weight", "rho": "1"}, domain=DOMAINS[domain], grid=grid))
+    )
+    x, y = before["x"], before["y"]
+    nodal = {"x": x.tolist(), "y": y.tolist(), "values": np.tanh(8 * (x - y)).tolist()}
+    spec = small(monitor={"kind": "nodal_solution", "u": {"nodal": nodal}}, domain=DOMAINS[domain], grid=grid)
+    mesh = solved(http, spec)
+    certificate, after = mesh["certificate"], arrays(http, mesh)
+    assert (certificate["status"], certificate["mode"]) == ("completed", None)
+    assert certificate["estimate"]["l2"] > 0.0
+    assert certificate["min_jacobian"] > 0.0
+    assert abs(after["x"] - x).max() > 1e-3
+    for side in ("left", "right", "bottom", "top"):
+        np.testing.assert_array_equal(after[side], before[side])
+    # the same values as a file
+    file = io.BytesIO()
+    np.savez(file, **{name: np.asarray(values) for name, values in nodal.items()})
+    stored = http.post("/v1/samples", content=file.getvalue(), headers={"Content-Type": "application/x-npz"}).json()
+    assert stored["kind"] == "nodal"
+    again = solved(http, {**spec, "monitor": {"kind": "nodal_solution", "u": {"samples": stored["id"]}}})
+    np.testing.assert_array_equal(arrays(http, again)["x"], after["x"])
+
+
+@pytest.mark.parametrize(
+    ("changed", "pointer"),
+    [
+        ({"grid": {"n_xi": 9, "n_eta": 9}}, "/grid"),
+        ({"grid": None, "target": {"error": 0.1}}, "/target"),
+        ({"schwarz": {"subdomains": [2, 1]}}, "/schwarz"),
+        ({"monitor": {"kind": "nodal_solution", "u": "x"}}, "/monitor/u"),
+    ],
+)
+def test_what_a_round_cannot_have_is_refused(http: httpx.Client, changed: dict[str, Any], pointer: str) -> None:
+    axis = np.linspace(0.0, 1.0, 12)
+    x, y = (q.tolist() for q in np.meshgrid(axis, axis, indexing="ij"))
+    nodal = {"kind": "nodal_solution", "u": {"nodal": {"x": x, "y": y, "values": x}}}
+    spec = {"monitor": nodal, "grid": {"n_xi": 12, "n_eta": 12}, **changed}
+    answer = http.post("/v1/meshes", json={name: value for name, value in spec.items() if value is not None})
+    assert answer.status_code == 422, answer.text
+    assert answer.json()["errors"][0]["pointer"] == pointer
 
 
 def test_a_weight_gathers_the_cells(http: httpx.Client) -> None:

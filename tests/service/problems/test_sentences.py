@@ -96,6 +96,10 @@ DOCUMENTS: list[tuple[type[Strict], Any]] = [
     *((MeshSpec, {"monitor": monitor}) for monitor in MONITORS.values()),
     *((MeshSpec, {"monitor": {"u": "x"}, "domain": domain}) for domain in DOMAINS.values()),
     (MeshSpec, {"monitor": {"u": {"grid": {"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2, 3]]}}}}),
+    (
+        MeshSpec,
+        {"monitor": {"u": {"nodal": {"x": [[0, 0]], "y": [[0, 1]], "values": [[2, 3]]}}}},
+    ),
     (MeshSpec, {"monitor": {"u": {"scattered": {"points": [[0, 1]], "values": [1]}}}, "schwarz": SCHWARZ}),
     (MeshSpec, {"monitor": {"u": {"samples": "s"}}, "label": "a", "grid": {"n_xi": 4}, "mode": "tight"}),
     (MeshSpec, {"monitor": {"u": {"expression": "x", "parameters": {"k": 1}, "t": 0}}, "target": {"error": 1}}),

@@ -58,3 +58,14 @@ def test_an_unknown_map_of_a_weight_is_refused() -> None:
     with pytest.raises(em.InputError, match="choose 'lines' or 'gradient'") as caught:
         em.Weight(rho=em.Expression("1"), map="rows")  # type: ignore[arg-type]
     assert caught.value.field == "map"
+
+
+def test_a_weight_at_nodes_does_not_overshoot() -> None:
+    nodes = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    values = np.where(nodes.x < 0.4, 1e-3, 1.0)
+    spline = em.NodalField(mesh=nodes, values=values)
+    x, y = np.meshgrid(*[np.linspace(0.0, 1.0, 81)] * 2, indexing="ij")
+    assert spline.evaluate(x, y)[0].min() < 0.0  # what a weight cannot be
+    rho = em.Weight(rho=spline).on(em.Rectangle()).metric(x, y)[0]
+    assert rho.min() == pytest.approx(1e-3, rel=1e-6)
+    assert rho.max() == pytest.approx(1.0, rel=1e-6)

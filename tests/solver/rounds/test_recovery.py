@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.least_error.elements import Rule
-from equimesh.rounds.recovery import Recovery, measured, moved_cells, reference_on
+from equimesh.rounds.recovery import Recovery, measured, moved_cells
 from solver.fields.bent_meshes import smooth_mesh
 
 FRONT = em.Expression("tanh(8*(x + y/2 - 0.75))")
@@ -29,14 +29,6 @@ def test_the_estimate_of_a_linear_function_is_rounding() -> None:
     mesh = smooth_mesh(17)
     known = Recovery.of(mesh, 3.0 * mesh.x - mesh.y, UNIT_SQUARE)
     assert known.estimate("l2") < 1e-13
-
-
-@pytest.mark.parametrize("domain", [UNIT_SQUARE, em.Rectangle(x=(-1.0, 2.0), y=(3.0, 3.5)), SECTOR])
-def test_the_mesh_of_the_square_is_found_from_that_of_the_domain(domain: em.Domain) -> None:
-    square = smooth_mesh(12)
-    found = reference_on(map_mesh(square, domain), domain)
-    assert found.distance(square) < 1e-12
-    assert {*found.x[0]} | {*found.y[:, 0]} == {0.0}
 
 
 def test_moves_are_measured_in_spacings() -> None:

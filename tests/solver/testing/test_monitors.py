@@ -15,6 +15,8 @@ WAVE = em.Expression("tanh(50*(y - 0.5 - 0.25*sin(2*pi*x)))")
 ARC = em.ArcLength(u=STEEP, a=0.9, b=0.01)
 AXIS = np.linspace(0.0, 1.0, 21)
 SAMPLES = em.GridSamples(x=AXIS, y=AXIS, values=np.sin(4 * AXIS)[:, None] * np.cos(3 * AXIS))
+NODES = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
+NODAL = em.NodalField(mesh=NODES, values=np.tanh(5 * (NODES.x - NODES.y)))
 MONITORS: dict[str, em.Monitor] = {
     "arc length": ARC,
     "arc length of samples": em.ArcLength(u=SAMPLES),
@@ -29,6 +31,7 @@ MONITORS: dict[str, em.Monitor] = {
     "least error": em.LeastError(u=STEEP),
     "least error h1 of samples": em.LeastError(u=SAMPLES, norm="h1"),
     "auto": em.Auto(u=STEEP),
+    "round from samples": em.NodalSolution(u=NODAL),
     "weakened": em.Curvature(u=WAVE).weakened(0.3),
 }
 

@@ -1,0 +1,113 @@
+"""The request for the next mesh of a solver that has solved on a mesh: one round of adapting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from equimesh.domains.domain import Domain
+from equimesh.errors import InputError
+from equimesh.fields.field import Field
+from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.recovered import recover
+from equimesh.meshes.grid import Grid
+from equimesh.monitors.curvature import NORMS
+from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.probe import bound_copy, is_bound_to
+from equimesh.numerics.types import Array
+
+NO_OTHER_GRID = "a round keeps the points of the mesh that the values are on"
+"""Why another grid is refused."""
+NOT_NODAL = (
+    "u must be the values of a solver at the nodes of a mesh, since the next mesh follows from that mesh: give x, y and"
+    " values of one shape (n_xi, n_eta)"
+)
+"""Why another function is refused."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NodalSolution:
+    """The next mesh for a solution that is known by its values ``u`` at the nodes of a mesh, and by nothing else.
+
+    The mesh is that of :func:`equimesh.adapt_round`, which takes the same values. ``norm`` is that of the interpolation
+    error of the recovered solution: ``"l2"`` of u, ``"h1"`` of its gradient. The grid of the problem is that of the
+    values.
+
+    A :class:`~equimesh.monitors.monitor.Monitor`, whose metric only serves the measures of quality: that of
+    :class:`~equimesh.monitors.least_error.LeastError`. Once it is bound to a domain, ``u`` is the recovered solution.
+    Raises :class:`~equimesh.errors.InputError` for another function or norm.
+    """
+
+    u: Field
+    norm: Literal["l2", "h1"] = "l2"
+    _nodal: NodalField | None = field(default=None, init=False, repr=False, compare=False)
+    _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
+    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.u, NodalField) and self._nodal is None:
+            raise InputError(NOT_NODAL, field="u")
+        if self.norm not in NORMS:
+            raise InputError(f"norm = {self.norm!r}: choose {NORMS[0]!r} or {NORMS[1]!r}", field="norm")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether it is the same request: equal values at equal nodes, in the same norm."""
+        if not isinstance(other, NodalSolution):
+            return NotImplemented
+        pairs = zip(self._arrays, other._arrays, strict=True)
+        return self.norm == other.norm and all(np.array_equal(one, another) for one, another in pairs)
+
+    def __hash__(self) -> int:
+        return hash((self.norm, self.nodal.values.shape))
+
+    @property
+    def _arrays(self) -> tuple[Array, Array, Array]:
+        return self.nodal.mesh.x, self.nodal.mesh.y, self.nodal.values
+
+    @property
+    def nodal(self) -> NodalField:
+        """The values, and the mesh of their nodes."""
+        if self._nodal is not None:
+            return self._nodal
+        if not isinstance(self.u, NodalField):
+            raise InputError(NOT_NODAL, field="u")
+        return self.u
+
+    def require_grid(self, grid: Grid) -> None:
+        """Raises :class:`~equimesh.errors.InputError` for another grid than that of the values."""
+        own = self.nodal.mesh.grid
+        if grid != own:
+            raise InputError(f"{NO_OTHER_GRID}: the grid has {grid} points, the values are {own}", field="grid")
+
+    def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """``(m11, m12, m22)`` of the curvature of the recovered solution at physical points.
+
+        Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
+        """
+        return self._bound.metric(x, y)
+
+    def on(self, domain: Domain) -> NodalSolution:
+        """The monitor bound to ``domain``.
+
+        Raises :class:`~equimesh.errors.InputError` for values whose size cannot be squared.
+        """
+        if is_bound_to(self._domain, domain):
+            return self
+        nodal = self.nodal
+        recovered = recover(nodal.mesh, nodal.values, domain).u
+        least = LeastError(u=recovered, norm=self.norm).on(domain)
+        unbound = self if self._nodal is None else NodalSolution(u=nodal, norm=self.norm)
+        return bound_copy(unbound, domain, u=recovered, _nodal=nodal, _least_error=least)
+
+    def weakened(self, strength: float) -> Monitor:
+        """The metric to the matrix power ``strength``."""
+        return self._bound.weakened(strength)
+
+    @property
+    def _bound(self) -> LeastError:
+        if self._least_error is None:
+            raise InputError("the metric of a round depends on the domain: call monitor.on(domain) first")
+        return self._least_error

@@ -1,0 +1,58 @@
+"""Samples at the nodes of a mesh."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.upload.nodal import is_nodal, nodal_samples
+from equimesh.upload.samples import read_samples
+
+NODES = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
+ARRAYS = {"x": NODES.x, "y": NODES.y, "values": NODES.x * NODES.y}
+BOX = ((0.0, 1.0), (0.0, 1.0))
+
+
+def npz() -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **ARRAYS)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (npz(), "u.npz"),
+        (json.dumps({"nodal": {key: value.tolist() for key, value in ARRAYS.items()}}).encode(), "u.json"),
+        (json.dumps({key: value.tolist() for key, value in ARRAYS.items()}).encode(), "u.json"),
+    ],
+)
+def test_files_of_them_are_functions_on_the_mesh(data: bytes, name: str) -> None:
+    field = read_samples(data, name, box=BOX)
+    assert isinstance(field, em.NodalField)
+    assert field.mesh.distance(NODES) == 0.0
+    assert np.array_equal(field.values, ARRAYS["values"])
+
+
+def test_axes_with_a_table_are_no_nodes() -> None:
+    assert is_nodal(ARRAYS)
+    assert not is_nodal({"x": NODES.x[:, 0], "y": NODES.y[0], "values": ARRAYS["values"]})
+    assert not is_nodal({"values": ARRAYS["values"]})
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"y": NODES.y.T}, "of one shape, not"),
+        ({"x": 2.0 * NODES.x}, "mesh of another domain"),
+        ({"values": np.full(NODES.x.shape, np.nan)}, "values"),
+        ({"x": NODES.x[::-1]}, "folded"),
+    ],
+)
+def test_what_is_refused(changed: dict[str, np.ndarray], words: str) -> None:
+    with pytest.raises(em.InputError, match=words):
+        nodal_samples(**{**ARRAYS, **changed}, box=BOX)
