@@ -41,8 +41,10 @@ from equimesh_client.errors import (
 from equimesh_client.records.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
 from equimesh_client.records.convergence import Convergence
 from equimesh_client.records.quality import Measure, Quality
+from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.records.state import Progress
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
+from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import Target
 from equimesh_client.spec.monitors import (
     ArcLength,
@@ -92,6 +94,7 @@ __all__ = [
     "ErrorIndicator",
     "Estimate",
     "Event",
+    "Field",
     "Forbidden",
     "Gone",
     "InputProblem",
@@ -123,6 +126,7 @@ __all__ = [
     "RetryPolicy",
     "Schwarz",
     "Sequence",
+    "SequenceRecord",
     "SequenceStep",
     "ServerError",
     "ServiceUnreachable",

@@ -1,14 +1,17 @@
 """Meshes that follow a time-stepper, for asyncio: the twin of ``equimesh_client.blocking.sequence``."""
 
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
 from typing import Any, Unpack
 
 import numpy.typing as npt
 
 from equimesh_client.aio.mesh import AsyncMesh
+from equimesh_client.records.sequences import SequenceRecord
+from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import MeshOptions, complete_options
+from equimesh_client.spec.monitors import Monitor
 from equimesh_client.spec.request import GenerateArguments
-from equimesh_client.wire import protocol, steps
+from equimesh_client.wire import flows, protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.steps import SequenceState, SequenceStep
@@ -23,15 +26,16 @@ class AsyncSequence(SequenceState):
 
     async def step(
         self,
-        u: object,
-        fields: Mapping[str, npt.ArrayLike] | None = None,
+        u: object = None,
+        fields: Mapping[str, npt.ArrayLike | Field] | None = None,
         *,
+        monitor: Monitor | Mapping[str, Any] | None = None,
         parameters: Mapping[str, float] | None = None,
         t: float | None = None,
         deadline: float = DEADLINE_SECONDS,
     ) -> SequenceStep:
         """The next step, which becomes ``current``. See :meth:`Sequence.step`."""
-        call = steps.step_call(self.id, self.current, u, fields, parameters, t)
+        call = steps.step_call(self.id, self.current, u, fields, parameters, t, monitor)
         self.current = await self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
         return self.current
 
@@ -68,3 +72,10 @@ class AsyncSequences:
         """The sequence of that id at its current step, from which it continues; raises :class:`NotFound`."""
         flow = steps.look(sequence_id, self._session.settings, Deadline.after(deadline))
         return AsyncSequence(self._session, *(await self._session.run(flow)))
+
+    async def list(self, *, limit: int | None = None, deadline: float | None = None) -> AsyncIterator[SequenceRecord]:
+        """The sequences, newest first, at most ``limit``. See :meth:`Sequences.list`."""
+        pages = flows.SequencePages(limit=limit)
+        while pages.more:
+            for record in pages.records(await self._session.fetch(pages.next_call(), deadline)):
+                yield SequenceRecord.from_json(record)

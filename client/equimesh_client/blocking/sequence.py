@@ -1,14 +1,17 @@
 """Meshes that follow a time-stepper, for the blocking client."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Unpack
 
 import numpy.typing as npt
 
 from equimesh_client.blocking.mesh import Mesh
+from equimesh_client.records.sequences import SequenceRecord
+from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import MeshOptions, complete_options
+from equimesh_client.spec.monitors import Monitor
 from equimesh_client.spec.request import GenerateArguments
-from equimesh_client.wire import protocol, steps
+from equimesh_client.wire import flows, protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.steps import SequenceState, SequenceStep
@@ -23,9 +26,10 @@ class Sequence(SequenceState):
 
     def step(
         self,
-        u: object,
-        fields: Mapping[str, npt.ArrayLike] | None = None,
+        u: object = None,
+        fields: Mapping[str, npt.ArrayLike | Field] | None = None,
         *,
+        monitor: Monitor | Mapping[str, Any] | None = None,
         parameters: Mapping[str, float] | None = None,
         t: float | None = None,
         deadline: float = DEADLINE_SECONDS,
@@ -33,13 +37,15 @@ class Sequence(SequenceState):
         """The next step, which becomes ``current``: a mesh for u, with u and the fields at its nodes.
 
         ``u`` is an array of values at the current nodes, shape ``(n_xi, n_eta)``; a callable ``u(x, y)``, evaluated
-        there; or an expression, with ``parameters`` and the time ``t``. ``fields`` are arrays like u, by names.
+        there; or an expression, with ``parameters`` and the time ``t``. ``fields`` are arrays like u, or
+        :class:`Field`, by names. With a ``monitor`` the settings change from this step on; its functions are like u,
+        or ``{"field": name}``. Functions that it lacks are u, or stay those of the step before.
 
         An interrupted call may be repeated: the same arguments are the same step. Raises :class:`Conflict` when another
         program has taken the step, :class:`MeshFailed` when it has no mesh (another step may then replace it), and
         :class:`InvalidInput`.
         """
-        call = steps.step_call(self.id, self.current, u, fields, parameters, t)
+        call = steps.step_call(self.id, self.current, u, fields, parameters, t, monitor)
         self.current = self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
         return self.current
 
@@ -69,7 +75,6 @@ class Sequences:
     ) -> Sequence:
         """A sequence with its first mesh, adapted to ``u``; the arguments are those of :meth:`Client.generate`.
 
-        The monitor is an :class:`Auto`, :class:`LeastError`, :class:`ArcLength` or :class:`Curvature`.
         The service keeps the last ``keep`` meshes.
         """
         arguments = GenerateArguments(u=u, n=n, options=complete_options(options, self.start))
@@ -80,3 +85,10 @@ class Sequences:
         """The sequence of that id at its current step, from which it continues; raises :class:`NotFound`."""
         flow = steps.look(sequence_id, self._session.settings, Deadline.after(deadline))
         return Sequence(self._session, *self._session.run(flow))
+
+    def list(self, *, limit: int | None = None, deadline: float | None = None) -> Iterator[SequenceRecord]:
+        """The sequences, newest first, at most ``limit``; fetched page by page, each within ``deadline``."""
+        pages = flows.SequencePages(limit=limit)
+        while pages.more:
+            page = self._session.fetch(pages.next_call(), deadline)
+            yield from map(SequenceRecord.from_json, pages.records(page))

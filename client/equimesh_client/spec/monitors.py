@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, Literal, TypeAlias
 
 from equimesh_client.errors import BadArgument
@@ -9,6 +10,15 @@ from equimesh_client.errors import BadArgument
 Json: TypeAlias = dict[str, Any]
 Read: TypeAlias = Callable[[object], Json]
 """Returns the JSON of a function: an expression, arrays, a callable, a file or stored samples."""
+
+
+FUNCTIONS = ("u", "rho", "m11", "m12", "m22")
+
+
+class Later(Enum):
+    """Stands for a u that a step of a sequence gives, or that of the step before: monitors without one leave it out."""
+
+    U = "u"
 
 
 Norm: TypeAlias = Literal["l2", "h1"]
@@ -167,7 +177,7 @@ class Intersection:
             needs_u = isinstance(member, ArcLength | Curvature) and member.u is None
             members.append(_json(member, read, u if needs_u else None))
             is_used = is_used or needs_u
-        if u is not None and not is_used:
+        if u is not None and u is not Later.U and not is_used:
             if not members or "u" in members[0]:
                 raise BadArgument("u is not used: the first monitor of the intersection has its own u")
             members[0]["u"] = read(u)
@@ -178,7 +188,7 @@ Monitor: TypeAlias = Auto | LeastError | NodalSolution | PlainMonitor | Intersec
 
 
 def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) -> Json:
-    """The JSON of a monitor. A mapping is such JSON already; ``u`` is added where it has none.
+    """The JSON of a monitor. A mapping is such JSON already; ``u`` is added where it has none, unless it comes later.
 
     Raises :class:`BadArgument` for another object, and for a u that is missing or given twice.
     """
@@ -189,6 +199,8 @@ def monitor_json(monitor: Monitor | Mapping[str, Any], read: Read, u: object) ->
 
 def _json(monitor: object, read: Read, u: object) -> Json:
     if isinstance(monitor, Mapping):
+        if u is Later.U:
+            return _read_arrays(monitor, read)
         if u is not None and "u" in monitor:
             raise BadArgument("u is given twice: alone, and in the monitor")
         return {**monitor, **({} if u is None else {"u": read(u)})}
@@ -202,12 +214,25 @@ def _json(monitor: object, read: Read, u: object) -> Json:
 
 def _u_json(read: Read, own: object, u: object, *, required_by: str = "") -> Json:
     """The ``u`` of a monitor, its ``own`` or that of `generate`; empty where neither is given and none is needed."""
+    if u is Later.U:
+        return {} if own is None else {"u": read(own)}
     if own is not None and u is not None:
         raise BadArgument("u is given twice: alone, and in the monitor")
     function = u if own is None else own
     if function is None and required_by:
         raise BadArgument(f"the monitor {required_by} needs a function u: give u")
     return {} if function is None else {"u": read(function)}
+
+
+def _read_arrays(monitor: Mapping[str, Any], read: Read) -> Json:
+    """The JSON of a monitor that is JSON but for its functions, which may be arrays and callables."""
+    made = dict(monitor)
+    for name in FUNCTIONS:
+        if name in made and not isinstance(made[name], Mapping | str | None):
+            made[name] = read(made[name])
+    if isinstance(made.get("monitors"), Sequence):
+        made["monitors"] = [_json(member, read, Later.U) for member in made["monitors"]]
+    return made
 
 
 def _with_smoothing(monitor: Json, smoothing: float) -> Json:

@@ -1,10 +1,12 @@
 """The arrays of a mesh, from the archive that the service sends."""
 
 import io
+import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,11 @@ class MeshArrays(Coupled):
     ``x``, ``y`` and ``u`` have shape ``(n_xi, n_eta)``; ``u`` is None where the monitor has none. ``cells`` are
     counter-clockwise, of shape ``(m, 4)``, or ``(m, 3)`` for triangles. ``q_eq`` and ``subdomain`` belong to the
     quadrilaterals, shape ``(n_xi - 1, n_eta - 1)``; two successive triangles share one. ``boundary`` holds the edges
-    ``(k, 2)`` of each side, with the domain on their left. ``fields`` of a step of a sequence have the shape of ``u``.
+    ``(k, 2)`` of each side, with the domain on their left.
+
+    A step of a sequence has ``fields`` at nodes or in cells, the ``velocity`` of its nodes, which is their displacement
+    since the step before, of shape ``(n_xi, n_eta, 2)``, and ``step``, the JSON that the service says of it. Other
+    meshes have no fields, None, and an empty mapping.
     """
 
     x: Array
@@ -32,6 +38,8 @@ class MeshArrays(Coupled):
     subdomain: IntArray
     boundary: Mapping[str, IntArray]
     fields: Mapping[str, Array] = field(default_factory=dict)
+    velocity: Array | None = None
+    step: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def points(self) -> Array:
@@ -45,7 +53,9 @@ class MeshArrays(Coupled):
         return parts.mesh_parts(cells)
 
 
-KNOWN = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", *SIDES})
+STEP = "step_json"
+"""The array with the bytes of the JSON of a step."""
+KNOWN = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, *SIDES})
 
 
 def arrays_of(npz: bytes) -> MeshArrays:
@@ -54,6 +64,8 @@ def arrays_of(npz: bytes) -> MeshArrays:
         with np.load(io.BytesIO(npz), allow_pickle=False) as file:
             shape = (file["x"].shape[0] - 1, file["x"].shape[1] - 1)
             every = 2 if file["cells"].shape[1] == 3 else 1
+            step = json.loads(file[STEP].tobytes()) if STEP in file.files else {}
+            velocity = step.get("velocity")  # its name among the arrays
             return MeshArrays(
                 x=file["x"],
                 y=file["y"],
@@ -62,7 +74,9 @@ def arrays_of(npz: bytes) -> MeshArrays:
                 q_eq=file["q_eq"].ravel()[::every].reshape(shape),
                 subdomain=file["subdomain"].ravel()[::every].reshape(shape).astype(np.int64),
                 boundary={side: file[side].astype(np.int64) for side in SIDES},
-                fields={name: file[name] for name in file.files if name not in KNOWN},
+                fields={name: file[name] for name in file.files if name not in KNOWN and name != velocity},
+                velocity=None if velocity is None else file[velocity],
+                step=step,
             )
     except (KeyError, ValueError, OSError, EOFError, IndexError, zipfile.BadZipFile) as error:
         raise DownloadDamaged(f"the npz file of the mesh cannot be read: {error}") from error

@@ -86,6 +86,11 @@ def sequence(sequence_id: str, *, method: str = "GET") -> Call:
     return Call(method=method, path=_sequence(sequence_id), headers={"Accept": "application/json"})
 
 
+def list_sequences(*, limit: int, cursor: str | None) -> Call:
+    """One page of the list of sequences."""
+    return _get("/v1/sequences", query={"limit": str(limit), **({} if cursor is None else {"cursor": cursor})})
+
+
 def create_step(sequence_id: str, body: bytes, media_type: str, *, sent: Any = None) -> Call:
     """Take a step of a sequence; the answer is its mesh as npz."""
     key = hashlib.sha256(sequence_id.encode() + b" " + body).hexdigest()

@@ -1,5 +1,7 @@
 """Steps of a mesh that follows a time-stepper, and the flows that request them; no I/O."""
 
+from __future__ import annotations
+
 import hashlib
 import io
 from collections.abc import Mapping
@@ -7,12 +9,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from equimesh_client.errors import BadArgument, DownloadDamaged
+from equimesh_client.records.certificate import Certificate
 from equimesh_client.records.state import MeshState
 from equimesh_client.records.tables import Array
+from equimesh_client.spec.fields import number_array, read_fields
+from equimesh_client.spec.monitors import Later, Monitor, monitor_json
 from equimesh_client.spec.request import GenerateArguments
+from equimesh_client.spec.sources import StoredSamples, source_of
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.deadline import Deadline, Settings
@@ -23,11 +28,40 @@ from equimesh_client.wire.protocol import Call, Reply
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SequenceStep:
-    """A step of a sequence: its ``number``, the id of its mesh, and the arrays of that mesh."""
+    """A step of a sequence: its ``number``, the id of its mesh, and the arrays of that mesh.
+
+    ``status`` is that of the mesh, as :attr:`Mesh.status`, and ``certificate`` how well it solves the requested
+    equations, None where the service is of a release that does not say so.
+    """
 
     number: int
     mesh_id: str
     arrays: MeshArrays
+    status: str = "succeeded"
+    certificate: Certificate | None = None
+
+    @classmethod
+    def of(cls, number: int, mesh_id: str, arrays: MeshArrays, record: Mapping[str, Any] | None = None) -> SequenceStep:
+        """The step whose mesh has these arrays; what they do not say is in the ``record`` of the mesh."""
+        said = arrays.step or record or {}
+        certificate = said.get("certificate")
+        return cls(
+            number=number,
+            mesh_id=mesh_id,
+            arrays=arrays,
+            status=str(said.get("status") or "succeeded"),
+            certificate=Certificate.from_json(certificate) if isinstance(certificate, dict) else None,
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings for the user of the mesh, in sentences; empty without any."""
+        return () if self.certificate is None else self.certificate.warnings
+
+    @property
+    def velocity(self) -> Array | None:
+        """How far the nodes have moved since the step before, shape ``(n_xi, n_eta, 2)``; None for the first mesh."""
+        return self.arrays.velocity
 
     @property
     def x(self) -> Array:
@@ -41,13 +75,14 @@ class SequenceStep:
 
     @property
     def u(self) -> Array:
-        """u at the nodes, shape ``(n_xi, n_eta)``."""
-        assert self.arrays.u is not None  # the monitor of a sequence has one
+        """u at the nodes, shape ``(n_xi, n_eta)``; raises :class:`BadArgument` where the monitor has none."""
+        if self.arrays.u is None:
+            raise BadArgument("the monitor of this step has no u: its functions and fields are in step.fields")
         return self.arrays.u
 
     @property
     def fields(self) -> Mapping[str, Array]:
-        """The fields at the nodes of the mesh of the step."""
+        """The fields on the mesh of the step, at its nodes or in its cells."""
         return self.arrays.fields
 
 
@@ -97,7 +132,7 @@ def advance(call: Call, settings: Settings, deadline: Deadline) -> Flow[Sequence
     if reply.status == 201:
         sha256 = protocol.sha256_of(reply.headers)
         if sha256 is None or hashlib.sha256(reply.body).hexdigest() == sha256:
-            return SequenceStep(number=int(number), mesh_id=mesh_id, arrays=arrays_of(reply.body))
+            return SequenceStep.of(int(number), mesh_id, arrays_of(reply.body))
     # The mesh failed, is not finished, or arrived damaged: its resource says which.
     record = yield from flows.fetch(protocol.get_mesh(mesh_id), settings, deadline)
     return (yield from _wait_for_step(record, int(number), settings, deadline))
@@ -107,27 +142,65 @@ def step_call(
     sequence_id: str,
     current: SequenceStep,
     u: object,
-    fields: Mapping[str, npt.ArrayLike] | None,
+    fields: Mapping[str, object] | None,
     parameters: Mapping[str, float] | None,
     t: float | None,
+    monitor: Monitor | Mapping[str, Any] | None = None,
 ) -> Call:
     """The request for the step after ``current``. Equal arguments give equal requests, which are safe to repeat."""
-    carried = {name: np.asarray(values, dtype=np.float64) for name, values in (fields or {}).items()}
-    if isinstance(u, str):
-        source: dict[str, Any] = {"expression": u}
-        source |= {"parameters": dict(parameters)} if parameters else {}
-        source |= {"t": t} if t is not None else {}
-        sent = {"step": current.number, "u": source, "fields": carried}
-        return protocol.create_step(sequence_id, protocol.json_bytes(sent), "application/json", sent=sent)
-    if parameters or t is not None:
+    carried, settings = read_fields(fields)
+    values: dict[str, Array] = {}
+    formulas = 0
+
+    def read(function: object) -> dict[str, Any]:
+        nonlocal formulas
+        if isinstance(function, str):
+            formulas += 1
+            return source_of(function, parameters=parameters, t=t).json
+        if isinstance(function, StoredSamples):
+            return {"samples": function.id}
+        if isinstance(function, Mapping):
+            return dict(function)
+        name = f"monitor.{len(values)}"  # no field can have this name
+        values[name] = _at_nodes(function, current, "a function of the monitor")
+        return {"nodes": name}
+
+    written = None if monitor is None else monitor_json(monitor, read, Later.U)
+    source = read(u) if isinstance(u, str | Mapping) else None
+    if not formulas and (parameters or t is not None):
         raise BadArgument("parameters and t belong to an expression; u is not a string here")
+    if u is None and monitor is None:
+        raise BadArgument("a step needs u, or a monitor")
+    if isinstance(u, str):
+        given = {name: {"values": carried[name], **more} for name, more in settings.items()}
+        sent: dict[str, Any] = {"step": current.number, "u": source, "fields": {**carried, **given}}
+        sent |= {} if written is None else {"monitor": _with_values(written, values)}
+        return protocol.create_step(sequence_id, protocol.json_bytes(sent), "application/json", sent=sent)
     if {"u", "step"} & set(carried):
         raise BadArgument("a field cannot be called u or step")
-    values: Any = u(current.x, current.y) if callable(u) else u
+    said = {"u": source, "monitor": written, "fields": settings}
+    said = {key: value for key, value in said.items() if value}
+    arrays: dict[str, Any] = {"step": np.int64(current.number)}
+    arrays |= {} if u is None or source is not None else {"u": _at_nodes(u, current, "u")}
+    arrays |= {**carried, **values}
+    arrays |= {"settings": protocol.json_bytes(said)} if said else {}
     body = io.BytesIO()
-    arrays: dict[str, Any] = {"step": np.int64(current.number), "u": np.asarray(values, dtype=np.float64), **carried}
     np.savez(body, **arrays)
-    return protocol.create_step(sequence_id, body.getvalue(), "application/x-npz")
+    return protocol.create_step(sequence_id, body.getvalue(), "application/x-npz", sent=said)
+
+
+def _at_nodes(function: object, current: SequenceStep, name: str) -> Array:
+    """The values of a callable at the nodes, or the values that are given."""
+    return number_array(name, function(current.x, current.y) if callable(function) else function)
+
+
+def _with_values(part: Any, values: Mapping[str, Array]) -> Any:
+    """The JSON of a monitor with values in place of their names."""
+    if isinstance(part, Mapping):
+        if isinstance(part.get("nodes"), str):
+            return {"nodes": values[part["nodes"]]}
+        return {key: _with_values(member, values) for key, member in part.items()}
+    return [_with_values(member, values) for member in part] if isinstance(part, list) else part
 
 
 def _wait_for_step(
@@ -138,4 +211,4 @@ def _wait_for_step(
     mesh = MeshState(now)
     raise_unless_succeeded(mesh)
     body = yield from flows.fetch_file(protocol.mesh_file(mesh.id, "npz"), settings, deadline)
-    return SequenceStep(number=number, mesh_id=mesh.id, arrays=arrays_of(body))
+    return SequenceStep.of(number, mesh.id, arrays_of(body), mesh.record)

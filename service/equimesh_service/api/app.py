@@ -25,7 +25,7 @@ from equimesh_service.problems.problem import Problem, problem_of
 from equimesh_service.problems.storage import storage_problem
 from equimesh_service.settings import Settings
 from equimesh_service.spec.mesh import ExpressionCheck, MeshSpec
-from equimesh_service.spec.step import StepSpec
+from equimesh_service.spec.step import StepSettings, StepSpec
 from equimesh_service.telemetry.tracer import open_tracer
 from equimesh_service.upkeep.metrics import Metrics
 from equimesh_service.wire.header_limit import HeaderLimit
@@ -123,7 +123,7 @@ def _complete_schema(app: FastAPI) -> None:
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
             schema = generate()
-            models = [(model, "validation") for model in (MeshSpec, ExpressionCheck, StepSpec)]
+            models = [(model, "validation") for model in (MeshSpec, ExpressionCheck, StepSpec, StepSettings)]
             _, extra = models_json_schema(
                 [*models, *((model, "serialization") for model in (MeshEvents, ProblemDetails))],  # type: ignore[list-item]
                 ref_template="#/components/schemas/{model}",

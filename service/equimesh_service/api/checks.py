@@ -10,14 +10,13 @@ from fastapi import APIRouter, Request
 from equimesh import Boundary, Initial, specs
 from equimesh.fields.expression import FUNCTIONS, LIMITS
 from equimesh.io.write import CELLS, FORMATS
-from equimesh_service.admission import steps
 from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.assembly.problem import translate_errors
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import MODE_USES, read_expression_check
-from equimesh_service.spec.step import MAX_FIELDS
+from equimesh_service.spec.step import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, TRANSFERS
 from equimesh_service.wire import body as bodies
 from equimesh_service.worker.names import PICTURES, PLOTS
 
@@ -67,7 +66,13 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "formats": ["npz", "npy", "csv", "json", "vtu", "vtk", "xdmf"],
             "max_samples": settings.max_samples,
         },
-        "sequences": {"monitors": list(steps.KINDS), "max_fields": MAX_FIELDS},
+        "sequences": {
+            "monitors": list(monitors.USES),
+            "max_fields": MAX_FIELDS,
+            "max_components": MAX_COMPONENTS,
+            "transfers": list(TRANSFERS),
+            "locations": list(LOCATIONS),
+        },
         "monitors": _list_uses(monitors.USES),
         "domains": _list_uses(domains.USES),
         "modes": _list_uses(MODE_USES),

@@ -240,8 +240,23 @@ class SequenceResource(BaseModel):
     keep: int = Field(description="How many of the last meshes are kept.")
     created_at: datetime
     used_at: datetime = Field(description="When the last step was requested.")
+    status: Status = Field(description="Of its mesh.")
+    certificate: MeshCertificate | None = Field(None, description="Of its mesh; null before the end.")
+    warnings: list[str] = Field(default_factory=list, description="Those of the certificate.")
+    velocity: list[list[tuple[float, float]]] | None = Field(
+        None,
+        description="velocity[i][j] is how far the node (i, j) has moved since the step before, in x and y. null for "
+        "the first mesh, before the end, in lists, and for more than 10,000 points: the npz file has it, too.",
+    )
     mesh: MeshResource
     links: dict[str, str]
+
+
+class SequenceList(BaseModel):
+    """A page of sequences, newest first."""
+
+    items: list[SequenceResource]
+    next_cursor: str | None = Field(description="The cursor of the next page, null on the last.")
 
 
 class Range(BaseModel):
@@ -302,8 +317,12 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
     )
 
 
-def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str) -> SequenceResource:
-    """The sequence at a step, as clients see it; ``root`` is the start of all addresses."""
+def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str, velocity: Any = None) -> SequenceResource:
+    """The sequence at a step, as clients see it; ``root`` is the start of all addresses.
+
+    ``velocity`` is the displacement of the nodes as lists, where it is known.
+    """
+    shown = mesh_resource(mesh, root)
     here, of_mesh = f"{root}/v1/sequences/{row.id}", f"{root}/v1/meshes/{mesh.id}"
     return SequenceResource(
         id=row.id,
@@ -311,7 +330,11 @@ def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str) -> 
         keep=row.keep,
         created_at=_moment(row.created_at),
         used_at=_moment(row.used_at),
-        mesh=mesh_resource(mesh, root),
+        status=shown.status,
+        certificate=shown.certificate,
+        warnings=[] if shown.certificate is None else shown.certificate.warnings,
+        velocity=velocity,
+        mesh=shown,
         links={"self": here, "steps": f"{here}/steps", "mesh": of_mesh, "file": f"{of_mesh}/file?format=npz"},
     )
 

@@ -7,20 +7,23 @@ from hashlib import sha256
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
+from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from equimesh_service.admission import steps
+from equimesh_service.admission import moves, steps
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.intake import AcceptedMesh, MeshRequest, refusals
+from equimesh_service.api.cursors import cursor_at, moment_of
 from equimesh_service.api.mesh_files import MESH_CONTENT, check_done
 from equimesh_service.api.mesh_requests import MESH_BODY, NPZ, Format, IdempotencyKey, Prefer, check_key, receive_mesh
-from equimesh_service.api.resources import SequenceResource, sequence_resource
+from equimesh_service.api.resources import SequenceList, SequenceResource, sequence_resource
 from equimesh_service.api.routing import KEY_PROBLEMS, MAX_NUMBER, Reader, ServiceDependency, Writer, problems
 from equimesh_service.api.waiting import Waiting
+from equimesh_service.assembly.step_fields import read_velocity
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
-from equimesh_service.store.rows import CANCELED, FAILED, Ending, MeshRow, NewStep
+from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Ending, MeshRow, NewStep
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
 
@@ -40,6 +43,17 @@ STEP_EXAMPLES: dict[str, Any] = {
             "fields": {"pressure": [[1, 1, 1, 1], [1, 1, 1, 1], [2, 2, 2, 2], [2, 2, 2, 2]]},
         },
     },
+    "monitor": {
+        "summary": "A field of vectors, and a new monitor that follows a field",
+        "value": {
+            "step": 0,
+            "monitor": {"kind": "curvature", "u": {"field": "heat"}, "smoothing": 0.02},
+            "fields": {
+                "heat": {"values": [[0, 0, 0, 0], [1, 2, 2, 1], [1, 2, 2, 1], [0, 0, 0, 0]], "transfer": "spline"},
+                "flow": {"values": [[[1, 0]] * 4, [[1, 0.5]] * 4, [[1, 0.5]] * 4, [[1, 0]] * 4], "location": "nodes"},
+            },
+        },
+    },
 }
 _STEP_BODY = {
     "required": True,
@@ -49,11 +63,14 @@ _STEP_BODY = {
             "schema": {
                 "type": "string",
                 "contentMediaType": "application/octet-stream",
-                "description": "Arrays `step` (a number), `u`, and one for each field, of shape (n_xi, n_eta).",
+                "description": "Arrays `step` (a number), `u`, and one for each field, of shape (n_xi, n_eta), and the "
+                "text `settings`: JSON as StepSettings, which says how fields are carried, and which monitor to take.",
             }
         },
     },
 }
+# The most points of a mesh whose velocity is in JSON answers.
+_MAX_VELOCITY_POINTS = 10_000
 _TEXT = {"type": "string"}
 _HEADERS = {
     "Location": {"description": "The sequence; of a step, its mesh.", "schema": _TEXT},
@@ -88,7 +105,7 @@ async def create(
     idempotency_key: IdempotencyKey = None,
     keep: Annotated[int, Query(ge=2, le=1000, description=_KEEP)] = 2,
 ) -> Response:
-    """Begin with a first mesh. The body is the spec of a mesh whose monitor is an arc_length or a curvature.
+    """Begin with a first mesh. The body is the spec of a mesh with a grid.
 
     The answer names the sequence, and waits for the first mesh as a request for a mesh does.
     """
@@ -108,12 +125,43 @@ async def create(
         return await _answer(waiting, request, service, caller, accepted, admitted.spec["cells"])
 
 
+class _Page(BaseModel):
+    """The sequences that a page lists."""
+
+    limit: int = Field(50, ge=1, le=200, description="Most sequences on a page.")
+    cursor: str | None = Field(None, description="`next_cursor` of the page before.")
+
+
+@router.get("", summary="List sequences, newest first", operation_id="listSequences", responses=problems(422))
+async def list_sequences(
+    request: Request, response: Response, service: ServiceDependency, caller: Reader, page: Annotated[_Page, Query()]
+) -> SequenceList:
+    """A page of sequences at their current steps; the header `Link` with rel="next" leads to the next one."""
+    before = None if page.cursor is None else moment_of(page.cursor)
+    find = partial(service.store.sequences.page, key_id=caller.only, before=before, limit=page.limit + 1)
+    rows = await run_in_threadpool(find)
+    following = None
+    if len(rows) > page.limit:
+        last = rows[page.limit - 1]
+        following = cursor_at(last.created_at, last.id)
+        url = request.url.include_query_params(cursor=following)
+        response.headers["Link"] = f'<{url.path}?{url.query}>; rel="next"'
+    shown = rows[: page.limit]
+    meshes = await run_in_threadpool(service.store.meshes.several, [row.mesh_id for row in shown])
+    items = [
+        sequence_resource(row, row.number, meshes[row.mesh_id], service.settings.root)
+        for row in shown
+        if row.mesh_id in meshes  # it may have been deleted in between
+    ]
+    return SequenceList(items=items, next_cursor=following)
+
+
 @router.get("/{id}", summary="Look at a sequence", operation_id="getSequence", responses=problems(404, 410))
 async def get(id: str, service: ServiceDependency, caller: Reader) -> SequenceResource:
     """The sequence at its last step that has not failed, with the mesh of that step."""
     row = await service.sequence(id, caller)
     mesh = await service.mesh(row.mesh_id, caller)
-    return sequence_resource(row, row.number, mesh, service.settings.root)
+    return sequence_resource(row, row.number, mesh, service.settings.root, await _velocity(service, mesh))
 
 
 @router.post(
@@ -134,11 +182,11 @@ async def step(
     prefer: Prefer = None,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
-    """The next mesh, for u at the nodes of the current mesh or as an expression, and the fields at its nodes.
+    """The next mesh, for u at the nodes of the current mesh or as an expression, and the fields carried to it.
 
     `step` is the step that this one follows; if another step already follows it, the answer is 409. A failed step does
-    not count: another can be requested in its place. With `?format=npz` the file of the mesh has u and the fields at
-    its nodes.
+    not count: another can be requested in its place. With `?format=npz` the file of the mesh has u, the fields, the
+    `velocity` of its nodes since the step before, and in `step_json` the bytes of status, certificate and warnings.
     """
     sequence = await service.sequence(id, caller)
     if sequence.key_id not in ("", caller.key_id):  # the key of the sequence would not see the mesh of the step
@@ -158,9 +206,9 @@ async def step(
     mesh = await service.mesh(sequence.mesh_id, caller)
     points = mesh.n_xi * mesh.n_eta  # all meshes of a sequence have as many
     if kind == NPZ:
-        move = await service.check(steps.read_arrays, data, steps.max_bytes(service.settings, points))
+        move = await service.check(moves.read_arrays, data, moves.max_bytes(service.settings, points))
     else:
-        move = await service.check(steps.read_long_json, service.admission, data, points)
+        move = await service.check(moves.read_long_json, service.admission, data, points)
     start = await _start(service, caller, sequence.id, move.step)
     prepare = steps.Stepping(service.admission, service.store, service.files).prepare
     with service.quotas.count_wait(caller, waiting.seconds), ExitStack() as stack:
@@ -197,6 +245,24 @@ async def delete(id: str, service: ServiceDependency, caller: Writer) -> None:
         raise Problem("not-found", "There is no sequence with this id.")
     for mesh_id in meshes:
         service.dispatcher.cancel(mesh_id)
+
+
+async def _velocity(service: Service, mesh: MeshRow) -> Any:
+    """The displacement of the nodes of a step as lists; None where there is none, or where it is long."""
+    if mesh.status != SUCCEEDED or mesh.n_xi * mesh.n_eta > _MAX_VELOCITY_POINTS:
+        return None
+    artifact = await run_in_threadpool(service.store.meshes.artifact, mesh.id, "mesh")
+    if artifact is None:
+        return None
+
+    def read() -> Any:
+        with service.files.local(artifact.sha256) as path:
+            return read_velocity(path)
+
+    try:
+        return await run_in_threadpool(read)
+    except FileNotFoundError:  # the mesh was deleted in between
+        return None
 
 
 async def _read_body(request: Request, service: Service) -> tuple[str, bytes]:
@@ -240,7 +306,8 @@ async def _answer(
     location = f"{root}/v1/meshes/{accepted.mesh_id}" if number else f"{root}/v1/sequences/{sequence_id}"
 
     async def describe(row: MeshRow) -> SequenceResource:
-        return sequence_resource(await service.sequence(sequence_id, caller), number, row, root)
+        sequence = await service.sequence(sequence_id, caller)
+        return sequence_resource(sequence, number, row, root, await _velocity(service, row))
 
     headers = {"Location": location, "Equimesh-Step": str(number)}
     return await waiting.answer(request, service, caller, accepted, cells, headers, describe)

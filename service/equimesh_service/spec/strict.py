@@ -37,7 +37,14 @@ MAX_PARAMETERS = 64
 _ENOUGH = "enough"
 Model = TypeVar("Model", bound=BaseModel)
 
-Numbers = Annotated[list[FiniteFloat], FailFast()]
+
+class FirstFault(FailFast):
+    """A list is read up to its first fault. Other than its base class it can be part of a union."""
+
+    __hash__ = object.__hash__
+
+
+Numbers = Annotated[list[FiniteFloat], FirstFault()]
 Pair = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 
 

@@ -133,6 +133,15 @@ class MeshesStore:
             row = connection.execute(_SHOW, {"mesh": mesh_id}).first()
         return None if row is None else _mesh(row)
 
+    def several(self, names: Sequence[str]) -> dict[str, MeshRow]:
+        """Those of these meshes that there are, by their ids."""
+        found: dict[str, MeshRow] = {}
+        with self._read() as connection:
+            for start in range(0, len(names), _MAX_IDS_PER_QUERY):
+                here = meshes.c.id.in_(names[start : start + _MAX_IDS_PER_QUERY])
+                found |= {row.id: _mesh(row) for row in connection.execute(select(*_SHOWN).where(here))}
+        return found
+
     def find_unfinished(self, names: Sequence[str]) -> dict[str, int]:
         """The number of the last event of each of these meshes that is not finished."""
         found: dict[str, int] = {}

@@ -9,10 +9,10 @@ from equimesh_service.store.database import Database, lock
 from equimesh_service.store.schema import artifacts, meshes, metadata
 
 # The revision of the tables in `schema`: that of the last step in `migrations`.
-LATEST = "0007"
+LATEST = "0008"
 _FIRST = "0001"
 # The revisions that this release can upgrade from.
-_OLDER = (_FIRST, "0002", "0003", "0006")
+_OLDER = (_FIRST, "0002", "0003", "0006", "0007")
 _log = logging.getLogger(__name__)
 # The table of Alembic, as Alembic creates it.
 _version = Table("alembic_version", MetaData(), Column("version_num", String(32), primary_key=True))

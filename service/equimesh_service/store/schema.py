@@ -153,6 +153,7 @@ sequences = Table(
     Column("keep", Integer, nullable=False),
     Column("created_at", Float, nullable=False),
     Column("used_at", Float, nullable=False),
+    Index("sequences_by_key", "key_id", "created_at", "id"),  # in the order of lists
 )
 
 # Steps of sequences: the SHA-256 of the mesh file that a step starts from, and of the file of its fields.

@@ -4,8 +4,9 @@ The state of a sequence is that of its last step. A failed step does not count: 
 """
 
 from collections.abc import Callable
+from typing import Any
 
-from sqlalchemy import Connection, delete, insert, select, update
+from sqlalchemy import Connection, delete, insert, select, tuple_, update
 
 from equimesh_service.errors import StepTakenError
 from equimesh_service.store.artifacts import insert_artifacts, removal_lookup, remove_unused
@@ -13,6 +14,8 @@ from equimesh_service.store.database import Database
 from equimesh_service.store.deletion import delete_meshes, lock_meshes
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, NewMesh, NewStep, SequenceRow
 from equimesh_service.store.schema import meshes, sequences, steps
+
+_SHOWN = [sequences.c[name] for name in ("id", "key_id", "keep", "created_at", "used_at")]
 
 
 class SequencesStore:
@@ -25,12 +28,11 @@ class SequencesStore:
 
     def get(self, sequence_id: str) -> SequenceRow | None:
         """The sequence with this id, at its last step that has not failed."""
-        columns = [sequences.c[name] for name in ("id", "key_id", "keep", "created_at", "used_at")]
         joined = sequences.join(steps, steps.c.sequence_id == sequences.c.id).join(
             meshes, meshes.c.id == steps.c.mesh_id
         )
         query = (
-            select(*columns, steps.c.number, steps.c.mesh_id, meshes.c.status)
+            select(*_SHOWN, steps.c.number, steps.c.mesh_id, meshes.c.status)
             .select_from(joined)
             .where(sequences.c.id == sequence_id)
             .order_by(steps.c.number.desc())
@@ -40,6 +42,37 @@ class SequencesStore:
         if not rows:
             return None
         return SequenceRow(**next((row for row in rows if row.status not in (FAILED, CANCELED)), rows[0])._mapping)
+
+    def page(
+        self, *, key_id: str | None = None, before: tuple[float, str] | None = None, limit: int = 50
+    ) -> list[SequenceRow]:
+        """Sequences at their last steps, newest first, after the position ``before``; those of one key, unless None."""
+        order = (sequences.c.created_at, sequences.c.id)
+        has_steps = select(steps.c.mesh_id).where(steps.c.sequence_id == sequences.c.id).exists()
+        query = select(*_SHOWN).where(has_steps).order_by(*(column.desc() for column in order)).limit(limit)
+        if key_id is not None:
+            query = query.where(sequences.c.key_id == key_id)
+        if before is not None:
+            query = query.where(tuple_(*order) < before)
+        with self._read() as connection:
+            found = connection.execute(query).all()
+            joined = steps.join(meshes, meshes.c.id == steps.c.mesh_id)
+            names = [row.id for row in found]
+            taken = (
+                select(steps.c.sequence_id, steps.c.number, steps.c.mesh_id, meshes.c.status)
+                .select_from(joined)
+                .where(steps.c.sequence_id.in_(names))
+                .order_by(steps.c.number)
+            )
+            current: dict[str, Any] = {}
+            for row in connection.execute(taken):
+                if row.status not in (FAILED, CANCELED) or row.sequence_id not in current:
+                    current[row.sequence_id] = row
+        return [
+            SequenceRow(**row._mapping, number=step.number, mesh_id=step.mesh_id, status=step.status)
+            for row in found
+            if (step := current.get(row.id)) is not None
+        ]
 
     def mesh_of(self, sequence_id: str, number: int) -> str | None:
         """The mesh of a step."""

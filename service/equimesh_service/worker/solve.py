@@ -15,7 +15,6 @@ import numpy as np
 
 import equimesh
 from equimesh.fields.mesh_map import reference_of
-from equimesh.io.npz import load_npz
 from equimesh.io.write import write_mesh
 from equimesh.rounds.round import adapt_round
 from equimesh.specs.spec import BuiltSpec
@@ -33,6 +32,7 @@ from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import Reporter
+from equimesh_service.worker.step import StepStart
 
 _log = logging.getLogger(__name__)
 # The least number of points for which files are written in threads.
@@ -140,7 +140,7 @@ class _Work:
 
     mesh_input: MeshInput
     spec: BuiltSpec
-    start: equimesh.Mesh | None
+    start: StepStart | None
 
 
 def _solve(job: Job) -> Ending | Repeated | None:
@@ -157,7 +157,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
     reporter.writing()
     with tracing.span("write"), ExitStack() as stack:
         output = Output(files, stack, in_threads=solution.problem.grid.points >= MIN_POINTS_FOR_THREADS)
-        result = _write(work, solution, files, output, stopwatch)
+        result = _write(work, solution, output, stopwatch)
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else _problem(solution)
@@ -217,7 +217,7 @@ def _build(job: Job, store: Store, files: Files) -> _Work:
         return _Work(mesh_input=mesh_input, spec=mesh_input.draft.built, start=None)
     with ExitStack() as samples:
         spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
-    return _Work(mesh_input=mesh_input, spec=spec, start=_start(mesh_input, files))
+    return _Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, files))
 
 
 @dataclass
@@ -237,22 +237,20 @@ class _Presence:
 
 def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution:
     spec = work.spec
-    start = None if work.start is None else reference_of(work.start, spec.problem.domain)
+    start = None if work.start is None else reference_of(work.start.mesh, spec.problem.domain)
     with translate_errors():
         return spec.solve(start=start, began=reporter.begin_grid, threads=threads, observe=reporter, check=False)
 
 
-def _write(
-    work: _Work, solution: equimesh.Solution, files: Files, output: Output, stopwatch: Stopwatch
-) -> dict[str, Any]:
+def _write(work: _Work, solution: equimesh.Solution, output: Output, stopwatch: Stopwatch) -> dict[str, Any]:
     """Begin to write all files; returns what the mesh says of its solution, measured meanwhile."""
     if work.spec.schwarz is not None or solution.descent:
         output.json(CONVERGENCE, solution.convergence())
     quality = None
     if not solution.mesh.is_folded:
         data, requested = solution.data(), work.mesh_input.format
-        if work.start is not None and work.mesh_input.fields is not None:
-            data = replace(data, fields=_transfer_fields(work.start, work.mesh_input.fields, solution.mesh, files))
+        if work.start is not None:
+            data = work.start.arrived(data, solution)
         stopwatch.lap("quality")
         output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
         cells = work.spec.cells
@@ -266,23 +264,6 @@ def _write(
     if work.spec.target is None:
         return result
     return {**result, "grid": [*solution.problem.grid.shape]}
-
-
-def _start(mesh_input: MeshInput, files: Files) -> equimesh.Mesh | None:
-    """The mesh of the previous step; None for the first step, and for a mesh that is no step."""
-    if mesh_input.start is None:
-        return None
-    try:
-        with files.local(mesh_input.start) as path:
-            return load_npz(path).mesh
-    except FileNotFoundError:
-        raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
-
-
-def _transfer_fields(start: equimesh.Mesh, sha256: str, mesh: equimesh.Mesh, files: Files) -> dict[str, Any]:
-    """The fields of a step, transferred to the nodes of its mesh."""
-    with files.local(sha256) as path, np.load(path, allow_pickle=False) as fields:
-        return equimesh.transfer(start, dict(fields), mesh)
 
 
 def _problem(solution: equimesh.Solution) -> Problem:

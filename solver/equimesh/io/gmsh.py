@@ -44,10 +44,10 @@ def gmsh_text(
     lines += ["$Nodes", str(len(points)), *_numbered(f"{x!r} {y!r} 0.0" for x, y in points.tolist()), "$EndNodes"]
     lines += ["$Elements", str(len(elements)), *_numbered(elements), "$EndElements"]
     for name, values in point_data.items():
-        lines += _data("NodeData", name, map(repr, values.tolist()), values.size)
+        lines += _data("NodeData", name, _texts(values), values)
     for name, values in cell_data.items():
-        rows = (f"{corners}" + f" {value!r}" * corners for value in values.astype(np.float64).tolist())
-        lines += _data("ElementNodeData", name, rows, values.size, start=len(edges) + 1)
+        rows = (f"{corners}" + f" {value}" * corners for value in _texts(values))
+        lines += _data("ElementNodeData", name, rows, values, start=len(edges) + 1)
     return "\n".join(lines) + "\n"
 
 
@@ -55,7 +55,14 @@ def _numbered(rows: Iterable[str], start: int = 1) -> Iterator[str]:
     return (f"{k} {row}" for k, row in enumerate(rows, start=start))
 
 
-def _data(section: str, name: str, rows: Iterable[str], count: int, start: int = 1) -> list[str]:
-    """One scalar field: its name, the time 0, then time step, components and entries."""
-    head = [f"${section}", "1", f'"{name}"', "1", "0.0", "3", "0", "1", str(count)]
+def _texts(values: npt.NDArray[Any]) -> Iterator[str]:
+    """The number of each row, or the three numbers of a vector."""
+    rows = values.astype(np.float64).tolist()
+    return (" ".join(map(repr, row)) if isinstance(row, list) else repr(row) for row in rows)
+
+
+def _data(section: str, name: str, rows: Iterable[str], values: npt.NDArray[Any], start: int = 1) -> list[str]:
+    """One field: its name, the time 0, then time step, components (1 or 3) and entries."""
+    components = "1" if values.ndim == 1 else str(values.shape[1])
+    head = [f"${section}", "1", f'"{name}"', "1", "0.0", "3", "0", components, str(len(values))]
     return [*head, *_numbered(rows, start), f"$End{section}"]

@@ -22,7 +22,8 @@ def write_vts(
 ) -> None:
     """Write the nodes ``x``, ``y`` of shape ``(n_xi, n_eta)``, in the plane z = 0, with their data.
 
-    ``point_data`` have the shape of ``x``, ``cell_data`` one less in both directions. VTK's index i runs along xi, its
+    ``point_data`` have the shape of ``x``, ``cell_data`` one less in both directions, and three
+    components may follow. VTK's index i runs along xi, its
     j along eta: left is i = 0, right the last i, bottom j = 0, top the last j. In VTK i runs fastest, so node
     ``(i, j)`` is the point ``i + n_xi j`` of the file. Raises ``OSError`` where the file cannot be written.
     """
@@ -39,4 +40,4 @@ def write_vts(
 
 def _in_rows(values: Array) -> Array:
     """The values with the index along xi fastest."""
-    return np.ascontiguousarray(values.T).reshape(-1)
+    return np.ascontiguousarray(values.swapaxes(0, 1)).reshape(-1, *values.shape[2:])

@@ -2,6 +2,7 @@
 
 import os
 import zipfile
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +17,7 @@ from equimesh.io import foam
 from equimesh.io.formats import CELLS, FORMATS, Cells, MeshFormat
 from equimesh.io.gmsh import gmsh_text
 from equimesh.io.medit import medit_text
+from equimesh.io.npz import STEP
 from equimesh.io.su2 import su2_text
 from equimesh.io.vts import write_vts
 from equimesh.io.vtu import write_vtu
@@ -41,9 +43,9 @@ def write_mesh(
     files there stay. ``cells="triangle"`` cuts each quadrilateral on its better diagonal; triangles inherit its cell
     data.
 
-    Point data: ``u``, the ``fields``, and ``xi``, ``eta``, from which a reader without side tags finds the
-    sides (left is ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). Cell data: ``Q_eq``
-    and ``subdomain``.
+    Point data: ``u``, the ``fields`` at nodes, and ``xi``, ``eta``, from which a reader without side tags finds the
+    sides (left is ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). Cell data: ``Q_eq``,
+    ``subdomain`` and the ``cell_fields``.
 
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
     :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
@@ -100,9 +102,7 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
             mesh.point_data["node_groups"] = node_groups(data)
             meshio.write(file, mesh, file_format="vtk42")
         case "vts":
-            at_nodes = {name: array.reshape(data.mesh.x.shape) for name, array in _point_data(data).items()}
-            per_cell: dict[str, npt.NDArray[Any]] = {"Q_eq": data.q_eq, "subdomain": data.subdomain.astype(np.int32)}
-            write_vts(file, data.mesh.x, data.mesh.y, point_data=at_nodes, cell_data=per_cell)
+            _write_vts(file, data)
         case "xdmf":
             with TemporaryDirectory(dir=file.parent) as folder:
                 _pack(file, _write_xdmf(Path(folder), data, kind, "mesh", "facets"))
@@ -130,7 +130,9 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
             arrays: dict[str, Any] = {"x": data.mesh.x, "y": data.mesh.y, **data.mesh.sides}
             if data.u is not None:
                 arrays["u"] = data.u
-            arrays |= data.fields
+            arrays |= {**data.fields, **data.cell_fields}
+            if data.step:
+                arrays[STEP] = np.frombuffer(data.step.encode(), np.uint8)
             arrays["cells"] = _cells(data, kind)
             for array, values in (("q_eq", data.q_eq), ("subdomain", data.subdomain)):
                 arrays[array] = np.repeat(values.ravel(), _parts(kind))
@@ -141,6 +143,14 @@ def _write_file(file: Path, data: MeshData, name: str, kind: Cells) -> None:
                 return
             with file.open("wb") as stream:
                 np.savez(stream, **arrays)
+
+
+def _write_vts(file: Path, data: MeshData) -> None:
+    at_nodes, per_cell = (
+        {name: array.reshape(*shape, *array.shape[1:]) for name, array in arrays.items()}
+        for arrays, shape in ((_point_data(data), data.mesh.x.shape), (_cell_data(data, "quad"), data.q_eq.shape))
+    )
+    write_vts(file, data.mesh.x, data.mesh.y, point_data=at_nodes, cell_data=per_cell)
 
 
 def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: str) -> tuple[Path, ...]:
@@ -201,11 +211,28 @@ def node_groups(data: MeshData) -> npt.NDArray[np.int32]:
 def _point_data(data: MeshData) -> dict[str, npt.NDArray[np.float64]]:
     xi, eta = data.computational
     u = {} if data.u is None else {"u": data.u.ravel()}
-    fields = {name: values.ravel() for name, values in data.fields.items()}
-    return {**u, **fields, "xi": xi.ravel(), "eta": eta.ravel()}
+    return {**u, **_flat(data.fields), "xi": xi.ravel(), "eta": eta.ravel()}
 
 
 def _cell_data(data: MeshData, kind: Cells) -> dict[str, npt.NDArray[Any]]:
     # 32 bits: legacy VTK's "long" has another size on Windows
     values: dict[str, npt.NDArray[Any]] = {"Q_eq": data.q_eq, "subdomain": data.subdomain.astype(np.int32)}
-    return {name: np.repeat(array.ravel(), _parts(kind)) for name, array in values.items()}
+    flat = {name: array.ravel() for name, array in values.items()} | _flat(data.cell_fields)
+    return {name: np.repeat(array, _parts(kind), axis=0) for name, array in flat.items()}
+
+
+def _flat(fields: Mapping[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:
+    """Fields as rows of numbers: a vector in the plane gets a third component, since VTK has no others.
+
+    Vectors of four and more components become one field for each, with its number behind the name.
+    """
+    flat = {}
+    for name, values in fields.items():
+        rows = values.reshape(values.shape[0] * values.shape[1], -1)
+        if values.ndim == 2:
+            flat[name] = rows[:, 0]
+        elif rows.shape[1] in (2, 3):
+            flat[name] = np.pad(rows, ((0, 0), (0, 3 - rows.shape[1])))
+        else:
+            flat |= {f"{name}_{k}": np.ascontiguousarray(column) for k, column in enumerate(rows.T)}
+    return flat

@@ -14,7 +14,9 @@ class MeshData:
 
     ``u`` at the nodes, shape ``(n_xi, n_eta)``, ``None`` where the monitor has no u; per cell, shape
     ``(n_xi - 1, n_eta - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell.
-    ``fields`` are further values at the nodes, by names other than those that files have already.
+    ``fields`` are further values at the nodes and ``cell_fields`` such values per cell, by names other than those that
+    files have already; a vector has a third axis, that of its components. ``step`` is the JSON that a step of a
+    sequence answers with, for npz files; it is empty for other meshes.
 
     Raises :class:`~equimesh.errors.InputError` for other shapes.
     """
@@ -24,6 +26,8 @@ class MeshData:
     q_eq: Array
     subdomain: IntArray
     fields: Mapping[str, Array] = field(default_factory=dict)
+    cell_fields: Mapping[str, Array] = field(default_factory=dict)
+    step: str = ""
 
     def __post_init__(self) -> None:
         n_xi, n_eta = nodes = self.mesh.x.shape
@@ -36,9 +40,10 @@ class MeshData:
             found = shape if values is None and name == "u" else values.shape
             if found != shape:
                 raise InputError(f"{name} has shape {found}, this mesh needs {shape}", field=name)
-        for name, values in self.fields.items():
-            if values.shape != nodes:
-                raise InputError(f"the field {name} has shape {values.shape}, this mesh needs {nodes}", field=name)
+        for fields, needed in ((self.fields, nodes), (self.cell_fields, (n_xi - 1, n_eta - 1))):
+            for name, values in fields.items():
+                if values.shape[:2] != needed or values.ndim > 3:
+                    raise InputError(f"the field {name} has shape {values.shape}, this mesh needs {needed}", field=name)
 
     @property
     def computational(self) -> tuple[Array, Array]:

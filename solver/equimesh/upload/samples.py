@@ -33,6 +33,7 @@ NPY_TYPES: Final = {
     f"{order}{code}" for code in ("f2", "f4", "f8", "i2", "i4", "i8", "u2", "u4", "u8") for order in "<>="
 }
 NPY_TYPES.update({"|i1", "|u1"})
+NPY_TEXT: Final = re.compile(r"[<>=]U[1-9][0-9]{0,7}|\|S[1-9][0-9]{0,7}")
 NPY_HEADER: Final = {
     "descr": r"""['"]descr['"]\s*:\s*['"]([^'"]*)['"]""",
     "fortran_order": r"""['"]fortran_order['"]\s*:\s*(True|False)""",
@@ -99,11 +100,14 @@ def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
     return GridSamples(x=x, y=y, values=values, box=box)
 
 
-def read_npz(data: bytes, *, max_bytes: int = MAX_BYTES) -> dict[str, npt.NDArray[Any]]:
-    """All arrays of an npz file, by name; raises as :func:`read_samples`."""
+def read_npz(data: bytes, *, max_bytes: int = MAX_BYTES, text: str = "") -> dict[str, npt.NDArray[Any]]:
+    """All arrays of an npz file, by name; raises as :func:`read_samples`.
+
+    The array named ``text`` may also be one text, as :func:`numpy.savez` writes a ``str`` or ``bytes``.
+    """
     with open_zip(data, "npz", max_bytes, "write it with numpy.savez") as members:
         files = {name.removesuffix(".npy"): name for name in members.names}
-        return {key: _parse_npy(members.read(name), key[:80]) for key, name in files.items()}
+        return {key: _parse_npy(members.read(name), key[:80], text=key == text) for key, name in files.items()}
 
 
 def _count_samples(values: Any) -> int:
@@ -133,8 +137,8 @@ def _read_npy(data: bytes, _: Limits) -> dict[str, Any]:
     return {"values": values}
 
 
-def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
-    """One array of an npy file; its size is checked before memory is reserved."""
+def _parse_npy(data: bytes, key: str, *, text: bool = False) -> npt.NDArray[Any]:
+    """One array of an npy file, or one text; its size is checked before memory is reserved."""
     length = {b"\x01": 2, b"\x02": 4}.get(data[6:7])  # bytes that hold the header's length, by version
     if data[:6] != b"\x93NUMPY" or length is None:
         raise SamplesError(f"{key} is not a plain npy array: write it with numpy.save", field=key)
@@ -143,7 +147,8 @@ def _parse_npy(data: bytes, key: str) -> npt.NDArray[Any]:
     descr, order, extents = (re.search(NPY_HEADER[name], header) for name in ("descr", "fortran_order", "shape"))
     if descr is None or order is None or extents is None:
         raise SamplesError(f"{key} is not a plain npy array: {header.strip()[:80]!r} describes it", field=key)
-    if descr[1] not in NPY_TYPES:
+    is_text = text and NPY_TEXT.fullmatch(descr[1]) is not None and not extents[1].strip()
+    if descr[1] not in NPY_TYPES and not is_text:
         raise SamplesError(f"{key} holds data of type {descr[1]!r}: only real numbers are allowed", field=key)
     sizes = [n.strip() for n in extents[1].split(",") if n.strip()]
     if not all(n.isdecimal() for n in sizes):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_client import AsyncClient
+from equimesh_client import AsyncClient, Weight
 from equimesh_service import Settings, running
 
 
@@ -32,7 +32,11 @@ def test_the_same_with_asyncio(url: str) -> None:
             assert (step.number, sequence.x is step.x) == (1, True)
             assert np.abs(step.fields["p"] - step.y).max() < 1e-12
             assert (await sequence.mesh()).status == "succeeded"
-            assert (await client.sequences.get(sequence.id)).current.number == 1
+            assert (step.status, step.velocity is None or step.velocity.shape) == ("succeeded", (9, 9, 2))
+            assert step.certificate is not None
+            weight = await sequence.step(monitor=Weight(rho=1 + sequence.x))
+            assert (await client.sequences.get(sequence.id)).current.number == weight.number == 2
+            assert [record.number async for record in client.sequences.list(limit=1)] == [2]
             await sequence.delete()
 
     asyncio.run(walk())

@@ -10,7 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from equimesh_client import BadArgument, DownloadDamaged, RetryPolicy, SequenceStep
+from equimesh_client import (
+    ArcLength,
+    BadArgument,
+    Curvature,
+    DownloadDamaged,
+    Field,
+    Intersection,
+    RetryPolicy,
+    SequenceStep,
+    StoredSamples,
+    Weight,
+)
 from equimesh_client.wire import steps
 from equimesh_client.wire.arrays import arrays_of
 from equimesh_client.wire.deadline import Deadline, Settings
@@ -20,19 +31,19 @@ SETTINGS = Settings(url="http://host", timeout=1.0, policy=RetryPolicy(retries=0
 CELLS = np.array([[0, 2, 3, 1]])
 
 
-def npz() -> bytes:
+def npz(**more: Any) -> bytes:
     x, y = np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij")
     sides = {name: np.array([[0, 1]]) for name in ("left", "right", "bottom", "top")}
     file = io.BytesIO()
-    np.savez(file, x=x, y=y, u=x * y, cells=CELLS, q_eq=np.ones(1), subdomain=np.zeros(1), p=x - y, **sides)
+    np.savez(file, x=x, y=y, u=x * y, cells=CELLS, q_eq=np.ones(1), subdomain=np.zeros(1), p=x - y, **more, **sides)
     return file.getvalue()
 
 
 CURRENT = SequenceStep(number=4, mesh_id="m-4", arrays=arrays_of(npz()))
 
 
-def request(u: object, fields: Any = None, parameters: Any = None, t: float | None = None) -> Call:
-    return steps.step_call("s 1", CURRENT, u, fields, parameters, t)
+def request(u: object, fields: Any = None, parameters: Any = None, t: float | None = None, monitor: Any = None) -> Call:
+    return steps.step_call("s 1", CURRENT, u, fields, parameters, t, monitor)
 
 
 def test_an_expression_is_sent_as_json() -> None:
@@ -55,10 +66,60 @@ def test_values_and_callables_are_sent_as_equal_npz() -> None:
         np.testing.assert_array_equal(file["u"], [[0.0, 1.0], [1.0, 2.0]])
 
 
-@pytest.mark.parametrize(("fields", "t", "message"), [({"u": [1.0]}, None, "called u"), (None, 1.0, "belong to an")])
-def test_arguments_that_cannot_be_sent(fields: Any, t: float | None, message: str) -> None:
+@pytest.mark.parametrize(
+    ("u", "fields", "t", "message"),
+    [
+        (CURRENT.x, {"u": [1.0]}, None, "called u"),
+        (CURRENT.x, None, 1.0, "belong to an"),
+        (CURRENT.x, {"p": [[1.0], [2.0, 3.0]]}, None, "p is not an array of real numbers"),
+        (None, None, None, "needs u, or a monitor"),
+    ],
+)
+def test_arguments_that_cannot_be_sent(u: Any, fields: Any, t: float | None, message: str) -> None:
     with pytest.raises(BadArgument, match=message):
-        request(CURRENT.x, fields, None, t)
+        request(u, fields, None, t)
+
+
+def said_in(call: Call) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The settings and the arrays of a request in npz."""
+    with np.load(io.BytesIO(call.body or b"")) as file:
+        return json.loads(file["settings"].item()) if "settings" in file.files else {}, dict(file)
+
+
+def test_fields_say_how_they_are_carried() -> None:
+    fields = {"p": CURRENT.x, "q": Field([[1.0]], "conservative", "cells"), "v": Field(np.ones((2, 2, 2)))}
+    settings = {"q": {"transfer": "conservative", "location": "cells"}}
+    said, arrays = said_in(request(CURRENT.x, fields))
+    assert said == {"fields": settings}
+    assert {name: arrays[name].shape for name in "pqv"} == {"p": (2, 2), "q": (1, 1), "v": (2, 2, 2)}
+    sent = json.loads(request("x", fields).body or b"")["fields"]
+    assert sent["q"] == {"values": [[1.0]], **settings["q"]}
+    assert np.shape(sent["p"]) == (2, 2)
+
+
+def test_plain_steps_are_those_of_the_release_before() -> None:
+    file = io.BytesIO()
+    np.savez(file, step=np.int64(4), u=CURRENT.x, p=CURRENT.y)
+    assert request(CURRENT.x, {"p": Field(CURRENT.y)}).body == file.getvalue()
+
+
+def test_functions_of_a_monitor_are_values_at_the_nodes() -> None:
+    monitor = Intersection(
+        [Curvature(u={"field": "p"}, smoothing=0.02), Weight(rho=lambda x, y: 1 + x + 0 * y), ArcLength()]
+    )
+    said, arrays = said_in(request(None, {"p": CURRENT.x}, monitor=monitor))
+    curvature, weight, arc_length = said["monitor"]["monitors"]
+    assert (curvature["u"], curvature["smoothing"]) == ({"field": "p"}, 0.02)
+    assert "u" not in arc_length
+    np.testing.assert_array_equal(arrays[weight["rho"]["nodes"]], 1 + CURRENT.x)
+    document = {"kind": "weight", "rho": CURRENT.y, "u": "x"}
+    sent = json.loads(request("x + t", None, None, 2.0, monitor=document).body or b"")
+    assert sent["monitor"] == {**document, "rho": CURRENT.y.tolist()} | {"rho": {"nodes": CURRENT.y.tolist()}}
+    timed, _ = said_in(request(None, None, None, 2.0, monitor=Curvature(u="x + t")))
+    assert timed["monitor"]["u"] == {"expression": "x + t", "t": 2.0}
+    stored = StoredSamples(id="s-1", record={})
+    assert said_in(request(None, monitor=Weight(rho=stored)))[0]["monitor"]["rho"] == {"samples": "s-1"}
+    assert said_in(request({"field": "p"}, {"p": CURRENT.x}))[0] == {"u": {"field": "p"}}
 
 
 def advance(reply: Reply) -> SequenceStep:
@@ -83,3 +144,18 @@ def test_the_step_of_an_answer() -> None:
 def test_an_answer_that_names_no_step() -> None:
     with pytest.raises(DownloadDamaged, match="too old for sequences"):
         advance(Reply(status=200, headers={}))
+
+
+def test_what_a_step_says_of_its_mesh() -> None:
+    certificate = {"status": "relaxed", "warnings": ["mind the step"]}
+    said = {"status": "succeeded", "certificate": certificate, "warnings": ["mind the step"], "velocity": "velocity"}
+    moved = np.ones((2, 2, 2))
+    body = npz(step_json=np.frombuffer(json.dumps(said).encode(), np.uint8), velocity=moved)
+    headers = {"equimesh-step": "5", "location": "/v1/meshes/m-5", "etag": f'"{hashlib.sha256(body).hexdigest()}"'}
+    step = advance(Reply(status=201, headers=headers, body=body))
+    assert (step.status, step.warnings, sorted(step.fields)) == ("succeeded", ("mind the step",), ["p"])
+    assert step.certificate is not None
+    assert step.certificate.status == "relaxed"
+    assert step.velocity is not None
+    np.testing.assert_array_equal(step.velocity, moved)
+    assert (CURRENT.certificate, CURRENT.velocity, CURRENT.warnings) == (None, None, ())  # of an earlier release

@@ -16,6 +16,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+import equimesh as em
 from equimesh_service import Settings, running
 from equimesh_service.api import sequences
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
@@ -184,8 +185,8 @@ def test_what_is_wrong_with_a_step_is_told_where(http: httpx.Client) -> None:
         refused = http.post(steps, json=step)
         assert refused.status_code == 422, refused.text
         assert refused.json()["errors"][0]["pointer"] == pointer
-    weight = small(monitor={"kind": "weight", "rho": {"expression": "1 + x"}})
-    assert http.post("/v1/sequences", json=weight).json()["errors"][0]["pointer"] == "/monitor/kind"
+    aimed = {"monitor": {"u": "x*y"}, "target": {"error": 0.1}}
+    assert http.post("/v1/sequences", json=aimed).json()["errors"][0]["pointer"] == "/target"
     assert http.post(steps, content=b"x", headers={"Content-Type": "text/csv"}).status_code == 415
     assert http.get(sequence["links"]["self"]).json()["step"] == 0
 
@@ -251,3 +252,139 @@ def test_a_long_step_is_that_of_a_short_one(http: httpx.Client) -> None:
     wrong = json.dumps({"step": 1, "u": {"expression": "x"}, "fields": {"a b": x.tolist()}}) + " " * MAX_SHORT_BYTES
     refused = http.post(begun[0]["links"]["steps"], content=wrong, headers=headers)
     assert refused.json()["errors"][0]["pointer"] == "/fields/a b"
+
+
+def test_a_step_says_how_good_its_mesh_is_and_how_far_its_nodes_moved(
+    http: httpx.Client, document: dict[str, Any]
+) -> None:
+    sequence, mesh = begin(http)
+    assert sequence["status"] == "succeeded"
+    assert sequence["certificate"] == sequence["mesh"]["certificate"]
+    assert sequence["velocity"] is None  # nothing has moved yet
+    u = front(mesh["x"], mesh["y"], 0.02)
+    answer = http.post(f"{sequence['links']['steps']}?format=npz", content=packed(step=0, u=u, p=u), headers=NPZ)
+    moved = unpacked(answer)
+    said = json.loads(moved["step_json"].tobytes())
+    np.testing.assert_array_equal(moved["velocity"], np.dstack([moved["x"] - mesh["x"], moved["y"] - mesh["y"]]))
+    assert np.abs(moved["velocity"]).max() > 1e-3
+    assert (said["status"], said["velocity"]) == ("succeeded", "velocity")
+    assert said["fields"] == {"p": {"transfer": "spline", "location": "nodes", "bounds": None}}
+    shown = http.get(sequence["links"]["self"]).json()
+    components = {"$ref": "#/components/schemas/SequenceResource", "components": document["components"]}
+    jsonschema.Draft202012Validator(components).validate(shown)
+    assert said["certificate"] == shown["certificate"] == shown["mesh"]["certificate"]
+    assert said["warnings"] == shown["warnings"] == shown["certificate"]["warnings"]
+    np.testing.assert_array_equal(shown["velocity"], moved["velocity"])
+    file = http.get(f"{answer.headers['location']}/file", params={"format": "vtu", "cells": "triangle"})
+    assert 'Name="velocity" NumberOfComponents="3"' in file.text
+
+
+def test_vectors_and_a_field_called_velocity(http: httpx.Client) -> None:
+    sequence, mesh = begin(http)
+    vectors = np.dstack([mesh["x"], mesh["x"] - 2 * mesh["y"], mesh["y"], 1 + 0 * mesh["x"]])
+    step = {"step": 0, "u": "tanh(20*(x + y/2 - 0.62))", "fields": {"velocity": {"values": vectors.tolist()}}}
+    made = http.post(sequence["links"]["steps"], json=step, headers=WAIT)
+    assert made.status_code == 201, made.text
+    moved = unpacked(http.get(made.json()["links"]["file"]))
+    x, y = moved["x"], moved["y"]
+    assert np.abs(moved["velocity"] - np.dstack([x, x - 2 * y, y, 1 + 0 * x])).max() < 1e-5
+    np.testing.assert_array_equal(moved["mesh_velocity"], np.dstack([x - mesh["x"], y - mesh["y"]]))
+    np.testing.assert_array_equal(made.json()["velocity"], moved["mesh_velocity"])
+
+
+@pytest.mark.parametrize("form", ["json", "npz"])
+def test_conservative_fields_keep_their_integrals_and_bounds(http: httpx.Client, form: str) -> None:
+    spec = small(monitor={"kind": "arc_length", "u": "tanh(20*(x - 0.5))"}, grid={"n_xi": 17, "n_eta": 13})
+    made = http.post("/v1/sequences", json=spec, headers=WAIT).json()
+    mesh = unpacked(http.get(made["links"]["file"]))
+    old = em.Mesh(mesh["x"], mesh["y"])
+    nodal = np.where(mesh["x"] > 0.5, 1.0, 0.0)
+    cells = np.dstack([nodal[1:, 1:], 2 - nodal[1:, 1:]])
+    settings: dict[str, Any] = {
+        "a": {"transfer": "conservative"},
+        "b": {"location": "cells", "bounds": [0, 2]},
+    }
+    if form == "npz":
+        body = packed(
+            step=0, u=np.tanh(20 * (mesh["x"] - 0.55)), a=nodal, b=cells, settings=json.dumps({"fields": settings})
+        )
+        answer = http.post(f"{made['links']['steps']}?format=npz", content=body, headers=NPZ)
+    else:
+        given = {name: {**settings[name], "values": values.tolist()} for name, values in (("a", nodal), ("b", cells))}
+        step = {"step": 0, "u": "tanh(20*(x - 0.55))", "fields": given}
+        answer = http.post(f"{made['links']['steps']}?format=npz", json=step, headers=WAIT)
+    moved = unpacked(answer)
+    new = em.Mesh(moved["x"], moved["y"])
+    assert new.distance(old) > 0.01
+    assert em.integral(new, moved["a"]) == pytest.approx(em.integral(old, nodal), rel=1e-13)
+    for k in range(2):
+        before, after = (em.integral(m, b[:, :, k], "cells") for m, b in ((old, cells), (new, moved["b"])))
+        assert after == pytest.approx(before, rel=1e-13)
+    assert (moved["a"].min() >= 0.0, moved["a"].max() <= 1.0) == (True, True)
+    assert (moved["b"].min() >= 0.0, moved["b"].max() <= 2.0) == (True, True)
+    location = answer.headers["location"]
+    assert 'Name="b" NumberOfComponents="3"' in http.get(f"{location}/file", params={"format": "vtu"}).text
+    assert http.get(f"{location}/file", params={"format": "vts"}).status_code == 200
+
+
+def test_a_step_changes_the_monitor(http: httpx.Client) -> None:
+    sequence, mesh = begin(http)
+    x, y = mesh["x"], mesh["y"]
+    settings = {
+        "monitor": {
+            "kind": "intersection",
+            "monitors": [
+                {"kind": "curvature", "u": {"field": "a"}, "smoothing": 0.05},
+                {"kind": "weight", "rho": {"nodes": "rho"}},
+            ],
+        }
+    }
+    body = packed(step=0, a=front(x, y, 0.02), rho=1 + x, settings=json.dumps(settings))
+    moved = unpacked(http.post(f"{sequence['links']['steps']}?format=npz", content=body, headers=NPZ))
+    assert "a" in moved
+    assert "rho" not in moved  # a function of the monitor alone
+    tensor = {"kind": "tensor", **{name: {"nodes": (1 + 0 * x).tolist()} for name in ("m11", "m22")}, "m12": "0"}
+    made = http.post(sequence["links"]["steps"], json={"step": 1, "monitor": tensor}, headers=WAIT).json()
+    assert made["mesh"]["status"] == "succeeded", made
+    mapped = {"kind": "weight", "rho": "1 + x", "map": "gradient"}
+    made = http.post(sequence["links"]["steps"], json={"step": 2, "monitor": mapped}, headers=WAIT).json()
+    assert made["mesh"]["status"] == "succeeded", made
+    for step, pointer, words in (
+        ({"u": "x"}, "/u", "follow rho, not u"),
+        ({"monitor": {"kind": "weight", "rho": {"nodes": (-x).tolist()}}}, "/monitor/rho", "must be positive"),
+        ({"monitor": {"kind": "curvature"}}, "/monitor/u", "required"),
+        ({"monitor": {"kind": "curvature"}, "u": "tanh(q)"}, "/u", "q"),
+        ({"monitor": {"kind": "curvature", "u": {"field": "b"}}}, "/monitor/u/field", "no usable field 'b'"),
+    ):
+        refused = http.post(sequence["links"]["steps"], json={"step": 3, **step})
+        assert refused.status_code == 422, refused.text
+        assert refused.json()["errors"][0]["pointer"] == pointer
+        assert words in refused.json()["errors"][0]["message"]
+    kept = http.post(sequence["links"]["steps"], json={"step": 3, "monitor": {"kind": "weight"}}, headers=WAIT)
+    assert kept.json()["step"] == 4, kept.text  # rho stays that of the step before
+
+
+def test_a_sequence_of_a_weight_follows_its_values_at_nodes(http: httpx.Client) -> None:
+    spec = small(monitor={"kind": "weight", "rho": "1 + 9*exp(-50*(x - 0.3)**2)"}, grid={"n_xi": 17, "n_eta": 9})
+    made = http.post("/v1/sequences", json=spec, headers=WAIT).json()
+    mesh = unpacked(http.get(made["links"]["file"]))
+    rho = 1 + 9 * np.exp(-50 * (mesh["x"] - 0.7) ** 2)
+    settings = json.dumps({"monitor": {"kind": "weight", "rho": {"field": "rho"}}})
+    body = packed(step=0, rho=rho, settings=settings)
+    moved = unpacked(http.post(f"{made['links']['steps']}?format=npz", content=body, headers=NPZ))
+    assert "u" not in moved
+    assert np.abs(moved["rho"] - 1 - 9 * np.exp(-50 * (moved["x"] - 0.7) ** 2)).max() < 0.3
+    left, right = np.diff(moved["x"][:, 4])[[4, 12]]
+    assert right < 0.7 * left
+
+
+def test_sequences_are_listed_in_pages(http: httpx.Client, document: dict[str, Any]) -> None:
+    begun = [begin(http)[0] for _ in range(3)]
+    first = http.get("/v1/sequences", params={"limit": 2})
+    components = {"$ref": "#/components/schemas/SequenceList", "components": document["components"]}
+    jsonschema.Draft202012Validator(components).validate(first.json())
+    assert [one["id"] for one in first.json()["items"]] == [begun[2]["id"], begun[1]["id"]]
+    assert first.json()["items"][0]["mesh"] == begun[2]["mesh"]
+    second = http.get(first.links["next"]["url"]).json()
+    assert second["items"][0]["id"] == begun[0]["id"]
+    assert http.get("/v1/sequences", params={"cursor": "none"}).status_code == 422

@@ -27,7 +27,19 @@ def test_values_are_in_a_file_under_their_names(tmp_path: Path) -> None:
     assert (short.step, short.u, short.sent) == (3, None, {})
     np.testing.assert_array_equal(arrays["u"], ROWS)
     fields = short.fields(arrays)
-    assert {name: values.tolist() for name, values in fields.items()} == {"p": [[1, 2]], "file": [[3], [4]]}
+    assert {name: values.tolist() for name, (values, _) in fields.items()} == {"p": [[1, 2]], "file": [[3], [4]]}
+
+
+def test_settings_and_the_monitor_stay(tmp_path: Path) -> None:
+    field = {"values": [[[1, 2]]], "transfer": "conservative", "location": "cells"}
+    monitor = {"kind": "weight", "rho": {"nodes": ROWS}, "smoothing": 0.1}
+    short = shortened(tmp_path, {"step": 0, "monitor": monitor, "fields": {"v": field}})
+    arrays = np.load(tmp_path / "step.npz")
+    assert (short.u, short.monitor) == (None, {**monitor, "rho": {"nodes": "/monitor/rho"}})
+    np.testing.assert_array_equal(arrays["/monitor/rho"], ROWS)
+    values, settings = short.fields(arrays)["v"]
+    assert (values.tolist(), settings.transfer, settings.location) == ([[[1, 2]]], "conservative", "cells")
+    assert short.pointers == {"v": "/fields/v/values"}
 
 
 def test_an_expression_stays(tmp_path: Path) -> None:

@@ -72,6 +72,7 @@ def test_a_new_database_is_what_all_steps_together_make(database_url: str, engin
 def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str, engine: Engine) -> None:
     upgrade(database_url)
     with engine.begin() as connection:  # back to revision 0006
+        connection.execute(text("DROP INDEX sequences_by_key"))
         connection.execute(text("ALTER TABLE keys DROP COLUMN share"))
         connection.execute(text("DROP INDEX meshes_by_status"))
         connection.execute(text("CREATE INDEX meshes_by_status ON meshes (status, number, key_id, n_xi, n_eta)"))
@@ -85,6 +86,21 @@ def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str
     store.close()
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+
+
+def test_the_sequences_of_a_revision_without_a_list_are_listed(database_url: str, engine: Engine) -> None:
+    upgrade(database_url)
+    with engine.begin() as connection:  # back to revision 0007
+        connection.execute(text("DROP INDEX sequences_by_key"))
+        connection.execute(text("UPDATE alembic_version SET version_num = '0007'"))
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) != []
+    upgrade(database_url)
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+    store = Store(database_url)
+    assert store.sequences.page() == []
+    store.close()
 
 
 @pytest.mark.parametrize("old", [False, True], ids=["new", "old"])
@@ -113,7 +129,7 @@ def test_services_that_start_together_change_it_once(database_url: str, engine: 
         assert connection.execute(text("SELECT count(*) FROM alembic_version")).scalar() == 1
 
 
-@pytest.mark.parametrize("revision", ["0008", "0004"])
+@pytest.mark.parametrize("revision", ["0009", "0004"])
 def test_a_database_of_a_newer_release_is_refused(
     database_url: str, engine: Engine, tmp_path: Path, revision: str
 ) -> None:

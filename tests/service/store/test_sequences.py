@@ -20,6 +20,8 @@ class Steps:
     """The steps of one sequence, which keeps two, and the files of their meshes."""
 
     store: Store
+    name: str = "q-1"
+    key_id: str = ""
     removed: list[str] = field(default_factory=list)
 
     def take(self, number: int) -> str:
@@ -29,7 +31,8 @@ class Steps:
         self.store.samples.add(nodal)
         new = NewMesh(id=name, spec={**FRONT, "cells": "quad", "label": None}, samples=(nodal.id,))
         step = NewStep(
-            sequence_id="q-1",
+            sequence_id=self.name,
+            key_id=self.key_id,
             number=number,
             keep=2,
             fingerprint="",
@@ -63,6 +66,29 @@ def test_one_step_is_taken_after_the_other(store: Store) -> None:
     order = store.meshes.get_input(second)
     assert order is not None
     assert (order.start, order.fields, list(order.samples)) == ("a" * 64, "f1" * 32, ["n-1"])
+
+
+def test_sequences_are_listed_newest_first_at_their_last_good_step(store: Store) -> None:
+    names = {"q-1": "a", "q-2": "", "q-3": "a"}
+    for name, key_id in names.items():
+        steps = Steps(store, name=name, key_id=key_id)
+        steps.finish(steps.take(0))
+    steps.finish(steps.take(1))
+    steps.finish(steps.take(2), error={"type": "/problems/folded"})
+    found = store.sequences.page()
+    assert [(row.id, row.number, row.status) for row in found] == [
+        ("q-3", 1, "succeeded"),
+        ("q-2", 0, "succeeded"),
+        ("q-1", 0, "succeeded"),
+    ]
+    assert found == [store.sequences.get(row.id) for row in found]
+    assert [row.id for row in store.sequences.page(key_id="a")] == ["q-3", "q-1"]
+    first = store.sequences.page(limit=1)[0]
+    assert [row.id for row in store.sequences.page(before=(first.created_at, first.id))] == ["q-2", "q-1"]
+    meshes = store.meshes.several([*(row.mesh_id for row in found), "m-none"])
+    assert sorted(meshes) == sorted(row.mesh_id for row in found)
+    store.sequences.delete("q-2", lambda _: None)
+    assert [row.id for row in store.sequences.page()] == ["q-3", "q-1"]
 
 
 def test_a_sequence_keeps_its_last_steps_and_is_deleted_whole(store: Store) -> None:

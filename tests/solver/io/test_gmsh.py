@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import skfem
 
-from equimesh.io.write import Cells
+from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.mesh import SIDES
 from solver.io.files import DATA, EDGES, KINDS, N_ETA, N_XI, READS_TAGS, check_cells, check_edges, per_cell, written
 
@@ -91,3 +92,19 @@ def test_msh_by_its_text(tmp_path: Path, kind: Cells) -> None:
         np.testing.assert_array_equal(rows[:, 0], cells[:, 0])
         assert np.all(rows[:, 1] == corners)
         np.testing.assert_array_equal(rows[:, 2:].T, np.tile(per_cell(expected, kind), (corners, 1)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_vectors_are_read_by_meshio(tmp_path: Path, kind: Cells) -> None:
+    x = DATA.mesh.x
+    data = replace(
+        DATA, fields={"velocity": np.stack([x, 2 * x], axis=-1)}, cell_fields={"w": np.dstack([DATA.q_eq] * 3)}
+    )
+    path = write_mesh(tmp_path / "mesh.msh", data, cells=kind)[0]
+    found = meshio.gmsh.read(path)
+    np.testing.assert_array_equal(
+        found.point_data["velocity"], np.column_stack([x.ravel(), 2 * x.ravel(), 0 * x.ravel()])
+    )
+    of_cells = sections(path.read_text())["w"]
+    assert of_cells[7] == str(len(found.cells[1].data))
+    assert len(of_cells[8].split()) == 2 + 3 * (4 if kind == "quad" else 3)

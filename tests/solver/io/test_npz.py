@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from equimesh.errors import InputError
 from equimesh.io.npz import load_npz
-from equimesh.io.write import Cells
+from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.mesh import SIDES
 from solver.io.files import DATA, KINDS, check_cells, check_edges, per_cell, written
 
@@ -31,6 +32,20 @@ def test_npz(tmp_path: Path, kind: Cells) -> None:
         assert found.dtype == expected.dtype
         assert found.tobytes() == expected.tobytes()
         assert found.shape == expected.shape
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fields_vectors_and_the_json_of_a_step(tmp_path: Path, kind: Cells) -> None:
+    x = DATA.mesh.x
+    fields = {"p": x + 1, "velocity": np.stack([x, -x], axis=-1)}
+    cell_fields = {"rho": x[1:, 1:], "flux": np.stack([x[1:, 1:]] * 4, axis=-1)}
+    data = replace(DATA, fields=fields, cell_fields=cell_fields, step='{"status": "succeeded"}')
+    again = load_npz(write_mesh(tmp_path / "mesh.npz", data, cells=kind)[0])
+    assert again.step == data.step
+    for found, expected in ((again.fields, fields), (again.cell_fields, cell_fields)):
+        assert [*found] == [*expected]
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values)
 
 
 def test_files_that_are_no_result(tmp_path: Path) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from equimesh.io.write import write_mesh
 from solver.io.files import DATA, N_ETA, N_XI, written
 
 NUMBERS = {"Float64": "<f8", "Int32": "<i4"}
@@ -45,3 +47,13 @@ def test_rows_run_along_xi(tmp_path: Path) -> None:
     for name, values in {"Q_eq": DATA.q_eq, "subdomain": DATA.subdomain}.items():
         np.testing.assert_array_equal(cells[name].reshape(N_ETA - 1, N_XI - 1), values.T)
     assert (sorted(nodes), sorted(cells)) == (["eta", "u", "xi"], ["Q_eq", "subdomain"])
+
+
+def test_vectors_follow_their_points(tmp_path: Path) -> None:
+    x = DATA.mesh.x
+    data = replace(DATA, fields={"v": np.stack([x, 2 * x], axis=-1)}, cell_fields={"rho": DATA.q_eq})
+    piece = ET.parse(write_mesh(tmp_path / "mesh.vts", data)[0]).getroot().find("StructuredGrid/Piece")
+    assert piece is not None
+    vectors = arrays_of(piece.find("PointData"))["v"].reshape(N_ETA, N_XI, 3)
+    np.testing.assert_array_equal(vectors, np.stack([x.T, 2 * x.T, 0 * x.T], axis=-1))
+    np.testing.assert_array_equal(arrays_of(piece.find("CellData"))["rho"].reshape(N_ETA - 1, N_XI - 1), DATA.q_eq.T)

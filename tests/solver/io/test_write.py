@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -212,3 +213,21 @@ class TestFormats:
             write_mesh(tmp_path / name, data, format=name, cells=known.cells[-1])
         with np.load(io.BytesIO((tmp_path / "npz").read_bytes())) as arrays:
             assert arrays["cells"].shape == (2 * 299 * 199, 3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["vtu", "vtk", "xdmf"])
+def test_vectors_have_three_components(tmp_path: Path, name: str, kind: Cells) -> None:
+    x = DATA.mesh.x
+    vectors, per_cell = np.stack([x, 2 * x], axis=-1), np.stack([DATA.q_eq] * 3, axis=-1)
+    data = replace(DATA, fields={"velocity": vectors, "four": np.stack([x] * 4, axis=-1)}, cell_fields={"w": per_cell})
+    path = tmp_path / ("mesh.xdmf" if name == "xdmf" else f"mesh.{name}")
+    write_mesh(path, data, cells=kind)
+    found = meshio.read(path)
+    np.testing.assert_array_equal(
+        found.point_data["velocity"], np.column_stack([x.ravel(), 2 * x.ravel(), 0 * x.ravel()])
+    )
+    assert {"four_0", "four_1", "four_2", "four_3"} < {*found.point_data}
+    np.testing.assert_array_equal(
+        found.cell_data["w"][0], np.repeat(per_cell.reshape(-1, 3), 1 if kind == "quad" else 2, axis=0)
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,3 +64,7 @@ class TestTriangles:
 def test_wrong_shapes() -> None:
     with pytest.raises(InputError, match=r"q_eq has shape \(7, 5\), this mesh needs \(6, 4\)"):
         MeshData(mesh=DATA.mesh, u=DATA.u, q_eq=DATA.u, subdomain=DATA.subdomain)
+    with pytest.raises(InputError, match=r"the field rho has shape \(7, 5\), this mesh needs \(6, 4\)"):
+        replace(DATA, cell_fields={"rho": DATA.u})
+    with pytest.raises(InputError, match=r"the field v has shape \(7, 5, 2, 1\)"):
+        replace(DATA, fields={"v": np.zeros((7, 5, 2, 1))})

@@ -14,7 +14,7 @@ import pytest
 
 import equimesh as em
 from equimesh.fields.scattered_samples import ScatteredSamples
-from equimesh.upload.samples import MAX_BYTES, READERS, read_arrays, read_samples
+from equimesh.upload.samples import MAX_BYTES, READERS, read_arrays, read_npz, read_samples
 from solver.domains.shapes import refusal
 from solver.fields.tables import BOX, on_box
 from solver.upload.bombs import check_bomb_is_refused
@@ -183,3 +183,15 @@ def test_unknown_and_empty_files() -> None:
 )
 def test_a_bomb_of_json_is_refused(text: bytes) -> None:
     check_bomb_is_refused(text, "u.json", "cannot be read")
+
+
+@pytest.mark.parametrize("text", ["a text", b"bytes"])
+def test_one_array_of_an_npz_file_may_be_a_text(text: str | bytes) -> None:
+    stream = io.BytesIO()
+    np.savez(stream, settings=text, values=np.ones((2, 3)))
+    found = read_npz(stream.getvalue(), text="settings")
+    assert (found["settings"].item(), found["values"].shape) == (text, (2, 3))
+    assert "only real numbers" in refusal(read_npz, stream.getvalue()).message
+    lists = io.BytesIO()
+    np.savez(lists, settings=[text, text])
+    assert "only real numbers" in refusal(read_npz, lists.getvalue(), text="settings").message

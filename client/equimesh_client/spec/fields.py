@@ -1,0 +1,55 @@
+"""Fields of a step of a sequence: values on its mesh, and how they are carried to the next mesh."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh_client.errors import BadArgument
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Transfer: TypeAlias = Literal["spline", "conservative"]
+Location: TypeAlias = Literal["nodes", "cells"]
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Values on the mesh of a step, and the way they are carried to the next mesh.
+
+    ``values`` has the shape ``(n_xi, n_eta)`` at nodes, ``(n_xi - 1, n_eta - 1)`` for averages of cells, and one more
+    axis for the components of vectors. ``transfer`` is ``"spline"``, smooth and of fourth order, or
+    ``"conservative"``, which keeps the integral and the ``bounds``, by default the range of the values; None stands for
+    the spline at nodes, and the conservative one in cells. ``location`` is ``"nodes"`` or ``"cells"``.
+    """
+
+    values: npt.ArrayLike
+    transfer: Transfer | None = None
+    location: Location = "nodes"
+    bounds: tuple[float, float] | None = None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The JSON of the transfer, the location and the bounds, where they are not the usual ones."""
+        given: dict[str, Any] = {} if self.transfer is None else {"transfer": str(self.transfer)}
+        given |= {} if self.location == "nodes" else {"location": str(self.location)}
+        return given if self.bounds is None else {**given, "bounds": [float(end) for end in self.bounds]}
+
+
+def read_fields(fields: Mapping[str, object] | None) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+    """The arrays of fields by their names, and the settings of those that have some.
+
+    Raises :class:`BadArgument` for values that are no array of numbers.
+    """
+    given = {name: field if isinstance(field, Field) else Field(field) for name, field in (fields or {}).items()}  # type: ignore[arg-type]
+    arrays = {name: number_array(name, field.values) for name, field in given.items()}
+    return arrays, {name: field.settings for name, field in given.items() if field.settings}
+
+
+def number_array(name: str, values: Any) -> Array:
+    """An array of numbers; raises :class:`BadArgument` for anything else."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise BadArgument(f"{name} is not an array of real numbers: {error}") from error
