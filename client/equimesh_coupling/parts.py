@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, Protocol, TypeAlias
 
-import numpy as np
-import numpy.typing as npt
-
+from equimesh_coupling.cuts import Array, IntArray, quads_of, triangles_of
 from equimesh_coupling.errors import BadValues
 
-Array: TypeAlias = npt.NDArray[np.float64]
-IntArray: TypeAlias = npt.NDArray[np.int64]
+__all__ = ["SIDES", "TAGS", "Array", "Cells", "HasParts", "IntArray", "MeshParts"]
+
 Cells: TypeAlias = Literal["quad", "triangle"]
 
 SIDES: Final = ("left", "right", "bottom", "top")
@@ -42,10 +40,16 @@ class MeshParts:
         return bool(self.cells.shape[1] == 3)
 
     def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
-        """The parts themselves. Raises :class:`BadValues` where ``cells`` are requested that they do not have."""
-        if cells is not None and (cells == "triangle") != self.is_triangular:
-            raise BadValues(f"these arrays hold no {cells}s: request the mesh with cells={cells!r}")
-        return self
+        """The same mesh with the kind of ``cells`` that is requested, ``"quad"`` or ``"triangle"``; else itself.
+
+        Raises :class:`BadValues` for another kind.
+        """
+        if cells not in (None, "quad", "triangle"):
+            raise BadValues(f"unknown kind of cells {cells!r}: choose quad or triangle")
+        if cells is None or (cells == "triangle") == self.is_triangular:
+            return self
+        corners = triangles_of(self.points, self.shape) if cells == "triangle" else quads_of(self.shape)
+        return replace(self, cells=corners)
 
 
 class HasParts(Protocol):

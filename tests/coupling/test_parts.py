@@ -35,7 +35,9 @@ def test_the_sides_are_edges_of_the_cells_with_the_domain_on_their_left(parts: M
     assert list(TAGS.values()) == [1, 2, 3, 4]
 
 
-def test_cells_that_are_not_there_are_refused(quads: MeshParts) -> None:
+def test_both_kinds_of_cells_are_made_of_each_other(quads: MeshParts, triangles: MeshParts) -> None:
     assert quads.mesh_parts("quad") is quads.mesh_parts() is quads
-    with pytest.raises(BadValues, match="these arrays hold no triangles: request the mesh with cells='triangle'"):
-        quads.mesh_parts("triangle")
+    assert np.array_equal(quads.mesh_parts("triangle").cells, triangles.cells)
+    assert np.array_equal(triangles.mesh_parts("quad").cells, quads.cells)
+    with pytest.raises(BadValues, match="unknown kind of cells 'hexagon': choose quad or triangle"):
+        quads.mesh_parts("hexagon")  # type: ignore[arg-type]

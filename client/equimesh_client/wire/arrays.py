@@ -47,7 +47,7 @@ class MeshArrays(Coupled):
         return np.column_stack([self.x.ravel(), self.y.ravel()])
 
     def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
-        """Points, cells and sides for other libraries; raises ``BadValues`` for ``cells`` that are not there."""
+        """Points, cells and sides for other libraries; ``cells`` as requested, or else as they are."""
         n_xi, n_eta = self.x.shape
         parts = MeshParts(points=self.points, cells=self.cells, sides=self.boundary, shape=(n_xi, n_eta))
         return parts.mesh_parts(cells)

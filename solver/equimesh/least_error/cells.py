@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from equimesh.meshes.cuts import corner_cuts
 from equimesh.numerics.types import Array, IntArray
+from equimesh_coupling.cuts import corner_cuts
 
 MAX_CACHED_GRIDS = 16
 """Small grids whose cells are kept: the levels of one or two solves."""

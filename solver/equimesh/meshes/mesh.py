@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh.errors import InputError
-from equimesh.meshes.cuts import CUTS, better_cuts, corner_cuts
 from equimesh.meshes.folding import largest_difference, smallest_in_parts, smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.coupled import Coupled
+from equimesh_coupling.cuts import quads_of, triangles_of
 from equimesh_coupling.parts import Cells, MeshParts
 
 SIDES = ("left", "right", "bottom", "top")
@@ -59,12 +59,7 @@ class Mesh(Coupled):
     @property
     def cells(self) -> npt.NDArray[np.int64]:
         """Nodes of every quadrilateral, counter-clockwise, shape ``((n_xi - 1) * (n_eta - 1), 4)``."""
-        n_xi, n_eta = self.x.shape
-        first = (n_eta * np.arange(n_xi - 1)[:, None] + np.arange(n_eta - 1)).reshape(-1)
-        corners = np.empty((first.size, 4), dtype=np.int64)
-        for k, further in enumerate((0, n_eta, n_eta + 1, 1)):
-            np.add(first, further, out=corners[:, k])
-        return corners
+        return quads_of((self.x.shape[0], self.x.shape[1]))
 
     @property
     def sides(self) -> dict[str, npt.NDArray[np.int64]]:
@@ -76,26 +71,19 @@ class Mesh(Coupled):
     def triangles(self) -> IntArray:
         """The cells cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
 
-        Cell ``k`` gives the rows ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that
-        leaves the larger smallest angle. An inverted triangle has a negative angle, so a cut with two positive
-        triangles is taken wherever there is one. The four cells at the corners are cut through the corner, so that
-        no triangle has two edges on the boundary.
+        Cell ``k`` gives the rows ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that leaves the
+        larger smallest angle; those at the four corners are cut through the corner, so that no triangle has two edges
+        on the boundary.
         """
-        cells, (n_xi, n_eta) = self.cells, self.x.shape
-        corners = CUTS[better_cuts(self.points[cells], corner_cuts((n_xi - 1, n_eta - 1)))].reshape(-1, 6)
-        triangles: IntArray = np.take_along_axis(cells, corners, axis=1)
-        return triangles.reshape(-1, 3)
+        return triangles_of(self.points, (self.x.shape[0], self.x.shape[1]))
 
     def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
         """Points, cells and sides as plain arrays; quadrilaterals, unless ``cells`` is ``"triangle"``.
 
-        Raises :class:`~equimesh.errors.InputError` for another kind of cells.
+        Raises :class:`~equimesh_coupling.BadValues` for another kind of cells.
         """
-        if cells not in (None, "quad", "triangle"):
-            raise InputError(f"unknown kind of cells {cells!r}: choose quad or triangle", field="cells")
-        n_xi, n_eta = self.x.shape
-        corners = self.triangles() if cells == "triangle" else self.cells
-        return MeshParts(points=self.points, cells=corners, sides=self.sides, shape=(n_xi, n_eta))
+        shape = (self.x.shape[0], self.x.shape[1])
+        return MeshParts(points=self.points, cells=self.cells, sides=self.sides, shape=shape).mesh_parts(cells)
 
     def distance(self, other: Mesh) -> float:
         """The largest difference of a coordinate to another mesh of the same shape."""

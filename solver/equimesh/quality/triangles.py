@@ -12,7 +12,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from equimesh.fields.field import Field
-from equimesh.meshes.cuts import ANYWHERE, CUTS, better_cuts, corner_cuts
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_errors import add_errors
@@ -27,6 +26,7 @@ from equimesh.quality.interpolation import (
 )
 from equimesh.quality.pieces import BLOCK_PIECES, Pieces
 from equimesh.quality.resolution import resolved_integrals
+from equimesh_coupling.cuts import ANYWHERE, CUTS, better_cuts, corner_cuts
 
 GAUSS_POINTS = 3
 """Gauss points per direction of a triangle: exact for the squared error of a quadratic u."""
@@ -50,7 +50,7 @@ def triangle_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> Interp
 def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
     """The triangles of whole cells: cell ``k`` gives ``2 k`` and ``2 k + 1``. Their last two corners are one point.
 
-    Cells are cut as :func:`~equimesh.meshes.cuts.better_cuts` says, those in ``through`` along the diagonal given.
+    Cells are cut as :func:`~equimesh_coupling.cuts.better_cuts` says, those in ``through`` along the diagonal given.
     """
     corners = cells.corners.reshape(2, 4, -1)
     cuts = CUTS[better_cuts(corners.transpose(2, 1, 0), through)].reshape(-1, 3)

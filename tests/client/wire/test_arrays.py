@@ -35,6 +35,20 @@ def test_two_triangles_share_the_value_of_a_cell() -> None:
     assert (triangles.q_eq.tolist(), triangles.subdomain.tolist()) == ([[1.0], [2.0]], [[0], [1]])
 
 
+def test_the_arrays_go_to_other_libraries_with_both_kinds_of_cells() -> None:
+    number = np.arange(6).reshape(3, 2)
+    lines = {"left": number[0, ::-1], "right": number[-1], "bottom": number[:, 0], "top": number[::-1, -1]}
+    sides = {side: np.column_stack([line[:-1], line[1:]]) for side, line in lines.items()}
+    arrays = arrays_of(npz(cells=[[0, 2, 3, 1], [2, 4, 5, 3]], **sides))
+    quads, triangles = arrays.to_skfem(), arrays.to_skfem(cells="triangle")
+    assert (quads.t.shape, triangles.t.shape) == ((4, 2), (3, 4))
+    for mesh in (quads, triangles):
+        found = {side: mesh.p[:, mesh.facets[:, facets]].reshape(2, -1).T for side, facets in mesh.boundaries.items()}
+        assert {side: len(points) for side, points in found.items()} == {"left": 2, "right": 2, "bottom": 4, "top": 4}
+        assert (found["left"][:, 0] == 0.0).all()
+        assert (found["top"][:, 1] == 1.0).all()
+
+
 @pytest.mark.parametrize("data", [b"", b"PK", npz()[:-40], npz(q_eq=np.ones(3)), npz(x=np.ones(3))])
 def test_damage_is_reported(data: bytes) -> None:
     with pytest.raises(DownloadDamaged, match="npz file of the mesh"):

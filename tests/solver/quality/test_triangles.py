@@ -9,7 +9,6 @@ import pytest
 
 import equimesh as em
 from equimesh.domains.domain import map_mesh
-from equimesh.meshes.cuts import corner_cuts
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.quality import triangles
 from equimesh.quality.cells import BilinearCells
@@ -17,6 +16,7 @@ from equimesh.quality.interpolation import interpolation_errors
 from equimesh.quality.pieces import Pieces
 from equimesh.quality.triangles import halves, triangle_errors
 from equimesh.solving.solution import Solution
+from equimesh_coupling.cuts import corner_cuts
 
 SECTOR = em.AnnulusSector(center=(0.3, -0.4), radii=(0.6, 1.4), angles=(10.0, 100.0))
 WAVE = em.Expression("tanh(8*(x - 0.4*y)) + x*y")

@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from equimesh.numerics.types import Array, IntArray
+Array: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
 
 # The corners of the two triangles of a cell: cut from its corner 0 to 2, or from 1 to 3.
 CUTS = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])
@@ -50,3 +53,26 @@ def _smallest_angle(corners: Array) -> Array:
     cross = ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
     angle: Array = np.arctan2(cross, (ahead * behind).sum(axis=-1)).min(axis=-1)
     return angle
+
+
+def triangles_of(points: Array, shape: tuple[int, int]) -> IntArray:
+    """The cells of a grid cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
+
+    ``points`` are the nodes, shape ``(n_xi * n_eta, 2)``, ``shape`` is ``(n_xi, n_eta)``. Cell ``k`` gives the rows
+    ``2 k`` and ``2 k + 1``. Each quadrilateral is cut along the diagonal that leaves the larger smallest angle, those
+    at the four corners through the corner, so that no triangle has two edges on the boundary.
+    """
+    quads = quads_of(shape)
+    cuts = better_cuts(points[quads], corner_cuts((shape[0] - 1, shape[1] - 1)))
+    triangles: IntArray = np.take_along_axis(quads, CUTS[cuts].reshape(-1, 6), axis=1)
+    return triangles.reshape(-1, 3)
+
+
+def quads_of(shape: tuple[int, int]) -> IntArray:
+    """The nodes of every quadrilateral of a grid of ``shape`` nodes, counter-clockwise, shape ``(m, 4)``."""
+    n_xi, n_eta = shape
+    first = (n_eta * np.arange(n_xi - 1)[:, None] + np.arange(n_eta - 1)).reshape(-1)
+    corners = np.empty((first.size, 4), dtype=np.int64)
+    for k, further in enumerate((0, n_eta, n_eta + 1, 1)):
+        np.add(first, further, out=corners[:, k])
+    return corners

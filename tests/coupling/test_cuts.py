@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh.meshes.cuts import CUTS, better_cuts, corner_cuts
+from equimesh_coupling.cuts import CUTS, better_cuts, corner_cuts
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
