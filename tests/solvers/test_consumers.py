@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +34,10 @@ NAMES = {
     "meshio": "meshio",
 }
 FORMATS = ("msh", "vtu", "vtk", "xdmf", "mesh", "su2", "vts")
+PAGE = ROOT / "docs" / "use-in-your-solver.md"
 SIZE = 33
+# Their sections of the page have code that works on a mesh.
+DOCUMENTED = ("fipy", "mfem", "ngsolve", "sfepy", "pyvista")
 # L2 errors of bilinear and linear elements on the mesh by arc length, and on the uniform one.
 ELEMENTS = {
     "square quads": (1.940e-3, 7.430e-3),
@@ -86,12 +90,21 @@ def meshes(tmp_path_factory: pytest.TempPathFactory) -> Meshes:
     return Meshes(folder, parts)
 
 
+def write_documented(name: str, folder: Path) -> None:
+    """The code of the docs about a consumer, for its process to run."""
+    section = PAGE.read_text().partition(f"\n## {NAMES[name]}\n")[2].partition("\n## ")[0]
+    blocks = re.findall(r"^```py\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
+    if name in DOCUMENTED:
+        (folder / f"{name}.py").write_text("".join(blocks))
+
+
 def report_of(name: str, meshes: Meshes) -> dict[str, Any]:
     """What a consumer did with all meshes, in a process of its own."""
     python = python_of_consumers()
     path = os.pathsep.join([str(python.parent), os.environ["PATH"]])  # FiPy calls the program gmsh
     env = {**os.environ, "PYTHONPATH": str(ROOT / "client"), "PATH": path, "OMP_NUM_THREADS": "1"}
     script = Path(__file__).parent / "consumers" / "run.py"
+    write_documented(name, meshes.folder)
     command = [str(python), str(script), name, str(meshes.folder)]
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300, cwd=meshes.folder)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
@@ -163,6 +176,7 @@ def test_a_consumer_takes_nodes_cells_and_sides_and_solves(name: str, meshes: Me
                 )
             )
     assert report.get("carried", True)
+    assert report.get("documented", name not in DOCUMENTED)
     for sentence in report["refused"]:
         assert any(words in sentence for words in ("return ", "needs ", "the solver diverged"))
     assert bool(report["refused"]) is report["takes_fields"]

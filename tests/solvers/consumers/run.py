@@ -13,9 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from equimesh_coupling import BadValues, MeshParts, node_values
+from equimesh_coupling import BadValues, Coupled, MeshParts, node_values
 
 SIDES = ("left", "right", "bottom", "top")
+
+
+class Given(Coupled):
+    """A mesh as the code in the docs has it."""
+
+    def __init__(self, parts: MeshParts) -> None:
+        self._parts = parts
+
+    def mesh_parts(self, cells: Any = None) -> MeshParts:
+        return self._parts.mesh_parts(cells)
 
 
 def parts_of(path: Path) -> MeshParts:
@@ -84,6 +94,11 @@ def main(name: str, folder: Path) -> None:
         field = consumer.linear(hand_over(small))
         found["carried"] = bool(np.allclose(node_values(field, small).ravel(), small.points @ [1.0, 2.0]))
     found["refused"] = refused(consumer.strangers(small), small) if adaptor else []
+    code = folder / f"{name}.py"  # of the page about this consumer
+    if code.exists():
+        names: dict[str, Any] = {"mesh": Given(small)}
+        exec(compile(code.read_text(), str(code), "exec"), names)
+        found["documented"] = np.shape(names.get("at_nodes", np.zeros(small.shape))) == small.shape
     (folder / f"{name}.json").write_text(json.dumps(found))
 
 
