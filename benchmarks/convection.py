@@ -72,7 +72,7 @@ class Problem:
         u, u_x, u_y = self.solution.evaluate(*basis.global_coordinates(), order=1)
         found = basis.interpolate(values.ravel())
         slopes = (found.grad[0] - u_x) ** 2 + (found.grad[1] - u_y) ** 2
-        squares = ((found.value - u) ** 2 * basis.dx).sum(), (slopes * basis.dx).sum()
+        squares = ((found - u) ** 2 * basis.dx).sum(), (slopes * basis.dx).sum()
         return float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))
 
 

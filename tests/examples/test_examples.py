@@ -203,8 +203,8 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
 ) -> None:
     run("10")
     drawn = [*tmp_path.glob("*.png"), *three_monitors[1].glob("*.png")]
-    schwarz = ["schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"]
-    assert sorted([*schwarz, *(path.name for path in drawn)]) == [path.name for path in IMAGES]
+    others = ["adapt.png", "schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"]
+    assert sorted([*others, *(path.name for path in drawn)]) == [path.name for path in IMAGES]
     for path in IMAGES:
         check_picture(path)
         assert path.stat().st_size < 150_000
@@ -250,6 +250,21 @@ def test_the_page_has_the_counts_of_its_script(run: Run, tmp_path: Path) -> None
     for key, row in said.items():
         assert row[-2:] == [page[key][place] for place in places]
     check_picture(tmp_path / "schwarz-counts.png")
+
+
+def test_a_loop_adapts_to_a_solution_that_only_the_solver_knows(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("skfem")
+    said = run("16")
+    rounds = np.array([list(map(float, line.split()[1:7])) for line in said.splitlines() if re.match(r" +\d ", line)])
+    estimates, errors, gains = rounds[:, 0], rounds[:, 1], rounds[:, 3:5]
+    assert gains[:, 0].max() > 100
+    assert gains[:, 1].max() > 7
+    assert estimates[2:] == pytest.approx(errors[2:], rel=0.4)
+    assert "resolved: True" in said
+    readme = (ROOT / "examples" / "README.md").read_text()
+    told = rows(readme.replace("\n", " ").replace("**A sol", "\n**A sol").replace("**The p", "\n"), "**A solution that")
+    assert told[0][:2] == pytest.approx([errors[0], errors.min()], rel=0.05)
+    check_kept(tmp_path / "adapt.png")
 
 
 def test_every_example_is_short_and_in_the_index() -> None:

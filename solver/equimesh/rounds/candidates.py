@@ -24,11 +24,11 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.rounds.recovery import measured
 
-STEPS = ((17 * 17, 20), (33 * 33, 15), (129 * 129, 8))
+STEPS = ((17 * 17, 25), (33 * 33, 30), (129 * 129, 8))
 """Steps of descent, at most, on grids of at most this many points. The mesh before has done much of the work."""
 STEPS_BEYOND = 3
 """On finer grids."""
-MIN_DECREASE = 2.5e-3
+MIN_DECREASE = 1e-3
 """Mean decrease of the objective in a step at which a descent on a coarse grid ends."""
 MAX_COMPARED_POINTS = 33 * 33
 """Points of the grid, at most, up to which every candidate is descended."""

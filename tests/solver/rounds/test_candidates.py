@@ -30,10 +30,10 @@ def test_the_best_of_the_candidates_have_their_measured_errors() -> None:
         assert one.error == pytest.approx(interpolation_errors(mesh, FRONT).l2, rel=0.15)
 
 
-def test_a_front_is_met_by_bent_lines_and_layers_by_straight_ones() -> None:
-    for u, is_straight in ((FRONT, False), (LAYERS, True)):
-        best = min(search(u, 33, 33).candidates(), key=lambda one: one.error)
-        assert (best.name in (LINES, STRAIGHT)) is is_straight
+def test_straight_lines_are_as_good_as_any_for_layers_and_poor_for_an_oblique_front() -> None:
+    for u, low, high in ((FRONT, 2.0, 20.0), (LAYERS, 1.0, 1.3)):
+        errors = {one.name: one.error for one in search(u, 33, 33).candidates()}
+        assert low <= errors[STRAIGHT] / min(errors.values()) <= high
 
 
 def test_the_last_steps_lower_the_error() -> None:
