@@ -63,6 +63,7 @@ from equimesh_client.wire.pictures import Plot
 from equimesh_client.wire.retry import RetryPolicy
 from equimesh_client.wire.steps import SequenceStep
 from equimesh_client.wire.stream import Event
+from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
 
@@ -70,6 +71,8 @@ Relaxation = Relaxed  # the name in release 0.2
 Step = SequenceStep  # the name in release 0.2
 
 __all__ = [
+    "AdaptRound",
+    "Adaptation",
     "Aim",
     "AnnulusSector",
     "ArcLength",

@@ -11,7 +11,6 @@ The method is that of R. D. Haynes and A. J. M. Howse, *Generating Equidistribut
 Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the table of contents.
 """
 
-from equimesh.adapt.adaptation import Adaptation, AdaptRound
 from equimesh.adapt.loop import adapt
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
@@ -64,6 +63,7 @@ from equimesh.solving.target import Target, solve_to
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import transfer
+from equimesh_coupling.adaptation import Adaptation, AdaptRound
 from equimesh_coupling.cells import CellAverages, ErrorIndicator
 from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, OldLibrary
 

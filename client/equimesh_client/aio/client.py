@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
+from inspect import isawaitable
 from typing import Any, Unpack
 
 from equimesh_client.aio.mesh import AsyncMesh
@@ -12,15 +13,19 @@ from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.mesh import MeshOptions, complete_options
+from equimesh_client.spec.monitors import Norm
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples
 from equimesh_client.wire import flows, protocol
+from equimesh_client.wire.adapting import AdaptLoop
+from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
 from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.transport import base_url
+from equimesh_coupling.adaptation import Adaptation, AdaptRound
 
 
 class AsyncClient:
@@ -62,9 +67,12 @@ class AsyncClient:
         **options: Unpack[MeshOptions],
     ) -> AsyncMesh:
         """The finished mesh that is adapted to ``u``, of ``n`` points a side. See :meth:`Client.generate`."""
-        limit, settings = Deadline.after(deadline), self._session.settings
         complete = complete_options(options, self.generate)
         arguments = GenerateArguments(u=u, n=n, options=complete, initial=initial, cells=cells, reuse=reuse)
+        return await self._generate(arguments, deadline, progress)
+
+    async def _generate(self, arguments: GenerateArguments, deadline: float, progress: bool | None) -> AsyncMesh:
+        limit, settings = Deadline.after(deadline), self._session.settings
         request = await self._session.run(flows.prepare(arguments, settings, limit))
         mesh = None
         try:
@@ -78,6 +86,43 @@ class AsyncClient:
             raise
         raise_unless_succeeded(mesh)
         return mesh
+
+    async def adapt(
+        self,
+        solve: Callable[[MeshArrays], Any],
+        n: int | tuple[int, int],
+        *,
+        domain: Domain | Mapping[str, Any] | None = None,
+        rounds: int = 5,
+        norm: Norm = "l2",
+        observe: Callable[[AdaptRound[AsyncMesh]], None] | None = None,
+        deadline: float = DEADLINE_SECONDS,
+    ) -> Adaptation[AsyncMesh]:
+        """The mesh that is adapted to the solution of a solver. See :meth:`Client.adapt`.
+
+        ``solve`` gets the arrays of the mesh, whose ``to_skfem()`` and other methods need no await, and returns its
+        solution or an awaitable of it.
+        """
+        loop: AdaptLoop[AsyncMesh] = AdaptLoop(n=n, domain=domain, rounds=rounds, norm=norm)
+        mesh = await self._generate(loop.first(), deadline, False)
+        while True:
+            try:
+                arrays = await mesh.arrays()
+                returned = solve(arrays)
+                answered = loop.receive(arrays, await returned if isawaitable(returned) else returned)
+                request = loop.next(answered)
+                after = None if request is None else await self._generate(request, deadline, False)
+                moved = None if after is None else await after.arrays()
+            except Exception as failure:
+                if not loop.done:
+                    raise
+                return loop.ended(failure)
+            loop.add(mesh, answered, None if after is None else after.certificate, moved)
+            if observe is not None:
+                observe(loop.done[-1])
+            if after is None or loop.is_done:
+                return loop.ended()
+            mesh = after
 
     async def check(
         self,

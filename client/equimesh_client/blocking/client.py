@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Unpack
 
 from equimesh_client.blocking.mesh import Mesh
@@ -11,15 +11,18 @@ from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.mesh import MeshOptions, complete_options
+from equimesh_client.spec.monitors import Norm
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples
 from equimesh_client.wire import flows, protocol
+from equimesh_client.wire.adapting import AdaptLoop
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
 from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.transport import base_url
+from equimesh_coupling.adaptation import Adaptation, AdaptRound
 
 
 class Client:
@@ -79,9 +82,12 @@ class Client:
         When the deadline (seconds) passes or the wait is interrupted, the mesh is canceled. Raises
         :class:`MeshFailed`, :class:`InvalidInput` and the rest of the tree in ``errors``.
         """
-        limit, settings = Deadline.after(deadline), self._session.settings
         complete = complete_options(options, self.generate)
         arguments = GenerateArguments(u=u, n=n, options=complete, initial=initial, cells=cells, reuse=reuse)
+        return self._generate(arguments, deadline, progress)
+
+    def _generate(self, arguments: GenerateArguments, deadline: float, progress: bool | None) -> Mesh:
+        limit, settings = Deadline.after(deadline), self._session.settings
         request = self._session.run(flows.prepare(arguments, settings, limit))
         mesh = None
         try:
@@ -95,6 +101,48 @@ class Client:
             raise
         raise_unless_succeeded(mesh)
         return mesh
+
+    def adapt(
+        self,
+        solve: Callable[[Mesh], Any],
+        n: int | tuple[int, int],
+        *,
+        domain: Domain | Mapping[str, Any] | None = None,
+        rounds: int = 5,
+        norm: Norm = "l2",
+        observe: Callable[[AdaptRound[Mesh]], None] | None = None,
+        deadline: float = DEADLINE_SECONDS,
+    ) -> Adaptation[Mesh]:
+        """The mesh of ``n`` points a side, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
+
+        ``solve(mesh)`` solves on a :class:`Mesh`, which has the methods ``to_skfem()``, ``to_dolfinx(comm)`` and so
+        on, and returns one of these: values at the nodes, a field of a library with an adaptor, ``CellAverages``, or
+        an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, then at most ``rounds`` times.
+        ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``; the best mesh has the smallest
+        estimate in L2. ``observe`` is called with every round. ``deadline`` is that of each mesh, in seconds.
+
+        Raises ``BadValues`` where the values of the first solve cannot be used, and what the first solve raises. Later
+        the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the exception. Raises
+        :class:`BadArgument` for arguments that cannot be used.
+        """
+        loop: AdaptLoop[Mesh] = AdaptLoop(n=n, domain=domain, rounds=rounds, norm=norm)
+        mesh = self._generate(loop.first(), deadline, False)
+        while True:
+            try:
+                answered = loop.receive(mesh.arrays(), solve(mesh))
+                request = loop.next(answered)
+                after = None if request is None else self._generate(request, deadline, False)
+                moved = None if after is None else after.arrays()
+            except Exception as failure:
+                if not loop.done:
+                    raise
+                return loop.ended(failure)
+            loop.add(mesh, answered, None if after is None else after.certificate, moved)
+            if observe is not None:
+                observe(loop.done[-1])
+            if after is None or loop.is_done:
+                return loop.ended()
+            mesh = after
 
     def check(
         self,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from equimesh.domains.domain import Domain
 from equimesh.equations.problem import Problem
 from equimesh.fields.hermite_field import HermiteField
@@ -15,13 +13,7 @@ from equimesh.monitors.tensor import Weight
 from equimesh.numerics.types import Array
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
-
-POWERS = {"l2": 2.0 / 3.0, "h1": 1.0}
-"""The power of an indicator by which the number of cells has to grow: it falls with the cube of the spacing in L2, with
-its square for the gradient.
-"""
-FLOOR_SHARE = 0.1
-"""The share of the mean density that is added to it everywhere: cells where the indicator is zero stay bounded."""
+from equimesh_coupling.density import wanted_density
 
 
 def indicated_mesh(mesh: Mesh, indicator: Array, domain: Domain, norm: Norm, threads: int) -> Mesh:
@@ -32,26 +24,10 @@ def indicated_mesh(mesh: Mesh, indicator: Array, domain: Domain, norm: Norm, thr
     Raises :class:`~equimesh.solving.solution.SolveError` where no valid mesh is found.
     """
     reference = reference_on(mesh, domain)
-    density = indicated_density(reference, indicator, norm)
+    density = wanted_density(reference.x, reference.y, indicator, norm)
     if density is None:
         return mesh
     rho = HermiteField(mesh=reference, values=density)
     monitor = Weight(rho=OnDomain(reference=rho, domain=domain), map="gradient")
     solution: Solution = solve(Problem(monitor=monitor, grid=mesh.grid, domain=domain), threads=threads)
     return solution.mesh
-
-
-def indicated_density(reference: Mesh, indicator: Array, norm: Norm) -> Array | None:
-    """The wanted density of cells at the nodes, with the mean 1 over the cells; ``None`` where all indicators are 0."""
-    x, y = reference.x, reference.y
-    area = 0.5 * (
-        (x[1:, 1:] - x[:-1, :-1]) * (y[:-1, 1:] - y[1:, :-1]) - (x[:-1, 1:] - x[1:, :-1]) * (y[1:, 1:] - y[:-1, :-1])
-    )
-    largest = float(indicator.max())
-    if not largest > 0.0:
-        return None
-    density = (indicator / largest) ** POWERS[norm] / area
-    density /= float((density * area).sum() / area.sum())
-    padded = np.pad(density, 1, mode="edge")
-    nodes = 0.25 * (padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:])
-    return np.asarray((nodes + FLOOR_SHARE) / (1.0 + FLOOR_SHARE))

@@ -8,7 +8,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from equimesh.adapt.adaptation import Adaptation, AdaptRound
 from equimesh.adapt.indicated import indicated_mesh
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
@@ -21,8 +20,8 @@ from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.rounds.recovery import moved_cells
 from equimesh.rounds.round import Knowledge
+from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, verdict_on
 from equimesh_coupling.cells import ErrorIndicator, cell_values
-from equimesh_coupling.rounds import RoundNumbers, judge
 from equimesh_coupling.values import node_values
 
 MAX_ROUNDS = 100
@@ -37,8 +36,8 @@ def adapt(
     rounds: int = 5,
     norm: Norm = "l2",
     threads: int | None = None,
-    observe: Callable[[AdaptRound], None] | None = None,
-) -> Adaptation:
+    observe: Callable[[AdaptRound[Mesh]], None] | None = None,
+) -> Adaptation[Mesh]:
     """The mesh of ``n`` points a direction, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
     ``solve(mesh)`` solves on an :class:`~equimesh.meshes.mesh.Mesh`, which has the methods ``to_skfem()``,
@@ -54,7 +53,7 @@ def adapt(
     """
     grid, threads = _grid(n), thread_count(threads)
     _check(solve, rounds, norm)
-    done: list[AdaptRound] = []
+    done: list[AdaptRound[Mesh]] = []
 
     def following() -> tuple[Mesh, float, str]:
         return map_mesh(Mesh.uniform(grid), domain), 0.0, "given"
@@ -66,26 +65,28 @@ def adapt(
         except Exception as failure:
             if not done:
                 raise
-            return _ended(done, rounds, failure)
+            return ended(done, rounds, failure)
         done.append(replace(record, number=len(done), moved_cells=moved, start=start))
         if observe is not None:
             observe(done[-1])
-        if judge([_numbers(one) for one in done], rounds).is_done:
-            return _ended(done, rounds)
+        if verdict_on(done, rounds).is_done:
+            return ended(done, rounds)
 
 
 Following: TypeAlias = Callable[[], tuple[Mesh, float, str]]
 """The next mesh, how far it moves, and the name of its start."""
+Looked: TypeAlias = tuple[AdaptRound[Mesh], Following]
+"""The record of what a solver returned, and the way to the next mesh."""
 
 
-def _looked_at(returned: Any, mesh: Mesh, domain: Domain, norm: Norm, threads: int) -> tuple[AdaptRound, Following]:
+def _looked_at(returned: Any, mesh: Mesh, domain: Domain, norm: Norm, threads: int) -> Looked:
     """The record of what a solver returned, and the way to the next mesh."""
     if isinstance(returned, ErrorIndicator):
         return _indicated(mesh, cell_values(returned, mesh), domain, norm, threads)
     return _known(mesh, node_values(returned, mesh), domain, norm, threads)
 
 
-def _known(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: int) -> tuple[AdaptRound, Following]:
+def _known(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: int) -> Looked:
     """The record of nodal values, and the way to the next mesh."""
     known = Knowledge.of(mesh, values, domain, threads)
 
@@ -104,7 +105,7 @@ def _known(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: int) 
     return record, following
 
 
-def _indicated(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: int) -> tuple[AdaptRound, Following]:
+def _indicated(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: int) -> Looked:
     """The record of an error indicator, and the way to the next mesh."""
 
     def following() -> tuple[Mesh, float, str]:
@@ -112,20 +113,6 @@ def _indicated(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: i
         return found, moved_cells(reference_on(mesh, domain), reference_on(found, domain)), "weight"
 
     return AdaptRound(number=0, mesh=mesh, values=values, estimate=float(np.linalg.norm(values))), following
-
-
-def _ended(done: list[AdaptRound], rounds: int, failure: Exception | None = None) -> Adaptation:
-    """The result of the rounds that are done."""
-    verdict = judge([_numbers(one) for one in done], rounds)
-    reason = verdict.reason
-    if failure is not None:
-        said = f"{type(failure).__name__}: {failure}".strip(": ")
-        reason = f"Round {len(done)} failed, and the best mesh before it is kept: {said}"
-    return Adaptation(rounds=tuple(done), best=verdict.best, resolved=verdict.resolved, reason=reason, failure=failure)
-
-
-def _numbers(record: AdaptRound) -> RoundNumbers:
-    return RoundNumbers(estimate=record.estimate, unresolved=record.unresolved, moved_cells=record.moved_cells)
 
 
 def _grid(n: object) -> Grid:

@@ -102,7 +102,7 @@ class Round:
     reference: Mesh
     """The same mesh on the reference square."""
     estimate: float
-    """As :attr:`Knowledge.estimate`."""
+    """As :attr:`Knowledge.estimate`, 0 where that is nothing but rounding."""
     estimate_h1: float
     """As :attr:`Knowledge.estimate_h1`."""
     unresolved: float
@@ -139,7 +139,7 @@ def adapt_round(
     return Round(
         mesh=mesh if found.reference is known.recovery.mesh else map_mesh(found.reference, domain),
         reference=found.reference,
-        estimate=known.estimate,
+        estimate=0.0 if known.is_exact else known.estimate,
         estimate_h1=known.estimate_h1,
         unresolved=known.unresolved,
         chosen=found.chosen,

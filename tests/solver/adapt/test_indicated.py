@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.adapt.indicated import indicated_density, indicated_mesh
+from equimesh.adapt.indicated import indicated_mesh
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.quality.cells import BilinearCells
 
@@ -33,26 +33,6 @@ def test_cells_are_small_where_the_indicator_is_large(domain: em.Domain) -> None
     near = np.abs(np.hypot(x, y) - 1.2) < 0.05
     far = np.abs(np.hypot(x, y) - 1.2) > 0.4
     assert area[near].mean() < 0.4 * area[far].mean()
-
-
-def test_the_density_has_the_power_of_the_norm() -> None:
-    indicator = np.ones((8, 8))
-    indicator[4:] = 8.0
-    for norm, ratio in (("l2", 4.0), ("h1", 8.0)):
-        density = indicated_density(uniform(9, 9), indicator, norm)
-        assert density is not None
-        low, high = density[0, 0], density[-1, -1]
-        mean = 0.5 * (1.0 + ratio)
-        assert high / low == pytest.approx((ratio / mean + 0.1) / (1.0 / mean + 0.1))
-
-
-def test_equal_indicators_on_a_graded_mesh_keep_its_density() -> None:
-    x = np.linspace(0.0, 1.0, 9) ** 2
-    graded = em.Mesh(*np.meshgrid(x, np.linspace(0.0, 1.0, 9), indexing="ij"))
-    density = indicated_density(graded, np.ones((8, 8)), "l2")
-    assert density is not None
-    assert np.all(np.diff(density[:, 0]) <= 1e-12)
-    assert density[0, 0] > 5.0 * density[-1, 0]
 
 
 def test_an_indicator_of_zero_keeps_the_mesh() -> None:

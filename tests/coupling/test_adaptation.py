@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh_coupling.adaptation import ended, verdict_on
 
 MESH = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=5))
 
@@ -23,7 +24,7 @@ def test_the_result_is_that_of_the_best_round() -> None:
     assert found.values is done[1].values
     assert found.estimate == 1.0
     assert found.failure is None
-    assert repr(found) == "<Adaptation: 4 x 5 points, round 1 of 2, resolved>"
+    assert repr(found) == "<Adaptation: round 1 of 2, estimate 1, resolved>"
 
 
 @pytest.mark.parametrize("estimate", [0.5, float("nan")])
@@ -33,3 +34,15 @@ def test_the_numbers_of_a_round_are_ready_for_json(estimate: float) -> None:
     assert numbers["start"] == "given"
     assert numbers["estimate"] == (0.5 if estimate == 0.5 else None)
     assert numbers["unresolved"] is None
+
+
+def test_a_failure_keeps_the_best_round_and_is_told() -> None:
+    found = ended([record(0, 3.0), record(1, 1.0)], 5, ValueError("the solver diverged"))
+    assert (found.best, found.estimate) == (1, 1.0)
+    assert found.reason == "Round 2 failed, and the best mesh before it is kept: ValueError: the solver diverged"
+    assert isinstance(found.failure, ValueError)
+
+
+def test_the_verdict_is_that_on_the_numbers() -> None:
+    assert not verdict_on([record(0, 3.0), record(1, 1.0)], 5).is_done
+    assert verdict_on([record(0, 3.0), record(1, 1.0)], 1).is_done

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from equimesh.inputs import finite_or_none
-from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.types import Array
+from equimesh_coupling.parts import Array
+from equimesh_coupling.rounds import RoundNumbers, Verdict, judge
+
+M = TypeVar("M")
+"""The class of the meshes: of the solver, or of the client."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AdaptRound:
+class AdaptRound(Generic[M]):
     """One solve: its mesh, and what the values say of it. Round 0 is that of the first mesh."""
 
     number: int
     """0 for the first mesh."""
-    mesh: Mesh
+    mesh: M
     """The mesh that the solver got."""
     values: Array
     """What it returned: values at the nodes, shape ``(n_xi, n_eta)``, or the error indicator of every cell, shape
@@ -37,19 +41,17 @@ class AdaptRound:
 
     def numbers(self) -> dict[str, Any]:
         """The record without the arrays, as plain Python data, ready for JSON."""
-        floats = ("estimate", "estimate_h1", "unresolved", "moved_cells")
-        return {
-            "number": self.number,
-            "start": self.start,
-            **{name: finite_or_none(getattr(self, name)) for name in floats},
-        }
+        names = ("estimate", "estimate_h1", "unresolved", "moved_cells")
+        found = {name: getattr(self, name) for name in names}
+        known = {name: value if value is not None and math.isfinite(value) else None for name, value in found.items()}
+        return {"number": self.number, "start": self.start, **known}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Adaptation:
-    """The result of :func:`~equimesh.adapt.loop.adapt`: the best mesh, the values on it, and how it was found."""
+class Adaptation(Generic[M]):
+    """The result of a loop: the best mesh, the values on it, and how it was found."""
 
-    rounds: tuple[AdaptRound, ...]
+    rounds: tuple[AdaptRound[M], ...]
     """All rounds, the first mesh included."""
     best: int
     """The number of the round with the smallest estimate."""
@@ -63,7 +65,7 @@ class Adaptation:
     """What ended the loop where that was the solver, or what it returned; the best mesh before it is kept."""
 
     @property
-    def mesh(self) -> Mesh:
+    def mesh(self) -> M:
         """The mesh of the best round."""
         return self.rounds[self.best].mesh
 
@@ -79,4 +81,22 @@ class Adaptation:
 
     def __repr__(self) -> str:
         how = "resolved" if self.resolved else "not resolved"
-        return f"<Adaptation: {self.mesh.grid} points, round {self.best} of {len(self.rounds) - 1}, {how}>"
+        return f"<Adaptation: round {self.best} of {len(self.rounds) - 1}, estimate {self.estimate:.2g}, {how}>"
+
+
+def verdict_on(done: Sequence[AdaptRound[M]], rounds: int) -> Verdict:
+    """The verdict on the rounds that are done, of which at most ``rounds`` follow the first."""
+    return judge(
+        [RoundNumbers(estimate=one.estimate, unresolved=one.unresolved, moved_cells=one.moved_cells) for one in done],
+        rounds,
+    )
+
+
+def ended(done: Sequence[AdaptRound[M]], rounds: int, failure: Exception | None = None) -> Adaptation[M]:
+    """The result of the rounds that are done; ``failure`` is what ended the loop before its time."""
+    verdict = verdict_on(done, rounds)
+    reason = verdict.reason
+    if failure is not None:
+        said = f"{type(failure).__name__}: {failure}".strip(": ")
+        reason = f"Round {len(done)} failed, and the best mesh before it is kept: {said}"
+    return Adaptation(rounds=tuple(done), best=verdict.best, resolved=verdict.resolved, reason=reason, failure=failure)

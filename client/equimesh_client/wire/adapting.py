@@ -1,0 +1,133 @@
+"""The loop around a solver, without I/O: what each round requests, and what its answer tells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from equimesh_client.errors import BadArgument
+from equimesh_client.records.certificate import Certificate
+from equimesh_client.records.tables import Array
+from equimesh_client.spec.domains import Domain
+from equimesh_client.spec.mesh import DEFAULTS, MeshOptions
+from equimesh_client.spec.monitors import LeastError, NodalSolution, Norm, Weight
+from equimesh_client.spec.request import GenerateArguments
+from equimesh_client.wire.arrays import MeshArrays
+from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, verdict_on
+from equimesh_coupling.cells import ErrorIndicator, cell_values
+from equimesh_coupling.density import wanted_density
+from equimesh_coupling.values import node_values
+
+M = TypeVar("M")
+"""The class of the meshes of the client."""
+MAX_ROUNDS = 100
+"""The most rounds that can be requested."""
+NORMS = ("l2", "h1")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answered:
+    """What a solver has returned on a mesh: ``values`` as arrays, and the ``monitor`` of the next mesh, if any."""
+
+    arrays: MeshArrays
+    values: Array
+    is_indicator: bool
+    monitor: NodalSolution | Weight | None
+    u: object = None
+
+
+@dataclass(kw_only=True)
+class AdaptLoop(Generic[M]):
+    """The rounds of :meth:`Client.adapt` that are done, and what follows from them.
+
+    Raises :class:`BadArgument` for arguments that cannot be used.
+    """
+
+    n: int | tuple[int, int]
+    domain: Domain | Mapping[str, Any] | None
+    rounds: int
+    norm: Norm
+    done: list[AdaptRound[M]] = field(default_factory=list)
+    moved_cells: float = 0.0
+    """How far the nodes of the current mesh have moved."""
+    start: str = "given"
+    """The candidate that became the current mesh."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.rounds, int) or isinstance(self.rounds, bool) or not 1 <= self.rounds <= MAX_ROUNDS:
+            raise BadArgument(f"rounds = {self.rounds!r}: a whole number between 1 and {MAX_ROUNDS}")
+        if self.norm not in NORMS:
+            raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the loop ends."""
+        return verdict_on(self.done, self.rounds).is_done
+
+    def first(self) -> GenerateArguments:
+        """The request for the uniform mesh."""
+        return self._request("0", LeastError())
+
+    def receive(self, arrays: MeshArrays, returned: object) -> Answered:
+        """What the solver has ``returned`` on the mesh with these ``arrays``.
+
+        Raises :class:`~equimesh_coupling.errors.BadValues` where it cannot be used.
+        """
+        if not isinstance(returned, ErrorIndicator):
+            values = node_values(returned, arrays)
+            u = (arrays.x, arrays.y, values)
+            return Answered(
+                arrays=arrays, values=values, is_indicator=False, monitor=NodalSolution(norm=self.norm), u=u
+            )
+        indicator = cell_values(returned, arrays)
+        density = wanted_density(arrays.x, arrays.y, indicator, self.norm)
+        monitor = None if density is None else Weight((arrays.x, arrays.y, density), map="gradient")
+        return Answered(arrays=arrays, values=indicator, is_indicator=True, monitor=monitor)
+
+    def next(self, answered: Answered) -> GenerateArguments | None:
+        """The request for the next mesh, whose certificate has the estimate; None where the indicator is zero."""
+        return None if answered.monitor is None else self._request(answered.u, answered.monitor)
+
+    def add(self, mesh: M, answered: Answered, certificate: Certificate | None, after: MeshArrays | None) -> None:
+        """A round is done: ``certificate`` and ``after`` are those of the next mesh, None where there is none."""
+        known = None if answered.is_indicator or certificate is None else certificate.estimate
+        self.done.append(
+            AdaptRound(
+                number=len(self.done),
+                mesh=mesh,
+                values=answered.values,
+                estimate=float(np.linalg.norm(answered.values)) if known is None else known.l2,
+                estimate_h1=None if known is None else known.h1,
+                unresolved=None if known is None else known.unresolved,
+                moved_cells=self.moved_cells,
+                start=self.start,
+            )
+        )
+        if known is not None and certificate is not None:
+            self.moved_cells, self.start = known.moved_cells, _chosen(certificate)
+        elif after is not None:
+            self.moved_cells, self.start = _moved_cells(answered.arrays, after), "weight"
+
+    def ended(self, failure: Exception | None = None) -> Adaptation[M]:
+        """The result; ``failure`` is what ended the loop before its time."""
+        return ended(self.done, self.rounds, failure)
+
+    def _request(self, u: object, monitor: LeastError | NodalSolution | Weight) -> GenerateArguments:
+        options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain}
+        return GenerateArguments(u=u, n=self.n, options=options)
+
+
+def _chosen(certificate: Certificate) -> str:
+    """The name of the candidate that became the next mesh; ``"kept"`` where it is the same mesh."""
+    return next((str(one.settings.get("start")) for one in certificate.comparison if one.chosen), "kept")
+
+
+def _moved_cells(before: MeshArrays, after: MeshArrays) -> float:
+    """The root mean square of the moves of the nodes, in spacings of a uniform mesh of the same extents."""
+    moves = []
+    for one, other, n in ((before.x, after.x, before.x.shape[0]), (before.y, after.y, before.y.shape[1])):
+        moves.append((other - one) * (n - 1) / (one.max() - one.min()))
+    return float(np.sqrt(np.mean(moves[0] ** 2 + moves[1] ** 2)))

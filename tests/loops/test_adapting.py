@@ -1,0 +1,96 @@
+"""Solve, adapt, solve: through a service it is what it is in process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import equimesh as em
+import equimesh_client
+
+Connect = Callable[..., Any]
+SECTOR = (em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0)), equimesh_client.AnnulusSector(angles=(0.0, 60.0)))
+
+
+def front(mesh: Any) -> np.ndarray:
+    """The nodal values of a solver that makes no error at the nodes."""
+    return np.tanh(15.0 * (mesh.x + mesh.y / 2 - 0.75))
+
+
+def indicator(mesh: Any) -> equimesh_client.ErrorIndicator:
+    """An indicator that is large at a front."""
+    x, y = (0.25 * (q[1:, 1:] + q[1:, :-1] + q[:-1, 1:] + q[:-1, :-1]) for q in (mesh.x, mesh.y))
+    area = np.abs(np.diff(mesh.x, axis=0)[:, :-1] * np.diff(mesh.y, axis=1)[:-1])
+    return equimesh_client.ErrorIndicator(area * (0.01 + np.exp(-50.0 * (x + y - 1.0) ** 2)))
+
+
+def x_of(mesh: Any) -> np.ndarray:
+    """The x coordinates of a mesh whose arrays are fetched."""
+    return np.asarray(mesh.x if isinstance(mesh, equimesh_client.Mesh) else mesh._arrays.x)
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_the_loop_of_the_client_is_that_of_the_solver(connect: Connect, url: str, norm: str) -> None:
+    seen: list[int] = []
+    there = connect(url).adapt(front, 17, rounds=2, norm=norm, observe=lambda one: seen.append(one.number))
+    here = em.adapt(front, 17, rounds=2, norm=norm)
+    assert seen == [0, 1, 2]
+    assert (there.best, there.resolved, there.reason) == (here.best, here.resolved, here.reason)
+    assert np.array_equal(there.values, here.values)
+    assert np.array_equal(x_of(there.mesh), here.mesh.x)
+    assert there.estimate < 0.5 * there.rounds[0].estimate
+    for one, other in zip(there.rounds, here.rounds, strict=True):
+        assert one.numbers() == pytest.approx(other.numbers())
+
+
+def test_the_loop_on_a_sector(connect: Connect, url: str) -> None:
+    here, there = SECTOR
+
+    def ring(mesh: Any) -> np.ndarray:
+        return np.tanh(20.0 * (np.hypot(mesh.x, mesh.y) - 1.5))
+
+    found = connect(url).adapt(ring, (17, 9), domain=there, rounds=1)
+    expected = em.adapt(ring, (17, 9), domain=here, rounds=1)
+    assert x_of(found.mesh) == pytest.approx(expected.mesh.x, abs=1e-12)
+    assert found.estimate == pytest.approx(expected.estimate, rel=1e-9)
+
+
+def test_an_indicator_leads_the_loop_as_well(connect: Connect, url: str) -> None:
+    found = connect(url).adapt(indicator, 17, rounds=2)
+    expected = em.adapt(indicator, 17, rounds=2)
+    assert found.rounds[1].start == "weight"
+    assert x_of(found.rounds[1].mesh) == pytest.approx(expected.rounds[1].mesh.x, abs=1e-6)
+    assert found.rounds[1].moved_cells == pytest.approx(expected.rounds[1].moved_cells, rel=1e-6)
+    assert [one.estimate for one in found.rounds] == pytest.approx([one.estimate for one in expected.rounds], rel=1e-5)
+
+
+def test_a_solver_that_fails_later_keeps_the_best_mesh(connect: Connect, url: str) -> None:
+    calls: list[Any] = []
+
+    def diverges(mesh: Any) -> np.ndarray:
+        calls.append(mesh)
+        return front(mesh) if len(calls) < 3 else np.full(mesh.x.shape, np.nan)
+
+    found = connect(url).adapt(diverges, 9)
+    assert (len(found.rounds), found.best) == (2, 1)
+    assert isinstance(found.failure, equimesh_client.BadValues)
+    assert found.reason.startswith("Round 2 failed, and the best mesh before it is kept: BadValues")
+
+
+def test_what_is_refused(connect: Connect, url: str) -> None:
+    client = connect(url)
+    with pytest.raises(equimesh_client.BadValues, match="one for each cell"):
+        client.adapt(lambda mesh: np.ones(mesh.x.size - 17), 9)
+    with pytest.raises(equimesh_client.BadArgument, match="rounds = 0"):
+        client.adapt(front, 9, rounds=0)
+    with pytest.raises(equimesh_client.BadArgument, match="norm = 'l3'"):
+        client.adapt(front, 9, norm="l3")
+
+
+def test_a_linear_solution_ends_at_once(connect: Connect, url: str) -> None:
+    found = connect(url).adapt(lambda mesh: mesh.x - 2.0 * mesh.y, 9)
+    assert found.reason == "The estimated error is zero: bilinear elements have the solution exactly."
+    assert len(found.rounds) == 1
