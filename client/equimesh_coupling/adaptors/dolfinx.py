@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any, Final
 
 import numpy as np
 
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
-from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
+from equimesh_coupling.parts import TAGS, Array, HasParts, IntArray, MeshParts
 
 OLDEST: Final = "0.5"
 INSTALL: Final = "apt-get install python3-dolfinx, or conda install -c conda-forge fenics-dolfinx"
 # Dolfinx counts the corners of a quadrilateral along x first, not around it.
-QUAD_ORDER: Final = (0, 1, 3, 2)
+QUAD_ORDER: Final = [0, 1, 3, 2]
 
 
 def mesh_of(parts: MeshParts, comm: Any) -> tuple[Any, Any]:
@@ -22,32 +23,45 @@ def mesh_of(parts: MeshParts, comm: Any) -> tuple[Any, Any]:
     Every process gives the same arrays; the first hands out the cells. Dolfinx renumbers the nodes:
     ``mesh.geometry.input_global_indices`` has their numbers here.
     """
-    dolfinx = library("dolfinx", package="fenics-dolfinx", at_least=OLDEST, install=INSTALL)
-    dolfinx_mesh = library("dolfinx.mesh", package="dolfinx", install=INSTALL)
-    graph = library("dolfinx.graph", package="dolfinx", install=INSTALL)
-    io = library("dolfinx.io", package="dolfinx", install=INSTALL)
-    kind, order = ("triangle", (0, 1, 2)) if parts.is_triangular else ("quadrilateral", QUAD_ORDER)
-    here = comm.rank == 0
-    cells = parts.cells[:, order] if here else np.empty((0, len(order)), dtype=np.int64)
-    points = parts.points if here else np.empty((0, 2))
-    mesh = dolfinx_mesh.create_mesh(comm, cells, points, _coordinate_element(kind))
+    library("dolfinx", package="fenics-dolfinx", at_least=OLDEST, install=INSTALL)
+    found = {name: library(f"dolfinx.{name}", package="dolfinx", install=INSTALL) for name in ("mesh", "graph", "io")}
+    kind, order = ("triangle", [0, 1, 2]) if parts.is_triangular else ("quadrilateral", QUAD_ORDER)
+    here = slice(None if comm.rank == 0 else 0)
+    element = _element_argument(found["mesh"].create_mesh, kind)
+    cells = np.ascontiguousarray(parts.cells[here, order])
+    mesh = found["mesh"].create_mesh(comm, cells=cells, x=np.ascontiguousarray(parts.points[here]), **element)
     mesh.topology.create_connectivity(1, 0)
-    edges = np.concatenate([*parts.sides.values()]) if here else np.empty((0, 2), dtype=np.int64)
-    tags = np.concatenate([np.full(len(edge), TAGS[side], dtype=np.int32) for side, edge in parts.sides.items()])
-    given = io.distribute_entity_data(mesh, 1, edges, tags if here else tags[:0])
-    adjacency = getattr(graph, "create_adjacencylist", None) or graph.adjacencylist
-    del dolfinx
-    return mesh, dolfinx_mesh.meshtags_from_entities(mesh, 1, adjacency(given[0]), given[1])
+    mesh.topology.create_connectivity(1, 2)
+    edges = np.concatenate([*parts.sides.values()]).astype(np.int64)
+    tags = np.repeat(np.array([*map(TAGS.get, parts.sides)], dtype=np.int32), [*map(len, parts.sides.values())])
+    nodes, values = _distributed(found["io"], mesh, edges[here], tags[here])
+    lists = getattr(found["graph"], "adjacencylist", None) or found["graph"].create_adjacencylist
+    facets = found["mesh"].meshtags_from_entities(mesh, 1, lists(nodes), values)
+    facets.name = "sides"
+    return mesh, facets
 
 
-def _coordinate_element(kind: str) -> Any:
-    """The element of the geometry: of basix where UFL is new, else of UFL."""
+def _element_argument(create_mesh: Any, kind: str) -> dict[str, Any]:
+    """The geometry's element, under the name that this version of ``create_mesh`` gives it.
+
+    Up to 0.7 it is the ``domain``, a mesh of UFL; later it is ``e``, an element of basix, and 0.10 has it before ``x``.
+    """
+    ufl = library("ufl", package="fenics-ufl", install=INSTALL)
     try:
         basix = library("basix.ufl", package="fenics-basix", install=INSTALL)
-        return basix.element("Lagrange", kind, 1, shape=(2,))
+        element = basix.element("Lagrange", kind, 1, shape=(2,))
     except ImportError:
-        ufl = library("ufl", package="fenics-ufl", install=INSTALL)
-        return ufl.Mesh(ufl.VectorElement("Lagrange", kind, 1))
+        element = ufl.VectorElement("Lagrange", kind, 1)
+    return {"e": element} if "e" in inspect.signature(create_mesh).parameters else {"domain": ufl.Mesh(element)}
+
+
+def _distributed(io: Any, mesh: Any, edges: IntArray, tags: Any) -> tuple[Any, Any]:
+    """The edges that this process owns, and their tags: up to 0.7 the function takes the C++ object of the mesh."""
+    try:
+        return tuple(io.distribute_entity_data(mesh, 1, edges, tags))
+    except TypeError:
+        inner = getattr(mesh, "_cpp_object", None) or mesh._mesh
+        return tuple(io.distribute_entity_data(inner, 1, edges, tags))
 
 
 def nodal_values(function: Any, mesh: HasParts) -> Array:
