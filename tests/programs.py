@@ -14,6 +14,9 @@ import pytest
 
 FOR_CONTAINERS = ("podman", "buildah", "debootstrap", "runc", "netavark", "aardvark-dns", "iptables", "podman-compose")
 GMSH_LIBRARIES = ("GL", "GLU", "Xcursor", "Xft", "Xinerama", "Xrender", "Xfixes", "Xext", "fontconfig")
+# Where Debian installs packages of its Python, and the variable that says that its solvers must be here.
+DIST_PACKAGES = Path("/usr/lib/python3/dist-packages")
+NEEDED_SOLVERS = "EQUIMESH_TEST_SOLVERS_NEEDED"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -47,6 +50,11 @@ def _one(name: str, needed: str | None = None, package: str | None = None) -> Pr
     )
 
 
+def _of_debian(name: str, place: Path, package: str) -> Program:
+    """A library of the system, which is no program in the path."""
+    return Program(name=name, here=place.exists, remedy=f"apt-get install {package}", needed=NEEDED_SOLVERS)
+
+
 def lacking_for_containers() -> list[str]:
     """What this machine lacks to run containers: rights and programs."""
     folders = [os.environ["PATH"], str(Path(sys.executable).parent), "/usr/lib/podman", "/usr/sbin", "/sbin"]
@@ -77,6 +85,12 @@ PROGRAMS = {
         remedy="apt-get install libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libxrender1 libxfixes3 libxext6",
         needed="EQUIMESH_TEST_CONSUMERS_NEEDED",
     ),
+    "freefem": _one("FreeFem++-nw", NEEDED_SOLVERS, "freefem++ libfreefem++"),
+    "openfoam": _one("checkMesh", NEEDED_SOLVERS, "openfoam"),
+    "paraview": _one("pvpython", NEEDED_SOLVERS, "paraview python3-paraview"),
+    "dolfinx": _of_debian("dolfinx", DIST_PACKAGES / "dolfinx.pth", "python3-dolfinx python3-gmsh"),
+    "petsc4py": _of_debian("petsc4py", DIST_PACKAGES / "petsc4py.pth", "python3-petsc4py"),
+    "deal.II": _of_debian("deal.II", Path("/usr/include/deal.II"), "libdeal.ii-dev cmake g++"),
     "systemd-analyze": _one("systemd-analyze", package="systemd"),
 }
 

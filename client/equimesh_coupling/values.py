@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from equimesh_coupling.adaptors import dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
+from equimesh_coupling.adaptors import dmplex, dolfinx, fipy, mfem, ngsolve, pyvista, sfepy, skfem
 from equimesh_coupling.arrays import finite, real
 from equimesh_coupling.cells import CellAverages, ErrorIndicator, cell_counts, cell_values
 from equimesh_coupling.errors import BadValues
@@ -29,8 +29,8 @@ def node_values(returned: Any, mesh: HasParts) -> Array:
     """The values at the nodes of ``mesh``, shape ``(n_xi, n_eta)``, from what a solver ``returned``.
 
     It takes an array with one value for each node, of shape ``(n_xi, n_eta)`` or flat in the order of the nodes; a
-    field of FEniCSx, FiPy, MFEM, NGSolve, PyVista or SfePy; ``(basis, vector)`` of scikit-fem; and
-    :class:`CellAverages`, from which the values at the nodes are recovered.
+    field of FEniCSx, FiPy, MFEM, NGSolve, PyVista or SfePy; ``(basis, vector)`` of scikit-fem; ``(plex, vector)`` of
+    PETSc; and :class:`CellAverages`, from which the values at the nodes are recovered.
 
     Raises :class:`BadValues` for another length, for values that are not finite, for an error indicator, and for an
     array with one value for each cell.
@@ -65,6 +65,8 @@ def _reader(returned: Any) -> Callable[[Any, HasParts], Array] | None:
     """The adaptor for a field of another library, found by the names of its types: no library is imported."""
     if isinstance(returned, tuple) and len(returned) == 2 and _is_of("skfem", returned[0]):
         return skfem.nodal_values
+    if isinstance(returned, tuple) and len(returned) == 2 and _is_of("petsc4py", returned[0]):
+        return dmplex.nodal_values
     for kind in type(returned).__mro__:
         found = READERS.get((kind.__module__.partition(".")[0], kind.__name__))
         if found is not None:

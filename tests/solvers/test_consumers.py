@@ -33,7 +33,7 @@ NAMES = {
     "gmsh": "Gmsh",
     "meshio": "meshio",
 }
-FORMATS = ("msh", "vtu", "vtk", "xdmf", "mesh", "su2", "vts")
+FORMATS = ("msh", "vtu", "vtk", "xdmf", "mesh", "su2", "vts", "foam.zip")
 PAGE = ROOT / "docs" / "use-in-your-solver.md"
 SIZE = 33
 # Their sections of the page have code that works on a mesh.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import numpy as np
 
 from equimesh_coupling import BadValues, Coupled, MeshParts, node_values
 
+# Consumers that read files only.
+WITHOUT_ADAPTOR = ("vtk", "gmsh", "meshio", "freefem", "dealii", "openfoam", "paraview")
 SIDES = ("left", "right", "bottom", "top")
 
 
@@ -37,12 +40,20 @@ def parts_of(path: Path) -> MeshParts:
         )
 
 
+def our_nodes(points: Any, nodes: Any, close: float) -> list[int]:
+    """The number of every point among our nodes, -1 where there is none; ``close`` allows for numbers read as text."""
+    if close:
+        distances = np.abs(points[:, None, :] - nodes).max(axis=2)
+        return [int(k) if far <= close else -1 for k, far in zip(distances.argmin(1), distances.min(1), strict=True)]
+    number = {tuple(point): k for k, point in enumerate(nodes.tolist())}
+    return [number.get(tuple(point), -1) for point in points.tolist()]
+
+
 def outcome(consumer: Any, mesh: Any, parts: MeshParts, values_too: bool) -> dict[str, Any]:
     """What the mesh of the consumer holds; its values at our nodes, and the error at its cells where it has one."""
     facts = consumer.facts(mesh)
     points = np.asarray(facts["points"], dtype=float)
-    number = {tuple(point): k for k, point in enumerate(parts.points.tolist())}
-    ours = [number.get(tuple(point), -1) for point in points.tolist()]
+    ours = our_nodes(points, parts.points, getattr(consumer, "CLOSE", 0.0))
     found: dict[str, Any] = {
         "nodes": ours,
         "area": float(facts["area"]),
@@ -74,12 +85,16 @@ def refused(fields: list[Any], parts: MeshParts) -> list[str]:
 
 def main(name: str, folder: Path) -> None:
     consumer = importlib.import_module(f"with_{name}")
-    adaptor = name not in ("vtk", "gmsh", "meshio")
+    adaptor = name not in WITHOUT_ADAPTOR
     hand_over = importlib.import_module(f"equimesh_coupling.adaptors.{name}").mesh_of if adaptor else None
+    if hasattr(consumer, "COMM"):
+        hand_over = partial(hand_over, comm=consumer.COMM)
     solves = hasattr(consumer, "solve")
     found: dict[str, Any] = {"version": consumer.VERSION, "meshes": {}}
     for path in sorted(folder.glob("*.npz")):
         parts = parts_of(path)
+        if ("triangle" if parts.is_triangular else "quad") not in getattr(consumer, "CELLS", ("quad", "triangle")):
+            continue
         ways: dict[str, Any] = {}
         if adaptor:
             ways["adaptor"] = outcome(consumer, hand_over(parts), parts, solves)

@@ -1,4 +1,4 @@
-"""deal.II reads a mesh, says what it holds, and solves on it: the program dealii.cc, compiled when it is first needed."""
+"""deal.II reads a mesh, says what it holds, and solves on it: dealii.cc, compiled when it is first needed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def program() -> Path:
 VERSION = subprocess.run([program()], capture_output=True, text=True, check=True).stdout.strip()
 
 
-def read(path: str, cells: str) -> dict[str, Any]:
+def read(path: str) -> dict[str, Any]:
     """All that the program prints of a mesh."""
     words = [path, *map(str, (poisson.STEEP, poisson.SLANT, poisson.PLACE))]
     done = subprocess.run([program(), *words], capture_output=True, text=True, check=False)

@@ -12,7 +12,10 @@ from dolfinx import fem
 from dolfinx.cpp.mesh import entities_to_geometry
 from dolfinx.fem.petsc import LinearProblem
 from dolfinx.io import XDMFFile
+from dolfinx.mesh import create_unit_square
 from mpi4py import MPI
+
+from equimesh_coupling.adaptors.dolfinx import mesh_of
 
 try:
     import gmsh
@@ -21,11 +24,12 @@ except ImportError:
     gmsh = None
 
 FORMATS = ("xdmf", "msh") if gmsh else ("xdmf",)
+COMM = MPI.COMM_WORLD
 VERSION = dolfinx.__version__
 SIDES = {1: "left", 2: "right", 3: "bottom", 4: "top"}
 
 
-def read(path: str, cells: str) -> tuple[Any, Any]:
+def read(path: str) -> tuple[Any, Any]:
     """The mesh, and the tags of its facets."""
     if path.endswith(".msh"):
         return _read_msh(path)
@@ -67,12 +71,16 @@ def _signs(mesh: Any) -> Any:
     return ufl.JacobianDeterminant(mesh) * test * ufl.dx
 
 
+def exact(mesh: Any) -> Any:
+    """The exact solution as a formula of UFL."""
+    x, y = ufl.SpatialCoordinate(mesh)
+    return ufl.tanh(poisson.STEEP * (x + poisson.SLANT * y - poisson.PLACE))
+
+
 def solve(both: tuple[Any, Any]) -> Any:
     mesh, tags = both
     space = fem.FunctionSpace(mesh, ("Lagrange", 1))
-    x, y = ufl.SpatialCoordinate(mesh)
-    place = poisson.STEEP * (x + poisson.SLANT * y - poisson.PLACE)
-    w = ufl.tanh(place)
+    w = exact(mesh)
     load = 2 * poisson.STEEP**2 * (1 + poisson.SLANT**2) * w * (1 - w**2)
     normal = ufl.FacetNormal(mesh)
     flux = poisson.STEEP * (1 - w**2) * (normal[0] + poisson.SLANT * normal[1])
@@ -96,3 +104,22 @@ def _nodes_of(mesh: Any, facets: Any) -> Any:
     """The nodes of facets; the function takes the C++ object of the mesh."""
     inner = getattr(mesh, "_cpp_object", None) or mesh._mesh
     return entities_to_geometry(inner, 1, facets, False)
+
+
+def linear(both: tuple[Any, Any]) -> Any:
+    """The field x + 2 y."""
+    field = fem.Function(fem.FunctionSpace(both[0], ("Lagrange", 1)))
+    field.interpolate(lambda at: at[0] + 2.0 * at[1])
+    return field
+
+
+def strangers(parts: Any) -> list[Any]:
+    """A field of another order, one with two components, and one of another mesh."""
+    mesh, _ = mesh_of(parts, MPI.COMM_WORLD)
+    other = create_unit_square(MPI.COMM_WORLD, 2, 2)
+    spaces = (
+        fem.FunctionSpace(mesh, ("Lagrange", 2)),
+        fem.VectorFunctionSpace(mesh, ("Lagrange", 1)),
+        fem.FunctionSpace(other, ("Lagrange", 1)),
+    )
+    return [fem.Function(space) for space in spaces]

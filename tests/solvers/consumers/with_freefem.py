@@ -14,6 +14,7 @@ import poisson
 
 PROGRAM = "FreeFem++-nw"
 FORMATS = ("mesh", "msh")
+# Its plane meshes have triangles only.
 CELLS = ("triangle",)
 SIDES = {1: "left", 2: "right", 3: "bottom", 4: "top"}
 # Debian does not tell FreeFEM where its plugins are.
@@ -50,7 +51,7 @@ def version() -> str:
 VERSION = version()
 
 
-def read(path: str, cells: str) -> dict[str, Any]:
+def read(path: str) -> dict[str, Any]:
     """All that the program writes of a mesh."""
     is_gmsh = path.endswith(".msh")
     words = {

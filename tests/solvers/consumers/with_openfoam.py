@@ -16,14 +16,18 @@ import poisson
 from equimesh_coupling import CellAverages
 
 FORMATS = ("foam.zip",)
+# OpenFOAM does not round the last digit of a number that it reads as text.
+CLOSE = 1e-15
 SIDES = ("left", "right", "bottom", "top")
 # Debian's package does not set where OpenFOAM is.
 ENVIRONMENT = {**os.environ, "WM_PROJECT_DIR": os.environ.get("WM_PROJECT_DIR", "/usr/share/openfoam")}
 # Corrections of the gradient normal to the faces; each is a time step of electrostaticFoam.
 CORRECTORS = 40
+# How far a point is from that of a VTK file, in which OpenFOAM writes numbers of single precision.
+FEW_DIGITS = 1e-5
 CONTROL = f"""
 application electrostaticFoam; startFrom startTime; startTime 0; stopAt endTime; endTime {CORRECTORS}; deltaT 1;
-writeControl timeStep; writeInterval {CORRECTORS}; writeFormat ascii; writePrecision 16;
+writeControl timeStep; writeInterval {CORRECTORS}; writeFormat ascii; writePrecision 17;
 """
 SCHEMES = """
 ddtSchemes { default Euler; } gradSchemes { default Gauss linear; } divSchemes { default Gauss upwind; }
@@ -45,7 +49,9 @@ OF_POTENTIAL, OF_CHARGE = "dimensions [1 2 -3 0 0 -1 0];", "dimensions [0 -3 1 0
 
 def run(case: Path, *command: str) -> str:
     """What a program of OpenFOAM prints in a case."""
-    done = subprocess.run(command, cwd=case, capture_output=True, text=True, env={**ENVIRONMENT, "PWD": str(case)}, check=False)
+    done = subprocess.run(
+        command, cwd=case, capture_output=True, text=True, env={**ENVIRONMENT, "PWD": str(case)}, check=False
+    )
     if done.returncode:
         raise RuntimeError(f"{command[0]} failed: {done.stdout[-2000:]}{done.stderr[-2000:]}")
     return done.stdout
@@ -66,7 +72,7 @@ def dictionary(path: Path, kind: str, text: str) -> None:
     path.write_text(f"FoamFile {{ version 2.0; format ascii; class {kind}; object {path.name}; }}\n{text}\n")
 
 
-def read(path: str, cells: str) -> Path:
+def read(path: str) -> Path:
     """A case with the mesh, which checkMesh has passed."""
     case = Path(tempfile.mkdtemp(prefix="equimesh-foam-"))
     with zipfile.ZipFile(path) as archive:
@@ -77,6 +83,7 @@ def read(path: str, cells: str) -> Path:
     said = run(case, "checkMesh", "-allTopology", "-allGeometry")
     if "Mesh OK." not in said:
         raise RuntimeError(f"checkMesh: {said[-3000:]}")
+    run(case, "transformPoints", "-scale", "(1 1 1)")
     run(case, "postProcess", "-func", "writeCellCentres", "-time", "0")
     run(case, "postProcess", "-func", "writeCellVolumes", "-time", "0")
     run(case, "foamToVTK", "-legacy", "-ascii", "-time", "0")
@@ -101,6 +108,13 @@ def volumes_of(case: Path) -> Any:
     return np.full(len(numbers_of((case / "0" / "C").read_text())), float(equal.group(1)))
 
 
+def all_points(case: Path) -> Any:
+    """The points that OpenFOAM has read and written again."""
+    text = (case / "constant" / "polyMesh" / "points").read_text()
+    body = text[text.index("\n(") + 2 : text.rindex("\n)")]
+    return np.array([row.strip("()").split() for row in body.splitlines() if row], dtype=float)
+
+
 def points_of(path: Path) -> Any:
     """The points of a legacy VTK file."""
     words = path.read_text().split("POINTS", 1)[1].split()
@@ -109,18 +123,17 @@ def points_of(path: Path) -> Any:
 
 
 def facts(case: Path) -> dict[str, Any]:
-    """Points and volumes as OpenFOAM writes them for others; a patch is told by its points."""
-    (whole,) = (case / "VTK").glob("*.vtk")
-    points = points_of(whole)
+    """Points and volumes as OpenFOAM writes them; the points of a patch come from a file with fewer digits."""
+    points = all_points(case)
     thick = points[:, 2].max()
     below = points[points[:, 2] == 0.0, :2]
     volumes = volumes_of(case)
-    place = {tuple(point): number for number, point in enumerate(below.round(5).tolist())}
     sides = {}
     for side in SIDES:
         (patch,) = (case / "VTK" / side).glob("*.vtk")
-        found = points_of(patch)
-        sides[side] = sorted({place[tuple(point)] for point in found[:, :2].round(5).tolist()})
+        distances = np.linalg.norm(points_of(patch)[:, None, :2] - below, axis=2)
+        assert distances.min(axis=1).max() < FEW_DIGITS
+        sides[side] = np.unique(distances.argmin(axis=1))
     return {"points": below, "area": volumes.sum() / thick, "smallest": volumes.min(), "sides": sides}
 
 
@@ -135,12 +148,16 @@ def solve(case: Path) -> Any:
         values = " ".join(map(repr, poisson.w(*middles.T[:2]).tolist()))
         boundary.append(f"{side} {{ type fixedValue; value nonuniform List<scalar> ({values}); }}")
     free = " ".join(f"{side} {{ type zeroGradient; }}" for side in SIDES)
+    free += " frontAndBack { type empty; }"
     load = "\n".join(map(repr, poisson.load(x, y).tolist()))
-    dictionary(case / "0" / "phi", "volScalarField", f"{OF_POTENTIAL} internalField uniform 0; boundaryField {{ {' '.join(boundary)} }}")
+    sides = " ".join(boundary)
+    dictionary(
+        case / "0" / "phi", "volScalarField", f"{OF_POTENTIAL} internalField uniform 0; boundaryField {{ {sides} }}"
+    )
     dictionary(
         case / "0" / "rho",
         "volScalarField",
-        f"{OF_CHARGE} internalField nonuniform List<scalar> ({load}); boundaryField {{ {free} frontAndBack {{ type empty; }} }}",
+        f"{OF_CHARGE} internalField nonuniform List<scalar> ({load}); boundaryField {{ {free} }}",
     )
     dictionary(case / "constant" / "physicalProperties", "dictionary", PROPERTIES)
     run(case, "electrostaticFoam")
@@ -151,6 +168,6 @@ def error(case: Path, solution: Any) -> float:
     """The error at the centres of the cells, in L2: what OpenFOAM solves for."""
     centres = numbers_of((case / "0" / "C").read_text())
     volumes = volumes_of(case)
-    thick = points_of(next((case / "VTK").glob("*.vtk")))[:, 2].max()
+    thick = all_points(case)[:, 2].max()
     difference = solution.values - poisson.w(*centres.T[:2])
     return float(np.sqrt((volumes / thick * difference**2).sum()))

@@ -1,0 +1,148 @@
+"""Solvers of the system take our meshes: nodes, area, orientation, the four sides, and a solution."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.io import write_mesh
+from solvers import records
+from solvers.environment import ROOT
+from solvers.records import Record
+from solvers.test_consumers import ELEMENTS, SAME, Meshes, check_what_arrived, error_of
+from solvers.test_consumers import meshes as meshes
+
+NAMES = {
+    "dolfinx": "FEniCSx dolfinx",
+    "dmplex": "PETSc DMPlex",
+    "freefem": "FreeFEM",
+    "dealii": "deal.II",
+    "openfoam": "OpenFOAM",
+    "paraview": "ParaView",
+}
+PROGRAMS = {"dmplex": "petsc4py", "dealii": "deal.II"}
+# Debian's interpreter has Debian's libraries, ParaView one of its own; the others are programs.
+PYTHONS = {"dolfinx": ["/usr/bin/python3"], "dmplex": ["/usr/bin/python3"], "paraview": ["pvpython"]}
+# L2 errors at the centres of the cells, of OpenFOAM with 40 corrections for angles between faces and centres.
+VOLUMES = {
+    "square quads": (7.562e-3, 6.498e-3),
+    "square triangles": (1.855e-3, 1.134e-2),
+    "annulus quads": (1.129e-2, 2.146e-2),
+    "annulus triangles": (5.421e-3, 1.901e-2),
+}
+UNIFORM_FORMATS = ("msh", "mesh", "foam.zip")
+CONSUMERS = Path(__file__).parent / "consumers"
+# Compiling the program of deal.II, and the forms of dolfinx, takes the longest.
+RUN_SECONDS = 600
+
+
+@pytest.fixture(scope="module")
+def all_meshes(meshes: Meshes) -> Meshes:
+    """The meshes, the uniform ones as files, too: these consumers have no adaptor."""
+    for title, parts in meshes.parts.items():
+        if title.startswith("uniform"):
+            x, y = parts.points.T.reshape(2, *parts.shape).copy()
+            none = np.zeros((parts.shape[0] - 1, parts.shape[1] - 1))
+            data = em.MeshData(mesh=em.Mesh(x, y), u=None, q_eq=none, subdomain=none.astype(np.int64))
+            for suffix in UNIFORM_FORMATS:
+                cells: Any = "triangle" if parts.is_triangular else "quad"
+                write_mesh(meshes.folder / f"{title}.{suffix}", data, cells=cells)
+    return meshes
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT / "client"), "OMP_NUM_THREADS": "1"}
+
+
+def report_of(name: str, folder: Path) -> dict[str, Any]:
+    """What a consumer did with all meshes of a folder, in a process of its own."""
+    command = [*PYTHONS.get(name, [sys.executable]), str(CONSUMERS / "run.py"), name, str(folder)]
+    done = subprocess.run(
+        command, env=environment(), capture_output=True, text=True, timeout=RUN_SECONDS, cwd=folder, check=False
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    report: dict[str, Any] = json.loads((folder / f"{name}.json").read_text())
+    return report
+
+
+@pytest.mark.external
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.needs(PROGRAMS.get(name, name))) for name in NAMES]
+)
+def test_a_consumer_of_the_system_takes_a_mesh_and_solves(name: str, all_meshes: Meshes) -> None:
+    meshes = all_meshes
+    report = report_of(name, meshes.folder)
+    expected = VOLUMES if name == "openfoam" else ELEMENTS
+    assert {*report["meshes"]} == {m for m in meshes.parts if name != "freefem" or m.endswith("triangles")}
+    for mesh in (mesh for mesh in expected if f"adapted {mesh}" in report["meshes"]):
+        uniform = error_on_uniform(name, mesh, report, meshes, expected)
+        ways = report["meshes"][f"adapted {mesh}"]
+        assert ways, mesh
+        for way, found in ways.items():
+            parts = meshes.parts[f"adapted {mesh}"]
+            check_what_arrived(found, parts, way)
+            error = error_of(found, parts)
+            assert error is None or abs(error / expected[mesh][0] - 1) < SAME, (mesh, way, error)
+            kind = {"foam.zip": "foam", "mesh": "medit"}.get(way, way)
+            records.write(
+                Record(
+                    consumer=NAMES[name],
+                    version=report["version"],
+                    format=kind,
+                    mesh=mesh,
+                    error=error,
+                    uniform_error=uniform,
+                    read=True,
+                    tags=True,
+                )
+            )
+    assert report.get("carried", True)
+    for sentence in report["refused"]:
+        assert any(words in sentence for words in ("return ", "needs "))
+    assert bool(report["refused"]) is report["takes_fields"]
+
+
+def error_on_uniform(
+    name: str,
+    mesh: str,
+    report: dict[str, Any],
+    meshes: Meshes,
+    expected: dict[str, tuple[float, float]],
+) -> float | None:
+    """The error on the uniform mesh, which went there by the adaptor, or else in the first file."""
+    parts = meshes.parts[f"uniform {mesh}"]
+    errors = [error_of(found, parts) for found in report["meshes"][f"uniform {mesh}"].values()]
+    for error in errors:
+        assert error is None or abs(error / expected[mesh][1] - 1) < SAME, (name, mesh, error)
+    return errors[0] if errors else None
+
+
+@pytest.mark.external
+@pytest.mark.needs("dolfinx")
+@pytest.mark.parametrize("mesh", ELEMENTS)
+def test_dolfinx_on_two_processes_has_the_same_mesh(mesh: str, all_meshes: Meshes) -> None:
+    meshes = all_meshes
+    name, report = meshes.folder / f"adapted {mesh}", meshes.folder / "parallel.json"
+    mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2", "/usr/bin/python3"]
+    command = [*mpirun, str(CONSUMERS / "parallel.py"), f"{name}.xdmf", f"{name}.npz", str(report)]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=RUN_SECONDS, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    parts = meshes.parts[f"adapted {mesh}"]
+    x, y = parts.points[parts.cells].transpose(2, 0, 1)
+    area = (x * np.roll(y, -1, 1) - y * np.roll(x, -1, 1)).sum() / 2
+    for found in json.loads(report.read_text()).values():
+        assert (found["processes"], found["here"], found["cells"]) == (2, 2, len(parts.cells))
+        assert abs(found["area"] - area) < 1e-12
+        for side, edges in parts.sides.items():
+            ends = parts.points[edges]
+            lengths = ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1) ** 0.5
+            assert abs(found["sides"][side] - lengths.sum()) < 1e-12
+        assert abs(found["error"] / ELEMENTS[mesh][0] - 1) < SAME
