@@ -13,6 +13,8 @@ STORED = Path(__file__).with_name("consumers.json")
 PAGE = Path(__file__).parents[2] / "docs" / "use-in-your-solver.md"
 BEGIN, END = "<!-- consumers: begin -->", "<!-- consumers: end -->"
 MESHES = ("square quads", "square triangles", "annulus quads", "annulus triangles")
+# The format whose files have another suffix than its name.
+SUFFIXES = {"mesh": "medit", "foam.zip": "foam"}
 HEAD = ("consumer", "version", "format", "mesh", "sides", *MESHES)
 
 
@@ -25,7 +27,7 @@ def table(found: list[Record]) -> str:
     for (consumer, format), by_mesh in sorted(ways.items(), key=lambda item: (item[0][0].lower(), item[0][1])):
         any_one = next(iter(by_mesh.values()))
         read, tags = (all(getattr(r, name) for r in by_mesh.values()) for name in ("read", "tags"))
-        name = format if format == "adaptor" else f"`{format}`"
+        name = format if format == "adaptor" else f"`{SUFFIXES.get(format, format)}`"
         yes = tuple("yes" if right else "no" for right in (read, tags))
         rows.append((consumer, any_one.version, name, *yes, *(_errors(by_mesh.get(mesh)) for mesh in MESHES)))
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)

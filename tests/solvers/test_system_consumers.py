@@ -91,12 +91,11 @@ def test_a_consumer_of_the_system_takes_a_mesh_and_solves(name: str, all_meshes:
             check_what_arrived(found, parts, way)
             error = error_of(found, parts)
             assert error is None or abs(error / expected[mesh][0] - 1) < SAME, (mesh, way, error)
-            kind = {"foam.zip": "foam", "mesh": "medit"}.get(way, way)
             records.write(
                 Record(
                     consumer=NAMES[name],
                     version=report["version"],
-                    format=kind,
+                    format=way,
                     mesh=mesh,
                     error=error,
                     uniform_error=uniform,
