@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +18,7 @@ from equimesh.io import write_mesh
 from solvers import records
 from solvers.environment import ROOT
 from solvers.records import Record
-from solvers.test_consumers import ELEMENTS, SAME, Meshes, check_what_arrived, error_of
+from solvers.test_consumers import ELEMENTS, PAGE, SAME, Meshes, check_what_arrived, error_of
 from solvers.test_consumers import meshes as meshes
 
 NAMES = {
@@ -122,6 +123,32 @@ def error_on_uniform(
     for error in errors:
         assert error is None or abs(error / expected[mesh][1] - 1) < SAME, (name, mesh, error)
     return errors[0] if errors else None
+
+
+@pytest.mark.external
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        pytest.param("dolfinx", "[1, 2, 3, 4]", marks=pytest.mark.needs("dolfinx")),
+        pytest.param("dmplex", "32", marks=pytest.mark.needs("petsc4py")),
+    ],
+)
+def test_the_code_of_the_page_reads_a_mesh(name: str, expected: str, all_meshes: Meshes, tmp_path: Path) -> None:
+    for path in all_meshes.folder.glob("adapted square quads*"):
+        data = path.read_bytes()
+        if path.suffix == ".xdmf":  # it names the file of its arrays
+            data = data.replace(b"adapted square quads", b"mesh")
+        (tmp_path / path.name.replace("adapted square quads", "mesh")).write_bytes(data)
+    title = {"dolfinx": "FEniCSx (dolfinx)", "dmplex": "PETSc DMPlex"}[name]
+    section = PAGE.read_text().partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+    code = "".join(re.findall(r"^```py\n(.*?)^```$", section, re.MULTILINE | re.DOTALL))
+    shown = {"dolfinx": "print(sorted({*sides.values.tolist()}))", "dmplex": "print(left.getLocalSize())"}[name]
+    command = [*PYTHONS[name], "-c", f"{code}\n{shown}"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=RUN_SECONDS, check=False
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    assert done.stdout.strip().splitlines()[-1] == expected
 
 
 @pytest.mark.external

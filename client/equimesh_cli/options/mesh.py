@@ -29,6 +29,7 @@ SCHWARZ = (
     "compare",
 )
 MESH_SUFFIXES = (".vtu", ".vtk", ".vts", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".foam.zip", ".npz")
+OUTPUT = ".vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case"
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence")
 
@@ -88,13 +89,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     mesh.add_argument("--cells", choices=("quad", "triangle"), default="quad", help="cells of the file (quad)")
     _add_schwarz_options(parser)
     results = parser.add_argument_group("results")
-    results.add_argument(
-        "-o",
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="the mesh: .vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case",
-    )
+    results.add_argument("-o", "--output", metavar="FILE", type=Path, help=f"the mesh: {OUTPUT}")
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
     results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
     results.add_argument("--json", action="store_true", help="print one JSON object instead of tables")
