@@ -12,14 +12,16 @@ import re
 from ast import literal_eval
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import pytest
 
 import equimesh as em
 from equimesh import specs
 from equimesh.io.write import CELLS
+from equimesh.monitors.auto import PURPOSES
 from equimesh.monitors.curvature import NORMS
+from equimesh.monitors.monitor import orthogonality_of
 from equimesh.monitors.tensor import MAPS
 from equimesh.specs import BuiltSpec, build
 from equimesh_cli.command import build_parser
@@ -128,6 +130,7 @@ def test_words_of_the_service() -> None:
         **{name: words_of(settings, name) for name in ("ordering", "acceleration", "local_solver")},
     } == WORDS
     assert {**monitors.USES}.keys() == {*WORDS["monitor"]}
+    assert words_of(monitors.AutoSpec, "purpose") == [Literal[PURPOSES], type(None)]
     assert words_of(monitors.AutoSpec, "norm") == words_of(monitors.LeastErrorSpec, "norm") == WORDS["norm"]
     assert monitors.FOREIGN_TO_AUTO == specs.monitors.FOREIGN_TO_AUTO
     assert monitors.LeastErrorSpec.REFUSED == {"smoothing": specs.monitors.NO_SMOOTHING}
@@ -202,6 +205,7 @@ def test_words_of_the_client() -> None:
         "norm": list(get_args(client_monitors.Norm)),
         "map": list(get_args(inspect.get_annotations(client_monitors.Weight, eval_str=True)["map"])),
     }.items() <= WORDS.items()
+    assert get_args(inspect.get_annotations(client_monitors.Auto, eval_str=True)["purpose"])[0] == Literal[PURPOSES]
     # the other words are strings that only the service checks: the docstrings of the client name them all
     for described, names in (
         (inspect.getsource(client_mesh.MeshOptions), ("boundary", "mode")),
@@ -218,7 +222,8 @@ def test_defaults_and_keys_of_the_client() -> None:
     for name, (monitor, u) in CLIENT_MONITORS.items():
         sent = client_mesh.mesh_spec(client_monitors.monitor_json(monitor, read, u), points)
         assert build(sent) == build(DOCUMENTS[name]), name
-        assert {field.name for field in fields(monitor)} == known(DOCUMENTS[name], "monitor"), name
+        names = {"for" if field.name == "purpose" else field.name for field in fields(monitor)}
+        assert names == known(DOCUMENTS[name], "monitor"), name
     for name, domain in CLIENT_DOMAINS.items():
         assert build({"monitor": ARC, "domain": domain.json()}) == build(DOCUMENTS[name]), name
         assert domain.json().keys() - {"kind"} == known(DOCUMENTS[name], "domain"), name
@@ -275,6 +280,29 @@ DEFAULTS = {
 }
 
 
+def test_what_bounds_angles_is_the_same_on_all_sides() -> None:
+    auto = {"kind": "auto", "u": U, "for": "finite_volume", "orthogonality": 40.0}
+    least = {"kind": "least_error", "u": U, "rectilinear": True, "orthogonality": 40.0}
+    for document in (auto, least):
+        assert build({"monitor": read_spec({"monitor": document}).canonical["monitor"]}) == build({"monitor": document})
+    sent = [
+        client_monitors.Auto(purpose="finite_volume", orthogonality=40.0),
+        client_monitors.LeastError(rectilinear=True, orthogonality=40.0),
+    ]
+    for monitor, document in zip(sent, (auto, least), strict=True):
+        assert build({"monitor": client_monitors.monitor_json(monitor, read, "x*y")}) == build({"monitor": document})
+    for words, document in (
+        ("x*y --for finite-volume --orthogonality 40", auto),
+        ("x*y --monitor least-error --rectilinear --orthogonality 40", least),
+    ):
+        options = build_parser("solve").parse_args(["solve", *words.split()])
+        assert problem.build(options) == build({"monitor": document})
+    for name, monitor in MONITORS.items():
+        bounded = {**monitor, "orthogonality": 40.0}
+        assert orthogonality_of(build({"monitor": bounded}).problem.monitor) == 40.0, name
+        assert build(read_spec({"monitor": bounded}).canonical) == build({"monitor": bounded}), name
+
+
 def test_defaults_of_the_command_line() -> None:
     def built(words: str) -> BuiltSpec:
         return problem.build(build_parser("solve").parse_args(["solve", *words.split()]))
@@ -293,6 +321,7 @@ def test_words_of_the_command_line_and_defaults_that_its_help_names(command: str
             assert list(actions["--monitor"].choices) == [w.replace("_", "-") for w in words if w != "intersection"]  # type: ignore[arg-type]
         elif name != "domain":
             assert sorted(actions[f"--{name.replace('_', '-')}"].choices) == sorted(words), name  # type: ignore[arg-type]
+    assert actions["--for"].choices == tuple(word.replace("_", "-") for word in PURPOSES)
     for flag, default in DEFAULTS.items():
         assert re.search(rf"\({re.escape(str(default))}[:)]", actions[flag].help or ""), flag
 

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
 ALLOWED = {
-    "auto": ("norm",),
-    "least-error": ("norm", "distortion", "smoothness"),
-    "nodal-solution": ("norm",),
-    "arc-length": ("a", "b", "scaled", "smoothing"),
-    "curvature": ("norm", "isotropic", "smoothing"),
-    "weight": ("rho", "map", "smoothing"),
-    "tensor": ("m11", "m12", "m22", "smoothing"),
+    "auto": ("norm", "purpose", "orthogonality"),
+    "least-error": ("norm", "distortion", "smoothness", "rectilinear", "orthogonality"),
+    "nodal-solution": ("norm", "orthogonality"),
+    "arc-length": ("a", "b", "scaled", "smoothing", "orthogonality"),
+    "curvature": ("norm", "isotropic", "smoothing", "orthogonality"),
+    "weight": ("rho", "map", "smoothing", "orthogonality"),
+    "tensor": ("m11", "m12", "m22", "smoothing", "orthogonality"),
 }
 SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
 
@@ -44,12 +44,22 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         help="auto, least-error, nodal-solution, curvature: the error to keep small (l2)",
     )
     group.add_argument(
+        "--for",
+        dest="purpose",
+        type=_dashed,
+        choices=("finite-volume",),
+        help="auto: choose by the error of a code with cell-centred unknowns",
+    )
+    group.add_argument(
         "--distortion",
         type=float,
         help="least-error: weight of deformed cells, less for a smaller error (0.5)",
     )
     group.add_argument(
         "--smoothness", type=float, help="least-error: weight of uneven neighbours, less for a smaller error (1.0)"
+    )
+    group.add_argument(
+        "--rectilinear", action="store_true", default=None, help="least-error: x of xi alone, y of eta alone"
     )
     group.add_argument("-a", type=float, help="arc-length: strength of the adaptation, 0 to 1 (0.7)")
     group.add_argument("-b", type=float, help="arc-length: damping where u is steep, not negative (0.05)")
@@ -75,6 +85,12 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         metavar="RADIUS",
         type=float,
         help="not for auto and least-error: average the metric over this part of the domain, at most 0.25 (0)",
+    )
+    group.add_argument(
+        "--orthogonality",
+        metavar="DEGREES",
+        type=float,
+        help="largest angle between the normal of a face and the line of its two cell centres (no bound)",
     )
 
 
@@ -112,6 +128,8 @@ def monitor_of(options: argparse.Namespace) -> Monitor:
     settings: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     for name in NEEDED.get(options.monitor, ()):
         settings[name] = function(settings[name])
+    if "purpose" in settings:
+        settings["purpose"] = settings["purpose"].replace("-", "_")
     kinds: dict[str, Callable[..., Monitor]] = {
         "auto": Auto,
         "least-error": LeastError,
@@ -150,4 +168,4 @@ def domain(text: str) -> Domain:
 
 
 def _flag(name: str) -> str:
-    return f"-{name}" if len(name) == 1 else f"--{name}"
+    return "--for" if name == "purpose" else f"-{name}" if len(name) == 1 else f"--{name}"

@@ -21,6 +21,8 @@ UNKNOWN = "not known"
 class Relaxed:
     """One relaxed requirement: ``what`` is ``"a"``, ``"strength"``, ``"cross_line"`` or ``"points"``.
 
+    A bound of the angles relaxes the first two, or ``"distortion"``, ``"smoothness"`` and ``"rectilinear"``.
+
     ``asked`` is the requested value, ``reached`` the value that the mesh has.
     """
 
@@ -31,6 +33,10 @@ class Relaxed:
     def __str__(self) -> str:
         if self.what == "cross_line":
             return f"cross-line term of weight {_short(self.reached)} added"
+        if self.what == "rectilinear":
+            return "straight lines in place of free nodes"
+        if self.what == "rectilinear":
+            return "straight lines in place of free nodes"
         return f"{NAMES.get(self.what, self.what)}: {_short(self.asked)} requested, {_short(self.reached)} reached"
 
 
@@ -38,7 +44,8 @@ class Relaxed:
 class Candidate:
     """A monitor that was compared with others on a coarse grid: its ``kind``, its ``settings``, and its gains there.
 
-    The gains are nan where there was no mesh of the requested equations.
+    The gains are nan where there was no mesh of the requested equations. ``gain_cells`` is that of the error at cell
+    centres, nan where the mesh is not for finite volumes.
     """
 
     kind: str
@@ -46,6 +53,7 @@ class Candidate:
     gain_l2: float
     gain_h1: float
     chosen: bool
+    gain_cells: float = math.nan
 
     @classmethod
     def from_json(cls, record: Mapping[str, Any]) -> Candidate:
@@ -56,11 +64,14 @@ class Candidate:
             gain_l2=real_or_nan(record.get("gain_l2")),
             gain_h1=real_or_nan(record.get("gain_h1")),
             chosen=bool(record.get("chosen")),
+            gain_cells=real_or_nan(record.get("gain_cells")),
         )
 
     def __str__(self) -> str:
         settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
         gains = f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
+        if math.isfinite(self.gain_cells):
+            gains = f"{_short(self.gain_cells)} at cell centres, {gains}"
         shown = "no mesh" if math.isnan(self.gain_l2) else gains
         return f"{self.kind}{f' ({settings})' if settings else ''}: {shown}{'  (chosen)' if self.chosen else ''}"
 

@@ -29,15 +29,22 @@ class Auto:
     """The monitor with the smallest interpolation error of u among candidates, compared on a coarse grid. The default.
 
     ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient. ``u`` replaces that of `generate`. The
-    certificate lists the candidates in ``comparison``.
+    certificate lists the candidates in ``comparison``. ``purpose`` is ``"finite_volume"`` for a mesh with a small error
+    of a code with cell-centred unknowns. ``orthogonality`` bounds the angle in degrees between the normal of a face and
+    the line of its two cell centres; None for no bound.
     """
 
     norm: Norm = "l2"
     u: object = None
+    purpose: Literal["finite_volume"] | None = None
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
-        return {"kind": "auto", **_u_json(read, self.u, u, required_by="Auto"), "norm": self.norm}
+        monitor = {"kind": "auto", **_u_json(read, self.u, u, required_by="Auto"), "norm": self.norm}
+        if self.purpose is not None:
+            monitor["for"] = self.purpose
+        return _with_bound(monitor, self.orthogonality)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,19 +53,25 @@ class LeastError:
 
     ``norm`` and ``u`` as in :class:`Auto`. ``distortion`` and ``smoothness`` are positive weights of how far cells are
     deformed, and how unevenly neighbours: lower them for a smaller error, raise them for cells nearer to squares. The
-    error is that on the ``cells`` of the file.
+    error is that on the ``cells`` of the file. ``rectilinear`` keeps lines straight: x depends on xi alone, y on eta
+    alone. ``orthogonality`` as in :class:`Auto`.
     """
 
     norm: Norm = "l2"
     distortion: float = 0.5
     smoothness: float = 1.0
     u: object = None
+    rectilinear: bool = False
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
         u_json = _u_json(read, self.u, u, required_by="LeastError")
         weights = {"distortion": self.distortion, "smoothness": self.smoothness}
-        return {"kind": "least_error", **u_json, "norm": self.norm, **weights}
+        monitor = {"kind": "least_error", **u_json, "norm": self.norm, **weights}
+        if self.rectilinear:
+            monitor["rectilinear"] = True
+        return _with_bound(monitor, self.orthogonality)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,15 +79,18 @@ class NodalSolution:
     """The next mesh of a solver: one round of :meth:`Client.adapt`, which calls it for you.
 
     ``u`` are the values at the nodes of the mesh before, as ``(x, y, values)`` of one shape ``(n_xi, n_eta)``; it
-    replaces that of `generate`. ``norm`` as in :class:`Auto`. The certificate has the estimated error of the values.
+    replaces that of `generate`. ``norm`` and ``orthogonality`` as in :class:`Auto`. The certificate has the estimated error
+    of the values.
     """
 
     norm: Norm = "l2"
     u: object = None
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
-        return {"kind": "nodal_solution", **_u_json(read, self.u, u, required_by="NodalSolution"), "norm": self.norm}
+        u_json = _u_json(read, self.u, u, required_by="NodalSolution")
+        return _with_bound({"kind": "nodal_solution", **u_json, "norm": self.norm}, self.orthogonality)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +100,7 @@ class ArcLength:
     ``a`` in [0, 1] is the strength, ``b`` >= 0 the damping where u is steep. ``smoothing`` in [0, 0.25] is the radius
     over which the metric is averaged, in units of the domain's shorter extent. ``u`` replaces that of `generate`.
     ``scaled`` takes u in units of its range and lengths in units of the domain's size, so that the mesh does not depend
-    on units. With False they are taken as they are given, as in the paper.
+    on units. With False they are taken as they are given, as in the paper. ``orthogonality`` as in :class:`Auto`.
     """
 
     a: float = 0.7
@@ -92,6 +108,7 @@ class ArcLength:
     scaled: bool = True
     smoothing: float = 0.0
     u: object = None
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
@@ -99,7 +116,7 @@ class ArcLength:
         monitor = {"kind": "arc_length", **u_json, "a": self.a, "b": self.b}
         if not self.scaled:
             monitor["scaled"] = False
-        return _with_smoothing(monitor, self.smoothing)
+        return _with_smoothing(monitor, self.smoothing, self.orthogonality)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,19 +124,20 @@ class Curvature:
     """Small cells where u is curved, for a small interpolation error.
 
     ``norm`` is ``"l2"`` for the error of u, ``"h1"`` for that of its gradient. ``isotropic`` does not stretch cells.
-    ``smoothing`` and ``u`` as in :class:`ArcLength`.
+    ``smoothing``, ``orthogonality`` and ``u`` as in :class:`ArcLength`.
     """
 
     norm: Norm = "l2"
     isotropic: bool = False
     smoothing: float = 0.0
     u: object = None
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
         u_json = _u_json(read, self.u, u, required_by="Curvature")
         monitor = {"kind": "curvature", **u_json, "norm": self.norm, "isotropic": self.isotropic}
-        return _with_smoothing(monitor, self.smoothing)
+        return _with_smoothing(monitor, self.smoothing, self.orthogonality)
 
 
 @dataclass(frozen=True)
@@ -134,11 +152,12 @@ class Weight:
     smoothing: float = 0.0
     u: object = None
     map: Literal["lines", "gradient"] = "lines"
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
         monitor = {"kind": "weight", "rho": read(self.rho), **_u_json(read, self.u, u), "map": self.map}
-        return _with_smoothing(monitor, self.smoothing)
+        return _with_smoothing(monitor, self.smoothing, self.orthogonality)
 
 
 @dataclass(frozen=True)
@@ -150,11 +169,13 @@ class Tensor:
     m22: object
     smoothing: float = 0.0
     u: object = None
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
         entries = {name: read(getattr(self, name)) for name in ("m11", "m12", "m22")}
-        return _with_smoothing({"kind": "tensor", **entries, **_u_json(read, self.u, u)}, self.smoothing)
+        monitor = {"kind": "tensor", **entries, **_u_json(read, self.u, u)}
+        return _with_smoothing(monitor, self.smoothing, self.orthogonality)
 
 
 PlainMonitor: TypeAlias = ArcLength | Curvature | Weight | Tensor
@@ -166,6 +187,7 @@ class Intersection:
 
     monitors: Sequence[PlainMonitor | Mapping[str, Any]]
     smoothing: float = 0.0
+    orthogonality: float | None = None
 
     def json(self, read: Read, u: object) -> Json:
         """The JSON of the monitor; ``u`` is that of `generate`."""
@@ -181,7 +203,7 @@ class Intersection:
             if not members or "u" in members[0]:
                 raise BadArgument("u is not used: the first monitor of the intersection has its own u")
             members[0]["u"] = read(u)
-        return _with_smoothing({"kind": "intersection", "monitors": members}, self.smoothing)
+        return _with_smoothing({"kind": "intersection", "monitors": members}, self.smoothing, self.orthogonality)
 
 
 Monitor: TypeAlias = Auto | LeastError | NodalSolution | PlainMonitor | Intersection
@@ -235,5 +257,10 @@ def _read_arrays(monitor: Mapping[str, Any], read: Read) -> Json:
     return made
 
 
-def _with_smoothing(monitor: Json, smoothing: float) -> Json:
-    return {**monitor, "smoothing": smoothing} if smoothing else monitor
+def _with_smoothing(monitor: Json, smoothing: float, orthogonality: float | None) -> Json:
+    return _with_bound({**monitor, "smoothing": smoothing} if smoothing else monitor, orthogonality)
+
+
+def _with_bound(monitor: Json, orthogonality: float | None) -> Json:
+    """The monitor with its bound; the key is left out where there is none, for services that do not know it."""
+    return monitor if orthogonality is None else {**monitor, "orthogonality": orthogonality}

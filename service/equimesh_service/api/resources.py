@@ -104,6 +104,9 @@ class ComparedMonitor(BaseModel):
     gain_l2: float | None = Field(description="As interpolation_gain, on the coarse grid; null where it has no mesh.")
     gain_h1: float | None
     chosen: bool = Field(description="Whether it is that of the mesh.")
+    gain_cells: float | None = Field(
+        None, description="Error at cell centres of a cell-centred code: of the uniform mesh over that of this one."
+    )
 
 
 class FaceAngles(BaseModel):

@@ -166,7 +166,7 @@ def read_spec(document: Any) -> CheckedSpec:
         spec = spec.model_copy(update={"grid": None})
     elif spec.grid is None:
         spec = spec.model_copy(update={"grid": GridSpec()})
-    return CheckedSpec(spec, dict(sources_of(spec.monitor)), spec.model_dump(mode="json"))
+    return CheckedSpec(spec, dict(sources_of(spec.monitor)), spec.model_dump(mode="json", by_alias=True))
 
 
 def read_expression_check(document: Any) -> ExpressionCheck:

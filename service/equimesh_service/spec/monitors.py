@@ -36,6 +36,13 @@ _Smoothing = Annotated[
 ]
 
 
+_Orthogonality = Annotated[
+    FiniteFloat | None,
+    Field(
+        description="Largest angle of non-orthogonality, between the normal of a face and the line of its two "
+        "cell centres, in degrees, over 0 and at most 90. null for no bound."
+    ),
+]
 _Norm = Annotated[
     Literal["l2", "h1"], Field(description="The interpolation error to minimise: that of u, or of its gradient.")
 ]
@@ -50,6 +57,13 @@ class AutoSpec(Strict):
     kind: Literal["auto"] = "auto"
     u: Source
     norm: _Norm = "l2"
+    purpose: Literal["finite_volume"] | None = Field(
+        None,
+        alias="for",
+        description="finite_volume chooses by the error of a code with cell-centred unknowns; null by the error of "
+        "interpolating u.",
+    )
+    orthogonality: _Orthogonality = None
 
 
 class LeastErrorSpec(Strict):
@@ -64,6 +78,8 @@ class LeastErrorSpec(Strict):
         0.5, description="Weight of the deformation of cells, positive; less for a smaller error."
     )
     smoothness: FiniteFloat = Field(1.0, description="Weight of uneven neighbours, positive; less for a smaller error.")
+    rectilinear: bool = Field(False, description="Keep lines straight: x depends on xi alone, y on eta alone.")
+    orthogonality: _Orthogonality = None
 
 
 class NodalSolutionSpec(Strict):
@@ -74,6 +90,7 @@ class NodalSolutionSpec(Strict):
     kind: Literal["nodal_solution"]
     u: Source = Field(description="Values of a solver at the nodes of a mesh: nodal, or samples with x and y of 2-D.")
     norm: _Norm = "l2"
+    orthogonality: _Orthogonality = None
 
 
 class ArcLengthSpec(Strict):
@@ -89,6 +106,7 @@ class ArcLengthSpec(Strict):
         "of its area): the mesh does not depend on units. false is the formula of the paper for u as it is given.",
     )
     smoothing: _Smoothing = 0.0
+    orthogonality: _Orthogonality = None
 
 
 class ArcLengthMember(ArcLengthSpec):
@@ -105,6 +123,7 @@ class CurvatureSpec(Strict):
     norm: Literal["l2", "h1"] = Field("l2", description="The error to minimise: that of u, or of its gradient.")
     isotropic: bool = Field(False, description="Small cells only, without a preferred direction.")
     smoothing: _Smoothing = 0.0
+    orthogonality: _Orthogonality = None
 
 
 class WeightSpec(Strict):
@@ -119,6 +138,7 @@ class WeightSpec(Strict):
         "a map that is a gradient; smoother meshes, also where rho is steep, and no subdomains.",
     )
     smoothing: _Smoothing = 0.0
+    orthogonality: _Orthogonality = None
 
 
 class TensorSpec(Strict):
@@ -130,6 +150,7 @@ class TensorSpec(Strict):
     m22: Source
     u: Source | None = Field(None, description="The function whose interpolation is measured.")
     smoothing: _Smoothing = 0.0
+    orthogonality: _Orthogonality = None
 
 
 PlainMonitor = Annotated[
@@ -149,6 +170,7 @@ class IntersectionSpec(Strict):
         max_length=MAX_MONITORS, description="2 to 8, none of them an intersection.", json_schema_extra={"minItems": 2}
     )
     smoothing: _Smoothing = 0.0
+    orthogonality: _Orthogonality = None
 
 
 AnyMonitor: TypeAlias = (

@@ -91,7 +91,7 @@ class Strict(BaseModel):
         if left <= 0:
             raise PydanticCustomError(_ENOUGH, "not looked at")
         if isinstance(value, Mapping):
-            unknown = [key for key in value if key not in cls.model_fields]
+            unknown = [key for key in value if key not in keys_of(cls)]
             if len(unknown) > left:
                 extra = set(unknown[left:])
                 value = {key: member for key, member in value.items() if key not in extra}
@@ -101,6 +101,11 @@ class Strict(BaseModel):
         except ValidationError as error:
             faults.number = before + error.error_count()
             raise
+
+
+def keys_of(model: type[BaseModel]) -> tuple[str, ...]:
+    """The keys of the JSON objects of a model."""
+    return tuple(field.alias or name for name, field in model.model_fields.items())
 
 
 def by_key(*keys: str) -> Discriminator:
@@ -189,7 +194,7 @@ def _sentence_of_key(place: type[BaseModel] | None, key: Any, *, missing: bool) 
             return told
     if missing:
         return "this key is required"
-    known = () if place is None else tuple(place.model_fields)
+    known = () if place is None else keys_of(place)
     return "there is no such key here" + (f"; known are {', '.join(known)}" if known else "") + did_you_mean(key, known)
 
 

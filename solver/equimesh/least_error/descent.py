@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 
 from equimesh.least_error import kernels
-from equimesh.least_error.objective import Evaluation, Objective
+from equimesh.least_error.cells import Cells
+from equimesh.least_error.objective import Evaluation
 from equimesh.numerics.types import Array
 
 PAIRS = 8
@@ -33,6 +35,27 @@ PATIENCE = 3
 """Steps over which the mean decrease is taken that ends the descent."""
 MIN_CURVATURE = 1e-12
 """The smallest cosine between a move and the change of the gradient for which the pair is kept."""
+
+
+class Minimised(Protocol):
+    """What a descent makes small: an objective of all nodes, or of straight lines."""
+
+    @property
+    def cells(self) -> Cells:
+        """The cells of the mesh."""
+        ...
+
+    def cut(self, mesh: Array) -> bool:
+        """Cut triangles anew; whether the cuts are others than before."""
+        ...
+
+    def smallest_share(self, mesh: Array) -> float:
+        """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""
+        ...
+
+    def evaluate(self, mesh: Array) -> Evaluation | None:
+        """The objective with its derivatives; ``None`` where it has none."""
+        ...
 
 
 class History:
@@ -66,7 +89,7 @@ class History:
         return out
 
 
-def descend(objective: Objective, mesh: Array, steps: int, min_decrease: float) -> Iterator[tuple[Array, Evaluation]]:
+def descend(objective: Minimised, mesh: Array, steps: int, min_decrease: float) -> Iterator[tuple[Array, Evaluation]]:
     """The meshes of a descent with their evaluations, from ``mesh`` itself on; at most ``steps`` steps.
 
     Ends early where a step lowers the objective by less than ``min_decrease`` in the mean of the last ``PATIENCE``, or
@@ -101,7 +124,7 @@ def descend(objective: Objective, mesh: Array, steps: int, min_decrease: float) 
 
 
 def search(
-    objective: Objective, mesh: Array, now: Evaluation, direction: Array, floor: float
+    objective: Minimised, mesh: Array, now: Evaluation, direction: Array, floor: float
 ) -> tuple[Array, Evaluation] | None:
     """The mesh at an accepted length along minus ``direction``, with its evaluation; ``None`` where there is none."""
     slope, longest = float(np.vdot(now.gradient, direction)), float(np.abs(direction).max())

@@ -16,9 +16,10 @@ from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.levels import Level, nested_levels
-from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.starts import product, rectilinear, resampled
 from equimesh.least_error.steps import Descent
+from equimesh.least_error.straight_lines import StraightLines
 from equimesh.least_error.ways import Way, coordinates_of, mesh_of
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.interpolation import interpolated_values
@@ -253,13 +254,25 @@ class LeastErrorSolve:
             )
 
         mesh, last = start, None
-        for step, (mesh, now) in enumerate(descend(objective, start, steps, MIN_DECREASE / self.effort)):
+        for step, (mesh, now) in enumerate(self._moves(objective, level, start, steps)):
             last = record(step, mesh, measured.error(mesh) if is_other else now.error, now.distortion)
             yield last
         if last is None:
             last = record(0, start, measured.error(start), 0.0)
             yield last
         return Reached(way=way, level=level, mesh=mesh, record=last)
+
+    def _moves(
+        self, objective: Objective, level: Level, start: Array, steps: int
+    ) -> Iterator[tuple[Array, Evaluation]]:
+        """The meshes of a descent on one grid, of all nodes or of straight lines."""
+        min_decrease = MIN_DECREASE / self.effort
+        if not self.monitor.rectilinear:
+            yield from descend(objective, start, steps, min_decrease)
+            return
+        straight = StraightLines(objective, level.grid.shape)
+        for lines, now in descend(straight, straight.lines(start), steps, min_decrease):
+            yield straight.mesh(lines), now
 
     def _norm(self, level: Level) -> Norm:
         """The norm of the error that the descent on a grid lowers."""

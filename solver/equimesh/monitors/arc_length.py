@@ -10,7 +10,7 @@ import numpy as np
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
-from equimesh.monitors.monitor import require_strength
+from equimesh.monitors.monitor import require_orthogonality, require_strength
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
@@ -42,6 +42,8 @@ class ArcLength:
     a: float = 0.7
     b: float = 0.05
     scaled: bool = True
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     factor: float | None = field(default=None, init=False, compare=False)
     """The factor of ``grad u``: 1, or the size of the domain over the range of u; known once the monitor is bound.
 
@@ -51,6 +53,7 @@ class ArcLength:
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
+        require_orthogonality(self.orthogonality)
         if not 0.0 <= self.a <= 1.0:
             raise InputError(f"a = {self.a}: the relaxation parameter a must lie in [0, 1]", field="a")
         if not (self.b >= 0.0 and math.isfinite(self.b)):

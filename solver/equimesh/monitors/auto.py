@@ -10,9 +10,12 @@ from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import CELLS, LeastError
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_orthogonality
 from equimesh.monitors.probe import bound_copy, is_bound_to
 from equimesh.numerics.types import Array
+
+PURPOSES = ("finite_volume",)
+"""What a mesh can be for, other than to interpolate u."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,20 +32,40 @@ class Auto:
     u: Field
     norm: Literal["l2", "h1"] = "l2"
     cells: Literal["quad", "triangle"] = "quad"
+    purpose: Literal["finite_volume"] | None = None
+    """What the mesh is for: ``"finite_volume"`` chooses by the error of a code with cell-centred unknowns.
+
+    The angles have a bound then, 55 degrees if none is given. ``None`` chooses by the interpolation error.
+    """
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
+        require_orthogonality(self.orthogonality)
         for name, known in (("norm", NORMS), ("cells", CELLS)):
             if getattr(self, name) not in known:
                 raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
+        if self.purpose not in (None, *PURPOSES):
+            raise InputError(
+                f"purpose = {self.purpose!r}: choose {PURPOSES[0]!r}, or leave it out for a small interpolation error",
+                field="purpose",
+            )
 
     def least_error(
         self, distortion: float = LeastError.distortion, smoothness: float = LeastError.smoothness
     ) -> LeastError:
         """The least-error monitor of the same u, norm and cells."""
-        return LeastError(u=self.u, norm=self.norm, distortion=distortion, smoothness=smoothness, cells=self.cells)
+        return LeastError(
+            u=self.u,
+            norm=self.norm,
+            distortion=distortion,
+            smoothness=smoothness,
+            cells=self.cells,
+            orthogonality=self.orthogonality,
+        )
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` of the curvature of u at physical points.

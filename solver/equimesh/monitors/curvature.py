@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_orthogonality
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
@@ -54,11 +54,14 @@ class Curvature:
     norm: Literal["l2", "h1"] = "l2"
     isotropic: bool = False
     floor: float = 0.01
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     alpha: float | None = field(default=None, init=False)
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
+        require_orthogonality(self.orthogonality)
         if self.norm not in NORMS:
             raise InputError(f"norm = {self.norm!r}: choose 'l2' or 'h1'", field="norm")
         if not 0.0 < self.floor <= 1.0:

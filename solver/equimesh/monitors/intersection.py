@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
-from equimesh.monitors.monitor import Monitor, map_of
+from equimesh.monitors.monitor import Monitor, map_of, require_orthogonality
 from equimesh.numerics.spd import intersection
 from equimesh.numerics.types import Array
 
@@ -30,9 +30,12 @@ class Intersection:
     """
 
     monitors: tuple[Monitor, ...]
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "monitors", tuple(self.monitors))
+        require_orthogonality(self.orthogonality)
         if not MIN_MONITORS <= len(self.monitors) <= MAX_MONITORS:
             raise InputError(
                 f"{len(self.monitors)} monitors: an intersection is of {MIN_MONITORS} to {MAX_MONITORS}",

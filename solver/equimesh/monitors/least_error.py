@@ -13,7 +13,7 @@ from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.curvature import NORMS, Curvature
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_orthogonality
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.types import Array
@@ -47,13 +47,21 @@ class LeastError:
     distortion: float = 0.5
     smoothness: float = 1.0
     cells: Literal["quad", "triangle"] = "quad"
+    rectilinear: bool = False
+    """Whether lines stay straight: x depends on xi alone, y on eta alone. On a mapped domain they are lines of the
+    reference square. Every face is then orthogonal on a rectangle."""
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
+        require_orthogonality(self.orthogonality)
         for name, known in (("norm", NORMS), ("cells", CELLS)):
             if getattr(self, name) not in known:
                 raise InputError(f"{name} = {getattr(self, name)!r}: choose {known[0]!r} or {known[1]!r}", field=name)
+        if not isinstance(self.rectilinear, bool):
+            raise InputError(f"rectilinear = {str(self.rectilinear)[:20]}: give True or False", field="rectilinear")
         for name in ("distortion", "smoothness"):
             value = getattr(self, name)
             if not (isinstance(value, int | float) and 0.0 < value <= MAX_WEIGHT and math.isfinite(value)):

@@ -9,6 +9,9 @@ from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.numerics.types import Array
 
+MAX_ORTHOGONALITY = 90.0
+"""The largest bound of the angle of non-orthogonality, in degrees: it bounds nothing."""
+
 
 class Monitor(Protocol):
     """A symmetric positive definite tensor M(x, y) of the physical plane; a mesh equidistributes lengths in M.
@@ -66,6 +69,28 @@ class OfDerivatives(Protocol):
 def map_of(monitor: Monitor) -> str:
     """How cells get equal shares of the metric: ``"gradient"`` for a gradient map, otherwise ``"lines"``."""
     return str(getattr(monitor, "map", "lines"))
+
+
+def orthogonality_of(monitor: Monitor) -> float | None:
+    """The largest angle of non-orthogonality that a mesh may have, in degrees; ``None`` where there is no bound.
+
+    Of a monitor that is made of others it is the smallest of all bounds.
+    """
+    inner = [monitor.monitor] if hasattr(monitor, "monitor") else getattr(monitor, "monitors", ())
+    bounds = [getattr(monitor, "orthogonality", None), *(orthogonality_of(one) for one in inner)]
+    return min((bound for bound in bounds if bound is not None), default=None)
+
+
+def require_orthogonality(angle: object) -> None:
+    """Raises :class:`~equimesh.errors.InputError` for a bound that is neither ``None`` nor an angle in (0, 90]."""
+    if angle is None:
+        return
+    if not isinstance(angle, int | float) or isinstance(angle, bool) or not 0.0 < angle <= MAX_ORTHOGONALITY:
+        raise InputError(
+            f"orthogonality = {angle!r}: the largest angle of non-orthogonality is one in degrees, over 0 and at most"
+            f" {MAX_ORTHOGONALITY:g}; 50 suits most finite-volume codes",
+            field="orthogonality",
+        )
 
 
 def require_lines(monitor: Monitor) -> None:

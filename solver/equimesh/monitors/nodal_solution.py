@@ -15,7 +15,7 @@ from equimesh.fields.recovered import recover
 from equimesh.meshes.grid import Grid
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import LeastError
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_orthogonality
 from equimesh.monitors.probe import bound_copy, is_bound_to
 from equimesh.numerics.types import Array
 
@@ -43,11 +43,14 @@ class NodalSolution:
 
     u: Field
     norm: Literal["l2", "h1"] = "l2"
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     _nodal: NodalField | None = field(default=None, init=False, repr=False, compare=False)
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        require_orthogonality(self.orthogonality)
         if not isinstance(self.u, NodalField) and self._nodal is None:
             raise InputError(NOT_NODAL, field="u")
         if self.norm not in NORMS:
@@ -58,7 +61,8 @@ class NodalSolution:
         if not isinstance(other, NodalSolution):
             return NotImplemented
         pairs = zip(self._arrays, other._arrays, strict=True)
-        return self.norm == other.norm and all(np.array_equal(one, another) for one, another in pairs)
+        same = (self.norm, self.orthogonality) == (other.norm, other.orthogonality)
+        return same and all(np.array_equal(one, another) for one, another in pairs)
 
     def __hash__(self) -> int:
         return hash((self.norm, self.nodal.values.shape))
@@ -82,6 +86,14 @@ class NodalSolution:
         if grid != own:
             raise InputError(f"{NO_OTHER_GRID}: the grid has {grid} points, the values are {own}", field="grid")
 
+    @property
+    def least_error(self) -> LeastError:
+        """The least-error monitor of the recovered solution, with the same bound.
+
+        Raises :class:`~equimesh.errors.InputError` before the monitor is bound to a domain.
+        """
+        return self._bound
+
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` of the curvature of the recovered solution at physical points.
 
@@ -98,8 +110,10 @@ class NodalSolution:
             return self
         nodal = self.nodal
         recovered = recover(nodal.mesh, nodal.values, domain).u
-        least = LeastError(u=recovered, norm=self.norm).on(domain)
-        unbound = self if self._nodal is None else NodalSolution(u=nodal, norm=self.norm)
+        least = LeastError(u=recovered, norm=self.norm, orthogonality=self.orthogonality).on(domain)
+        unbound = self
+        if self._nodal is not None:
+            unbound = NodalSolution(u=nodal, norm=self.norm, orthogonality=self.orthogonality)
         return bound_copy(unbound, domain, u=recovered, _nodal=nodal, _least_error=least)
 
     def weakened(self, strength: float) -> Monitor:

@@ -12,7 +12,7 @@ from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
 from equimesh.fields.hermite_field import HermiteField
 from equimesh.fields.nodal_field import NodalField
-from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.monitor import Monitor, require_orthogonality
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.spd import eigenvalues
@@ -44,10 +44,13 @@ class Weight:
     rho: Field
     u: Field | None = None
     map: Literal["lines", "gradient"] = "lines"
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "rho", *(["u"] if self.u is not None else []))
+        require_orthogonality(self.orthogonality)
         if isinstance(self.rho, NodalField):
             object.__setattr__(self, "rho", HermiteField(mesh=self.rho.mesh, values=self.rho.values))
         if self.map not in MAPS:
@@ -96,10 +99,13 @@ class Tensor:
     m12: Field
     m22: Field
     u: Field | None = None
+    orthogonality: float | None = None
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "m11", "m12", "m22", *(["u"] if self.u is not None else []))
+        require_orthogonality(self.orthogonality)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` at physical points."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from equimesh.domains.domain import Domain
 from equimesh.fields.field import Field
-from equimesh.monitors.monitor import Monitor, require_strength
+from equimesh.monitors.monitor import Monitor, map_of, require_strength
 from equimesh.numerics.spd import power
 from equimesh.numerics.types import Array
 
@@ -29,6 +29,11 @@ class Weakened:
     def u(self) -> Field | None:
         """The u of the monitor."""
         return self.monitor.u
+
+    @property
+    def map(self) -> str:
+        """The map of the monitor."""
+        return map_of(self.monitor)
 
     def metric(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """``(m11, m12, m22)`` of ``M**strength`` at physical points."""

@@ -106,9 +106,9 @@ def coarse_level(grid: Grid) -> Level:
 
 def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
     """Kind, settings and monitor of the candidates that equidistribute a metric."""
-    smoothed = Smoothed(monitor=Curvature(u=auto.u, norm=auto.norm), radius=SMOOTHING)
+    smoothed = Smoothed(monitor=Curvature(u=auto.u, norm=auto.norm, orthogonality=auto.orthogonality), radius=SMOOTHING)
     yield "curvature", {"norm": auto.norm, "smoothing": SMOOTHING}, smoothed
-    yield "arc_length", {}, ArcLength(u=auto.u)
+    yield "arc_length", {}, ArcLength(u=auto.u, orthogonality=auto.orthogonality)
 
 
 def _descended(problem: Problem, auto: Auto, level: Level, weights: tuple[float, float], threads: int) -> Tried:

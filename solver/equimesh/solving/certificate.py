@@ -26,7 +26,9 @@ class Relaxed:
 
     ``"a"`` is the strength of the arc length, ``"strength"`` that of any other monitor. ``"cross_line"`` is the weight
     of the cross-line term that was added to the equations. ``"points"`` is the number of points a side of the grid on
-    which the equations were solved, before the mesh was interpolated to the requested grid.
+    which the equations were solved, before the mesh was interpolated to the requested grid. ``"distortion"`` and
+    ``"smoothness"`` are raised weights of a least-error monitor. ``"rectilinear"`` is 1 for straight lines. A bound of
+    the angles relaxes these three or the strength.
     """
 
     what: str
@@ -36,6 +38,8 @@ class Relaxed:
     def __str__(self) -> str:
         if self.what == "cross_line":
             return f"cross-line term of weight {_short(self.reached)} added"
+        if self.what == "rectilinear":
+            return "straight lines in place of free nodes"
         return f"{NAMES.get(self.what, self.what)}: {_short(self.asked)} requested, {_short(self.reached)} reached"
 
 
@@ -52,10 +56,16 @@ class Candidate:
     gain_l2: float | None
     gain_h1: float | None
     chosen: bool
+    gain_cells: float | None = None
+    """The error at cell centres of a cell-centred code: on the uniform mesh over that on this one.
+
+    ``None`` where the comparison is not one for finite volumes, or the candidate cannot be used.
+    """
 
     def __str__(self) -> str:
         settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
         gains = "no mesh" if self.gain_l2 is None else f"{_short(self.gain_l2)} in L2, {_short(self.gain_h1)} in H1"
+        gains = gains if self.gain_cells is None else f"{_short(self.gain_cells)} at cell centres, {gains}"
         return f"{self.kind}{f' ({settings})' if settings else ''}: {gains}{'  (chosen)' if self.chosen else ''}"
 
 

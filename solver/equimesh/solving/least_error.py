@@ -32,7 +32,8 @@ def solve_least_error(
     if not isinstance(problem.monitor, LeastError):
         raise TypeError("a least-error solve needs a LeastError monitor")
     solve = LeastErrorSolve(monitor=problem.monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
-    start = initial if isinstance(initial, Mesh) else None
+    # Straight lines are found anew: a given mesh need not have any.
+    start = initial if isinstance(initial, Mesh) and not problem.monitor.rectilinear else None
     records: list[Descent] = []
     steps = solve.steps(start, uniform_only=initial is Initial.UNIFORM, coarse=coarse)
     found = _finish(problem, steps, options, records)

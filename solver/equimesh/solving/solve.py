@@ -21,9 +21,11 @@ from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.auto import choose_monitor
+from equimesh.solving.finite_volumes import solve_for_finite_volumes
 from equimesh.solving.least_error import is_no_worse, solve_least_error
 from equimesh.solving.nodal_solution import solve_round
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
+from equimesh.solving.orthogonality import bounded, require_possible
 from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
 from equimesh.solving.schwarz import solve_by_schwarz
 from equimesh.solving.single_domain import solve_single_domain
@@ -64,6 +66,7 @@ def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[So
         observer=arguments["observe"],
     )
     _check_start(problem, initial)
+    require_possible(problem)
     _check_ways(problem, schwarz)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         if isinstance(problem.monitor, Auto):
@@ -85,6 +88,15 @@ def _solve_chosen(
     auto = problem.monitor
     if not isinstance(auto, Auto):
         raise TypeError("only an Auto monitor is chosen")
+    if auto.purpose == "finite_volume":
+
+        def single(candidate: Problem) -> Solution:
+            return _solve_once(candidate, None, Initial.NESTED, options)
+
+        def final(candidate: Problem) -> Solution:
+            return _solve_once(candidate, schwarz, initial, options)
+
+        return solve_for_finite_volumes(problem, single, None if schwarz is None else final)
     if isinstance(initial, Mesh) and schwarz is None:  # the mesh before was chosen, or is as good a start as any
         return _solve(replace(problem, monitor=auto.least_error()), None, initial, options)
     choice, solution = choose_monitor(problem, metrics_only=schwarz is not None, threads=options.threads), None
@@ -99,6 +111,21 @@ def _solve_chosen(
 
 
 def _solve(
+    problem: Problem,
+    schwarz: Schwarz | None,
+    initial: Initial | Mesh,
+    options: SolveOptions,
+    coarse: Reached | None = None,
+) -> Solution:
+    """The solution by the way that belongs to the monitor and the settings, within the bound of its angles."""
+
+    def again(weaker: Problem) -> Solution:
+        return _solve_once(weaker, schwarz, Initial.NESTED if isinstance(initial, Mesh) else initial, options)
+
+    return bounded(_solve_once(problem, schwarz, initial, options, coarse), again)
+
+
+def _solve_once(
     problem: Problem,
     schwarz: Schwarz | None,
     initial: Initial | Mesh,

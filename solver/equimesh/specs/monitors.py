@@ -62,25 +62,41 @@ def build_monitor(
 
 def _monitor(function: Reader, cells: Cells) -> ByKind[Monitor]:
     """The reader of monitors whose functions ``function`` reads."""
+    angle = optional(number)
     plain = {
-        "arc_length": _record(ArcLength, u=function, a=number, b=number, scaled=flag),
-        "curvature": _record(Curvature, u=function, norm=as_given, isotropic=flag),
-        "weight": _record(Weight, rho=function, u=optional(function), map=as_given),
-        "tensor": _record(Tensor, m11=function, m12=function, m22=function, u=optional(function)),
+        "arc_length": _record(ArcLength, u=function, a=number, b=number, scaled=flag, orthogonality=angle),
+        "curvature": _record(Curvature, u=function, norm=as_given, isotropic=flag, orthogonality=angle),
+        "weight": _record(Weight, rho=function, u=optional(function), map=as_given, orthogonality=angle),
+        "tensor": _record(Tensor, m11=function, m12=function, m22=function, u=optional(function), orthogonality=angle),
     }
     members = several(ByKind(plain, USUAL_MEMBER))
-    auto = Record(partial(Auto, cells=cells), {"u": function, "norm": as_given})
-    weights = {"distortion": number, "smoothness": number}
-    least_error = Record(partial(LeastError, cells=cells), {"u": function, "norm": as_given, **weights})
-    solution = Record(NodalSolution, {"u": function, "norm": as_given})
+    both: dict[str, Reader] = {"u": function, "norm": as_given, "orthogonality": angle}
+    auto = Record(_auto(cells), {**both, "for": as_given})
+    weights = {"distortion": number, "smoothness": number, "rectilinear": flag}
+    least_error = Record(partial(LeastError, cells=cells), {**both, **weights})
+    solution = Record(NodalSolution, both)
     kinds: dict[str, Callable[[object, str], Monitor]] = {
         "auto": Refusing(auto, FOREIGN_TO_AUTO),
         "least_error": Refusing(least_error, {"smoothing": NO_SMOOTHING}),
         "nodal_solution": Refusing(solution, {"smoothing": NO_SMOOTHING}),
         **plain,
-        "intersection": _record(Intersection, monitors=members),
+        "intersection": _record(Intersection, monitors=members, orthogonality=angle),
     }
     return ByKind(kinds, USUAL_KIND)
+
+
+def _auto(cells: Cells) -> Callable[..., Auto]:
+    """What makes a monitor of kind ``auto``: its key ``for`` is no name that Python allows."""
+
+    @wraps(Auto, updated=())
+    def make(**settings: Any) -> Auto:
+        purpose = settings.pop("for", None)
+        try:
+            return Auto(cells=cells, purpose=purpose, **settings)
+        except InputError as error:
+            raise InputError(error.message, field="for" if error.field == "purpose" else error.field) from None
+
+    return make
 
 
 def _record(make: Callable[..., Monitor], **keys: Reader) -> Record[Monitor]:

@@ -1,0 +1,171 @@
+"""Meshes whose angles of non-orthogonality have a bound: a weaker monitor, or more regular cells, until it holds.
+
+The angle is that of :mod:`equimesh.quality.faces`, on the mesh of the domain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import TypeAlias
+
+from equimesh.domains.domain import map_mesh
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.arc_length import ArcLength
+from equimesh.monitors.least_error import MAX_WEIGHT, LeastError
+from equimesh.monitors.monitor import orthogonality_of
+from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.quality.faces import measure_faces
+from equimesh.solving.certificate import Relaxed
+from equimesh.solving.solution import Solution
+from equimesh.solving.status import Status
+
+MAX_TRIALS = 8
+"""Weaker monitors that are tried."""
+ENOUGH_SHARE = 0.9
+"""The share of the bound from which on an angle is near enough to it."""
+MIN_STEP, MAX_STEP = 0.2, 0.85
+"""The next strength lies at least and at most at these shares of the way between two known ones."""
+FACTORS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0)
+"""Factors of ``distortion`` and ``smoothness`` that are tried, as far as the two may be so large."""
+
+Again: TypeAlias = Callable[[Problem], Solution]
+"""Solves a problem as the first one was solved, without a look at the bound."""
+
+
+def require_possible(problem: Problem) -> None:
+    """Raises :class:`~equimesh.errors.InputError` where the uniform mesh of the domain has a larger angle than asked.
+
+    Meshes of weak monitors are near the uniform one.
+    """
+    bound = orthogonality_of(problem.monitor)
+    if bound is None:
+        return
+    angle = measure_faces(_uniform(problem)).non_orthogonality
+    if angle > bound:
+        raise InputError(
+            f"orthogonality = {bound:g}: the uniform mesh of {problem.grid} points has an angle of {angle:.4g} degrees"
+            f" on this domain already; raise the bound to {math.ceil(angle)} or more, or take another domain",
+            field="monitor.orthogonality",
+        )
+
+
+def is_within(solution: Solution) -> bool:
+    """Whether the largest angle of the mesh is at most the bound of its monitor, or there is no bound."""
+    bound = orthogonality_of(solution.problem.monitor)
+    return bound is None or solution.faces.non_orthogonality <= bound
+
+
+def bounded(solution: Solution, again: Again) -> Solution:
+    """The solution itself if it is within its bound, otherwise one for a request that is weakened until it is.
+
+    Its certificate says how much it is weakened.
+    """
+    if is_within(solution):
+        return solution
+    problem, monitor = solution.problem, solution.problem.monitor
+    if isinstance(monitor, NodalSolution):  # a round has no weights to raise: its least-error mesh has
+        free = again(replace(problem, monitor=monitor.least_error))
+        return replace(bounded(free, again), problem=problem)
+    if isinstance(monitor, LeastError):
+        return _more_regular(solution, again)
+    return _weaker(solution, again)
+
+
+def _more_regular(solution: Solution, again: Again) -> Solution:
+    """The mesh of least error with larger weights of distortion and smoothness, or of straight lines if that is better.
+
+    The weights are the smallest of ``FACTORS`` for which the bound holds. The uniform mesh where none does.
+    """
+    problem, monitor = solution.problem, solution.problem.monitor
+    if not isinstance(monitor, LeastError):
+        raise TypeError("only the weights of a least-error monitor are raised")
+    found: list[Solution] = []
+    too_low, enough = -1, len(FACTORS)
+    while enough - too_low > 1:
+        middle = min((too_low + enough) // 2, len(FACTORS) - 1)
+        raised = {
+            name: min(MAX_WEIGHT, FACTORS[middle] * getattr(monitor, name)) for name in ("distortion", "smoothness")
+        }
+        tried = again(replace(problem, monitor=replace(monitor, **raised)))
+        if is_within(tried) and tried.status.succeeded:
+            relaxed = tuple(Relaxed(what=n, asked=getattr(monitor, n), reached=value) for n, value in raised.items())
+            weights = " and ".join(f"{name} = {value:g}" for name, value in raised.items())
+            found = [_told(tried, problem, f"raised the weights to {weights}", relaxed)]
+            enough = middle
+        else:
+            too_low = middle
+    if not monitor.rectilinear:
+        straight = again(replace(problem, monitor=replace(monitor, rectilinear=True)))
+        if is_within(straight) and straight.status.succeeded:
+            relaxed = (Relaxed(what="rectilinear", asked=0.0, reached=1.0),)
+            found.append(_told(straight, problem, "kept all lines straight", relaxed))
+    errors = [(_error(one), one) for one in found]
+    return min(errors, key=lambda pair: pair[0])[1] if errors else _on_uniform(solution, Status.COMPLETED)
+
+
+def _weaker(solution: Solution, again: Again) -> Solution:
+    """The mesh of the strongest monitor that was found within the bound; the uniform mesh where none is."""
+    problem, bound = solution.problem, orthogonality_of(solution.problem.monitor)
+    if bound is None or not solution.status.succeeded:
+        return solution
+    best, low, high = None, 0.0, 1.0
+    at_low, at_high = measure_faces(_uniform(problem)).non_orthogonality, solution.faces.non_orthogonality
+    for _ in range(MAX_TRIALS):
+        rise = (0.97 * bound - at_low) / (at_high - at_low) if at_high > at_low else 0.5
+        strength = low + (high - low) * min(max(rise, MIN_STEP), MAX_STEP)
+        tried = again(replace(problem, monitor=problem.monitor.weakened(strength)))
+        angle = tried.faces.non_orthogonality
+        if tried.status.succeeded and angle <= bound:
+            best, low, at_low = _of_strength(tried, problem, strength), strength, angle
+            if angle >= ENOUGH_SHARE * bound:
+                break
+        else:
+            high, at_high = strength, angle if math.isfinite(angle) else at_high
+    return _on_uniform(solution, Status.RELAXED) if best is None else best
+
+
+def _of_strength(tried: Solution, problem: Problem, strength: float) -> Solution:
+    """The solution for a weaker monitor, as one of the requested problem that is relaxed."""
+    what, asked = ("a", problem.monitor.a) if isinstance(problem.monitor, ArcLength) else ("strength", 1.0)
+    inner = next((one.reached / one.asked for one in tried.relaxed if one.what == what and one.asked), 1.0)
+    rest = [one for one in tried.relaxed if one.what != what]
+    relaxed = (Relaxed(what=what, asked=asked, reached=inner * strength * asked), *rest)
+    told = _told(tried, problem, f"lowered the strength of the monitor to {strength:.3g}", relaxed)
+    return replace(told, status=Status.RELAXED)
+
+
+def _on_uniform(solution: Solution, status: Status) -> Solution:
+    problem = solution.problem
+    uniform = replace(
+        solution, mesh=_uniform(problem), reference=Mesh.uniform(problem.grid), status=status, algebraic_error=None
+    )
+    uniform = replace(uniform, discretization_error=None)
+    return _told(uniform, problem, "left no mesh but the uniform one", (Relaxed(what="strength", asked=1, reached=0),))
+
+
+def _told(solution: Solution, problem: Problem, what: str, relaxed: Iterable[Relaxed]) -> Solution:
+    """The solution as one of the requested ``problem``, with what the bound has changed."""
+    detour = f"The bound of {orthogonality_of(problem.monitor):g} degrees of non-orthogonality {what}."
+    return replace(
+        solution,
+        problem=problem,
+        relaxed=tuple(relaxed),
+        detours=(*solution.detours, detour),
+        note=f"{detour} {solution.note}".strip(),
+    )
+
+
+def _error(solution: Solution) -> float:
+    """The interpolation error of u in the norm of the monitor."""
+    errors, monitor = solution.interpolation, solution.problem.monitor
+    if errors is None:
+        return math.inf
+    return errors.h1 if isinstance(monitor, LeastError) and monitor.norm == "h1" else errors.l2
+
+
+def _uniform(problem: Problem) -> Mesh:
+    return map_mesh(Mesh.uniform(problem.grid), problem.domain)
