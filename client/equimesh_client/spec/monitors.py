@@ -79,8 +79,8 @@ class NodalSolution:
     """The next mesh of a solver: one round of :meth:`Client.adapt`, which calls it for you.
 
     ``u`` are the values at the nodes of the mesh before, as ``(x, y, values)`` of one shape ``(n_xi, n_eta)``; it
-    replaces that of `generate`. ``norm`` and ``orthogonality`` as in :class:`Auto`. The certificate has the estimated error
-    of the values.
+    replaces that of `generate`. ``norm`` and ``orthogonality`` as in :class:`Auto`. The certificate has the
+    estimated error of the values.
     """
 
     norm: Norm = "l2"

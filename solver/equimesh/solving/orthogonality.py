@@ -69,7 +69,9 @@ def bounded(solution: Solution, again: Again) -> Solution:
     problem, monitor = solution.problem, solution.problem.monitor
     if isinstance(monitor, NodalSolution):  # a round has no weights to raise: its least-error mesh has
         free = again(replace(problem, monitor=monitor.least_error))
-        return replace(bounded(free, again), problem=problem)
+        found = bounded(free, again)
+        told = found if found.detours else _told(found, problem, "replaced the round by one least-error mesh", ())
+        return replace(told, problem=problem, estimate=solution.estimate, comparison=solution.comparison)
     if isinstance(monitor, LeastError):
         return _more_regular(solution, again)
     return _weaker(solution, again)

@@ -45,6 +45,16 @@ def test_the_bound_holds_and_the_certificate_says_what_it_cost(name: str) -> Non
     assert said in solution.message
 
 
+def test_a_round_of_a_solver_keeps_the_bound() -> None:
+    nodes = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=17))
+    values = STEEP.evaluate(nodes.x, nodes.y)[0]
+    u = em.NodalField(mesh=nodes, values=values)
+    free, bounded = solved(em.NodalSolution(u=u)), solved(em.NodalSolution(u=u, orthogonality=BOUND))
+    assert free.faces.non_orthogonality > BOUND >= bounded.faces.non_orthogonality
+    assert bounded.estimate == free.estimate
+    assert [text for text in bounded.certificate.warnings if f"The bound of {BOUND:g} degrees" in text]
+
+
 def test_a_bound_that_holds_changes_nothing() -> None:
     for free in (em.ArcLength(u=em.Expression("tanh(5*(x - y))")), em.LeastError(u=em.Expression("exp(x*y)"))):
         plain = solved(free)
