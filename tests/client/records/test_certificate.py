@@ -46,6 +46,12 @@ def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None
     assert "least_error (norm l2, distortion 0.5, smoothness 1.0): 12 in L2, 3 in H1  (chosen)" in said
     assert "compared              curvature: no mesh" in said
     assert Certificate.from_json(record).comparison == ()
+    with_cells = Certificate.from_json({**record, "comparison": [{**best, "gain_cells": 2.5}]})
+    assert with_cells.comparison[0].gain_cells == 2.5
+    assert "2.5 at cell centres, 12 in L2" in str(with_cells)
+    assert math.isnan(first.gain_cells)
+    lines = {"what": "rectilinear", "asked": 0.0, "reached": 1.0}
+    assert "straight lines" in str(Certificate.from_json({**record, "relaxed": [lines]}))
     target = {"norm": "h1", "error": 0.1, "grid": [33, 17], "predicted": 0.098, "reached": 0.097, "solves": 2}
     aimed = Certificate.from_json({**record, "target": target})
     assert aimed.target is not None

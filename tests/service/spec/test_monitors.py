@@ -27,6 +27,21 @@ MONITORS: dict[str, Refusal] = {
     "least error without u": (monitor("least_error", norm="h1"), "/monitor/u", "the norm is that of the error", None),
     "least error in no norm": (monitor("least_error", u=X, norm="max"), "/monitor/norm", "'l2' or 'h1'", None),
     "no weight": (monitor("least_error", u=X, distortion=0), "/monitor/distortion", "must be positive", None),
+    "other purpose": (small(monitor={"u": X, "for": "shells"}), "/monitor/for", "finite_volume", None),
+    "purpose of another kind": (
+        monitor("curvature", u=X, **{"for": "finite_volume"}),
+        "/monitor/for",
+        "no such key",
+        None,
+    ),
+    "the key in Python": (small(monitor={"u": X, "purpose": "finite_volume"}), "/monitor/purpose", "no such key", None),
+    "no angle": (monitor("curvature", u=X, orthogonality=0), "/monitor/orthogonality", "over 0 and at most 90", None),
+    "text for rectilinear": (
+        monitor("least_error", u=X, rectilinear="x"),
+        "/monitor/rectilinear",
+        "true or false",
+        None,
+    ),
     "smooth least error": (monitor("least_error", u=X, smoothing=0.1), "/monitor/smoothing", "averages a metric", None),
     "least error on subdomains": (
         {**monitor("least_error", u=X), "schwarz": {}},
