@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import adapt
+import convection
 import least_error
 import least_error_gains
 import least_error_goals
@@ -251,3 +253,35 @@ def test_every_random_function_varies_on_the_square() -> None:
 def test_the_scripts_run(script: str, arguments: list[str], said: str) -> None:
     command = [sys.executable, BENCHMARKS / script, *arguments]
     assert said in subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_the_loop_that_adapts_has_a_row_for_a_problem() -> None:
+    *_, row = adapt.loop_rows(["E"], 17, 1)
+    name, goal, gains, by_round, efficiency, resolved = (cell.strip() for cell in row.strip("|").split("|"))
+    assert (name, goal, resolved) == ("E", "2 / 1.6", "yes")
+    l2, h1 = map(float, gains.split(" / "))
+    assert l2 > 1.2
+    assert h1 > 1.1
+    assert float(by_round) == l2
+    assert 0.5 < float(efficiency) < 2.0
+
+
+def test_the_supg_parameter_is_bounded_on_thin_cells_alone() -> None:
+    square = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    thin = em.Mesh(square.x, 0.01 * square.y)
+    for mesh, is_bounded in ((square, False), (thin, True)):
+        usual, bounded = (
+            convection.supg_parameter(mesh.to_skfem(), (1.0, 0.0), 1e-3, kind) for kind in ("usual", "thin")
+        )
+        assert usual == pytest.approx(0.0625 * (1 / math.tanh(62.5) - 1 / 62.5))
+        assert bounded == pytest.approx(0.00125**2 / 0.012 if is_bounded else usual)
+
+
+@pytest.mark.parametrize("name", ["A", "C", "D", "E"])
+def test_the_elements_of_the_loop_converge_at_second_order_for_each_stream(name: str) -> None:
+    problem, errors = adapt.ALL[name], []
+    for n in (9, 17):
+        mesh = em.Mesh.uniform(em.Grid(n_xi=n, n_eta=n))
+        smooth = convection.Problem(u="sin(2*x)*exp(y)", eps=0.5, b=problem.b, c=problem.c)
+        errors.append(smooth.errors(mesh, smooth.solve(mesh))[0])
+    assert 3.5 < errors[0] / errors[1] < 4.5

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from equimesh.domains.domain import Domain
+from equimesh.domains.domain import Domain, map_mesh
 from equimesh.fields.field import Field
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.descent import descend
@@ -36,6 +36,8 @@ LINE_FLOORS = (1.0, 0.1)
 """Shares of straight lines for flat parts of u that are tried; see :func:`~equimesh.least_error.starts.rectilinear`."""
 MAX_CLIMBING = 2
 """Candidates, at most, that are descended on the last grid of comparison; the others end on the grid before it."""
+MAX_VALUE_POINTS = 17 * 17
+"""Points of the grids on which the error of u leads the way to a small error of the gradient: it finds fronts surer."""
 MEASURED_POINTS = 2
 """Gauss points a direction and cell at which candidates are compared; so many were enough for descents, too."""
 PARTS = "parts"
@@ -154,10 +156,10 @@ class Search:
         yield from self._candidate(way, at, mesh)
 
     def _candidate(self, way: Way, level: Level, coarse: Array) -> Iterator[Candidate]:
-        """The candidate with a mesh on the grid of a level; none where it is folded, or u is not finite."""
+        """The candidate with a mesh on the grid of a level; none where it is folded on the domain, or u not finite."""
         mesh = _lifted(way, coarse, level, self._levels[-1])
         square = mesh_of(mesh, self.before.grid)
-        if not square.is_folded:
+        if not (square.is_folded or map_mesh(square, self.domain).is_folded):
             points = MEASURED_POINTS + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
             error = measured(self.u, self.domain, square, Rule(norm=self.norm, points=points), self.threads)
             if np.isfinite(error):
@@ -171,14 +173,16 @@ class Search:
         return mesh
 
     def _objective(self, way: Way, level: Level) -> Objective:
-        points = level.gauss_points + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
+        is_coarse = level.grid.points <= MAX_VALUE_POINTS and not level.is_finest
+        norm = "l2" if is_coarse else self.norm
+        points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
         return Objective(
             self.u,
             self.domain,
             cells_of_grid(level.grid.shape),
             way.start(level.grid),
             replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),
-            Rule(norm=self.norm, points=points),
+            Rule(norm=norm, points=points),
             self.threads,
         )
 

@@ -43,6 +43,15 @@ def test_rounds_lower_the_error_of_a_front(n: int | tuple[int, int], domain: em.
     assert found.rounds[1].moved_cells > 0.5
 
 
+def test_the_norm_of_the_gradient_is_lowered_where_it_is_requested() -> None:
+    errors = []
+    for norm in ("l2", "h1"):
+        found = em.adapt(sampled(), 33, norm=norm)
+        errors.append(interpolation_errors(found.mesh, FRONT))
+        assert errors[-1].h1_uniform > 4 * errors[-1].h1
+    assert errors[1].h1 < 0.95 * errors[0].h1
+
+
 def test_boundary_layers_are_resolved_by_straight_lines() -> None:
     u = em.Expression("(x - exp((x - 1)/0.005))*(y - exp((y - 1)/0.005))")
     found = em.adapt(sampled(u), 33)

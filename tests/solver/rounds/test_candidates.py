@@ -7,9 +7,11 @@ import pytest
 
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
+from equimesh.fields.on_domain import OnDomain
+from equimesh.least_error.starts import rectilinear
 from equimesh.least_error.ways import mesh_of
 from equimesh.quality.interpolation import interpolation_errors
-from equimesh.rounds.candidates import LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
+from equimesh.rounds.candidates import LINE_FLOORS, LINES, MAX_CLIMBING, SAMPLED, STRAIGHT, Search
 
 NAMES = [*(name for name, *_ in SAMPLED), LINES, STRAIGHT]
 FRONT, LAYERS = em.Expression("tanh(20*(x + y/2 - 0.75))"), em.Expression("exp(50*(x - 1)) + exp(50*(y - 1))")
@@ -74,3 +76,17 @@ def test_candidates_of_a_domain_with_curved_sides_are_not_folded() -> None:
         assert not mesh.is_folded
         errors[one.name] = one.error
     assert errors[STRAIGHT] < 0.9 * max(errors.values())
+
+
+def test_candidates_that_are_folded_on_the_domain_alone_are_left_out() -> None:
+    domain = em.AnnulusSector(radii=(0.5, 1.0), angles=(0.0, 350.0))
+    # Straight lines crowd at the last angles; the first cell then spans more than half a turn.
+    steep = OnDomain(reference=em.Expression("tanh(200*(y - 0.95))"), domain=domain)
+    before = em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    lines = rectilinear(steep, domain, before.grid.shape, "l2", LINE_FLOORS[-1])
+    assert lines is not None
+    straight = em.Mesh(*np.meshgrid(*lines, indexing="ij"))
+    assert not straight.is_folded
+    assert map_mesh(straight, domain).is_folded
+    for one in Search(u=steep, domain=domain, before=before, norm="l2").candidates():
+        assert not map_mesh(mesh_of(one.mesh, before.grid), domain).is_folded
