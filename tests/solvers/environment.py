@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import time
 import venv
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,7 +22,10 @@ REQUIREMENTS = Path(__file__).with_name("requirements.txt")
 # With this variable the tests fail, and are not skipped, where the environment cannot be made.
 NEEDED = "EQUIMESH_TEST_CONSUMERS_NEEDED"
 # What a download of the packages may take, about 500 MB.
-INSTALL_SECONDS = 1200
+INSTALL_SECONDS = 400
+# The reason why the last attempt failed, and how long no other is made.
+FAILED = CACHE / "failed.txt"
+SECONDS_BETWEEN = 900
 
 
 def python_of_consumers() -> Path:
@@ -30,6 +34,8 @@ def python_of_consumers() -> Path:
     folder = CACHE / hashlib.sha256(here.encode()).hexdigest()[:16]
     with _alone():
         if not (folder / "made").exists():
+            if FAILED.exists() and time.time() - FAILED.stat().st_mtime < SECONDS_BETWEEN:
+                _give_up()  # the other tests of a run do not try again
             _make(folder)
     return folder / "bin" / "python"
 
@@ -41,15 +47,22 @@ def _make(folder: Path) -> None:
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", str(folder / "bin" / "python")]
     # Without dependencies: pip must not look for those that come from the environment of the tests.
     install = [*pip, "install", "--quiet", "--no-deps", "--no-compile", "-r", str(REQUIREMENTS)]
-    done = subprocess.run(install, capture_output=True, text=True, timeout=INSTALL_SECONDS)
-    if done.returncode:
+    try:
+        done = subprocess.run(install, capture_output=True, text=True, timeout=INSTALL_SECONDS)
+        last = "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+    except subprocess.TimeoutExpired:
+        last = f"the packages did not arrive within {INSTALL_SECONDS} s"
+    if last:
         shutil.rmtree(folder)
-        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        message = f"pip cannot install the packages of {REQUIREMENTS.relative_to(ROOT)}: {last}"
-        (pytest.fail if os.environ.get(NEEDED) else pytest.skip)(message)
+        FAILED.write_text(f"pip cannot install the packages of {REQUIREMENTS.relative_to(ROOT)}: {last}")
+        _give_up()
     packages = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
     (packages / "tests.pth").write_text("".join(f"{path}\n" for path in _own_packages()))
     (folder / "made").touch()
+
+
+def _give_up() -> None:
+    (pytest.fail if os.environ.get(NEEDED) else pytest.skip)(FAILED.read_text())
 
 
 def _own_packages() -> list[str]:
