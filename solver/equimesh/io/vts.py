@@ -22,10 +22,10 @@ def write_vts(
 ) -> None:
     """Write the nodes ``x``, ``y`` of shape ``(n_xi, n_eta)``, in the plane z = 0, with their data.
 
-    ``point_data`` have the shape of ``x``, ``cell_data`` one less in both directions, and three
-    components may follow. VTK's index i runs along xi, its
-    j along eta: left is i = 0, right the last i, bottom j = 0, top the last j. In VTK i runs fastest, so node
-    ``(i, j)`` is the point ``i + n_xi j`` of the file. Raises ``OSError`` where the file cannot be written.
+    ``point_data`` have the shape of ``x``, ``cell_data`` one less in both directions, and three components may follow.
+    VTK's index i runs along xi, its j along eta: left is i = 0, right the last i, bottom j = 0, top the last j. In VTK
+    i runs fastest, so node ``(i, j)`` is the point ``i + n_xi j`` of the file. Raises ``OSError`` where the file
+    cannot be written.
     """
     extent = f"0 {x.shape[0] - 1} 0 {x.shape[1] - 1} 0 0"
     points = in_space(np.column_stack([_in_rows(x), _in_rows(y)]))
