@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,7 +19,7 @@ from equimesh.io import write_mesh
 from solvers import records
 from solvers.environment import ROOT
 from solvers.records import Record
-from solvers.test_consumers import ELEMENTS, PAGE, SAME, Meshes, check_what_arrived, error_of
+from solvers.test_consumers import ELEMENTS, PAGE, SAME, SIZE, Meshes, check_what_arrived, error_of
 from solvers.test_consumers import meshes as meshes
 
 NAMES = {
@@ -39,6 +40,9 @@ VOLUMES = {
     "annulus quads": (1.129e-2, 2.146e-2),
     "annulus triangles": (5.421e-3, 1.901e-2),
 }
+# The same on the meshes of the preset for finite volumes: at least this many times smaller than on the uniform mesh.
+PRESET = "OpenFOAM, mesh for finite volumes"
+PRESET_GAINS = {"square quads": 2.5, "square triangles": 1.8, "annulus quads": 2.5, "annulus triangles": 1.8}
 UNIFORM_FORMATS = ("msh", "mesh", "foam.zip")
 CONSUMERS = Path(__file__).parent / "consumers"
 # Compiling the program of deal.II, and the forms of dolfinx, takes the longest.
@@ -123,6 +127,53 @@ def error_on_uniform(
     for error in errors:
         assert error is None or abs(error / expected[mesh][1] - 1) < SAME, (name, mesh, error)
     return errors[0] if errors else None
+
+
+@pytest.fixture(scope="module")
+def preset(all_meshes: Meshes, tmp_path_factory: pytest.TempPathFactory) -> Meshes:
+    """The meshes that the preset for finite volumes chooses, and the uniform ones."""
+    folder, parts = tmp_path_factory.mktemp("preset"), {}
+    for path in all_meshes.folder.glob("uniform *"):
+        if path.name.endswith((".npz", ".foam.zip")):
+            shutil.copy(path, folder)
+    u = em.Expression("tanh(20*(x + y/2 - 0.75))")
+    for name, domain in {"square": em.Rectangle(), "annulus": em.AnnulusSector()}.items():
+        monitor = em.Auto(u=u, purpose="finite_volume")
+        data = em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=SIZE, n_eta=SIZE), domain=domain)).data()
+        kinds: tuple[Any, ...] = ("quad", "triangle")
+        for cells in kinds:
+            title = f"adapted {name} {cells}s"
+            found = parts[title] = data.mesh.mesh_parts(cells)
+            arrays: dict[str, Any] = {"points": found.points, "cells": found.cells, **found.sides}
+            np.savez(folder / f"{title}.npz", shape=found.shape, **arrays)
+            write_mesh(folder / f"{title}.foam.zip", data, cells=cells)
+    return Meshes(folder, {**all_meshes.parts, **parts})
+
+
+@pytest.mark.external
+@pytest.mark.needs("openfoam")
+def test_openfoam_gains_on_meshes_for_finite_volumes(preset: Meshes) -> None:
+    report = report_of("openfoam", preset.folder)
+    for mesh, least in PRESET_GAINS.items():
+        uniform = error_on_uniform("openfoam", mesh, report, preset, VOLUMES)
+        found = report["meshes"][f"adapted {mesh}"]["foam.zip"]
+        check_what_arrived(found, preset.parts[f"adapted {mesh}"], "foam.zip")
+        error = error_of(found, preset.parts[f"adapted {mesh}"])
+        assert error is not None
+        assert uniform is not None
+        assert uniform / error > least, (mesh, error)
+        records.write(
+            Record(
+                consumer=PRESET,
+                version=report["version"],
+                format="foam.zip",
+                mesh=mesh,
+                error=error,
+                uniform_error=uniform,
+                read=True,
+                tags=True,
+            )
+        )
 
 
 @pytest.mark.external

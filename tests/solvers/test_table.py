@@ -13,7 +13,7 @@ def test_the_docs_have_the_table_of_the_stored_records() -> None:
 
 
 def test_every_consumer_has_records_of_all_meshes() -> None:
-    names = {*test_consumers.NAMES.values(), *test_system_consumers.NAMES.values()}
+    names = {*test_consumers.NAMES.values(), *test_system_consumers.NAMES.values(), test_system_consumers.PRESET}
     assert {record.consumer for record in stored()} == names
     for name in names - {"FreeFEM"}:  # it has triangles only
         assert {record.mesh for record in stored() if record.consumer == name} == {*MESHES}
