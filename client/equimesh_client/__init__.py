@@ -56,6 +56,7 @@ from equimesh_client.spec.monitors import (
     Tensor,
     Weight,
 )
+from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
@@ -111,6 +112,7 @@ __all__ = [
     "MeshCanceled",
     "MeshFailed",
     "MissingLibrary",
+    "Motion",
     "NodalSolution",
     "NonlinearRobin",
     "NotFound",

@@ -51,6 +51,7 @@ from equimesh.schwarz.iteration import schwarz_iterations as iterate
 from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
+from equimesh.sequences.pursuit import Earlier
 from equimesh.sequences.sequence import Sequence
 from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.single_domain.steps import Mode, Step
@@ -122,6 +123,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     # Meshes that follow a solution in time
     "Sequence",
     "SequenceStep",
+    "Earlier",
     # Records of a running solve
     "Event",
     "Step",

@@ -10,6 +10,7 @@ from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.monitors import Monitor
+from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire import flows, protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
@@ -33,9 +34,11 @@ class AsyncSequence(SequenceState):
         parameters: Mapping[str, float] | None = None,
         t: float | None = None,
         deadline: float = DEADLINE_SECONDS,
+        **motion: Unpack[Motion],
     ) -> SequenceStep:
         """The next step, which becomes ``current``. See :meth:`Sequence.step`."""
-        call = steps.step_call(self.id, self.current, u, fields, parameters, t, monitor)
+        given = steps.StepArguments(u=u, fields=fields, monitor=monitor, parameters=parameters, t=t, motion=motion)
+        call = steps.step_call(self.id, self.current, given)
         self.current = await self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
         return self.current
 

@@ -10,6 +10,7 @@ from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.monitors import Monitor
+from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire import flows, protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
@@ -33,19 +34,22 @@ class Sequence(SequenceState):
         parameters: Mapping[str, float] | None = None,
         t: float | None = None,
         deadline: float = DEADLINE_SECONDS,
+        **motion: Unpack[Motion],
     ) -> SequenceStep:
         """The next step, which becomes ``current``: a mesh for u, with u and the fields at its nodes.
 
         ``u`` is an array of values at the current nodes, shape ``(n_xi, n_eta)``; a callable ``u(x, y)``, evaluated
         there; or an expression, with ``parameters`` and the time ``t``. ``fields`` are arrays like u, or
         :class:`Field`, by names. With a ``monitor`` the settings change from this step on; its functions are like u,
-        or ``{"field": name}``. Functions that it lacks are u, or stay those of the step before.
+        or ``{"field": name}``. Functions that it lacks are u, or stay those of the step before. ``motion`` is that of
+        :class:`Motion`: ``smoothing`` in time, and ``max_move`` and ``outrun`` for fronts that leave their cells.
 
         An interrupted call may be repeated: the same arguments are the same step. Raises :class:`Conflict` when another
         program has taken the step, :class:`MeshFailed` when it has no mesh (another step may then replace it), and
         :class:`InvalidInput`.
         """
-        call = steps.step_call(self.id, self.current, u, fields, parameters, t, monitor)
+        given = steps.StepArguments(u=u, fields=fields, monitor=monitor, parameters=parameters, t=t, motion=motion)
+        call = steps.step_call(self.id, self.current, given)
         self.current = self._session.run(steps.advance(call, self._session.settings, Deadline.after(deadline)))
         return self.current
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from equimesh_client.records.state import MeshState
 from equimesh_client.records.tables import Array
 from equimesh_client.spec.fields import number_array, read_fields
 from equimesh_client.spec.monitors import Later, Monitor, monitor_json
+from equimesh_client.spec.motion import Motion, motion_json
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.spec.sources import StoredSamples, source_of
 from equimesh_client.wire import flows, protocol
@@ -57,6 +58,18 @@ class SequenceStep:
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the user of the mesh, in sentences; empty without any."""
         return () if self.certificate is None else self.certificate.warnings
+
+    @property
+    def substeps(self) -> int | None:
+        """How many meshes were computed on the way to this one, itself included; None for the first mesh."""
+        found = self.arrays.step.get("substeps")
+        return None if found is None else int(found)
+
+    @property
+    def moved(self) -> float | None:
+        """How far 95 % of the nodes have moved at most, in cells of the mesh before; None for the first mesh."""
+        found = self.arrays.step.get("moved")
+        return None if found is None else float(found)
 
     @property
     def velocity(self) -> Array | None:
@@ -138,17 +151,23 @@ def advance(call: Call, settings: Settings, deadline: Deadline) -> Flow[Sequence
     return (yield from _wait_for_step(record, int(number), settings, deadline))
 
 
-def step_call(
-    sequence_id: str,
-    current: SequenceStep,
-    u: object,
-    fields: Mapping[str, object] | None,
-    parameters: Mapping[str, float] | None,
-    t: float | None,
-    monitor: Monitor | Mapping[str, Any] | None = None,
-) -> Call:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepArguments:
+    """The arguments of a step, as :meth:`Sequence.step` takes them."""
+
+    u: object = None
+    fields: Mapping[str, object] | None = None
+    monitor: Monitor | Mapping[str, Any] | None = None
+    parameters: Mapping[str, float] | None = None
+    t: float | None = None
+    motion: Motion = field(default_factory=lambda: Motion())
+
+
+def step_call(sequence_id: str, current: SequenceStep, given: StepArguments) -> Call:
     """The request for the step after ``current``. Equal arguments give equal requests, which are safe to repeat."""
-    carried, settings = read_fields(fields)
+    u, monitor, parameters, t = given.u, given.monitor, given.parameters, given.t
+    carried, settings = read_fields(given.fields)
+    motion = motion_json(given.motion)
     values: dict[str, Array] = {}
     formulas = 0
 
@@ -172,14 +191,14 @@ def step_call(
     if u is None and monitor is None:
         raise BadArgument("a step needs u, or a monitor")
     if isinstance(u, str):
-        given = {name: {"values": carried[name], **more} for name, more in settings.items()}
-        sent: dict[str, Any] = {"step": current.number, "u": source, "fields": {**carried, **given}}
+        shown = {name: {"values": carried[name], **more} for name, more in settings.items()}
+        sent: dict[str, Any] = {"step": current.number, "u": source, "fields": {**carried, **shown}, **motion}
         sent |= {} if written is None else {"monitor": _with_values(written, values)}
         return protocol.create_step(sequence_id, protocol.json_bytes(sent), "application/json", sent=sent)
     if {"u", "step"} & set(carried):
         raise BadArgument("a field cannot be called u or step")
     said = {"u": source, "monitor": written, "fields": settings}
-    said = {key: value for key, value in said.items() if value}
+    said = {key: value for key, value in said.items() if value} | motion
     arrays: dict[str, Any] = {"step": np.int64(current.number)}
     arrays |= {} if u is None or source is not None else {"u": _at_nodes(u, current, "u")}
     arrays |= {**carried, **values}

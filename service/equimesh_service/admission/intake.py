@@ -236,7 +236,7 @@ class Intake:
         mesh_input = MeshInput(spec=admitted.spec, samples=admitted.samples, format=new.format)
         if step is not None:
             fields = None if step.fields is None else step.fields.sha256
-            mesh_input = replace(mesh_input, start=step.start, fields=fields)
+            mesh_input = replace(mesh_input, start=step.start, fields=fields, settings=step.settings)
         claim = Claim(mesh_id, 1, time.time(), 0.0, new.request_id, new.key_id, new.trace)
         try:
             return AcceptedMesh(mesh_id, self.dispatcher.begin(claim, mesh_input))

@@ -64,7 +64,8 @@ class Move:
     """A step as it was sent, not yet compared with the mesh: ``u``, the ``fields`` and the ``monitor``.
 
     Functions of the monitor are values at the nodes in ``{"nodes": …}``, names of fields in ``{"field": …}``, or those
-    of a spec. ``sent`` is the JSON of it, and ``pointers`` are those of the values of fields.
+    of a spec. ``sent`` is the JSON of it, and ``pointers`` are those of the values of fields. ``motion`` says how the
+    mesh moves.
     """
 
     step: int
@@ -73,6 +74,7 @@ class Move:
     monitor: Mapping[str, Any] | None = None
     sent: Any = None
     pointers: Mapping[str, str] = field(default_factory=dict)
+    motion: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self, mesh: Mesh) -> CheckedMove:
         """The same with the values at the nodes and in the cells of ``mesh``; raises a 422 problem."""
@@ -148,6 +150,7 @@ def read_json(data: bytes) -> Move:
         monitor=spec.monitor,
         sent=sent,
         pointers={name: pointer_of(name, given) for name, given in spec.fields.items()},
+        motion=spec.given,
     )
 
 
@@ -169,6 +172,7 @@ def read_long_json(admission: Admission, data: bytes, points: int) -> Move:
         monitor=None if short.monitor is None else with_functions(short.monitor, _arrays_in(arrays, set())),
         sent=short.sent,
         pointers=short.pointers,
+        motion=short.motion,
     )
 
 
@@ -204,7 +208,8 @@ def read_arrays(data: bytes, max_bytes: int) -> Move:
     if len(values) > MAX_FIELDS:
         raise problem_at("/fields", f"{len(values)} fields; a step carries at most {MAX_FIELDS}")
     fields = {name: StepField.of(array, settings.fields.get(name, FieldSettings())) for name, array in values.items()}
-    return Move(step=number, u=settings.u if u is None else u, fields=fields, monitor=monitor, sent=sent)
+    function: Any = settings.u if u is None else u
+    return Move(step=number, u=function, fields=fields, monitor=monitor, sent=sent, motion=settings.given)
 
 
 def _settings(arrays: dict[str, Any]) -> tuple[StepSettings, Any]:

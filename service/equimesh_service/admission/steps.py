@@ -36,9 +36,13 @@ def check_first_spec(admitted: Admitted) -> Admitted:
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedStep:
-    """A step that can be requested, and the file of its fields, which is sealed but not published."""
+    """A step that can be requested, and the file of its fields, which is sealed but not published.
+
+    ``settings`` are those of the worker: how the mesh moves, and what is known of the mesh ``before``.
+    """
 
     admitted: Admitted
+    settings: Mapping[str, Any]
     fields: Artifact | None
     path: Path | None
 
@@ -63,12 +67,27 @@ class Stepping:
             raise _gone()
         checked = move.check(mesh)
         admitted = self._admitted(spec, mesh, move, checked, caller)
+        settings = {**self.store.sequences.settings_of(mesh_id), **move.motion, "before": self._before(mesh_id, spec)}
         if not checked.fields:
-            return PreparedStep(admitted=admitted, fields=None, path=None)
+            return PreparedStep(admitted=admitted, settings=settings, fields=None, path=None)
         path = stack.enter_context(self.files.unfinished(".npz"))
         write_fields(path, checked.fields)
         file = self.files.seal(path)
-        return PreparedStep(admitted=admitted, fields=Artifact(FIELDS, file.sha256, file.size), path=path)
+        fields = Artifact(FIELDS, file.sha256, file.size)
+        return PreparedStep(admitted=admitted, settings=settings, fields=fields, path=path)
+
+    def _before(self, mesh_id: str, spec: Mapping[str, Any]) -> dict[str, Any]:
+        """What is known of the mesh before: its u as a source, the file of its samples, and its gains."""
+        row, mesh_input = self.store.meshes.get(mesh_id), self.store.meshes.get_input(mesh_id)
+        if row is None or mesh_input is None:
+            raise _gone()
+        u = spec["monitor"].get("u")
+        if u is not None and not u.keys() & {"expression", "samples"}:
+            u = None  # long values, which are not stored twice
+        samples = None if u is None else mesh_input.samples.get(u.get("samples"))
+        certificate = (row.result or {}).get("certificate") or {}
+        gains = certificate.get("interpolation_gain") or {}
+        return {"u": u, "samples": samples, "gains": gains}
 
     def _admitted(
         self, spec: Mapping[str, Any], mesh: Mesh, move: Move, checked: CheckedMove, caller: Caller

@@ -16,7 +16,7 @@ from equimesh_service.assembly.problem import translate_errors
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
 from equimesh_service.spec.mesh import MODE_USES, read_expression_check
-from equimesh_service.spec.step import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, TRANSFERS
+from equimesh_service.spec.step import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUTRUNS, TRANSFERS
 from equimesh_service.wire import body as bodies
 from equimesh_service.worker.names import PICTURES, PLOTS
 
@@ -72,6 +72,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
             "max_components": MAX_COMPONENTS,
             "transfers": list(TRANSFERS),
             "locations": list(LOCATIONS),
+            "outruns": list(OUTRUNS),
         },
         "monitors": _list_uses(monitors.USES),
         "domains": _list_uses(domains.USES),

@@ -246,6 +246,12 @@ class SequenceResource(BaseModel):
     status: Status = Field(description="Of its mesh.")
     certificate: MeshCertificate | None = Field(None, description="Of its mesh; null before the end.")
     warnings: list[str] = Field(default_factory=list, description="Those of the certificate.")
+    substeps: int | None = Field(
+        None, description="How many meshes were computed on the way to this one, itself included; null for the first."
+    )
+    moved: float | None = Field(
+        None, description="How far 95 % of the nodes have moved at most, in cells of the mesh before."
+    )
     velocity: list[list[tuple[float, float]]] | None = Field(
         None,
         description="velocity[i][j] is how far the node (i, j) has moved since the step before, in x and y. null for "
@@ -338,6 +344,7 @@ def sequence_resource(row: SequenceRow, step: int, mesh: MeshRow, root: str, vel
         warnings=[] if shown.certificate is None else shown.certificate.warnings,
         velocity=velocity,
         mesh=shown,
+        **(mesh.result or {}).get("step", {}),
         links={"self": here, "steps": f"{here}/steps", "mesh": of_mesh, "file": f"{of_mesh}/file?format=npz"},
     )
 

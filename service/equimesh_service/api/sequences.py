@@ -223,6 +223,7 @@ async def step(
             key_id=caller.key_id,
             start=None if mesh_artifact is None else mesh_artifact.sha256,
             fields=made.fields,
+            settings=made.settings,
             publish=partial(made.publish, service.files),
             discard=service.discard,
         )

@@ -24,7 +24,7 @@ class ShortStep:
 
     ``u`` is None for values at the nodes, and where there is none. The functions of the ``monitor`` that are values at
     nodes name arrays of the file. ``sent`` is the JSON of u and of the monitor, ``pointers`` are those of the values of
-    fields.
+    fields, ``motion`` says how the mesh moves.
     """
 
     step: int
@@ -34,6 +34,7 @@ class ShortStep:
     settings: tuple[FieldSettings, ...] = ()
     monitor: Mapping[str, Any] | None = None
     pointers: Mapping[str, str] = field(default_factory=dict)
+    motion: Mapping[str, Any] = field(default_factory=dict)
 
     def fields(self, arrays: Mapping[str, Any]) -> dict[str, tuple[Any, FieldSettings]]:
         """The values and settings of the fields by their names, from the arrays of the file."""
@@ -68,7 +69,7 @@ def shorten_step(text: Path, target: Path, most_values: int) -> ShortStep:
     kept |= {"monitor": monitor} if monitor is not None else {}
     settings = tuple(map(settings_of, spec.fields.values()))
     pointers = {name: pointer_of(name, given) for name, given in spec.fields.items()}
-    return ShortStep(spec.step, formula, tuple(spec.fields), kept, settings, monitor, pointers)
+    return ShortStep(spec.step, formula, tuple(spec.fields), kept, settings, monitor, pointers, spec.given)
 
 
 def values_of(given: Any) -> Any:

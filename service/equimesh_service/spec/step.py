@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, FiniteFloat, Tag
 
 from equimesh_service.spec.sources import ExpressionSource, OrText
 from equimesh_service.spec.strict import TAG, FirstFault, Numbers, Pair, Strict, by_key
@@ -15,6 +15,8 @@ MAX_COMPONENTS = 64
 ANSWER = "step_json"
 Transfer = Literal["spline", "conservative"]
 Location = Literal["nodes", "cells"]
+Outrun = Literal["substeps", "refuse"]
+OUTRUNS: tuple[Outrun, ...] = get_args(Outrun)
 TRANSFERS: tuple[Transfer, ...] = get_args(Transfer)
 LOCATIONS: tuple[Location, ...] = get_args(Location)
 _Rows = Annotated[list[Numbers], FirstFault()]
@@ -99,7 +101,31 @@ _Monitor = Annotated[
 ]
 
 
-class StepSpec(Strict):
+class MotionSettings(Strict):
+    """How the mesh moves, from a step on; what is absent or null stays as it was."""
+
+    smoothing: Annotated[FiniteFloat, Field(ge=0.0, le=0.9)] | None = Field(
+        default=None,
+        description="The share of the mesh before in each new mesh, 0 to 0.9: meshes jitter less, and follow later. 0 "
+        "at first.",
+    )
+    max_move: Annotated[FiniteFloat, Field(gt=0.0)] | None = Field(
+        default=None, description="How far nodes may move in a step, in cells of the mesh before. 1 at first."
+    )
+    outrun: Outrun | None = Field(
+        default=None,
+        description="What happens where nodes would move farther. substeps, at first: other starts and meshes in "
+        "between are tried where the error has risen. refuse: the step fails, and says why.",
+    )
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The settings that are given, by their names."""
+        every = {name: getattr(self, name) for name in MotionSettings.model_fields}
+        return {name: value for name, value in every.items() if value is not None}
+
+
+class StepSpec(MotionSettings):
     """The next step of a sequence."""
 
     step: int = Field(description="The step that this one follows: u and the fields are at the nodes of its mesh.")
@@ -122,7 +148,7 @@ class StepSpec(Strict):
     )
 
 
-class StepSettings(Strict):
+class StepSettings(MotionSettings):
     """What the text `settings` of a step in npz says; the values are arrays of the file."""
 
     u: (

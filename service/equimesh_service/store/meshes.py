@@ -168,9 +168,10 @@ class MeshesStore:
             if row is None:
                 return None
             held = {used.id: used.sha256 for used in connection.execute(files)}
-            step = connection.execute(select(steps.c.start, steps.c.fields).where(steps.c.mesh_id == mesh_id)).first()
-        start, fields = (None, None) if step is None else (step.start, step.fields)
-        return MeshInput(spec=json.loads(row.spec), format=row.format, samples=held, start=start, fields=fields)
+            columns = steps.c.start, steps.c.fields, steps.c.settings
+            step = connection.execute(select(*columns).where(steps.c.mesh_id == mesh_id)).first()
+        more = {} if step is None else step._asdict()
+        return MeshInput(spec=json.loads(row.spec), format=row.format, samples=held, **more)
 
     def page(
         self,

@@ -206,6 +206,7 @@ class MeshInput:
     format: str | None = None
     start: str | None = None  # the SHA-256 of the npz file of the mesh that it starts from, as the step of a sequence
     fields: str | None = None  # that of the fields at the nodes of the start, which are transferred to the new mesh
+    settings: Mapping[str, Any] | None = None  # of a step: how the mesh moves, and what is known of the start
     draft: Draft | None = None  # of a mesh that is not in the store yet
 
 
@@ -229,8 +230,8 @@ class Lease:
 class NewStep:
     """A new step of a sequence, to be inserted; step 0 begins the sequence.
 
-    ``fingerprint`` is equal for equal requests. ``publish`` publishes the file of the ``fields``, and ``discard``
-    removes a file that no row names any more.
+    ``fingerprint`` is equal for equal requests. ``settings`` are JSON for the worker. ``publish`` publishes the
+    file of the ``fields``, and ``discard`` removes a file that no row names any more.
     """
 
     sequence_id: str
@@ -240,6 +241,7 @@ class NewStep:
     key_id: str = ""
     start: str | None = None
     fields: Artifact | None = None
+    settings: Mapping[str, Any] | None = None
     publish: Publish = publish_nothing
     discard: Callable[[str], None] = _keep
 

@@ -156,7 +156,8 @@ sequences = Table(
     Index("sequences_by_key", "key_id", "created_at", "id"),  # in the order of lists
 )
 
-# Steps of sequences: the SHA-256 of the mesh file that a step starts from, and of the file of its fields.
+# Steps of sequences: the SHA-256 of the mesh file that a step starts from, and of the file of its fields. `settings`
+# say how the mesh moves, and what is known of the mesh before.
 steps = Table(
     "steps",
     metadata,
@@ -165,6 +166,7 @@ steps = Table(
     Column("number", Integer, nullable=False),
     Column("start", String(64)),
     Column("fields", String(64)),
+    Column("settings", JSON(none_as_null=True)),
     Index("steps_by_sequence", "sequence_id", "number", unique=True),
 )
 

@@ -88,6 +88,12 @@ class SequencesStore:
             row = connection.execute(query).first()
         return None if row is None else (str(row.sequence_id), int(row.number))
 
+    def settings_of(self, mesh_id: str) -> dict[str, Any]:
+        """The settings of the step that a mesh is; empty for one without."""
+        with self._read() as connection:
+            found = connection.execute(select(steps.c.settings).where(steps.c.mesh_id == mesh_id)).scalar()
+        return dict(found or {})
+
     def meshes(self, sequence_id: str) -> list[str]:
         """The meshes of a sequence that are still kept."""
         query = select(steps.c.mesh_id).where(steps.c.sequence_id == sequence_id)
@@ -140,6 +146,7 @@ def insert_step(connection: Connection, new: NewMesh, step: NewStep) -> None:
         "number": step.number,
         "start": step.start,
         "fields": None if step.fields is None else step.fields.sha256,
+        "settings": None if step.settings is None else dict(step.settings),
     }
     connection.execute(insert(steps).values(row))
     if step.fields is not None:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 import equimesh
-from equimesh.fields.mesh_map import reference_of
 from equimesh.io.write import write_mesh
 from equimesh.rounds.round import adapt_round
 from equimesh.specs.spec import BuiltSpec
@@ -32,7 +31,7 @@ from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import Reporter
-from equimesh_service.worker.step import StepStart
+from equimesh_service.worker.step import StepStart, certificate_of, moves_of
 
 _log = logging.getLogger(__name__)
 # The least number of points for which files are written in threads.
@@ -151,13 +150,13 @@ def _solve(job: Job) -> Ending | Repeated | None:
     presence = _Presence(store, job.claim, work.mesh_input.draft is None)
     reporter = Reporter(work.spec.schwarz, presence.report)
     with tracing.span("solve"):
-        solution = _compute(work, job.threads, reporter)
+        solution, step = _compute(work, job.threads, reporter)
     solved = time.perf_counter()
     stopwatch.lap("solve")
     reporter.writing()
     with tracing.span("write"), ExitStack() as stack:
         output = Output(files, stack, in_threads=solution.problem.grid.points >= MIN_POINTS_FOR_THREADS)
-        result = _write(work, solution, output, stopwatch)
+        result = _write(work, (solution, step), output, stopwatch)
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else _problem(solution)
@@ -217,7 +216,7 @@ def _build(job: Job, store: Store, files: Files) -> _Work:
         return _Work(mesh_input=mesh_input, spec=mesh_input.draft.built, start=None)
     with ExitStack() as samples:
         spec = build(mesh_input.spec, samples_of(mesh_input, files, samples))
-    return _Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, files))
+    return _Work(mesh_input=mesh_input, spec=spec, start=StepStart.of(mesh_input, spec, files))
 
 
 @dataclass
@@ -235,22 +234,31 @@ class _Presence:
         return self.store.queue.progress(self.claim, progress) if self.known else True
 
 
-def _compute(work: _Work, threads: int, reporter: Reporter) -> equimesh.Solution:
+def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[equimesh.Solution, equimesh.SequenceStep | None]:
+    """The solution, and the step that it is; None for a mesh that is no step, and for one that failed."""
     spec = work.spec
-    start = None if work.start is None else reference_of(work.start.mesh, spec.problem.domain)
     with translate_errors():
-        return spec.solve(start=start, began=reporter.begin_grid, threads=threads, observe=reporter, check=False)
+        if work.start is None:
+            return spec.solve(began=reporter.begin_grid, threads=threads, observe=reporter, check=False), None
+        step = work.start.take(spec, {"threads": threads, "observe": reporter, "check": False})
+    return step.solution, step if step.status.succeeded else None
 
 
-def _write(work: _Work, solution: equimesh.Solution, output: Output, stopwatch: Stopwatch) -> dict[str, Any]:
+def _write(
+    work: _Work,
+    computed: tuple[equimesh.Solution, equimesh.SequenceStep | None],
+    output: Output,
+    stopwatch: Stopwatch,
+) -> dict[str, Any]:
     """Begin to write all files; returns what the mesh says of its solution, measured meanwhile."""
+    solution, step = computed
     if work.spec.schwarz is not None or solution.descent:
         output.json(CONVERGENCE, solution.convergence())
     quality = None
     if not solution.mesh.is_folded:
         data, requested = solution.data(), work.mesh_input.format
-        if work.start is not None:
-            data = work.start.arrived(data, solution)
+        if work.start is not None and step is not None:
+            data = work.start.arrived(data, step)
         stopwatch.lap("quality")
         output.write(MESH, ".npz", lambda path: write_mesh(path, data, format="npz"))
         cells = work.spec.cells
@@ -259,7 +267,10 @@ def _write(work: _Work, solution: equimesh.Solution, output: Output, stopwatch: 
             output.write(file_name(requested, cells), f".{requested}", write)
         stopwatch.lap("file")
         quality = solution.quality.summary()
-    result = {"solution": _summary(solution), "quality": quality, "certificate": solution.certificate.summary()}
+    certificate = solution.certificate.summary() if step is None else certificate_of(step)
+    result = {"solution": _summary(solution), "quality": quality, "certificate": certificate}
+    if step is not None:
+        result["step"] = moves_of(step)
     stopwatch.lap("quality")
     if work.spec.target is None:
         return result

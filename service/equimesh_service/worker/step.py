@@ -1,32 +1,40 @@
-"""What a worker adds to the mesh of a step of a sequence: its displacement, its fields, and what the step answers."""
+"""A step of a sequence in a worker: its mesh, its fields, and what it says of itself."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 import equimesh
+from equimesh.errors import InputError
 from equimesh.io.npz import load_npz
+from equimesh.solving.options import SolveArguments
+from equimesh.specs import build_field
+from equimesh.specs.spec import BuiltSpec
+from equimesh_service.assembly.samples import field_of
 from equimesh_service.assembly.step_fields import StepField, read_fields
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
-from equimesh_service.store.rows import FAILED, SUCCEEDED, MeshInput
+from equimesh_service.store.rows import SUCCEEDED, MeshInput
 
 # The names of the displacement in files: the first that is not the name of a field.
 VELOCITIES = ("velocity", "mesh_velocity")
+# The settings of a step that a sequence takes.
+MOTION = ("smoothing", "max_move", "outrun")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StepStart:
-    """The mesh of the step before, and the fields on it."""
+    """The mesh of the step before, the fields on it, what else is known of it, and how the mesh is to move."""
 
     mesh: equimesh.Mesh
     fields: Mapping[str, StepField]
+    earlier: equimesh.Earlier | None
+    motion: Mapping[str, Any]
 
     @classmethod
-    def of(cls, mesh_input: MeshInput, files: Files) -> "StepStart | None":
+    def of(cls, mesh_input: MeshInput, spec: BuiltSpec, files: Files) -> "StepStart | None":
         """The start of a step; None for the first step, and for a mesh that is no step."""
         if mesh_input.start is None:
             return None
@@ -35,39 +43,81 @@ class StepStart:
                 mesh = load_npz(path).mesh
         except FileNotFoundError:
             raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
-        if mesh_input.fields is None:
-            return cls(mesh, {})
-        with files.local(mesh_input.fields) as path:
-            return cls(mesh, read_fields(path))
+        fields: Mapping[str, StepField] = {}
+        if mesh_input.fields is not None:
+            with files.local(mesh_input.fields) as path:
+                fields = read_fields(path)
+        settings = mesh_input.settings or {}
+        motion = {name: settings[name] for name in MOTION if name in settings}
+        return cls(mesh=mesh, fields=fields, earlier=_earlier(settings.get("before"), spec, files), motion=motion)
 
-    def arrived(self, data: equimesh.MeshData, solution: equimesh.Solution) -> equimesh.MeshData:
+    def take(self, spec: BuiltSpec, options: SolveArguments) -> equimesh.SequenceStep:
+        """The step to the problem of ``spec``; raises :class:`~equimesh.errors.InputError` where it is refused."""
+        settings: SolveArguments = {**options, "mode": spec.mode, "allow_relaxed": spec.allow_relaxed}
+        sequence = equimesh.Sequence(
+            spec.problem,
+            spec.schwarz,
+            mesh=self.mesh,
+            earlier=self.earlier,
+            **self.motion,
+            **settings,
+        )
+        return sequence.step(spec.problem.monitor, {name: field.mesh_values() for name, field in self.fields.items()})
+
+    def arrived(self, data: equimesh.MeshData, step: equimesh.SequenceStep) -> equimesh.MeshData:
         """The data of the new mesh with its displacement, the fields carried to it, and the JSON of the step."""
-        carried = self._carried(data.mesh)
-        moved = np.stack([data.mesh.x - self.mesh.x, data.mesh.y - self.mesh.y], axis=-1)
         name = next((name for name in VELOCITIES if name not in self.fields), None)
-        at_nodes = {key: values for key, values in carried.items() if self.fields[key].location == "nodes"}
-        in_cells = {key: values for key, values in carried.items() if key not in at_nodes}
+        at_nodes = {key: values for key, values in step.fields.items() if self.fields[key].location == "nodes"}
+        in_cells = {key: values for key, values in step.fields.items() if key not in at_nodes}
+        moved = {} if name is None or step.velocity is None else {name: step.velocity}
         return replace(
             data,
-            fields=at_nodes if name is None else {**at_nodes, name: moved},
+            fields={**at_nodes, **moved},
             cell_fields=in_cells,
-            step=json.dumps(self._answer(solution, name), allow_nan=False),
+            step=json.dumps(self._answer(step, name if moved else None), allow_nan=False),
         )
 
-    def _carried(self, mesh: equimesh.Mesh) -> dict[str, Any]:
-        """The fields on the new mesh."""
-        return equimesh.transfer(self.mesh, {name: field.mesh_values() for name, field in self.fields.items()}, mesh)
-
-    def _answer(self, solution: equimesh.Solution, velocity: str | None) -> dict[str, Any]:
-        """The status, certificate and warnings of the mesh, the name of its displacement, and how fields came."""
-        certificate = solution.certificate.summary()
-        return {
-            "status": SUCCEEDED if solution.status.succeeded else FAILED,
-            "certificate": certificate,
-            "warnings": certificate["warnings"],
-            "velocity": velocity,
-            "fields": {
-                name: {"transfer": field.transfer, "location": field.location, "bounds": field.bounds}
-                for name, field in self.fields.items()
-            },
+    def _answer(self, step: equimesh.SequenceStep, velocity: str | None) -> dict[str, Any]:
+        """What the step says of itself, with the name of its displacement, and how its fields came."""
+        certificate = certificate_of(step)
+        fields = {
+            name: {"transfer": field.transfer, "location": field.location, "bounds": field.bounds}
+            for name, field in self.fields.items()
         }
+        said = {"status": SUCCEEDED, "certificate": certificate, "warnings": certificate["warnings"]}
+        return {**said, **moves_of(step), "velocity": velocity, "fields": fields}
+
+
+def certificate_of(step: equimesh.SequenceStep) -> dict[str, Any]:
+    """The certificate of the mesh of a step, whose warnings include those of the step."""
+    return {**step.certificate.summary(), "warnings": list(step.warnings)}
+
+
+def moves_of(step: equimesh.SequenceStep) -> dict[str, Any]:
+    """The number of substeps, and how far the nodes moved, in cells."""
+    return {"substeps": step.substeps, "moved": step.moved}
+
+
+def _earlier(before: Mapping[str, Any] | None, spec: BuiltSpec, files: Files) -> equimesh.Earlier | None:
+    """What is known of the mesh before; None for steps of earlier releases."""
+    if before is None:
+        return None
+    norm = getattr(spec.problem.monitor, "norm", "l2")
+    gain = before["gains"].get(norm)
+    return equimesh.Earlier(u=_u_of(before, spec, files), gain=math.nan if gain is None else float(gain))
+
+
+def _u_of(before: Mapping[str, Any], spec: BuiltSpec, files: Files) -> equimesh.Field | None:
+    """The u of the mesh before; None where it has none, or where its samples are gone."""
+    source = before["u"]
+    if source is None:
+        return None
+
+    def find(_name: str, box: Any) -> equimesh.Field:
+        with files.local(before["samples"]) as path:
+            return field_of(path, box)
+
+    try:
+        return build_field(source, spec.problem.domain, find, "u")
+    except (FileNotFoundError, InputError):
+        return None

@@ -46,6 +46,14 @@ class Found:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Earlier:
+    """What is known of a mesh whose solution is gone: its ``u``, or None, and its ``gain``, or NaN."""
+
+    u: Field | None = None
+    gain: float = math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
 class Pursuit:
     """Finds the mesh of the next step after ``before``, whose u was ``u``; ``None`` where it is not known."""
 
@@ -61,7 +69,9 @@ class Pursuit:
     def solve(self, problem: Problem) -> Found:
         """The solution with the smallest measured error of those that were needed."""
         found = Found(solution=self._from(problem, self.before))
-        if not self._has_lost(found, MIN_GAIN_SHARE) and self._moved(found) <= self.max_move:
+        # A mesh that has kept its gain is better than one that is a little better and far away.
+        is_followed = not math.isnan(self.gain) or self._moved(found) <= self.max_move
+        if is_followed and not self._has_lost(found, MIN_GAIN_SHARE):
             return found
         if isinstance(problem.monitor, LeastError | Auto) and self.schwarz is None:
             found = _better(found, Found(solution=self._from(problem, Initial.NESTED)))

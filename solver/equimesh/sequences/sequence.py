@@ -12,7 +12,6 @@ import numpy as np
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.fields.field import Field
 from equimesh.fields.mesh_map import reference_of
 from equimesh.fields.nodal_field import NodalField
 from equimesh.meshes.grid import Grid
@@ -23,7 +22,7 @@ from equimesh.schwarz.settings import Schwarz
 from equimesh.sequences.between import mesh_between
 from equimesh.sequences.following import monitor_for
 from equimesh.sequences.moves import cells_moved, displacement, largest_jump, stays_valid
-from equimesh.sequences.pursuit import Found, Pursuit, gain_of
+from equimesh.sequences.pursuit import Earlier, Found, Pursuit, gain_of
 from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.solving.options import SolveArguments
 from equimesh.solving.solution import Solution, SolveError
@@ -58,7 +57,8 @@ class Sequence:
     takes the best. ``"refuse"`` raises, and keeps the mesh before.
 
     A worker that has a problem, the mesh before and the fields of one step calls
-    ``Sequence(problem, schwarz, mesh=before, check=False, ...).step(problem.monitor, fields)``.
+    ``Sequence(problem, schwarz, mesh=before, check=False, ...).step(problem.monitor, fields)``. ``earlier`` is what it
+    knows of the mesh before in place of its solution; without both, no step is refused, and none is taken in substeps.
 
     Raises :class:`~equimesh.errors.InputError` for values that cannot be used, and as :func:`equimesh.solve`.
     """
@@ -70,6 +70,7 @@ class Sequence:
         *,
         solution: Solution | None = None,
         mesh: Mesh | None = None,
+        earlier: Earlier | None = None,
         smoothing: float = 0.0,
         max_move: float = 1.0,
         outrun: Literal["substeps", "refuse"] = "substeps",
@@ -85,6 +86,7 @@ class Sequence:
         if solution is None and mesh is None:
             solution = solve(problem, schwarz, **self._options)
         self.solution = solution
+        self._earlier = earlier
         self.mesh: Mesh = solution.mesh if solution is not None else _own(mesh)
         reference = None if solution is None else solution.reference
         self._reference = reference_of(self.mesh, problem.domain) if reference is None else reference
@@ -145,13 +147,15 @@ class Sequence:
 
     def _pursue(self, problem: Problem, before: Mesh) -> Found:
         """The solution of a step."""
-        last: Field | None = None if self.solution is None else self.solution.problem.monitor.u
+        earlier = self._earlier
+        if self.solution is not None:
+            earlier = Earlier(u=self.solution.problem.monitor.u, gain=gain_of(self.solution))
         pursuit = Pursuit(
             schwarz=self.schwarz,
             options=self._options,
             before=before,
-            u=last,
-            gain=math.nan if self.solution is None else gain_of(self.solution),
+            u=None if earlier is None else earlier.u,
+            gain=math.nan if earlier is None else earlier.gain,
             max_move=self.max_move if self.outrun == "substeps" else math.inf,
         )
         return pursuit.solve(problem)
@@ -164,7 +168,8 @@ class Sequence:
         return replace(solution, reference=reference, mesh=map_mesh(reference, solution.problem.domain))
 
     def _refuse_outrun(self, moved: float | None) -> None:
-        if self.outrun == "refuse" and self.solution is not None and moved is not None and moved > self.max_move:
+        is_first = self.solution is None and self._earlier is None
+        if self.outrun == "refuse" and not is_first and moved is not None and moved > self.max_move:
             raise InputError(
                 f"the mesh would move by {moved:.2g} cells in this step, more than max_move = {self.max_move:g}: u has"
                 f" outrun its cells. Take {math.ceil(moved / self.max_move)} smaller time steps; the mesh before is"
@@ -192,7 +197,7 @@ class Sequence:
         if moved is None:
             return
         u = solution.problem.monitor.u
-        jump = largest_jump(u.values) if isinstance(u, NodalField) and u.mesh is self.mesh else 0.0
+        jump = largest_jump(u.values) if isinstance(u, NodalField) and _is_same(u.mesh, self.mesh) else 0.0
         if moved > self.max_move and jump > MAX_SILENT_JUMP:
             yield (
                 f"The mesh moved by {moved:.2g} cells in this step, and u changes by {100 * jump:.0f} % of its range"
@@ -227,6 +232,10 @@ def _change(old: Mesh, new: Mesh, field: MeshValues, carried: Array) -> float:
         after = integral(new, carried[(..., *index)], field.location)
         largest = max(largest, abs(after - before) / size if size > 0.0 else 0.0)
     return largest
+
+
+def _is_same(one: Mesh, other: Mesh) -> bool:
+    return one is other or (one.grid == other.grid and one.distance(other) == 0.0)
 
 
 def _own(mesh: Mesh | None) -> Mesh:

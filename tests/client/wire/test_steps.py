@@ -42,8 +42,12 @@ def npz(**more: Any) -> bytes:
 CURRENT = SequenceStep(number=4, mesh_id="m-4", arrays=arrays_of(npz()))
 
 
-def request(u: object, fields: Any = None, parameters: Any = None, t: float | None = None, monitor: Any = None) -> Call:
-    return steps.step_call("s 1", CURRENT, u, fields, parameters, t, monitor)
+def request(
+    u: object, fields: Any = None, parameters: Any = None, t: float | None = None, monitor: Any = None, **motion: Any
+) -> Call:
+    more: Any = motion
+    given = steps.StepArguments(u=u, fields=fields, monitor=monitor, parameters=parameters, t=t, motion=more)
+    return steps.step_call("s 1", CURRENT, given)
 
 
 def test_an_expression_is_sent_as_json() -> None:
@@ -122,6 +126,14 @@ def test_functions_of_a_monitor_are_values_at_the_nodes() -> None:
     assert said_in(request({"field": "p"}, {"p": CURRENT.x}))[0] == {"u": {"field": "p"}}
 
 
+def test_how_the_mesh_moves_is_sent_where_it_is_given() -> None:
+    motion = {"smoothing": 0.5, "outrun": "refuse"}
+    assert said_in(request(CURRENT.x, **motion))[0] == motion
+    assert json.loads(request("x", max_move=2).body or b"")["max_move"] == 2.0
+    with pytest.raises(TypeError, match="no option 'smooting'; did you mean 'smoothing'"):
+        request("x", smooting=0.5)
+
+
 def advance(reply: Reply) -> SequenceStep:
     """The step in the first answer."""
     flow = steps.advance(request("x"), SETTINGS, Deadline.after(10.0))
@@ -149,6 +161,7 @@ def test_an_answer_that_names_no_step() -> None:
 def test_what_a_step_says_of_its_mesh() -> None:
     certificate = {"status": "relaxed", "warnings": ["mind the step"]}
     said = {"status": "succeeded", "certificate": certificate, "warnings": ["mind the step"], "velocity": "velocity"}
+    said |= {"substeps": 2, "moved": 0.5}
     moved = np.ones((2, 2, 2))
     body = npz(step_json=np.frombuffer(json.dumps(said).encode(), np.uint8), velocity=moved)
     headers = {"equimesh-step": "5", "location": "/v1/meshes/m-5", "etag": f'"{hashlib.sha256(body).hexdigest()}"'}
@@ -156,6 +169,12 @@ def test_what_a_step_says_of_its_mesh() -> None:
     assert (step.status, step.warnings, sorted(step.fields)) == ("succeeded", ("mind the step",), ["p"])
     assert step.certificate is not None
     assert step.certificate.status == "relaxed"
+    assert (step.substeps, step.moved) == (2, 0.5)
     assert step.velocity is not None
     np.testing.assert_array_equal(step.velocity, moved)
-    assert (CURRENT.certificate, CURRENT.velocity, CURRENT.warnings) == (None, None, ())  # of an earlier release
+    assert (CURRENT.certificate, CURRENT.velocity, CURRENT.warnings, CURRENT.substeps) == (
+        None,
+        None,
+        (),
+        None,
+    )  # of an earlier release

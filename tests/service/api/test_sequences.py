@@ -388,3 +388,48 @@ def test_sequences_are_listed_in_pages(http: httpx.Client, document: dict[str, A
     second = http.get(first.links["next"]["url"]).json()
     assert second["items"][0]["id"] == begun[0]["id"]
     assert http.get("/v1/sequences", params={"cursor": "none"}).status_code == 422
+
+
+def test_a_mesh_that_is_smoothed_in_time_moves_less(http: httpx.Client) -> None:
+    moved = []
+    for smoothing in (0.0, 0.8):
+        sequence, _ = begin(http, domain={"kind": "rectangle"})
+        step = {"step": 0, "u": "tanh(20*(x + y/2 - 0.7))", "smoothing": smoothing}
+        made = http.post(sequence["links"]["steps"], json=step, headers=WAIT).json()
+        assert made["substeps"] == 1
+        moved.append((made["moved"], np.abs(made["velocity"]).max()))
+    np.testing.assert_allclose(moved[1], 0.2 * np.array(moved[0]), rtol=0.02)
+
+
+@pytest.mark.parametrize("form", ["json", "npz"])
+def test_a_front_that_outruns_its_cells_is_refused_with_the_reason(http: httpx.Client, form: str) -> None:
+    sequence, mesh = begin(http, domain={"kind": "rectangle"})
+    steps, far = sequence["links"]["steps"], "tanh(20*(x + y/2 - 1.2))"
+    settings = {"max_move": 0.5, "outrun": "refuse"}
+    if form == "json":
+        refused = http.post(f"{steps}?format=npz", json={"step": 0, "u": far, **settings}, headers=WAIT)
+    else:
+        body = packed(step=0, u=np.tanh(20 * (mesh["x"] + mesh["y"] / 2 - 1.2)), settings=json.dumps(settings))
+        refused = http.post(f"{steps}?format=npz", content=body, headers=NPZ)
+    assert (refused.status_code, refused.json()["type"]) == (422, "/problems/invalid-input")
+    assert "more than max_move = 0.5: u has outrun its cells" in refused.json()["detail"]
+    assert http.get(sequence["links"]["self"]).json()["step"] == 0
+    near = {"step": 0, "u": "tanh(20*(x + y/2 - 0.605))", **settings}
+    made = http.post(steps, json=near, headers=WAIT)
+    assert made.json()["step"] == 1, made.text
+    still = http.post(steps, json={"step": 1, "u": far}, headers=WAIT).json()  # the settings hold until they change
+    assert "max_move = 0.5" in still["mesh"]["error"]["detail"]
+    taken = http.post(steps, json={"step": 1, "u": far, "outrun": "substeps"}, headers=WAIT).json()
+    assert (taken["step"], taken["status"]) == (2, "succeeded")
+    for name, value in (("smoothing", 0.95), ("max_move", 0), ("outrun", "run")):
+        wrong = http.post(steps, json={"step": 2, "u": far, name: value})
+        assert wrong.json()["errors"][0]["pointer"] == f"/{name}"
+
+
+def test_a_least_error_mesh_is_found_again_where_its_front_has_jumped(http: httpx.Client) -> None:
+    spec = {"monitor": {"kind": "least_error", "u": "tanh(40*(x - 0.3))"}, "grid": {"n_xi": 17, "n_eta": 9}}
+    sequence, _ = begin(http, **spec)
+    made = http.post(sequence["links"]["steps"], json={"step": 0, "u": "tanh(40*(x - 0.7))"}, headers=WAIT).json()
+    gain = sequence["certificate"]["interpolation_gain"]["l2"]
+    assert made["certificate"]["interpolation_gain"]["l2"] > 0.8 * gain
+    assert made["moved"] > 1.0

@@ -73,6 +73,7 @@ def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str
     upgrade(database_url)
     with engine.begin() as connection:  # back to revision 0006
         connection.execute(text("DROP INDEX sequences_by_key"))
+        connection.execute(text("ALTER TABLE steps DROP COLUMN settings"))
         connection.execute(text("ALTER TABLE keys DROP COLUMN share"))
         connection.execute(text("DROP INDEX meshes_by_status"))
         connection.execute(text("CREATE INDEX meshes_by_status ON meshes (status, number, key_id, n_xi, n_eta)"))
@@ -88,10 +89,11 @@ def test_the_keys_of_a_revision_without_shares_have_equal_ones(database_url: str
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
 
 
-def test_the_sequences_of_a_revision_without_a_list_are_listed(database_url: str, engine: Engine) -> None:
+def test_the_sequences_of_a_revision_without_their_list_are_listed(database_url: str, engine: Engine) -> None:
     upgrade(database_url)
     with engine.begin() as connection:  # back to revision 0007
         connection.execute(text("DROP INDEX sequences_by_key"))
+        connection.execute(text("ALTER TABLE steps DROP COLUMN settings"))
         connection.execute(text("UPDATE alembic_version SET version_num = '0007'"))
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) != []

@@ -18,7 +18,8 @@ def problem(t: float, kind: Any = em.LeastError) -> em.Problem:
 
 def pursuit(start: em.Solution, **changes: Any) -> Pursuit:
     known: dict[str, Any] = {"u": start.problem.monitor.u, "gain": gain_of(start), "max_move": 1.0}
-    return Pursuit(schwarz=None, options={"threads": 1}, before=start.reference, **{**known, **changes})
+    known["options"] = {"threads": 1}
+    return Pursuit(schwarz=None, before=start.reference, **{**known, **changes})
 
 
 def test_a_front_that_jumps_is_found_by_another_start() -> None:
@@ -34,6 +35,20 @@ def test_the_mesh_before_is_enough_for_a_small_move() -> None:
     start = em.solve(problem(0.0), threads=1)
     near = pursuit(start, gain=1.0, max_move=math.inf).solve(problem(0.001))
     assert near.gain == gain_of(em.solve(problem(0.001), initial=start.reference, threads=1))
+
+
+def test_a_mesh_that_has_kept_its_gain_stays_near_however_far_it_moved() -> None:
+    start = em.solve(problem(0.0), threads=1)
+    near = pursuit(start, gain=1.0, max_move=1e-6).solve(problem(0.02))
+    direct = em.solve(problem(0.02), initial=start.reference, threads=1)
+    assert near.solution.mesh.distance(direct.mesh) == 0.0
+    grids = {}
+    for gain in (1.0, math.nan):
+        seen: list[Any] = []
+        pursuit(start, gain=gain, max_move=1e-6, options={"threads": 1, "observe": seen.append}).solve(problem(0.02))
+        grids[gain] = sum(event.grid == GRID and event.step == 0 for event in seen)
+    assert grids[1.0] == 1
+    assert sum(grids.values()) > 2  # where the gain is not known, a nested start is tried, too
 
 
 def test_substeps_are_taken_where_the_error_stays_large() -> None:
