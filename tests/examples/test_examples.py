@@ -203,7 +203,7 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
 ) -> None:
     run("10")
     drawn = [*tmp_path.glob("*.png"), *three_monitors[1].glob("*.png")]
-    others = ["adapt.png", "schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"]
+    others = ["adapt-problems.png", "adapt.png", "schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"]
     assert sorted([*others, *(path.name for path in drawn)]) == [path.name for path in IMAGES]
     for path in IMAGES:
         check_picture(path)
@@ -264,7 +264,29 @@ def test_a_loop_adapts_to_a_solution_that_only_the_solver_knows(run: Run, tmp_pa
     readme = (ROOT / "examples" / "README.md").read_text()
     told = rows(readme.replace("\n", " ").replace("**A sol", "\n**A sol").replace("**The p", "\n"), "**A solution that")
     assert told[0][:2] == pytest.approx([errors[0], errors.min()], rel=0.05)
-    check_kept(tmp_path / "adapt.png")
+    check_picture(tmp_path / "adapt.png")
+
+
+@pytest.mark.everything  # seven loops
+def test_loops_gain_on_seven_problems(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("skfem")
+    said = run("17")
+    least = {
+        "A": (60, 7),
+        "A200": (80, 9),
+        "B": (1000, 25),
+        "C": (50, 6),
+        "D": (150, 10),
+        "E": (2, 1.6),
+        "A2": (2.8, 1.9),
+    }
+    found = {line.split()[0]: line.split() for line in said.splitlines() if line.split()[0] in least}
+    assert [*found] == [*least]
+    for name, (l2, h1) in least.items():
+        assert float(found[name][1]) > l2
+        assert float(found[name][2]) > h1
+        assert found[name][4] == "True"
+    check_picture(tmp_path / "adapt-problems.png")
 
 
 def test_every_example_is_short_and_in_the_index() -> None:
