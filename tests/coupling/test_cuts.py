@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from equimesh_coupling.cuts import CUTS, better_cuts, corner_cuts
+from equimesh_coupling.cuts import CUTS, better_cuts, corner_cuts, quads_of, triangles_of
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -86,3 +86,18 @@ def test_a_cut_that_inverts_a_triangle_is_not_taken() -> None:
 @pytest.mark.parametrize("shape", [(1, 1), (1, 4), (4, 1)])
 def test_grids_one_cell_wide_have_no_such_cells(shape: tuple[int, int]) -> None:
     assert corner_cuts(shape) == {}
+
+
+def test_the_triangles_of_a_grid_hold_each_corner_twice() -> None:
+    xi, eta = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 4), indexing="ij")
+    points = np.column_stack([(xi + 0.3 * eta).ravel(), eta.ravel()])  # sheared: elsewhere the other diagonal is better
+    triangles = triangles_of(points, (5, 4))
+    assert triangles.shape == (24, 3)
+    assert [np.count_nonzero(triangles == end) for end in (0, 3, 16, 19)] == [2, 2, 2, 2]
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    assert doubled.min() > 0
+    assert abs(doubled.reshape(-1, 2).sum(axis=1) - 1 / 6).max() < 1e-15
+    assert {*map(frozenset, quads_of((5, 4)).tolist())} == {
+        frozenset(pair.ravel()) for pair in triangles.reshape(-1, 6)
+    }
