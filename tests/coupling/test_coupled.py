@@ -17,9 +17,9 @@ from equimesh_coupling import Coupled, MissingLibrary, OldLibrary
 LIBRARIES = {
     "skfem": ("skfem", "scikit-fem", "pip install 'scikit-fem>=9'"),
     "pyvista": ("pyvista", "pyvista", "pip install 'pyvista>=0.40'"),
-    "fipy": ("fipy", "fipy", "pip install 'fipy>=3.4'"),
-    "mfem": ("mfem.ser", "mfem", "pip install 'mfem>=4.6'"),
-    "ngsolve": ("ngsolve", "ngsolve", "pip install 'ngsolve>=6.2.2204'"),
+    "fipy": ("fipy", "fipy", "pip install 'fipy>=3.4.5'"),
+    "mfem": ("mfem.ser", "mfem", "pip install 'mfem>=4.7'"),
+    "ngsolve": ("ngsolve", "ngsolve", "pip install 'ngsolve>=6.2.2302'"),
     "sfepy": ("sfepy.discrete.fem", "sfepy", "pip install 'sfepy>=2021.1'"),
     "dolfinx": ("dolfinx", "fenics-dolfinx", "apt-get install python3-dolfinx"),
     "dmplex": ("petsc4py.PETSc", "petsc4py", "apt-get install python3-petsc4py"),

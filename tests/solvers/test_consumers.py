@@ -98,9 +98,9 @@ def write_documented(name: str, folder: Path) -> None:
         (folder / f"{name}.py").write_text("".join(blocks))
 
 
-def report_of(name: str, meshes: Meshes) -> dict[str, Any]:
+def report_of(name: str, meshes: Meshes, everything: bool) -> dict[str, Any]:
     """What a consumer did with all meshes, in a process of its own."""
-    python = python_of_consumers()
+    python = python_of_consumers(from_source=name == "sfepy", compile_it=everything)
     path = os.pathsep.join([str(python.parent), os.environ["PATH"]])  # FiPy calls the program gmsh
     env = {**os.environ, "PYTHONPATH": str(ROOT / "client"), "PATH": path, "OMP_NUM_THREADS": "1"}
     script = Path(__file__).parent / "consumers" / "run.py"
@@ -146,8 +146,8 @@ def error_of(found: dict[str, Any], parts: MeshParts) -> float | None:
         for name in NAMES
     ],
 )
-def test_a_consumer_takes_nodes_cells_and_sides_and_solves(name: str, meshes: Meshes) -> None:
-    report = report_of(name, meshes)
+def test_a_consumer_takes_nodes_cells_and_sides_and_solves(name: str, meshes: Meshes, everything: bool) -> None:
+    report = report_of(name, meshes, everything)
     expected = PLAIN_FLUXES if name == "fipy" else ELEMENTS
     assert {*report["meshes"]} == {*meshes.parts}
     for mesh, pair in expected.items():

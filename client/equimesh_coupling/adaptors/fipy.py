@@ -13,7 +13,7 @@ from equimesh_coupling.libraries import library
 from equimesh_coupling.parts import Array, HasParts, MeshParts
 from equimesh_coupling.recovery import nodes_from_cells
 
-OLDEST: Final = "3.4"
+OLDEST: Final = "3.4.5"
 INSTALL: Final = f"pip install 'fipy>={OLDEST}'"
 
 

@@ -10,7 +10,7 @@ from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
 from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
 
-OLDEST: Final = "4.6"
+OLDEST: Final = "4.7"
 INSTALL: Final = f"pip install 'mfem>={OLDEST}'"
 
 

@@ -10,7 +10,7 @@ from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
 from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
 
-OLDEST: Final = "6.2.2204"
+OLDEST: Final = "6.2.2302"
 INSTALL: Final = f"pip install 'ngsolve>={OLDEST}'"
 
 
