@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from numbers import Integral
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -115,12 +116,13 @@ def _indicated(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: i
     return AdaptRound(number=0, mesh=mesh, values=values, estimate=float(np.linalg.norm(values))), following
 
 
-def _grid(n: object) -> Grid:
+def _grid(n: Any) -> Grid:
     """The grid of a number of points, or of one a direction; raises :class:`~equimesh.errors.InputError`."""
-    counts = (n, n) if isinstance(n, int) and not isinstance(n, bool) else n
-    if not isinstance(counts, tuple) or len(counts) != 2:
+    counts = (n, n) if isinstance(n, Integral) else n
+    is_pair = isinstance(counts, tuple | list) and len(counts) == 2
+    if not (is_pair and all(isinstance(one, Integral) and not isinstance(one, bool) for one in counts)):
         raise InputError(f"n = {str(n)[:40]!r}: a number of points a direction, or a pair (n_xi, n_eta)", field="n")
-    return Grid(n_xi=counts[0], n_eta=counts[1])
+    return Grid(n_xi=int(counts[0]), n_eta=int(counts[1]))
 
 
 def _check(solve: object, rounds: object, norm: object) -> None:

@@ -81,6 +81,11 @@ def test_a_smooth_solution_ends_early_and_a_linear_one_at_once() -> None:
     assert (linear.estimate, linear.resolved) == (0.0, True)
 
 
+def test_the_grid_may_be_a_number_or_a_pair_of_any_whole_numbers() -> None:
+    for n in (9, np.int64(9), [9, 9], (np.int32(9), 9)):
+        assert em.adapt(lambda mesh: mesh.x, n).mesh.x.shape == (9, 9)
+
+
 def test_every_round_is_observed_and_an_observer_can_end_the_loop() -> None:
     seen: list[int] = []
 
@@ -164,6 +169,8 @@ def test_an_exception_of_the_solver_is_its_own_at_first_and_ends_the_loop_later(
         ({"n": 2}, "grid"),
         ({"n": "65"}, "n"),
         ({"n": (9, 9, 9)}, "n"),
+        ({"n": (9, 9.5)}, "n"),
+        ({"n": True}, "n"),
         ({"rounds": 0}, "rounds"),
         ({"rounds": True}, "rounds"),
         ({"norm": "linf"}, "norm"),
