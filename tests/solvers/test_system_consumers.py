@@ -151,6 +151,7 @@ def preset(all_meshes: Meshes, tmp_path_factory: pytest.TempPathFactory) -> Mesh
 
 
 @pytest.mark.external
+@pytest.mark.everything
 @pytest.mark.needs("openfoam")
 def test_openfoam_gains_on_meshes_for_finite_volumes(preset: Meshes) -> None:
     report = report_of("openfoam", preset.folder)
@@ -204,7 +205,10 @@ def test_the_code_of_the_page_reads_a_mesh(name: str, expected: str, all_meshes:
 
 @pytest.mark.external
 @pytest.mark.needs("dolfinx")
-@pytest.mark.parametrize("mesh", ELEMENTS)
+@pytest.mark.parametrize(
+    "mesh",
+    [pytest.param(mesh, marks=() if mesh == "annulus triangles" else pytest.mark.everything) for mesh in ELEMENTS],
+)
 def test_dolfinx_on_two_processes_has_the_same_mesh(mesh: str, all_meshes: Meshes) -> None:
     meshes = all_meshes
     name, report = meshes.folder / f"adapted {mesh}", meshes.folder / "parallel.json"
