@@ -7,10 +7,11 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from equimesh_service import Settings, running
 
 FOLDER = Path(__file__).parents[2] / "examples" / "from_outside"
 # The service compiles its kernels when it is new.
@@ -22,40 +23,18 @@ def environment(**more: str) -> dict[str, str]:
     return {**os.environ, "PATH": path, **more}
 
 
-@pytest.fixture
-def address(tmp_path: Path) -> Iterator[str]:
-    """The address of a service."""
-    data, log = tmp_path / "service", tmp_path / "service.log"
-    command = [sys.executable, "-m", "equimesh_cli", "serve", "--port", "0", "--data-dir", str(data)]
-    with log.open("w") as out, subprocess.Popen(command, stdout=out, stderr=out) as service:
-        try:
-            for _ in range(600):
-                text = log.read_text()
-                if "startup complete" in text:
-                    break
-                try:
-                    service.wait(0.1)
-                except subprocess.TimeoutExpired:
-                    continue
-                raise AssertionError(log.read_text())
-            found = re.search(r"http://127\.0\.0\.1:[1-9]\d*", log.read_text())
-            assert found is not None
-            yield found.group()
-        finally:
-            service.terminate()
-
-
 @pytest.mark.external
 @pytest.mark.needs("freefem")
 @pytest.mark.needs("curl")
-def test_freefem_fetches_its_next_mesh(address: str, tmp_path: Path) -> None:
+def test_freefem_fetches_its_next_mesh(tmp_path: Path) -> None:
     for name in ("freefem.edp", "fetch"):
         shutil.copy(FOLDER / name, tmp_path)
-    command = ["FreeFem++-nw", "-ne", "-v", "0", "freefem.edp", "-url", address, "-n", "17", "-rounds", "2"]
     env = environment(FF_LOADPATH=os.environ.get("FF_LOADPATH", "/usr/lib/freefem++"))
-    done = subprocess.run(
-        command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=RUN_SECONDS, check=False
-    )
+    with running(Settings(port=0, workers=1, data_dir=tmp_path / "service", log_level="warning")) as url:
+        command = ["FreeFem++-nw", "-ne", "-v", "0", "freefem.edp", "-url", url, "-n", "17", "-rounds", "2"]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=RUN_SECONDS, check=False
+        )
     assert done.returncode == 0, done.stdout + done.stderr
     errors = [float(found) for found in re.findall(r"round \d: error (\S+)", done.stdout)]
     assert len(errors) == 3
