@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.faces import place_centres
+from equimesh.quality.faces import points_and_centres
 
 MIN_NORMAL_SHARE = 0.05
 """The smallest share of the distance of two centres that counts as their distance along the normal."""
@@ -53,9 +53,8 @@ def poisson_error(mesh: Mesh, u: Field) -> float:
 
     That is the case on a folded mesh, and where u or its second derivatives are not finite.
     """
-    points = np.stack([np.ascontiguousarray(q, dtype=float) for q in (mesh.x, mesh.y)])
-    centres = np.empty((2, points.shape[1] - 1, points.shape[2] - 1))
-    if not place_centres(points[0], points[1], centres[0], centres[1]):
+    points, centres = points_and_centres(mesh)
+    if centres is None:
         return math.inf
     volume = _volumes(points)
     u_c, _, _, u_xx, _, u_yy = u.evaluate(np.ascontiguousarray(centres[0]), np.ascontiguousarray(centres[1]), order=2)

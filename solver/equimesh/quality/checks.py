@@ -11,7 +11,7 @@ import numpy as np
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
-from equimesh.quality.faces import measure_faces, place_centres
+from equimesh.quality.faces import measure_faces, points_and_centres
 
 MIN_DETERMINANT = 0.001
 """The smallest determinant of a cell that passes."""
@@ -53,9 +53,8 @@ class Checks:
 
 def check_cells(mesh: Mesh) -> Checks:
     """The checks of ``mesh``."""
-    points = np.stack([np.ascontiguousarray(q, dtype=float) for q in (mesh.x, mesh.y)])
-    centres = np.empty((2, points.shape[1] - 1, points.shape[2] - 1))
-    if not place_centres(points[0], points[1], centres[0], centres[1]):
+    points, centres = points_and_centres(mesh)
+    if centres is None:
         return Checks(determinant=np.nan, weight=np.nan, volume_ratio=np.nan, skewness=np.nan)
     first, second = points[:, 1:, 1:] - points[:, :-1, :-1], points[:, :-1, 1:] - points[:, 1:, :-1]
     volume = first[0] * second[1] - first[1] * second[0]

@@ -48,8 +48,10 @@ class Faces:
 
 def measure_faces(mesh: Mesh) -> Faces:
     """The measures of the faces of ``mesh``."""
-    x, y = (np.ascontiguousarray(q, dtype=float) for q in (mesh.x, mesh.y))
-    lowest, mean, skewness = survey_faces(x, y)
+    points, centres = points_and_centres(mesh)
+    if centres is None:
+        return Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skewness=math.nan)
+    lowest, mean, skewness = survey_faces(points[0], points[1], centres[0], centres[1])
     return Faces(
         non_orthogonality=_degrees(lowest),
         mean_non_orthogonality=_degrees(mean),
@@ -57,8 +59,15 @@ def measure_faces(mesh: Mesh) -> Faces:
     )
 
 
+def points_and_centres(mesh: Mesh) -> tuple[Array, Array | None]:
+    """The nodes, shape ``(2, n_xi, n_eta)``, and the centroids of the cells; ``None`` where a cell is folded."""
+    points = np.stack([np.ascontiguousarray(q, dtype=float) for q in (mesh.x, mesh.y)])
+    centres = np.empty((2, points.shape[1] - 1, points.shape[2] - 1))
+    return points, centres if place_centres(points[0], points[1], centres[0], centres[1]) else None
+
+
 def _degrees(cosine: float) -> float:
-    return math.nan if math.isnan(cosine) else math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+    return math.degrees(math.acos(min(1.0, cosine)))
 
 
 @compiled
@@ -80,12 +89,9 @@ def place_centres(x: Array, y: Array, at_x: Array, at_y: Array) -> bool:
 
 
 @compiled
-def survey_faces(x: Array, y: Array) -> tuple[float, float, float]:
-    """The smallest and the mean cosine of inner faces, and the largest skewness; NaN where a cell is folded."""
-    cells_xi, cells_eta = x.shape[0] - 1, x.shape[1] - 1
-    at_x, at_y = np.empty((cells_xi, cells_eta)), np.empty((cells_xi, cells_eta))
-    if not place_centres(x, y, at_x, at_y):
-        return np.nan, np.nan, np.nan
+def survey_faces(x: Array, y: Array, at_x: Array, at_y: Array) -> tuple[float, float, float]:
+    """The smallest and the mean cosine of inner faces, and the largest skewness; ``at_x`` and ``at_y`` are centres."""
+    cells_xi, cells_eta = at_x.shape
     lowest, total, skewness, count = 1.0, 0.0, 0.0, 0
     for i in range(cells_xi + 1):
         for j in range(cells_eta + 1):

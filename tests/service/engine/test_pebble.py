@@ -108,7 +108,6 @@ ELSEWHERE = {
     "moments",
     "move_row",
     "piece",
-    "place_centres",
     "slope",
     "slopes_at_piece",
     "solve_blocks",
