@@ -173,8 +173,8 @@ def fipy(python: str, mesh: Mesh, u: em.Expression) -> tuple[float, float]:
 
 
 def version() -> str:
-    """The name and version of OpenFOAM."""
-    found = re.search(r"OPENFOAM=(\w+)", _run("checkMesh", "-help-man") + _run("foamDictionary", "-help-full"))
+    """The name and version of OpenFOAM: its programs print it first, also when they find no case."""
+    found = re.search(r"OPENFOAM=(\w+)", _run("checkMesh", "-case", os.devnull) + _run("checkMesh"))
     return f"OpenFOAM {found[1]}" if found else "OpenFOAM"
 
 
