@@ -28,7 +28,7 @@ import pytest
         (["--monitor", "tensor", "--m11", "1"], "--monitor tensor needs --m12, --m22"),
         (
             ["x", "--monitor", "arc-length", "--norm", "h1"],
-            "--norm is for --monitor auto or least-error or nodal-solution or curvature, and this is --monitor arc-length",
+            "--norm is for --monitor auto or least-error or nodal-solution or curvature, and this is --monitor arc",
         ),
         (["x", "-n", "9", "--target-error", "1e-3"], "--target-error takes the place of -n"),
         (["x", "--target-norm", "h1"], "add --target-error"),
