@@ -12,7 +12,7 @@ from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array, HasParts
 from equimesh_coupling.recovery import nodes_from_cells
 
-__all__ = ["CellAverages", "ErrorIndicator", "cell_values", "node_values"]
+__all__ = ["CellAverages", "ErrorIndicator", "cell_values", "is_field", "node_values"]
 
 # By the package and the class of a field, or of a class that it is derived from: the adaptor that reads it.
 READERS: Final[dict[tuple[str, str], Callable[[Any, HasParts], Array]]] = {
@@ -59,6 +59,11 @@ def node_values(returned: Any, mesh: HasParts) -> Array:
         f"the solution has the shape {values.shape}, and needs one value for each of the {len(parts.points)} nodes: "
         f"return an array of shape {parts.shape}, or flat in the order of the nodes"
     )
+
+
+def is_field(returned: Any) -> bool:
+    """Whether this is a field of another library, which :func:`node_values` reads by an adaptor."""
+    return _reader(returned) is not None
 
 
 def _reader(returned: Any) -> Callable[[Any, HasParts], Array] | None:

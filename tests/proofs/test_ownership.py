@@ -74,10 +74,12 @@ def test_nothing_of_another_key_is_there(
         assert refused.json()["errors"][0]["pointer"] == "/monitor/u/samples"
         assert other.get("/v1/meshes").json()["items"] == []
         assert other.get("/v1/meshes?label=owned").json()["items"] == []
+        assert other.get("/v1/sequences").json()["items"] == []
     assert owner.get(f"/v1/meshes/{mesh}").json()["status"] == "succeeded"
     assert owner.get(f"/v1/samples/{samples}?format=npz").status_code == 200
     assert owner.get(f"/v1/sequences/{sequence}").json()["step"] == 0
     assert [item["id"] for item in owner.get("/v1/meshes?label=owned").json()["items"]] == [mesh]
+    assert [item["id"] for item in owner.get("/v1/sequences").json()["items"]] == [sequence]
 
 
 def test_an_admin_sees_all(
@@ -91,6 +93,7 @@ def test_an_admin_sees_all(
                 headers = {"Accept": "application/json"} if "events" in path else {}
                 assert admin.get(known, headers=headers).status_code == 200, known
         assert mesh in [item["id"] for item in admin.get("/v1/meshes?limit=200").json()["items"]]
+        assert sequence in [item["id"] for item in admin.get("/v1/sequences?limit=200").json()["items"]]
 
 
 def test_not_even_an_admin_takes_the_steps_of_others(guarded_service: Guarded, sequence: str) -> None:

@@ -40,9 +40,11 @@ class Sequence(SequenceState):
 
         ``u`` is an array of values at the current nodes, shape ``(n_xi, n_eta)``; a callable ``u(x, y)``, evaluated
         there; or an expression, with ``parameters`` and the time ``t``. ``fields`` are arrays like u, or
-        :class:`Field`, by names. With a ``monitor`` the settings change from this step on; its functions are like u,
-        or ``{"field": name}``. Functions that it lacks are u, or stay those of the step before. ``motion`` is that of
-        :class:`Motion`: ``smoothing`` in time, and ``max_move`` and ``outrun`` for fronts that leave their cells.
+        :class:`Field`, by names. Both also take one value for each node in one row, fields of the libraries of the
+        ``to_…()`` methods, and ``CellAverages``. With a ``monitor`` the settings change from this step on; its
+        functions are like u, or ``{"field": name}``. Functions that it lacks are u, or stay those of the step before.
+        ``motion`` is that of :class:`Motion`: ``smoothing`` in time, and ``max_move`` and ``outrun`` for fronts that
+        leave their cells.
 
         An interrupted call may be repeated: the same arguments are the same step. Raises :class:`Conflict` when another
         program has taken the step, :class:`MeshFailed` when it has no mesh (another step may then replace it), and

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from equimesh_client.errors import BadArgument
+from equimesh_coupling.parts import HasParts
+from equimesh_coupling.values import CellAverages, cell_values, is_field, node_values
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Transfer: TypeAlias = Literal["spline", "conservative"]
@@ -37,19 +39,35 @@ class Field:
         return given if self.bounds is None else {**given, "bounds": [float(end) for end in self.bounds]}
 
 
-def read_fields(fields: Mapping[str, object] | None) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+def read_fields(
+    fields: Mapping[str, object] | None, mesh: HasParts
+) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
     """The arrays of fields by their names, and the settings of those that have some.
 
-    Raises :class:`BadArgument` for values that are no array of numbers.
+    A field is an array, a :class:`Field`, a field of another library, or its ``CellAverages``. Raises
+    :class:`BadArgument` for values that are no array of numbers, and ``BadValues`` for a field of another mesh.
     """
-    given = {name: field if isinstance(field, Field) else Field(field) for name, field in (fields or {}).items()}  # type: ignore[arg-type]
-    arrays = {name: number_array(name, field.values) for name, field in given.items()}
+    given = {name: _field_of(field, mesh) for name, field in (fields or {}).items()}
+    arrays = {name: number_array(name, field.values, mesh) for name, field in given.items()}
     return arrays, {name: field.settings for name, field in given.items() if field.settings}
 
 
-def number_array(name: str, values: Any) -> Array:
-    """An array of numbers; raises :class:`BadArgument` for anything else."""
+def _field_of(field: Any, mesh: HasParts) -> Field:
+    if isinstance(field, CellAverages):
+        return Field(cell_values(field, mesh), "conservative", "cells")
+    return field if isinstance(field, Field) else Field(field)
+
+
+def number_array(name: str, values: Any, mesh: HasParts) -> Array:
+    """An array of numbers: those given, one for each node in one row, or those of a field of another library.
+
+    Raises :class:`BadArgument` for anything else.
+    """
+    if is_field(values) or isinstance(values, CellAverages):
+        return node_values(values, mesh)
     try:
-        return np.asarray(values, dtype=np.float64)
+        array = np.asarray(values, dtype=np.float64)
+        parts = mesh.mesh_parts()
+        return array.reshape(parts.shape) if array.shape == (len(parts.points),) else array
     except (TypeError, ValueError) as error:
         raise BadArgument(f"{name} is not an array of real numbers: {error}") from error

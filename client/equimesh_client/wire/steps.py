@@ -25,6 +25,7 @@ from equimesh_client.wire.deadline import Deadline, Settings
 from equimesh_client.wire.flows import LONG_POLL_SECONDS, Flow, hold_seconds
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.protocol import Call, Reply
+from equimesh_coupling.values import is_field
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,7 +167,7 @@ class StepArguments:
 def step_call(sequence_id: str, current: SequenceStep, given: StepArguments) -> Call:
     """The request for the step after ``current``. Equal arguments give equal requests, which are safe to repeat."""
     u, monitor, parameters, t = given.u, given.monitor, given.parameters, given.t
-    carried, settings = read_fields(given.fields)
+    carried, settings = read_fields(given.fields, current.arrays)
     motion = motion_json(given.motion)
     values: dict[str, Array] = {}
     formulas = 0
@@ -210,7 +211,8 @@ def step_call(sequence_id: str, current: SequenceStep, given: StepArguments) -> 
 
 def _at_nodes(function: object, current: SequenceStep, name: str) -> Array:
     """The values of a callable at the nodes, or the values that are given."""
-    return number_array(name, function(current.x, current.y) if callable(function) else function)
+    is_formula = callable(function) and not is_field(function)
+    return number_array(name, function(current.x, current.y) if is_formula else function, current.arrays)  # type: ignore[operator]
 
 
 def _with_values(part: Any, values: Mapping[str, Array]) -> Any:
