@@ -158,7 +158,8 @@ def check_options(options: argparse.Namespace) -> None:
         if path is None or (path is options.output and path.is_dir()):
             continue
         if not str(path).lower().endswith(allowed):
-            raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}")
+            case = ", or name the folder of an OpenFOAM case, which must exist" if path is options.output else ""
+            raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}{case}")
         if not path.parent.is_dir():
             raise Refused(f"{path.parent}: there is no such folder")
 

@@ -15,6 +15,7 @@ import pytest
         (["x", "--overlap", "4", "--p", "1"], "--overlap, --p is for the Schwarz iteration"),
         (["x", "-o", "mesh.doc"], "mesh.doc: the suffix must be one of .vtu"),
         (["x", "-o", "no/where/mesh.vtu"], "no/where: there is no such folder"),
+        (["x", "-o", "no-case"], ", or name the folder of an OpenFOAM case, which must exist"),
         (["x", "-o", "mesh.vts", "--cells", "triangle"], "a .vts file holds no triangles"),
         (["x", "--plot", "mesh.gif"], "mesh.gif: the suffix"),
         (["--samples", "missing.npz"], "missing.npz: No such file"),

@@ -74,7 +74,7 @@ def dictionary(path: Path, kind: str, text: str) -> None:
 
 def read(path: str) -> Path:
     """A case with the mesh, which checkMesh has passed."""
-    case = Path(tempfile.mkdtemp(prefix="equimesh-foam-"))
+    case = Path(tempfile.mkdtemp(prefix="case-", dir=Path.cwd()))
     with zipfile.ZipFile(path) as archive:
         archive.extractall(case)
     for name, text in (("controlDict", CONTROL), ("fvSchemes", SCHEMES), ("fvSolution", SOLUTION)):
