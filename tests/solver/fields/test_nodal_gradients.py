@@ -41,3 +41,17 @@ def test_cells_around_a_node_decide_where_its_lines_have_nearly_one_direction() 
     x, y = s + 200.0 * t, t  # every cell is a long thin parallelogram
     found = nodal_gradients(x, y, 2.0 * x + 5.0 * y)
     assert largest(found, (np.full((9, 9), 2.0), np.full((9, 9), 5.0))).max() < 1e-9
+
+
+def test_noise_is_not_raised_where_both_lines_of_a_node_have_one_direction() -> None:
+    def at(radius: float, degrees: float) -> tuple[float, float]:
+        return radius * np.cos(np.radians(degrees)), radius * np.sin(np.radians(degrees))
+
+    nodes = np.zeros((3, 3, 2))
+    nodes[2, 1], nodes[1, 2], nodes[2, 2], nodes[0, 2], nodes[2, 0] = (1, 0), (0, 1), (1, 1), (-1, 1), (1, -1)
+    nodes[0, 1], nodes[1, 0], nodes[0, 0] = at(1e-4, 225), at(1e-4, 225.0001), at(2e-4, 225.00005)
+    x, y = np.ascontiguousarray(nodes[..., 0]), np.ascontiguousarray(nodes[..., 1])
+    values = 2.0 * x + y
+    values[0, 1] += 1e-8  # of the value at a node so near, this is a slope of 1e-4
+    u_x, u_y = nodal_gradients(x, y, values)
+    assert abs(u_x[1, 1] - 2.0) + abs(u_y[1, 1] - 1.0) < 1e-3
