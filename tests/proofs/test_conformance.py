@@ -624,6 +624,7 @@ def test_every_public_name_of_the_twins_works(
     assert (mesh.progress.fraction, mesh.timings["solve"] > 0) == (1.0, True)
     assert {len(mesh.points), mesh.x.size, mesh.y.size, mesh.u.size, mesh.arrays().u.size} == {63}
     assert (len(mesh.cells), len(mesh.boundary)) == (48, 4)
+    assert len(mesh.mesh_parts("triangle").cells) == 96
     assert mesh.quality.q_eq.max == np.nanmax(mesh.quality_of_cells().q_eq.cells)
     assert (mesh.convergence.iterations, mesh.spec()["label"]) == ((), "tour")
     assert mesh.download(tmp_path / "m.npz").exists()

@@ -8,7 +8,7 @@ from typing import Any
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.deadline import DEADLINE_SECONDS
 from equimesh_client.wire.outcome import meshio_mesh
-from equimesh_coupling.parts import Cells
+from equimesh_coupling.parts import Cells, MeshParts
 
 
 class AsyncCoupled(ABC):
@@ -23,6 +23,10 @@ class AsyncCoupled(ABC):
     @abstractmethod
     async def arrays(self, *, deadline: float = DEADLINE_SECONDS) -> MeshArrays:
         """All arrays of the mesh."""
+
+    async def mesh_parts(self, cells: Cells | None = None, *, deadline: float = DEADLINE_SECONDS) -> MeshParts:
+        """Points, cells and sides as plain arrays, as ``equimesh_coupling`` has them."""
+        return (await self.arrays(deadline=deadline)).mesh_parts(cells)
 
     async def to_meshio(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
         """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""

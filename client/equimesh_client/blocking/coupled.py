@@ -8,7 +8,7 @@ from typing import Any
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.deadline import DEADLINE_SECONDS
 from equimesh_client.wire.outcome import meshio_mesh
-from equimesh_coupling.parts import Cells
+from equimesh_coupling.parts import Cells, MeshParts
 
 
 class Coupled(ABC):
@@ -23,6 +23,10 @@ class Coupled(ABC):
     @abstractmethod
     def arrays(self, *, deadline: float = DEADLINE_SECONDS) -> MeshArrays:
         """All arrays of the mesh."""
+
+    def mesh_parts(self, cells: Cells | None = None, *, deadline: float = DEADLINE_SECONDS) -> MeshParts:
+        """Points, cells and sides as plain arrays, as ``equimesh_coupling`` has them."""
+        return self.arrays(deadline=deadline).mesh_parts(cells)
 
     def to_meshio(self, *, deadline: float = DEADLINE_SECONDS) -> Any:
         """The mesh as a ``meshio.Mesh``, sides as cell sets; needs meshio."""

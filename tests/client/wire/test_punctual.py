@@ -110,6 +110,7 @@ def calls(client: Any, mesh: Any, folder: Path) -> dict[str, Callable[..., Any]]
         "download": lambda **limit: mesh.download(folder / "m.vtu", **limit),
         "download of parts": lambda **limit: mesh.download(folder / "m.xdmf", **limit),
         "arrays": mesh.arrays,
+        "mesh_parts": mesh.mesh_parts,
         "to_meshio": mesh.to_meshio,
         **{f"to_{library}": getattr(mesh, f"to_{library}") for library in LIBRARIES},
         "to_dolfinx": lambda **limit: mesh.to_dolfinx(None, **limit),
