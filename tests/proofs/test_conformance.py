@@ -664,7 +664,9 @@ def test_every_public_name_of_the_twins_works(
     assert sequence.step("x*y", t=0.5).number == sequence.current.number == 1
     assert sequence.x.shape == sequence.y.shape == (9, 9)
     assert sequence.mesh().status == "succeeded"
+    assert sequence.id in {record.id for record in client.sequences.list(limit=5)}
     client.sequences.get(sequence.id).delete()
+    assert client.adapt(lambda mesh: mesh.x * mesh.y**2, 9, rounds=1).values.shape == (9, 9)
     client.close()
 
     kinds = [
