@@ -10,7 +10,7 @@ Monitor: TypeAlias = Mapping[str, Any]
 
 FUNCTIONS = ("u", "rho", "m11", "m12", "m22")
 # The kinds that cannot do without u.
-NEEDS_U = ("auto", "least_error", "arc_length", "curvature")
+NEEDS_U = ("auto", "least_error", "nodal_solution", "arc_length", "curvature")
 # The functions that other kinds cannot do without.
 NEEDED = {"weight": ("rho",), "tensor": ("m11", "m12", "m22")}
 _TOP = "/monitor"

@@ -53,6 +53,7 @@ def test_a_u_that_has_no_single_place_is_refused(monitor: dict[str, Any], words:
         ({"norm": "h1"}, V, ARC, {"norm": "h1", "u": V}, ("/monitor/u",)),
         ({"norm": "h1"}, None, ARC, {"norm": "h1", "u": U}, ()),
         ({"kind": "curvature"}, None, both(ARC, ARC), {"kind": "curvature", "u": U}, ()),
+        ({"kind": "nodal_solution"}, None, ARC, {"kind": "nodal_solution", "u": U}, ()),
         ({"kind": "curvature"}, None, both(ARC, {**ARC, "u": V}), {"kind": "curvature"}, ()),
         ({"kind": "weight", "map": "gradient"}, None, WEIGHT, {"kind": "weight", "map": "gradient", "rho": RHO}, ()),
         ({"kind": "weight", "rho": V}, U, ARC, {"kind": "weight", "rho": V, "u": U}, ("/monitor/u",)),
