@@ -25,6 +25,7 @@ POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from the resul
 MIN_START_STEP_CELLS = 0.01  # near enough to start Newton's method on the splines
 MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in rounding
 MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
+RIM_SHARE = 0.25  # of the length of a cell: how far from its edge a curved side may lie
 NO_PATCHES = np.empty((0, 0, ORDER, ORDER))
 
 
@@ -99,6 +100,7 @@ def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
     uniform = Mesh.uniform(mesh.grid)
     places = MeshMap.of(map_mesh(uniform, domain)).locate(mesh.x, mesh.y)
     s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
+    s[0], s[-1], t[:, 0], t[:, -1] = 0.0, 1.0, 0.0, 1.0  # where a ring is cut, the place alone does not tell the side
     for _ in range(POLISHING_STEPS):
         x, y = domain.map(s, t)
         x_s, x_t, y_s, y_t = domain.jacobian(s, t)
@@ -190,7 +192,10 @@ def by_splines(
 
 @compiled
 def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int, int]:
-    """The cell of a point, or the nearest one at a side, found by steps from cell to cell from (i, j)."""
+    """The cell of a point, or one near it at a side, found by steps from cell to cell from (i, j).
+
+    Where a domain is not convex the steps can end at a side, far from the point: then all cells are searched.
+    """
     rows, columns = x.shape[0] - 1, x.shape[1] - 1
     for _ in range(4 * (rows + columns)):
         worst, to_i, to_j = -1e-12, i, j
@@ -205,13 +210,38 @@ def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int,
         if i > 0 and x3 * y0 - x0 * y3 < worst * ((x0 - x3) ** 2 + (y0 - y3) ** 2):
             worst, to_i, to_j = (x3 * y0 - x0 * y3) / ((x0 - x3) ** 2 + (y0 - y3) ** 2), i - 1, j
         if to_i == i and to_j == j:
-            return i, j
+            if is_near(px, py, x, y, i, j):
+                return i, j
+            break
         i, j = to_i, to_j
-    for row in range(rows):  # the walk was a circle: search all cells
-        for column in range(columns):
-            if holds(px, py, x, y, row, column):
-                return row, column
-    return i, j
+    return search(px, py, x, y)  # the walk was a circle, or ended far away
+
+
+@compiled
+def is_near(px: float, py: float, x: Array, y: Array, i: int, j: int) -> bool:
+    """Whether a point lies in the box around the cell (i, j), or no farther from it than a curved side from its edge."""
+    x_low, x_high = min(x[i, j], x[i + 1, j], x[i + 1, j + 1], x[i, j + 1]), max(x[i, j], x[i + 1, j])
+    y_low, y_high = min(y[i, j], y[i + 1, j], y[i + 1, j + 1], y[i, j + 1]), max(y[i, j], y[i + 1, j])
+    x_high, y_high = max(x_high, x[i + 1, j + 1], x[i, j + 1]), max(y_high, y[i + 1, j + 1], y[i, j + 1])
+    rim = RIM_SHARE * max(x_high - x_low, y_high - y_low)
+    return x_low - rim <= px <= x_high + rim and y_low - rim <= py <= y_high + rim
+
+
+@compiled
+def search(px: float, py: float, x: Array, y: Array) -> tuple[int, int]:
+    """The cell of a point, or the one with the nearest centre, among all cells."""
+    best_i = best_j = 0
+    least = np.inf
+    for i in range(x.shape[0] - 1):
+        for j in range(x.shape[1] - 1):
+            if holds(px, py, x, y, i, j):
+                return i, j
+            across = 0.25 * (x[i, j] + x[i + 1, j] + x[i + 1, j + 1] + x[i, j + 1]) - px
+            up = 0.25 * (y[i, j] + y[i + 1, j] + y[i + 1, j + 1] + y[i, j + 1]) - py
+            distance = across * across + up * up
+            if distance < least:
+                least, best_i, best_j = distance, i, j
+    return best_i, best_j
 
 
 @compiled

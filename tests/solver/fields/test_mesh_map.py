@@ -48,3 +48,15 @@ def test_a_folded_mesh_has_no_inverse() -> None:
 def test_points_that_are_not_finite_have_a_place_all_the_same() -> None:
     places = MeshMap.of(smooth_mesh(9)).locate(np.array([np.nan, 0.0]), np.array([0.5, np.inf]))
     assert largest((places.s, places.t), (np.zeros(2), np.zeros(2))).max() < 1e-15
+
+
+@pytest.mark.parametrize("angle", [170.0, 200.0, 300.0, 360.0])
+def test_a_point_is_found_across_a_domain_that_is_not_convex(angle: float) -> None:
+    domain = em.AnnulusSector(radii=(0.5, 1.0), angles=(0.0, angle))
+    square = em.Mesh.uniform(em.Grid(n_xi=17, n_eta=33))
+    mesh = map_mesh(square, domain)
+    assert reference_of(mesh, domain).distance(square) < 1e-12
+    s, t = np.random.default_rng(1).uniform(0.03, 0.97, (2, 300))  # in no order: each walk crosses the domain
+    places = MeshMap.of(mesh).locate(*domain.map(s, t))
+    assert np.abs(places.s / 16 - s).max() < 1e-3
+    assert np.abs(places.t / 32 - t).max() < 1e-3
