@@ -42,16 +42,17 @@ def cell_values(wrapped: ErrorIndicator | CellAverages, mesh: HasParts) -> Array
     quads, triangles = cell_counts(parts)
     if is_indicator and values.size and values.min() < 0.0:
         raise BadValues("the error indicator has negative values: return the size of the error on each cell")
-    if values.size == quads:
+    is_flat = max(values.shape, default=1) == values.size
+    if values.size == quads and (is_flat or values.shape == (n_xi - 1, n_eta - 1)):
         return values.reshape(n_xi - 1, n_eta - 1)
-    if values.size == triangles:
+    if values.size == triangles and is_flat:
         parts = mesh.mesh_parts("triangle")
         pairs = values.reshape(-1, 2)
         merged = np.sqrt((pairs**2).sum(axis=1)) if is_indicator else _mean_of_pairs(pairs, parts)
         return np.asarray(merged.reshape(n_xi - 1, n_eta - 1))
     raise BadValues(
-        f"{what} has {values.size} values, and this mesh has {quads} quadrilaterals, or {triangles} triangles: return "
-        "one for each"
+        f"{what} has {values.size} values of shape {values.shape}, and this mesh has {quads} quadrilaterals, or "
+        f"{triangles} triangles: return one value for each, flat or of shape {(n_xi - 1, n_eta - 1)}"
     )
 
 

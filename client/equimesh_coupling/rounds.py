@@ -77,6 +77,8 @@ def _is_resolved(history: Sequence[RoundNumbers], best: int) -> bool:
     unresolved = history[best].unresolved
     if unresolved is not None:
         return unresolved <= MAX_UNRESOLVED_SHARE
+    if len(history) == 1:
+        return history[0].estimate == 0.0
     has_fallen = history[best].estimate <= history[0].estimate / MIN_TOTAL_FALL
     return has_fallen or history[-1].moved_cells <= MAX_REST_CELLS
 

@@ -43,7 +43,7 @@ def node_values(returned: Any, mesh: HasParts) -> Array:
         raise BadValues("an error indicator is no solution: return values at the nodes")
     read = _reader(returned)
     if read is not None:
-        return finite(read(returned, mesh), what)
+        return finite(real(read(returned, mesh), what), what)
     values = real(returned, what)
     if values.shape == parts.shape:
         return finite(values, what)

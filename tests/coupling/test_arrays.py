@@ -26,3 +26,18 @@ def test_what_is_no_number_is_refused_by_its_type() -> None:
 def test_a_diverged_solver_is_named() -> None:
     with pytest.raises(BadValues, match="the solution has 2 of 3 values that are nan or infinite, so the solver div"):
         finite(np.array([1.0, np.nan, np.inf]), "the solution")
+
+
+def test_the_array_is_a_copy() -> None:
+    own = np.ones(3)
+    taken = real(own, "u")
+    own[:] = 2.0
+    assert taken.tolist() == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    "values", [np.ma.masked_equal([1.0, 2.0], 2.0), ["1.5"], np.array(["2020-01-01"], dtype="M8[D]"), [10**400]]
+)
+def test_what_are_no_numbers_is_refused(values: object) -> None:
+    with pytest.raises(BadValues):
+        real(values, "u")

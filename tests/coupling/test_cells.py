@@ -34,5 +34,12 @@ def test_bad_values_are_refused(quads: MeshParts) -> None:
         cell_values(ErrorIndicator(-np.ones(24)), quads)
     with pytest.raises(BadValues, match="cell averages has 1 of 24 values that are nan"):
         cell_values(CellAverages([np.nan, *np.ones(23)]), quads)
-    with pytest.raises(BadValues, match="indicator has 35 values, and this mesh has 24 quadrilaterals, or 48 triang"):
+    with pytest.raises(BadValues, match=r"indicator has 35 values of shape .*, and this mesh has 24 quad"):
         cell_values(ErrorIndicator(np.ones(35)), quads)
+
+
+def test_cells_in_another_order_are_refused(quads: MeshParts) -> None:
+    values = np.arange(24.0).reshape(6, 4)
+    assert np.array_equal(cell_values(CellAverages(values), quads), values)
+    with pytest.raises(BadValues, match=r"24 values of shape \(4, 6\).*of shape \(6, 4\)"):
+        cell_values(CellAverages(values.T), quads)

@@ -64,3 +64,8 @@ def test_without_that_share_the_estimate_has_to_fall_while_the_mesh_moves() -> N
     assert not judge(history(4.0, 3.0, unresolved=None, moved=2.0), 5).resolved
     assert judge(history(4.0, 2.0, unresolved=None, moved=2.0), 5).resolved
     assert judge(history(4.0, 3.0, unresolved=None, moved=0.5), 5).resolved
+
+
+def test_an_indicator_of_one_mesh_resolves_nothing() -> None:
+    assert not judge([RoundNumbers(estimate=1.0)], 5).resolved
+    assert judge([RoundNumbers(estimate=0.0)], 5).resolved

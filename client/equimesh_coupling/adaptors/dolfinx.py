@@ -81,6 +81,6 @@ def nodal_values(function: Any, mesh: HasParts) -> Array:
         )
     vertices = np.asarray(getattr(geometry.dofmap, "array", geometry.dofmap)).ravel()
     dofs = np.asarray(getattr(space.dofmap.list, "array", space.dofmap.list)).ravel()
-    found = np.empty(len(values))
-    found[numbers[vertices]] = np.real(values[dofs])
+    found = np.empty(len(values), dtype=values.dtype)
+    found[numbers[vertices]] = values[dofs]
     return found.reshape(parts.shape)

@@ -32,7 +32,7 @@ def nodal_values(grid: Any, mesh: HasParts) -> Array:
     """
     parts = mesh.mesh_parts()
     name = grid.point_data.active_scalars_name
-    values = None if name is None else np.asarray(grid.point_data[name], dtype=np.float64)
+    values = None if name is None else np.asarray(grid.point_data[name])
     if values is None or values.shape != (len(parts.points),):
         raise BadValues(
             f"the grid of PyVista has no active scalars at the {len(parts.points)} nodes of this mesh: return "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from equimesh_coupling.arrays import real
 from equimesh_coupling.edges import edge_numbers
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
@@ -29,7 +30,7 @@ def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
     Raises :class:`BadValues` for another element, mesh or length.
     """
     parts = mesh.mesh_parts()
-    basis, vector = field
+    basis, vector = field[0], real(field[1], "the vector of scikit-fem")
     at_vertices = basis.nodal_dofs
     if at_vertices.shape != (1, len(parts.points)):
         raise BadValues(

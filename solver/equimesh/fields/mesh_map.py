@@ -219,12 +219,12 @@ def walk(px: float, py: float, x: Array, y: Array, i: int, j: int) -> tuple[int,
 
 @compiled
 def is_near(px: float, py: float, x: Array, y: Array, i: int, j: int) -> bool:
-    """Whether a point lies in the box around the cell (i, j), or no farther from it than a curved side from its edge."""
+    """Whether a point lies in the box around the cell (i, j), or as near to it as a curved side to its edge."""
     x_low, x_high = min(x[i, j], x[i + 1, j], x[i + 1, j + 1], x[i, j + 1]), max(x[i, j], x[i + 1, j])
     y_low, y_high = min(y[i, j], y[i + 1, j], y[i + 1, j + 1], y[i, j + 1]), max(y[i, j], y[i + 1, j])
     x_high, y_high = max(x_high, x[i + 1, j + 1], x[i, j + 1]), max(y_high, y[i + 1, j + 1], y[i, j + 1])
     rim = RIM_SHARE * max(x_high - x_low, y_high - y_low)
-    return x_low - rim <= px <= x_high + rim and y_low - rim <= py <= y_high + rim
+    return bool(x_low - rim <= px <= x_high + rim and y_low - rim <= py <= y_high + rim)
 
 
 @compiled
