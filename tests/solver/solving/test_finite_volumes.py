@@ -47,6 +47,7 @@ def test_where_no_candidate_is_better_the_mesh_is_uniform() -> None:
     assert "uniform mesh" in solution.message
 
 
+@pytest.mark.everything
 def test_on_a_finer_grid_the_best_are_measured_there() -> None:
     text = "exp(-x/0.05) + exp(-y/0.05)"
     solution = chosen(text, n=41)
@@ -54,6 +55,7 @@ def test_on_a_finer_grid_the_best_are_measured_there() -> None:
     assert solution.certificate.comparison[0].gain_cells == pytest.approx(gain(solution, em.Expression(text)))
 
 
+@pytest.mark.everything
 def test_with_subdomains_the_candidates_are_metrics() -> None:
     text = "tanh(8*(x - y*y))"
     solution = chosen(text, schwarz=em.Schwarz(subdomains=(2, 1)))
