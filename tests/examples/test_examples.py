@@ -203,7 +203,18 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
 ) -> None:
     run("10")
     drawn = [*tmp_path.glob("*.png"), *three_monitors[1].glob("*.png")]
+<<<<<<< HEAD
     others = ["adapt-problems.png", "adapt.png", "schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"]
+=======
+    others = [
+        "adapt.png",
+        "allen-cahn.png",
+        "burgers-shock.png",
+        "schwarz-counts.png",
+        "schwarz-errors.png",
+        "schwarz-mismatch.png",
+    ]
+>>>>>>> e1ed4be (Show moving meshes with their integrals: a disc, a shock and a circle that shrinks; tell which transfer is for what)
     assert sorted([*others, *(path.name for path in drawn)]) == [path.name for path in IMAGES]
     for path in IMAGES:
         check_picture(path)
@@ -287,6 +298,21 @@ def test_loops_gain_on_seven_problems(run: Run, tmp_path: Path) -> None:
         assert float(found[name][2]) > h1
         assert found[name][4] == "True"
     check_picture(tmp_path / "adapt-problems.png")
+
+
+@pytest.mark.everything  # many steps in time; tests/loops runs a few
+@pytest.mark.parametrize(
+    ("number", "picture"), [("18", "rotating-disc"), ("19", "burgers-shock"), ("20", "allen-cahn")]
+)
+def test_moving_meshes_have_the_errors_of_the_page(run: Run, tmp_path: Path, number: str, picture: str) -> None:
+    if number == "20":
+        pytest.importorskip("skfem")
+    numbers = NUMBER.findall(run(number))
+    told = (ROOT / "docs" / "moving-meshes.md").read_text()
+    first = numbers[:2] if number != "20" else [numbers[0][:6], numbers[3][:6]]
+    for found in first:
+        assert found[:6] in told or f"{float(found):.1e}".replace("e-0", "e-") in told
+    check_picture(tmp_path / f"{picture}.png")
 
 
 def test_every_example_is_short_and_in_the_index() -> None:

@@ -18,7 +18,9 @@ def transfer_averages(overlaps: Overlaps, averages: Array, bounds: tuple[float, 
     different areas, and the integral over all cells is brought to the old one within these bounds:
     see :mod:`~equimesh.transfers.transfer`.
     """
-    least, most = (float(averages.min()), float(averages.max())) if bounds is None else bounds
+    least, most = float(averages.min()), float(averages.max())
+    if bounds is not None:  # values may be beyond them by rounding
+        least, most = min(least, bounds[0]), max(most, bounds[1])
     slopes, (lowest, highest) = slopes_of_averages(overlaps.old, averages, least, most)
     low, high = overlaps.bounds(lowest, highest)
     moved = np.clip(overlaps.integrals(averages, slopes) / overlaps.new.area, low, high)

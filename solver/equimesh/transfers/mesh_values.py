@@ -19,6 +19,8 @@ Location: TypeAlias = Literal["nodes", "cells"]
 
 TRANSFERS: tuple[Transfer, ...] = ("spline", "conservative")
 LOCATIONS: tuple[Location, ...] = ("nodes", "cells")
+# The share of the range between its bounds by which a value may be beyond them.
+MAX_ROUNDING = 1e-12
 # Components, at most, of one field.
 MAX_COMPONENTS = 16
 
@@ -66,7 +68,7 @@ class MeshValues:
             raise SamplesError(
                 f"{name} has {checked.shape[2]} components: a field has 1 to {MAX_COMPONENTS}", field=name
             )
-        if self.bounds is not None and not (self.bounds[0] <= checked.min() and checked.max() <= self.bounds[1]):
+        if self.bounds is not None and _is_beyond(checked, self.bounds):
             raise SamplesError(
                 f"{name} lies between {checked.min():.6g} and {checked.max():.6g}, its bounds are {self.bounds[0]:g}"
                 f" and {self.bounds[1]:g}: give bounds that hold for the values",
@@ -93,6 +95,12 @@ def _other_shape(
     else:
         hint = "; transpose it" if shape == wanted[::-1] else ""
     return f"{name} has shape {shape}, but {what} is needed, shape {wanted}, xi first{hint}"
+
+
+def _is_beyond(values: Array, bounds: tuple[float, float]) -> bool:
+    """Whether values are beyond their bounds by more than the rounding of a solver."""
+    slack = MAX_ROUNDING * (bounds[1] - bounds[0])
+    return bool(values.min() < bounds[0] - slack or values.max() > bounds[1] + slack)
 
 
 def _check_bounds(bounds: tuple[float, float], transfer: str) -> None:
