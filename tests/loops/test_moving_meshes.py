@@ -70,7 +70,7 @@ def radius_after(steps: int, transfer: str | None, n: int) -> tuple[float, float
     """The radius of the circle after some steps, and that of theory."""
     circle = example("20_allen_cahn.py")
     *_, (mesh, u) = circle["run"](steps, transfer, n)
-    assert np.abs(u).max() < 1.0 + 1e-9
+    assert np.abs(u).max() < 1.0 + 1e-3  # elements with a consistent mass matrix overshoot by themselves
     return circle["radius"](mesh, u), float(np.sqrt(circle["RADIUS"] ** 2 - 2 * circle["DT"] * steps))
 
 

@@ -10,8 +10,15 @@ from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_field
 from equimesh.fields.nodal_field import NodalField
 from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.auto import Auto
+from equimesh.monitors.curvature import Curvature
 from equimesh.monitors.intersection import Intersection
+from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.smoothed import Smoothed
+
+# Radius of the smoothed curvature that stands for least error, in units of the domain's shorter extent.
+SMOOTHING = 0.02
 
 
 def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
@@ -19,8 +26,8 @@ def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
 
     ``given`` is a monitor, which is returned as it is; u as an array of shape ``(n_xi, n_eta)`` at the nodes of
     ``mesh``, as a field or as a text; or several of these in a mapping or a sequence. Of several u a monitor each is
-    made, and these are intersected: cells are as small as any of them requests. Least-error monitors are represented
-    in an intersection by their metric, that of curvature.
+    made, and these are intersected: cells are as small as any of them requests. In an intersection
+    the smoothed curvature stands for least error and auto, which have no metric of their own.
 
     Raises :class:`~equimesh.errors.InputError` for a template without u, and for values that cannot be used.
     """
@@ -59,11 +66,20 @@ def with_u(monitor: Monitor, u: Field) -> Monitor:
 
 
 def _several(template: Monitor, given: Sequence[tuple[str, Any]], mesh: Mesh) -> Monitor:
+    if len(given) == 1:
+        return monitor_for(template, given[0][1], mesh)
     monitors = [
-        part if callable(getattr(part, "metric", None)) else with_u(template, field_of(part, mesh, name))
+        part if callable(getattr(part, "metric", None)) else with_u(_metric(template), field_of(part, mesh, name))
         for name, part in given
     ]
-    return monitors[0] if len(monitors) == 1 else Intersection(monitors=tuple(monitors))
+    return Intersection(monitors=tuple(monitors))
+
+
+def _metric(template: Monitor) -> Monitor:
+    """The template, or a metric that stands for it."""
+    if isinstance(template, LeastError | Auto):
+        return Smoothed(monitor=Curvature(u=template.u, norm=template.norm), radius=SMOOTHING)
+    return template
 
 
 def _is_whole(part: Any) -> bool:

@@ -15,6 +15,7 @@ from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.auto import Auto
+from equimesh.monitors.intersection import Intersection
 from equimesh.monitors.least_error import LeastError
 from equimesh.schwarz.settings import Schwarz
 from equimesh.sequences.between import Between
@@ -88,8 +89,8 @@ class Pursuit:
     def _in_substeps(self, problem: Problem, moved: float) -> Found | None:
         """The solution by several meshes, each from the one before it; ``None`` where u is not known at both times."""
         later = problem.monitor.u
-        if self.u is None or later is None:
-            return None
+        if self.u is None or later is None or isinstance(problem.monitor, Intersection):
+            return None  # the members of an intersection may have several u
         count = min(math.ceil(moved / self.max_move), MAX_SUBSTEPS)
         mesh = self.before
         for number in range(1, count):

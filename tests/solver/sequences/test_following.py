@@ -39,6 +39,15 @@ def test_several_u_are_intersected() -> None:
     assert isinstance(monitor_for(template, {"u": U}, MESH), em.ArcLength)
 
 
+def test_smoothed_curvature_stands_for_least_error_in_an_intersection() -> None:
+    monitor = monitor_for(em.LeastError(u=U, norm="h1"), (MESH.x, U), MESH)
+    assert isinstance(monitor, em.Intersection)
+    for member in monitor.monitors:
+        assert isinstance(member, em.Smoothed)
+        assert isinstance(member.monitor, em.Curvature)
+        assert member.monitor.norm == "h1"
+
+
 def test_members_of_an_intersection_follow_the_same_u_and_a_weight_is_u() -> None:
     both = em.Intersection(monitors=(em.ArcLength(u=U), em.Weight(rho=em.Expression("1 + x"))))
     moved = with_u(both, em.Expression("2 + y"))
