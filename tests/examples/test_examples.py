@@ -203,10 +203,8 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
 ) -> None:
     run("10")
     drawn = [*tmp_path.glob("*.png"), *three_monitors[1].glob("*.png")]
-<<<<<<< HEAD
-    others = ["adapt-problems.png", "adapt.png", "schwarz-counts.png", "schwarz-errors.png", "schwarz-mismatch.png"]
-=======
     others = [
+        "adapt-problems.png",
         "adapt.png",
         "allen-cahn.png",
         "burgers-shock.png",
@@ -214,7 +212,6 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
         "schwarz-errors.png",
         "schwarz-mismatch.png",
     ]
->>>>>>> e1ed4be (Show moving meshes with their integrals: a disc, a shock and a circle that shrinks; tell which transfer is for what)
     assert sorted([*others, *(path.name for path in drawn)]) == [path.name for path in IMAGES]
     for path in IMAGES:
         check_picture(path)

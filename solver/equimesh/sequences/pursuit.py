@@ -25,9 +25,9 @@ from equimesh.solving.options import Initial, SolveArguments
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import solve
 
-# A gain less than this share of the expected one calls for a nested start, which costs as much again.
+# A gain less than this share of that of the step before calls for a nested start, which costs as much again.
 MIN_GAIN_SHARE = 0.8
-# A gain less than this share of it, in spite of a nested start, calls for substeps.
+# A gain less than this share of the one before, in spite of a nested start, calls for substeps.
 MIN_GAIN_SHARE_WITHOUT_SUBSTEPS = 0.5
 # Substeps, at most, of one step.
 MAX_SUBSTEPS = 8
@@ -39,8 +39,6 @@ class Found:
 
     solution: Solution
     substeps: int = 1
-    searched: bool = False
-    """Whether other ways were tried than from the mesh before."""
 
     @property
     def gain(self) -> float:
@@ -66,25 +64,21 @@ class Pursuit:
     """The mesh before, on the reference square and the grid of the step."""
     u: Field | None
     gain: float
-    """The gain that is expected, from the steps before; NaN where it is not known."""
+    """The gain of the mesh before for its u; NaN where it is not known."""
     max_move: float
 
     def solve(self, problem: Problem) -> Found:
         """The solution with the smallest measured error of those that were needed."""
         found = Found(solution=self._from(problem, self.before))
-<<<<<<< HEAD
         # A mesh that has kept its gain is better than one that is a little better and far away.
         is_followed = not math.isnan(self.gain) or self._moved(found) <= self.max_move
         if is_followed and not self._has_lost(found, MIN_GAIN_SHARE):
-=======
-        if not self._has_lost(found, MIN_GAIN_SHARE):
->>>>>>> e1ed4be (Show moving meshes with their integrals: a disc, a shock and a circle that shrinks; tell which transfer is for what)
             return found
         if isinstance(problem.monitor, LeastError | Auto) and self.schwarz is None:
             found = _better(found, Found(solution=self._from(problem, Initial.NESTED)))
         if self._has_lost(found, MIN_GAIN_SHARE_WITHOUT_SUBSTEPS) and self._moved(found) > self.max_move:
             found = _better(found, self._in_substeps(problem, self._moved(found)))
-        return replace(found, searched=True)
+        return found
 
     def _in_substeps(self, problem: Problem, moved: float) -> Found | None:
         """The solution by several meshes, each from the one before it; ``None`` where u is not known at both times."""

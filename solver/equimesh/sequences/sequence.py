@@ -34,8 +34,6 @@ from equimesh.transfers.transfer import transfer
 OUTRUN = ("substeps", "refuse")
 # The largest share of the mesh before in a mesh that is smoothed in time.
 MAX_SMOOTHING = 0.9
-# The share of the expected gain that is expected again a step later, though meshes have lost more.
-KEPT_GAIN = 0.95
 # A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
 MAX_SILENT_JUMP = 0.5
 # A relative change of an integral that deserves a sentence: rounding is far less.
@@ -92,7 +90,6 @@ class Sequence:
         self.mesh: Mesh = solution.mesh if solution is not None else _own(mesh)
         reference = None if solution is None else solution.reference
         self._reference = reference_of(self.mesh, problem.domain) if reference is None else reference
-        self._gain = math.nan if solution is None else gain_of(solution)
         self.number = 0
 
     def step(
@@ -142,8 +139,6 @@ class Sequence:
         self.problem = replace(problem, monitor=kept)
         self.solution, self.mesh, self._reference = solution, solution.mesh, solution.reference
         self.number += 1
-        gain = gain_of(solution)  # what other ways have not raised is not expected again
-        self._gain = gain if found.searched else float(np.fmax(gain, KEPT_GAIN * self._gain))
         return step
 
     def _on_grid(self, grid: Grid) -> Mesh:
@@ -159,13 +154,8 @@ class Sequence:
             schwarz=self.schwarz,
             options=self._options,
             before=before,
-<<<<<<< HEAD
             u=None if earlier is None else earlier.u,
             gain=math.nan if earlier is None else earlier.gain,
-=======
-            u=last,
-            gain=self._gain,
->>>>>>> e1ed4be (Show moving meshes with their integrals: a disc, a shock and a circle that shrinks; tell which transfer is for what)
             max_move=self.max_move if self.outrun == "substeps" else math.inf,
         )
         return pursuit.solve(problem)
