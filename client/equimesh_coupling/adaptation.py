@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array
 from equimesh_coupling.rounds import RoundNumbers, Verdict, judge
 
@@ -90,6 +91,17 @@ def verdict_on(done: Sequence[AdaptRound[M]], rounds: int) -> Verdict:
         [RoundNumbers(estimate=one.estimate, unresolved=one.unresolved, moved_cells=one.moved_cells) for one in done],
         rounds,
     )
+
+
+def require_same_kind(done: Sequence[AdaptRound[M]], *, is_indicator: bool) -> None:
+    """Raise :class:`BadValues` where a solver returns an error indicator after values, or values after an indicator.
+
+    Their estimates cannot be compared.
+    """
+    if done and (done[0].estimate_h1 is None) != is_indicator:
+        kinds = ("a solution", "an error indicator")
+        now, before = kinds[is_indicator], kinds[not is_indicator]
+        raise BadValues(f"this solve returned {now}, and those before it {before}: return one kind in all rounds")
 
 
 def ended(done: Sequence[AdaptRound[M]], rounds: int, failure: Exception | None = None) -> Adaptation[M]:

@@ -11,6 +11,8 @@ PATIENCE = 2
 """Rounds in a row without that fall after which the loop ends."""
 MAX_UNRESOLVED_SHARE = 0.15
 """The largest share of the gradient that a mesh may leave unresolved. A layer within one cell leaves 0.2 to 0.4."""
+MIN_RISE = 2.0
+"""The least factor over the best estimate that counts as a rise."""
 MIN_TOTAL_FALL = 2.0
 """Where that share is not known: the least factor by which the estimate has to fall in all while the mesh moves."""
 MAX_REST_CELLS = 1.0
@@ -65,6 +67,8 @@ def _reason(history: Sequence[RoundNumbers], rounds: int) -> str:
         has_fallen = numbers.estimate <= (1.0 - MIN_FALL) * least
         stale = 0 if has_fallen else stale + 1
         least = numbers.estimate if has_fallen else least
+    if stale >= PATIENCE and min(one.estimate for one in history[-stale:]) > MIN_RISE * least:
+        return f"The estimate rose in the last {stale} rounds: their meshes saw more of the solution than those before."
     if stale >= PATIENCE:
         return f"The estimate stands still: it did not fall by {MIN_FALL:.0%} in the last {stale} rounds."
     if done >= rounds:

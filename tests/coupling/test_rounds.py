@@ -69,3 +69,12 @@ def test_without_that_share_the_estimate_has_to_fall_while_the_mesh_moves() -> N
 def test_an_indicator_of_one_mesh_resolves_nothing() -> None:
     assert not judge([RoundNumbers(estimate=1.0)], 5).resolved
     assert judge([RoundNumbers(estimate=0.0)], 5).resolved
+
+
+def test_a_rise_is_told() -> None:
+    history = [RoundNumbers(estimate=one, unresolved=0.5) for one in (1e-9, 1e-5, 1e-4)]
+    verdict = judge(history, 5)
+    assert verdict.reason == (
+        "The estimate rose in the last 2 rounds: their meshes saw more of the solution than those before."
+    )
+    assert (verdict.best, verdict.resolved) == (0, False)

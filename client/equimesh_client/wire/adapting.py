@@ -16,7 +16,7 @@ from equimesh_client.spec.mesh import DEFAULTS, MeshOptions
 from equimesh_client.spec.monitors import LeastError, NodalSolution, Norm, Weight
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire.arrays import MeshArrays
-from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, verdict_on
+from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
 from equimesh_coupling.cells import ErrorIndicator, cell_values
 from equimesh_coupling.density import wanted_density
 from equimesh_coupling.values import node_values
@@ -78,11 +78,13 @@ class AdaptLoop(Generic[M]):
         """
         if not isinstance(returned, ErrorIndicator):
             values = node_values(returned, arrays)
+            require_same_kind(self.done, is_indicator=False)
             u = (arrays.x, arrays.y, values)
             return Answered(
                 arrays=arrays, values=values, is_indicator=False, monitor=NodalSolution(norm=self.norm), u=u
             )
         indicator = cell_values(returned, arrays)
+        require_same_kind(self.done, is_indicator=True)
         density = wanted_density(arrays.x, arrays.y, indicator, self.norm)
         monitor = None if density is None else Weight((arrays.x, arrays.y, density), map="gradient")
         return Answered(arrays=arrays, values=indicator, is_indicator=True, monitor=monitor)

@@ -21,7 +21,7 @@ from equimesh.numerics.threads import thread_count
 from equimesh.numerics.types import Array
 from equimesh.rounds.recovery import moved_cells
 from equimesh.rounds.round import Knowledge
-from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, verdict_on
+from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
 from equimesh_coupling.cells import ErrorIndicator, cell_values
 from equimesh_coupling.values import node_values
 
@@ -54,6 +54,7 @@ def adapt(
     """
     grid, threads = _grid(n), thread_count(threads)
     _check(solve, rounds, norm)
+    _check_others(domain, observe)
     done: list[AdaptRound[Mesh]] = []
 
     def following() -> tuple[Mesh, float, str]:
@@ -62,7 +63,10 @@ def adapt(
     while True:
         try:
             mesh, moved, start = following()
-            record, following = _looked_at(solve(mesh), mesh, domain, norm, threads)
+            # The solver gets its own arrays, which it may change.
+            returned = solve(Mesh(mesh.x.copy(), mesh.y.copy()))
+            record, following = _looked_at(returned, mesh, domain, norm, threads)
+            require_same_kind(done, is_indicator=isinstance(returned, ErrorIndicator))
         except Exception as failure:
             if not done:
                 raise
@@ -135,3 +139,14 @@ def _check(solve: object, rounds: object, norm: object) -> None:
         raise InputError(f"rounds = {rounds!r}: a whole number between 1 and {MAX_ROUNDS}", field="rounds")
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
+
+
+def _check_others(domain: object, observe: object) -> None:
+    """Refuse a domain and an observer that cannot be used."""
+    if not (callable(getattr(domain, "map", None)) and callable(getattr(domain, "jacobian", None))):
+        raise InputError(
+            f"domain = {str(domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
+            field="domain",
+        )
+    if observe is not None and not callable(observe):
+        raise InputError("observe is no function: give one that takes the record of a round", field="observe")
