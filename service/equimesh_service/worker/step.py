@@ -58,7 +58,7 @@ class StepStart:
             spec.problem,
             spec.schwarz,
             mesh=self.mesh,
-            earlier=self.earlier,
+            solution=self.earlier,
             **self.motion,
             **settings,
         )

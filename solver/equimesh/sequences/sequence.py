@@ -57,8 +57,8 @@ class Sequence:
     takes the best. ``"refuse"`` raises, and keeps the mesh before.
 
     A worker that has a problem, the mesh before and the fields of one step calls
-    ``Sequence(problem, schwarz, mesh=before, check=False, ...).step(problem.monitor, fields)``. ``earlier`` is what it
-    knows of the mesh before in place of its solution; without both, no step is refused, and none is taken in substeps.
+    ``Sequence(problem, schwarz, mesh=before, check=False, ...).step(problem.monitor, fields)``. Its ``solution`` may be
+    an :class:`Earlier`, what is known of the mesh before; without any, no step is refused or taken in substeps.
 
     Raises :class:`~equimesh.errors.InputError` for values that cannot be used, and as :func:`equimesh.solve`.
     """
@@ -68,9 +68,8 @@ class Sequence:
         problem: Problem,
         schwarz: Schwarz | None = None,
         *,
-        solution: Solution | None = None,
+        solution: Solution | Earlier | None = None,
         mesh: Mesh | None = None,
-        earlier: Earlier | None = None,
         smoothing: float = 0.0,
         max_move: float = 1.0,
         outrun: Literal["substeps", "refuse"] = "substeps",
@@ -83,6 +82,8 @@ class Sequence:
         defaults: SolveArguments = {"threads": 1}
         self._options: SolveArguments = {**defaults, **options}
         self._check = options.get("check", True)
+        earlier = solution if isinstance(solution, Earlier) else None
+        solution = None if isinstance(solution, Earlier) else solution
         if solution is None and mesh is None:
             solution = solve(problem, schwarz, **self._options)
         self.solution = solution
