@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from inspect import isawaitable
 from typing import Any, Unpack
 
@@ -17,15 +17,14 @@ from equimesh_client.spec.monitors import Norm
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.adapting import AdaptLoop
-from equimesh_client.wire.arrays import MeshArrays
+from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
 from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.transport import base_url
-from equimesh_coupling.adaptation import Adaptation, AdaptRound
+from equimesh_coupling.adaptation import Adaptation
 
 
 class AsyncClient:
@@ -89,13 +88,13 @@ class AsyncClient:
 
     async def adapt(
         self,
-        solve: Callable[[MeshArrays], Any],
+        solve: Solve,
         n: int | tuple[int, int],
         *,
         domain: Domain | Mapping[str, Any] | None = None,
         rounds: int = 5,
         norm: Norm = "l2",
-        observe: Callable[[AdaptRound[AsyncMesh]], None] | None = None,
+        observe: Observe | None = None,
         deadline: float = DEADLINE_SECONDS,
     ) -> Adaptation[AsyncMesh]:
         """The mesh that is adapted to the solution of a solver. See :meth:`Client.adapt`.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Unpack
 
 from equimesh_client.blocking.mesh import Mesh
@@ -15,14 +15,14 @@ from equimesh_client.spec.monitors import Norm
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
 from equimesh_client.spec.sources import StoredSamples
 from equimesh_client.wire import flows, protocol
-from equimesh_client.wire.adapting import AdaptLoop
+from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
 from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.transport import base_url
-from equimesh_coupling.adaptation import Adaptation, AdaptRound
+from equimesh_coupling.adaptation import Adaptation
 
 
 class Client:
@@ -104,13 +104,13 @@ class Client:
 
     def adapt(
         self,
-        solve: Callable[[Mesh], Any],
+        solve: Solve,
         n: int | tuple[int, int],
         *,
         domain: Domain | Mapping[str, Any] | None = None,
         rounds: int = 5,
         norm: Norm = "l2",
-        observe: Callable[[AdaptRound[Mesh]], None] | None = None,
+        observe: Observe | None = None,
         deadline: float = DEADLINE_SECONDS,
     ) -> Adaptation[Mesh]:
         """The mesh of ``n`` points a side, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,10 @@ from equimesh_coupling.values import node_values
 
 M = TypeVar("M")
 """The class of the meshes of the client."""
+Solve: TypeAlias = Callable[[Any], Any]
+"""A solver: from a mesh to what it returns on it."""
+Observe: TypeAlias = Callable[[AdaptRound[Any]], None]
+"""What is called with the record of every round."""
 MAX_ROUNDS = 100
 """The most rounds that can be requested."""
 NORMS = ("l2", "h1")
