@@ -27,6 +27,7 @@ from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.solving.options import SolveArguments
 from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
+from equimesh.solving.status import Status
 from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues, mesh_values
 from equimesh.transfers.transfer import transfer
@@ -34,6 +35,8 @@ from equimesh.transfers.transfer import transfer
 OUTRUN = ("substeps", "refuse")
 # The largest share of the mesh before in a mesh that is smoothed in time.
 MAX_SMOOTHING = 0.9
+# The begin of the note of such a mesh.
+SMOOTHED = "The mesh keeps a share of the mesh before it"
 # A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
 MAX_SILENT_JUMP = 0.5
 # A relative change of an integral that deserves a sentence: rounding is far less.
@@ -50,11 +53,13 @@ class Sequence:
 
     ``smoothing`` in [0, 0.9] is the share of the mesh before in each new mesh, so that meshes do not jitter where u is
     noisy or changes little; a front is then followed later, by about ``smoothing / (1 - smoothing)`` steps. It is
-    less in a step that would fold a cell.
+    less in a step that would fold a cell. Such a mesh does not solve the equations: its status is ``completed`` where
+    that of the solve was ``converged``, and the estimates of its errors are ``None``.
 
     ``max_move`` is the move, in cells, that one step may take; ``outrun`` says what happens to a larger one.
     ``"substeps"`` tries a nested start, and meshes for u interpolated in time, where the measured error has risen, and
-    takes the best. ``"refuse"`` raises, and keeps the mesh before.
+    takes the best. ``"refuse"`` raises, and keeps the mesh before; but the first step from a given ``mesh``, which need
+    not be adapted to any u, is not refused, and ``warnings`` tells its move.
 
     A worker that has a problem, the mesh before and the fields of one step calls
     ``Sequence(problem, schwarz, mesh=before, check=False, ...).step(problem.monitor, fields)``. Its ``solution`` may be
@@ -166,11 +171,28 @@ class Sequence:
         if self.smoothing == 0.0:
             return solution
         reference = mesh_between(before, solution.reference, self.smoothing)
-        return replace(solution, reference=reference, mesh=map_mesh(reference, solution.problem.domain))
+        mesh = map_mesh(reference, solution.problem.domain)
+        if reference is solution.reference or mesh.is_folded:
+            return solution
+        return replace(
+            solution,
+            reference=reference,
+            mesh=mesh,
+            # The rest holds for the mesh of the solve, and not for this one.
+            status=Status.COMPLETED if solution.status is Status.CONVERGED else solution.status,
+            note=" ".join((*filter(None, [solution.note]), f"{SMOOTHED} (smoothing = {self.smoothing:g}).")),
+            residual=math.nan,
+            algebraic_error=None,
+            discretization_error=None,
+        )
+
+    @property
+    def _is_first(self) -> bool:
+        """Whether the next step is the first one from a mesh of which nothing else is known."""
+        return self.solution is None and self._earlier is None
 
     def _refuse_outrun(self, moved: float | None) -> None:
-        is_first = self.solution is None and self._earlier is None
-        if self.outrun == "refuse" and not is_first and moved is not None and moved > self.max_move:
+        if self.outrun == "refuse" and not self._is_first and moved is not None and moved > self.max_move:
             raise InputError(
                 f"the mesh would move by {moved:.2g} cells in this step, more than max_move = {self.max_move:g}: u has"
                 f" outrun its cells. Take {math.ceil(moved / self.max_move)} smaller time steps; the mesh before is"
@@ -197,6 +219,11 @@ class Sequence:
         """Sentences about the move of the nodes."""
         if moved is None:
             return
+        if self.outrun == "refuse" and self._is_first and moved > self.max_move:
+            yield (
+                f"The mesh moved by {moved:.2g} cells in this step, more than max_move = {self.max_move:g}: the first"
+                " step from a given mesh is not refused. Later ones are."
+            )
         u = solution.problem.monitor.u
         jump = largest_jump(u.values) if isinstance(u, NodalField) and _is_same(u.mesh, self.mesh) else 0.0
         if moved > self.max_move and jump > MAX_SILENT_JUMP:

@@ -84,6 +84,16 @@ def test_smoothing_in_time_keeps_a_share_of_the_mesh_before() -> None:
     assert other.certificate.interpolation.gain_l2 > 1.0
 
 
+def test_a_smoothed_mesh_does_not_claim_to_be_converged() -> None:
+    plain, smooth = sequence(em.ArcLength), sequence(em.ArcLength, smoothing=0.9)
+    one, other = plain.step(front(0.3)), smooth.step(front(0.3))
+    assert one.status is em.Status.CONVERGED
+    assert other.status is em.Status.COMPLETED
+    assert "smoothing = 0.9" in other.solution.message
+    assert other.certificate.equation_residual > 100 * one.certificate.equation_residual
+    assert other.certificate.algebraic_error is other.certificate.discretization_error is None
+
+
 def test_a_front_that_outruns_its_cells_is_refused_on_request() -> None:
     meshes = sequence(outrun="refuse", max_move=0.5)
     before = meshes.mesh
@@ -92,6 +102,13 @@ def test_a_front_that_outruns_its_cells_is_refused_on_request() -> None:
     assert caught.value.field == "u"
     assert meshes.mesh is before
     assert meshes.number == 0
+
+
+def test_the_first_step_from_a_given_mesh_is_told_in_place_of_refused() -> None:
+    meshes = sequence(mesh=em.Mesh.uniform(GRID), outrun="refuse", max_move=0.01)
+    assert any("more than max_move = 0.01" in warning for warning in meshes.step(front(0.0)).warnings)
+    with pytest.raises(InputError, match="would move by"):
+        meshes.step(front(0.1))
 
 
 def test_a_front_that_has_left_its_cells_is_told() -> None:
