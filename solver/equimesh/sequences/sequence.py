@@ -29,8 +29,8 @@ from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status
 from equimesh.transfers.integrals import integral
-from equimesh.transfers.mesh_values import MeshValues, mesh_values
-from equimesh.transfers.transfer import transfer
+from equimesh.transfers.mesh_values import MeshValues
+from equimesh.transfers.transfer import carry, named
 
 OUTRUN = ("substeps", "refuse")
 # The largest share of the mesh before in a mesh that is smoothed in time.
@@ -116,7 +116,7 @@ class Sequence:
         :class:`~equimesh.solving.solution.SolveError` then, unless ``check`` is false, and
         :class:`~equimesh.errors.InputError` for values that cannot be used.
         """
-        given = {name: mesh_values(field) for name, field in (fields or {}).items()}
+        given = named({} if fields is None else fields)
         for name, field in given.items():
             field.on(self.mesh, name)  # what cannot be carried is refused before the solve
         is_monitor = callable(getattr(u, "metric", None))
@@ -130,7 +130,7 @@ class Sequence:
         same = problem.grid == self.mesh.grid
         moved = cells_moved(self.mesh, solution.mesh) if same else None
         self._refuse_outrun(moved)
-        carried = transfer(self.mesh, given, solution.mesh)
+        carried = carry(self.mesh, given, solution.mesh)
         step = SequenceStep(
             number=self.number + 1,
             mesh=solution.mesh,

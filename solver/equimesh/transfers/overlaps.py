@@ -7,7 +7,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from equimesh.errors import InputError
 from equimesh.fields.mesh_map import walk
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
@@ -44,14 +43,7 @@ class Overlaps:
 
     @classmethod
     def of(cls, old: Mesh, new: Mesh) -> Overlaps:
-        """The common parts of two valid meshes; raises :class:`~equimesh.errors.InputError` for a folded one."""
-        for mesh in (old, new):
-            if mesh.is_folded:
-                raise InputError(
-                    "a mesh is folded, or has a coordinate that is not finite: no integral over its cells can be kept;"
-                    " give one whose min_jacobian is positive",
-                    field="mesh",
-                )
+        """The common parts of two valid meshes."""
         of_old, of_new = cells_of(old), cells_of(new)
         pairs = tuple((np.ascontiguousarray(m.x), np.ascontiguousarray(m.y)) for m in (old, new))
         first, cell, area, of_x, of_y = find_overlaps(pairs[0], pairs[1], (of_old.x, of_old.y))

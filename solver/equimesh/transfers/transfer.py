@@ -15,17 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from equimesh.errors import InputError
+from equimesh.errors import SamplesError
+from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.transfers.averages import transfer_averages
 from equimesh.transfers.mesh_values import MeshValues, mesh_values
 from equimesh.transfers.nodal import transfer_nodal
+from equimesh.transfers.one_domain import require_one_domain
 from equimesh.transfers.overlaps import Overlaps
 from equimesh.transfers.spline import transfer_spline
-
-# The largest share of the area that may lie beyond the other mesh: more than straight edges of a curved side cause.
-MAX_BEYOND = 0.25
 
 
 def transfer(mesh: Mesh, fields: Mapping[str, Any], new_mesh: Mesh) -> dict[str, Array]:
@@ -37,34 +36,36 @@ def transfer(mesh: Mesh, fields: Mapping[str, Any], new_mesh: Mesh) -> dict[str,
     conservative transfer keeps integrals and bounds, and is of second order where the field is smooth.
 
     Raises :class:`~equimesh.errors.SamplesError`, which names the first bad index, for values that do not fit the mesh,
-    and :class:`~equimesh.errors.InputError` for a folded mesh and for meshes of different domains.
+    and :class:`~equimesh.errors.InputError` for a folded mesh, for one of less than 4 nodes in a direction, and for
+    meshes of different domains: a side that is straight must be the same up to rounding, a curved one up to what
+    straight edges cut off.
     """
-    given = {name: mesh_values(field) for name, field in fields.items()}
+    require_one_domain(mesh, new_mesh)
+    return carry(mesh, named(fields), new_mesh)
+
+
+def named(fields: Any) -> dict[str, MeshValues]:
+    """The fields by their names; raises :class:`~equimesh.errors.SamplesError` for what is no mapping."""
+    if not isinstance(fields, Mapping):
+        raise SamplesError(
+            f"the fields are {describe_value(fields)}: give them by their names, as {{'u': values}}", field="fields"
+        )
+    return {name: mesh_values(field) for name, field in fields.items()}
+
+
+def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[str, Array]:
+    """The same as :func:`transfer` between two valid meshes that are known to be of one domain."""
     checked = {name: field.on(mesh, name) for name, field in given.items()}
     if not checked:
         return {}
     at_nodes = {name: values for name, values in checked.items() if given[name].location == "nodes"}
     moved = transfer_spline(mesh, at_nodes, new_mesh) if at_nodes else {}
     if any(field.transfer == "conservative" for field in given.values()):
-        overlaps = overlaps_of(mesh, new_mesh)
+        overlaps = Overlaps.of(mesh, new_mesh)
         for name, field in given.items():
             if field.transfer == "conservative":
                 moved[name] = _conserved(overlaps, field, checked[name], moved.get(name))
     return {name: moved[name] for name in given}
-
-
-def overlaps_of(mesh: Mesh, new_mesh: Mesh) -> Overlaps:
-    """The common parts of two meshes of one domain; raises :class:`~equimesh.errors.InputError` for other meshes."""
-    overlaps = Overlaps.of(mesh, new_mesh)
-    beyond = float(np.sum(overlaps.new.area - overlaps.covered) / np.sum(overlaps.new.area))
-    missing = float(1.0 - np.sum(overlaps.covered) / np.sum(overlaps.old.area))
-    if max(beyond, missing) > MAX_BEYOND:
-        raise InputError(
-            f"{100 * max(beyond, missing):.0f} % of the area of one mesh lies beyond the other one: fields are carried"
-            " between two meshes of one domain",
-            field="mesh",
-        )
-    return overlaps
 
 
 def _conserved(overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None) -> Array:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.errors import InputError
 from equimesh.transfers.overlaps import Overlaps, corners_of, find_overlaps, longer
 from solver.fields.bent_meshes import smooth_mesh
 from solver.transfers.cases import adapted, fronts
@@ -57,9 +56,3 @@ def test_corners_are_counter_clockwise_from_an_origin() -> None:
     mesh, quad = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5)), np.empty((4, 2))
     corners_of(mesh.x, mesh.y, 1, 2, 0.25, 0.5, quad)
     assert quad.tolist() == [[0.0, 0.0], [0.25, 0.0], [0.25, 0.25], [0.0, 0.25]]
-
-
-def test_a_folded_mesh_is_refused() -> None:
-    mesh = smooth_mesh(9)
-    with pytest.raises(InputError, match="folded"):
-        Overlaps.of(mesh, em.Mesh(mesh.y, mesh.x))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.errors import InputError
-from equimesh.transfers.transfer import overlaps_of
+from equimesh.errors import InputError, SamplesError
 from solver.fields.bent_meshes import smooth_mesh
 from solver.transfers.cases import adapted
 
@@ -49,8 +50,24 @@ def test_on_curved_sides_bounds_come_before_integrals() -> None:
     assert em.integral(new, carried, "cells") == pytest.approx(em.integral(old, of_cells, "cells"), rel=1e-13)
 
 
-def test_meshes_of_different_domains_are_refused() -> None:
+@pytest.mark.parametrize("way", ["spline", "conservative"])
+def test_both_ways_refuse_other_domains_and_folded_meshes(way: Any) -> None:
     old = smooth_mesh(9)
-    with pytest.raises(InputError, match="between two meshes of one domain"):
-        overlaps_of(old, em.Mesh(2.0 * old.x, old.y))
+    fields = {"u": em.MeshValues(np.ones(old.x.shape), transfer=way)}
+    for factor in (0.9, 1.0 - 1e-5, 2.0):
+        with pytest.raises(InputError, match="between two meshes of one domain"):
+            em.transfer(old, fields, em.Mesh(factor * old.x, old.y))
+    for x in (old.x[::-1], np.full(old.x.shape, np.nan)):
+        with pytest.raises(InputError, match="folded"):
+            em.transfer(old, fields, em.Mesh(x, old.y))
+    for part in (old.x[:3], old.x[:, :2]):
+        with pytest.raises(InputError, match="at least 4 in each direction"):
+            em.transfer(old, fields, em.Mesh(part, part))
     assert em.transfer(old, {}, old) == {}
+
+
+@pytest.mark.parametrize("fields", [[1.0], None, "u"])
+def test_fields_without_names_are_refused(fields: Any) -> None:
+    mesh = smooth_mesh(9)
+    with pytest.raises(SamplesError, match="give them by their names"):
+        em.transfer(mesh, fields, mesh)

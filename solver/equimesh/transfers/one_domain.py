@@ -1,0 +1,91 @@
+"""Whether two meshes are ones of the same domain, by their sides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equimesh.errors import InputError
+from equimesh.meshes.grid import MIN_POINTS
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array
+
+# The distance of sides, as a share of the extent of the domain, that counts as rounding: also in single precision.
+MAX_ROUNDING = 1e-6
+# The largest turn at a node, in radians, that is counted: an edge cannot be further from its curve than its length.
+MAX_TURN = 1.0
+
+
+def require_valid(mesh: Mesh) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for a folded mesh, and for one of less than 4 nodes in a direction."""
+    if min(mesh.x.shape) < MIN_POINTS:
+        raise InputError(
+            f"a mesh has {mesh.x.shape[0]} x {mesh.x.shape[1]} nodes: at least {MIN_POINTS} in each direction are"
+            " needed",
+            field="mesh",
+        )
+    if mesh.is_folded:
+        raise InputError(
+            "a mesh is folded, or has a coordinate that is not finite: give one whose min_jacobian is positive",
+            field="mesh",
+        )
+
+
+def require_one_domain(mesh: Mesh, new_mesh: Mesh) -> None:
+    """Raise :class:`~equimesh.errors.InputError` unless both meshes are valid ones of the same domain.
+
+    Each node on a side of one mesh must lie on a side of the other one: up to rounding where that is straight, and
+    where it is curved up to the product of the length of the edge and the turn at its ends, which is 8 times the
+    distance of an arc from its chord.
+    """
+    for one in (mesh, new_mesh):
+        require_valid(one)
+    old, new = _sides(mesh), _sides(new_mesh)
+    rounding = MAX_ROUNDING * max(np.ptp(mesh.x), np.ptp(mesh.y))
+    for others, sides in ((new, old), (old, new)):
+        points = np.concatenate(others)
+        found = first_beyond(points, np.concatenate([_edges(side) for side in sides]), rounding)
+        if found >= 0:
+            raise InputError(
+                f"the node at ({points[found, 0]:.6g}, {points[found, 1]:.6g}) of a side of one mesh does not lie on a"
+                " side of the other one: fields are carried between two meshes of one domain",
+                field="mesh",
+            )
+
+
+def _sides(mesh: Mesh) -> list[Array]:
+    """The nodes of the four sides, shape ``(nodes, 2)`` each."""
+    return [
+        np.column_stack([mesh.x[side], mesh.y[side]]).astype(float)
+        for side in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
+    ]
+
+
+def _edges(side: Array) -> Array:
+    """The edges of a side: x and y of both ends, and how far a curve may be from them; shape ``(edges, 5)``."""
+    dx, dy = np.diff(side, axis=0).T
+    turns = np.abs(np.arctan2(dx[:-1] * dy[1:] - dy[:-1] * dx[1:], dx[:-1] * dx[1:] + dy[:-1] * dy[1:]))
+    turn = np.maximum(np.append(turns, 0.0), np.append(0.0, turns))  # the larger one of both ends
+    return np.column_stack([side[:-1], side[1:], np.hypot(dx, dy) * np.minimum(turn, MAX_TURN)])
+
+
+@compiled
+def first_beyond(points: Array, edges: Array, rounding: float) -> int:
+    """The number of the first point that is too far from all ``edges``; -1 where there is none.
+
+    The search begins at the edge that was near the point before.
+    """
+    count, near = edges.shape[0], 0
+    for p in range(points.shape[0]):
+        is_near = False
+        for step in range(count):
+            k = (near + step) % count
+            ex, ey = edges[k, 2] - edges[k, 0], edges[k, 3] - edges[k, 1]
+            px, py = points[p, 0] - edges[k, 0], points[p, 1] - edges[k, 1]
+            along = min(max((px * ex + py * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+            if np.hypot(px - along * ex, py - along * ey) <= rounding + edges[k, 4]:
+                near, is_near = k, True
+                break
+        if not is_near:
+            return p
+    return -1
