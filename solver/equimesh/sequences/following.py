@@ -31,6 +31,8 @@ def monitor_for(template: Monitor, given: Any, mesh: Mesh) -> Monitor:
 
     Raises :class:`~equimesh.errors.InputError` for a template without u, and for values that cannot be used.
     """
+    if isinstance(given, type):
+        raise InputError(f"u is the class {given.__name__}: give a monitor, such as LeastError(u=...)", field="u")
     if callable(getattr(given, "metric", None)):
         monitor: Monitor = given
         return monitor

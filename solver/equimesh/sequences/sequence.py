@@ -12,13 +12,13 @@ import numpy as np
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.fields.mesh_map import reference_of
 from equimesh.fields.nodal_field import NodalField
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import prolong
 from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
+from equimesh.sequences.beginning import check_settings, first_mesh
 from equimesh.sequences.between import mesh_between
 from equimesh.sequences.following import monitor_for
 from equimesh.sequences.moves import cells_moved, displacement, largest_jump, stays_valid
@@ -32,9 +32,6 @@ from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import carry, named
 
-OUTRUN = ("substeps", "refuse")
-# The largest share of the mesh before in a mesh that is smoothed in time.
-MAX_SMOOTHING = 0.9
 # The begin of the note of such a mesh.
 SMOOTHED = "The mesh keeps a share of the mesh before it"
 # A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
@@ -80,7 +77,9 @@ class Sequence:
         outrun: Literal["substeps", "refuse"] = "substeps",
         **options: Unpack[SolveArguments],
     ) -> None:
-        _check(smoothing, max_move, outrun)
+        check_settings(smoothing, max_move, outrun)
+        if solution is not None and mesh is not None:
+            raise InputError("a solution has a mesh: give solution= or mesh=, and not both", field="mesh")
         self.problem = problem
         self.schwarz = schwarz
         self.smoothing, self.max_move, self.outrun = smoothing, max_move, outrun
@@ -93,9 +92,8 @@ class Sequence:
             solution = solve(problem, schwarz, **self._options)
         self.solution = solution
         self._earlier = earlier
-        self.mesh: Mesh = solution.mesh if solution is not None else _own(mesh)
-        reference = None if solution is None else solution.reference
-        self._reference = reference_of(self.mesh, problem.domain) if reference is None else reference
+        self.mesh: Mesh
+        self.mesh, self._reference = first_mesh(mesh if solution is None else solution, problem.domain)
         self.number = 0
 
     def step(
@@ -264,20 +262,3 @@ def _change(old: Mesh, new: Mesh, field: MeshValues, carried: Array) -> float:
 
 def _is_same(one: Mesh, other: Mesh) -> bool:
     return one is other or (one.grid == other.grid and one.distance(other) == 0.0)
-
-
-def _own(mesh: Mesh | None) -> Mesh:
-    if mesh is None or mesh.is_folded:
-        raise InputError(
-            "the first mesh of a sequence must be valid: give one whose min_jacobian is positive", field="mesh"
-        )
-    return mesh
-
-
-def _check(smoothing: float, max_move: float, outrun: str) -> None:
-    if not 0.0 <= smoothing <= MAX_SMOOTHING:
-        raise InputError(f"smoothing = {smoothing}: the share lies between 0 and {MAX_SMOOTHING}", field="smoothing")
-    if not max_move > 0.0:
-        raise InputError(f"max_move = {max_move}: a positive number of cells; 1 is usual", field="max_move")
-    if outrun not in OUTRUN:
-        raise InputError(f"outrun = {outrun!r}: choose 'substeps' or 'refuse'", field="outrun")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -57,7 +59,7 @@ class MeshValues:
 
     def on(self, mesh: Mesh, name: str) -> Array:
         """The checked values on ``mesh``; raises :class:`~equimesh.errors.SamplesError` with the field ``name``."""
-        checked = real_array(self.values, name, ndim=3 if np.ndim(self.values) == 3 else 2)
+        checked = real_array(self.values, name, ndim=_dimensions(self.values))
         nodes = mesh.x.shape
         cells = nodes[0] - 1, nodes[1] - 1
         wanted, other = (nodes, cells) if self.location == "nodes" else (cells, nodes)
@@ -84,6 +86,14 @@ def mesh_values(field: Any) -> MeshValues:
     return field if isinstance(field, MeshValues) else MeshValues(field)
 
 
+def _dimensions(values: Any) -> int:
+    """3 for the values of vectors, else 2, which is also what is wanted of values that are no array."""
+    try:
+        return 3 if np.ndim(values) == 3 else 2
+    except ValueError:  # lists of unequal lengths
+        return 2
+
+
 def _other_shape(
     name: str, shape: tuple[int, ...], wanted: tuple[int, ...], other: tuple[int, ...], location: str
 ) -> str:
@@ -103,8 +113,11 @@ def _is_beyond(values: Array, bounds: tuple[float, float]) -> bool:
     return bool(values.min() < bounds[0] - slack or values.max() > bounds[1] + slack)
 
 
-def _check_bounds(bounds: tuple[float, float], transfer: str) -> None:
+def _check_bounds(bounds: Any, transfer: str) -> None:
     if transfer != "conservative":
         raise InputError("only the conservative transfer keeps bounds: give transfer='conservative'", field="bounds")
-    if not (len(bounds) == 2 and bounds[0] < bounds[1]):
-        raise InputError(f"bounds = {bounds}: give the least and the largest value, in this order", field="bounds")
+    are_numbers = isinstance(bounds, Sequence | np.ndarray) and all(isinstance(end, Real) for end in bounds)
+    if not (are_numbers and len(bounds) == 2 and bounds[0] < bounds[1]):
+        raise InputError(
+            f"bounds = {bounds!r}: give two numbers, the least and the largest value, in this order", field="bounds"
+        )

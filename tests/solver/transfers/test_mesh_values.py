@@ -27,6 +27,8 @@ def test_an_array_is_carried_by_splines() -> None:
         ({"location": "cells"}, "averages over cells are carried with their integrals"),
         ({"bounds": (0.0, 1.0)}, "only the conservative transfer keeps bounds"),
         ({"bounds": (1.0, 0.0), "transfer": "conservative"}, "in this order"),
+        ({"bounds": 5, "transfer": "conservative"}, "give two numbers"),
+        ({"bounds": ("a", "b"), "transfer": "conservative"}, "give two numbers"),
     ],
 )
 def test_words_that_do_not_fit_are_refused(options: dict[str, Any], message: str) -> None:
@@ -48,6 +50,11 @@ def test_values_of_another_shape_are_refused(shape: tuple[int, ...], location: A
     with pytest.raises(SamplesError, match=message) as caught:
         field.on(smooth_mesh(9), "rho")
     assert caught.value.field == "rho"
+
+
+def test_lists_of_unequal_lengths_are_refused() -> None:
+    with pytest.raises(SamplesError, match="every row must have the same length"):
+        em.MeshValues([[1.0, 2.0], [3.0]]).on(smooth_mesh(9), "rho")
 
 
 def test_values_beyond_their_bounds_or_too_large_are_refused() -> None:

@@ -1,0 +1,54 @@
+"""What a sequence begins with: its settings, and its first mesh."""
+
+from __future__ import annotations
+
+from numbers import Real
+
+import numpy as np
+
+from equimesh.domains.domain import Domain, map_mesh
+from equimesh.errors import InputError
+from equimesh.fields.mesh_map import reference_of
+from equimesh.inputs import describe_value
+from equimesh.meshes.mesh import Mesh
+from equimesh.solving.solution import Solution
+from equimesh.transfers.one_domain import MAX_ROUNDING, require_valid
+
+OUTRUN = ("substeps", "refuse")
+# The largest share of the mesh before in a mesh that is smoothed in time.
+MAX_SMOOTHING = 0.9
+
+
+def check_settings(smoothing: object, max_move: object, outrun: object) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for settings that a sequence cannot have."""
+    if not (isinstance(smoothing, Real) and 0.0 <= smoothing <= MAX_SMOOTHING):
+        raise InputError(f"smoothing = {smoothing!r}: the share lies between 0 and {MAX_SMOOTHING}", field="smoothing")
+    if not (isinstance(max_move, Real) and max_move > 0.0):
+        raise InputError(f"max_move = {max_move!r}: a positive number of cells; 1 is usual", field="max_move")
+    if outrun not in OUTRUN:
+        raise InputError(f"outrun = {outrun!r}: choose 'substeps' or 'refuse'", field="outrun")
+
+
+def first_mesh(begin: Solution | Mesh | None, domain: Domain) -> tuple[Mesh, Mesh]:
+    """The mesh of the domain that a sequence begins with, and the same mesh on the reference square.
+
+    Raises :class:`~equimesh.errors.InputError` for what is no mesh and no solution, for a folded mesh, and for one of
+    another domain.
+    """
+    if isinstance(begin, Solution):
+        mesh, reference = begin.mesh, begin.reference
+    elif isinstance(begin, Mesh):
+        require_valid(begin)
+        mesh, reference = begin, reference_of(begin, domain)
+    else:
+        raise InputError(
+            f"a sequence cannot begin with {describe_value(begin)}: give mesh= an em.Mesh, or solution= the result of"
+            " em.solve",
+            field="mesh",
+        )
+    extent = max(np.ptp(mesh.x), np.ptp(mesh.y))
+    if not mesh.distance(map_mesh(reference, domain)) <= MAX_ROUNDING * extent:
+        raise InputError(
+            "the first mesh of a sequence must be one of the problem's domain: it is another", field="mesh"
+        )
+    return mesh, reference
