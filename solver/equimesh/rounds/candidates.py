@@ -97,6 +97,11 @@ class Search:
         if straight is not None:
             yield straight
 
+    def error_on(self, mesh: Mesh) -> float:
+        """The norm of the error of the interpolant of u on a mesh of the reference square, as of all candidates."""
+        points = MEASURED_POINTS + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
+        return measured(self.u, self.domain, mesh, Rule(norm=self.norm, points=points), self.threads)
+
     def _climbed(self, levels: list[Level], straight: Candidate | None) -> Iterator[Candidate]:
         """The ends of the descents from all starts on the coarse levels."""
         begun = set()
@@ -160,8 +165,7 @@ class Search:
         mesh = _lifted(way, coarse, level, self._levels[-1])
         square = mesh_of(mesh, self.before.grid)
         if not (square.is_folded or map_mesh(square, self.domain).is_folded):
-            points = MEASURED_POINTS + (MORE_SLOPE_POINTS if self.norm == "h1" else 0)
-            error = measured(self.u, self.domain, square, Rule(norm=self.norm, points=points), self.threads)
+            error = self.error_on(square)
             if np.isfinite(error):
                 yield Candidate(name=way.name, way=way, level=level, mesh=mesh, coarse=coarse, error=error)
 

@@ -58,7 +58,6 @@ class Knowledge:
     def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh:
         """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly."""
         before = self.recovery.mesh
-        here = self.estimate if norm == "l2" else self.estimate_h1
         search = Search(u=self.recovery.u, domain=self.recovery.domain, before=before, norm=norm, threads=threads)
         found = [] if self.is_exact else list(search.candidates())
         if not found:
@@ -70,7 +69,7 @@ class Knowledge:
             reference=reference,
             chosen=best.name,
             candidates={one.name: one.error for one in found},
-            gain=here / best.error if best.error > 0.0 else 1.0,
+            gain=search.error_on(before) / best.error if best.error > 0.0 else 1.0,
             moved_cells=moved_cells(before, reference),
         )
 
@@ -86,8 +85,10 @@ class NextMesh:
     candidates: Mapping[str, float]
     """The candidates, with the errors of the interpolant of the recovered u on them in the requested norm."""
     gain: float
-    """The estimate in the requested norm over the predicted one on this mesh. Where the values do not resolve the
-    solution it can be below 1.
+    """The error of the interpolant of the recovered u in the requested norm, on the mesh before over that on this one.
+
+    Both are measured at the same points of each cell, which are fewer than those of the estimate. Where the values do
+    not resolve the solution it can be below 1.
     """
     moved_cells: float
     """The root mean square of the moves of the nodes, in spacings of the uniform mesh."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +20,11 @@ OUTRUN = ("substeps", "refuse")
 MAX_SMOOTHING = 0.9
 
 
-def check_settings(smoothing: object, max_move: object, outrun: object) -> None:
+def check_settings(smoothing: Any, max_move: Any, outrun: Any) -> None:
     """Raise :class:`~equimesh.errors.InputError` for settings that a sequence cannot have."""
-    if not (isinstance(smoothing, Real) and 0.0 <= smoothing <= MAX_SMOOTHING):
+    if not (_is_number(smoothing) and 0.0 <= smoothing <= MAX_SMOOTHING):
         raise InputError(f"smoothing = {smoothing!r}: the share lies between 0 and {MAX_SMOOTHING}", field="smoothing")
-    if not (isinstance(max_move, Real) and max_move > 0.0):
+    if not (_is_number(max_move) and max_move > 0.0):
         raise InputError(f"max_move = {max_move!r}: a positive number of cells; 1 is usual", field="max_move")
     if outrun not in OUTRUN:
         raise InputError(f"outrun = {outrun!r}: choose 'substeps' or 'refuse'", field="outrun")
@@ -52,3 +53,7 @@ def first_mesh(begin: Solution | Mesh | None, domain: Domain) -> tuple[Mesh, Mes
             "the first mesh of a sequence must be one of the problem's domain: it is another", field="mesh"
         )
     return mesh, reference
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real)

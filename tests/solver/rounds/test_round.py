@@ -8,8 +8,9 @@ import pytest
 import equimesh as em
 from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
-from equimesh.least_error.elements import Rule
-from equimesh.rounds.recovery import measured
+from equimesh.least_error.elements import Norm, Rule
+from equimesh.rounds.candidates import Search
+from equimesh.rounds.recovery import Recovery, measured
 from equimesh.rounds.round import KEPT, Round, adapt_round
 
 FRONT = em.Expression("tanh(20*(x + y/2 - 0.75))")
@@ -60,6 +61,15 @@ def test_the_norm_decides_what_is_measured() -> None:
     assert h1.mesh.distance(l2.mesh) > 0.01
     slopes = [measured(FRONT, UNIT_SQUARE, one.reference, Rule(norm="h1")) for one in (l2, h1)]
     assert slopes[1] < slopes[0]
+
+
+@pytest.mark.parametrize("norm", ["l2", "h1"])
+def test_the_gain_compares_errors_of_one_rule(norm: Norm) -> None:
+    mesh = uniform(17, 17)
+    found = first_round(17, 17, norm=norm)
+    u = Recovery.of(mesh, FRONT.evaluate(mesh.x, mesh.y)[0], UNIT_SQUARE).u
+    search = Search(u=u, domain=UNIT_SQUARE, before=mesh, norm=norm)
+    assert found.gain == pytest.approx(search.error_on(mesh) / search.error_on(found.reference), rel=1e-12)
 
 
 @pytest.mark.parametrize("values", [0.0, 7.5])
