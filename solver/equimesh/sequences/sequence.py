@@ -94,6 +94,7 @@ class Sequence:
         self._earlier = earlier
         self.mesh: Mesh
         self.mesh, self._reference = first_mesh(mesh if solution is None else solution, problem.domain)
+        self._nodes = self.mesh.points
         self.number = 0
 
     def step(
@@ -112,8 +113,15 @@ class Sequence:
 
         A solve that fails, and a refused step, leave the sequence as it was: the mesh before is kept. Raises
         :class:`~equimesh.solving.solution.SolveError` then, unless ``check`` is false, and
-        :class:`~equimesh.errors.InputError` for values that cannot be used.
+        :class:`~equimesh.errors.InputError` for values that cannot be used, and where the arrays of :attr:`mesh` were
+        written into.
         """
+        if not np.array_equal(self.mesh.points, self._nodes):
+            raise InputError(
+                "the mesh of this sequence was written into since its last step: write into copies, as"
+                " step.mesh.x.copy(), and begin a new sequence",
+                field="mesh",
+            )
         given = named({} if fields is None else fields)
         for name, field in given.items():
             field.on(self.mesh, name)  # what cannot be carried is refused before the solve
@@ -142,6 +150,7 @@ class Sequence:
         kept = problem.monitor if is_monitor else self.problem.monitor
         self.problem = replace(problem, monitor=kept)
         self.solution, self.mesh, self._reference = solution, solution.mesh, solution.reference
+        self._nodes = solution.mesh.points
         self.number += 1
         return step
 

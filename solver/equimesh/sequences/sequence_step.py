@@ -17,7 +17,10 @@ class SequenceStep:
     number: int
     """1 for the first step."""
     mesh: Mesh
-    """The mesh of the sequence after the step: that of the solution, or the last good one where the solve failed."""
+    """The mesh of the sequence after the step: that of the solution, or the last good one where the solve failed.
+
+    The next step begins with it: write into copies of its arrays only.
+    """
     solution: Solution
     """The solve of this step, also a failed one."""
     fields: Mapping[str, Array]

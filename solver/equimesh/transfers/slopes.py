@@ -17,7 +17,9 @@ def slopes_of_averages(cells: Cells, averages: Array, least: float, most: float)
     functions. It is multiplied by the largest number in [0, 1] for which the values at the corners lie between the
     least and the largest average of the 3 x 3 cells around (T. J. Barth and D. C. Jespersen, AIAA 89-0366, 1989), and
     between ``least`` and ``most``. Beyond a side the averages are continued by the smaller of the last two
-    differences, so that linear functions are exact there, too.
+    differences. A linear function is therefore exact at a straight row of centroids where ``least`` and ``most`` leave
+    room. Where they are the least and the largest average, the slopes of the cells with these are reduced, and so are
+    the nearby ones at a side.
     """
     rows, columns = cells.shape
     padded, x, y = (np.empty((rows + 2, columns + 2)) for _ in range(3))

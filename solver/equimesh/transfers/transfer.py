@@ -33,7 +33,9 @@ def transfer(mesh: Mesh, fields: Mapping[str, Any], new_mesh: Mesh) -> dict[str,
     A field is an array of shape ``(n_xi, n_eta)`` or ``(n_xi, n_eta, components)`` at the nodes, which is carried by
     splines, or a :class:`~equimesh.transfers.mesh_values.MeshValues`, which says how. Splines are accurate to O(h^4),
     exact for linear functions, and not monotone: an under-resolved front may overshoot by a few percent. The
-    conservative transfer keeps integrals and bounds, and is of second order where the field is smooth.
+    conservative transfer keeps integrals and bounds. Where the field is smooth it is of second order: for values at
+    nodes in every norm, for averages in L1 and L2. The largest error of averages is of first order, because bounds
+    flatten the largest and the least values; ``bounds`` that are wider than the values avoid this at the sides.
 
     Raises :class:`~equimesh.errors.SamplesError`, which names the first bad index, for values that do not fit the mesh,
     and :class:`~equimesh.errors.InputError` for a folded mesh, for one of less than 4 nodes in a direction, and for

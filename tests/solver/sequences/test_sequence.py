@@ -76,6 +76,16 @@ def test_a_sequence_begins_with_a_mesh_or_a_solution() -> None:
     assert np.abs(step.velocity).max() < 1e-2
 
 
+def test_a_mesh_that_was_written_into_is_refused() -> None:
+    meshes = sequence(em.ArcLength)
+    step = meshes.step(front(0.01))
+    step.mesh.x[4, 4] += 1e-3
+    with pytest.raises(InputError, match="written into"):
+        meshes.step(front(0.02))
+    step.mesh.x[4, 4] = meshes._nodes[4 * 17 + 4, 0]
+    assert meshes.step(front(0.02)).number == 2
+
+
 def test_smoothing_in_time_keeps_a_share_of_the_mesh_before() -> None:
     plain, smooth = sequence(), sequence(smoothing=0.5)
     before = plain.mesh

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+import equimesh as em
 from equimesh.transfers.integrals import Cells, cells_of
 from equimesh.transfers.slopes import (
     continue_beyond,
@@ -36,6 +37,19 @@ def test_linear_functions_are_exact_where_bounds_allow_it() -> None:
     gx, gy = slopes_of_nodes(CELLS, nodal, means)
     assert np.abs(gx - 2.0).max() < 1e-12
     assert np.abs(gy + 1.0).max() < 1e-12
+
+
+def test_at_straight_sides_linear_functions_need_room() -> None:
+    cells = cells_of(em.Mesh.uniform(em.Grid(n_xi=9, n_eta=17)))
+    means = 1.0 + 2.0 * cells.x - 3.0 * cells.y
+    wide, _ = slopes_of_averages(cells, means, -10.0, 10.0)
+    tight, _ = slopes_of_averages(cells, means, means.min(), means.max())
+    for slopes, exact in zip(zip(wide, tight, strict=True), (2.0, -3.0), strict=True):
+        assert np.abs(slopes[0] - exact).max() < 1e-12
+        reduced = np.abs(slopes[1] - exact).reshape(cells.shape) > 1e-12
+        assert reduced[0, -1]  # the least average
+        assert reduced[-1, 0]  # the largest one
+        assert not reduced[1:-1, 1:-1].any()
 
 
 def test_values_at_corners_stay_within_the_bounds() -> None:
