@@ -62,6 +62,8 @@ def _reason(history: Sequence[RoundNumbers], rounds: int) -> str:
     done, stale = len(history) - 1, 0
     least = history[0].estimate
     if not history[-1].estimate > 0.0:
+        if history[-1].unresolved is None:
+            return "The error indicator is zero everywhere."
         return "The estimated error is zero: bilinear elements have the solution exactly."
     for numbers in history[1:]:
         has_fallen = numbers.estimate <= (1.0 - MIN_FALL) * least

@@ -102,7 +102,7 @@ class AsyncClient:
         ``solve`` gets the arrays of the mesh, whose ``to_skfem()`` and other methods need no await, and returns its
         solution or an awaitable of it.
         """
-        loop: AdaptLoop[AsyncMesh] = AdaptLoop(n=n, domain=domain, rounds=rounds, norm=norm)
+        loop: AdaptLoop[AsyncMesh] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm)
         mesh = await self._generate(loop.first(), deadline, False)
         while True:
             try:

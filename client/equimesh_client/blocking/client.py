@@ -125,7 +125,7 @@ class Client:
         the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the exception. Raises
         :class:`BadArgument` for arguments that cannot be used.
         """
-        loop: AdaptLoop[Mesh] = AdaptLoop(n=n, domain=domain, rounds=rounds, norm=norm)
+        loop: AdaptLoop[Mesh] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm)
         mesh = self._generate(loop.first(), deadline, False)
         while True:
             try:

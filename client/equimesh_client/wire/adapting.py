@@ -50,6 +50,7 @@ class AdaptLoop(Generic[M]):
     Raises :class:`BadArgument` for arguments that cannot be used.
     """
 
+    solve: Solve
     n: int | tuple[int, int]
     domain: Domain | Mapping[str, Any] | None
     rounds: int
@@ -61,6 +62,8 @@ class AdaptLoop(Generic[M]):
     """The candidate that became the current mesh."""
 
     def __post_init__(self) -> None:
+        if not callable(self.solve):
+            raise BadArgument("solve is no function: give one that takes a mesh and returns the solution on it")
         if not isinstance(self.rounds, int) or isinstance(self.rounds, bool) or not 1 <= self.rounds <= MAX_ROUNDS:
             raise BadArgument(f"rounds = {self.rounds!r}: a whole number between 1 and {MAX_ROUNDS}")
         if self.norm not in NORMS:

@@ -70,6 +70,8 @@ class Pursuit:
     def solve(self, problem: Problem) -> Found:
         """The solution with the smallest measured error of those that were needed."""
         found = Found(solution=self._from(problem, self.before))
+        if isinstance(problem.monitor, Auto) and problem.monitor.purpose is not None:
+            return found  # its meshes are chosen by another error than that of interpolation, and for each u anew
         # A mesh that has kept its gain is better than one that is a little better and far away.
         is_followed = not math.isnan(self.gain) or self._moved(found) <= self.max_move
         if is_followed and not self._has_lost(found, MIN_GAIN_SHARE):

@@ -201,6 +201,7 @@ def _uniform(problem: Problem, auto: Auto, *, is_measured: bool = True) -> Tried
         newton_steps=0,
         residual=math.nan,
         note=UNIFORM,
+        detours=(UNIFORM,),
     )
     error = _error(solution) if is_measured else math.inf
     return Tried(kind="uniform", settings={}, monitor=monitor, solution=solution, error=error)

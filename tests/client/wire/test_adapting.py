@@ -35,7 +35,7 @@ def certificate(l2: float, start: str | None = "lines") -> Certificate:
 
 
 def loop(**changed: Any) -> AdaptLoop[str]:
-    return AdaptLoop(**{"n": (4, 3), "domain": None, "rounds": 5, "norm": "l2", **changed})
+    return AdaptLoop(**{"solve": len, "n": (4, 3), "domain": None, "rounds": 5, "norm": "l2", **changed})
 
 
 def test_values_at_nodes_are_sent_with_their_nodes_and_the_certificate_is_taken_over() -> None:
@@ -86,7 +86,9 @@ def test_values_that_cannot_be_used(returned: Any) -> None:
         loop().receive(arrays(), returned)
 
 
-@pytest.mark.parametrize("changed", [{"rounds": 0}, {"rounds": True}, {"rounds": 101}, {"norm": "max"}])
+@pytest.mark.parametrize(
+    "changed", [{"rounds": 0}, {"rounds": True}, {"rounds": 101}, {"norm": "max"}, {"solve": "tanh(x)"}]
+)
 def test_arguments_that_cannot_be_used(changed: dict[str, Any]) -> None:
     with pytest.raises(BadArgument):
         loop(**changed)
