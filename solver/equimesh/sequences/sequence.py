@@ -78,7 +78,7 @@ class Sequence:
         **options: Unpack[SolveArguments],
     ) -> None:
         check_settings(smoothing, max_move, outrun)
-        if solution is not None and mesh is not None:
+        if isinstance(solution, Solution) and mesh is not None:
             raise InputError("a solution has a mesh: give solution= or mesh=, and not both", field="mesh")
         self.problem = problem
         self.schwarz = schwarz
