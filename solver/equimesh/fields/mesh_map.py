@@ -22,6 +22,7 @@ from equimesh.numerics.types import Array, BoolArray, Pair
 
 MAX_STEPS = 20  # of Newton's method
 POLISHING_STEPS = 4  # of Newton's method on the map of a domain, from the result of its spline
+MAX_FAR_SHARE = 1e-9  # of the extent of a domain: a node further from the image of its place has another place
 MIN_START_STEP_CELLS = 0.01  # near enough to start Newton's method on the splines
 MIN_STEP_CELLS = 1e-8  # the next step after a smaller one would be lost in rounding
 MAX_DISTANCE_CELLS = 1.0  # between the point by the spline and by the bilinear cell that holds it
@@ -101,6 +102,18 @@ def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
     places = MeshMap.of(map_mesh(uniform, domain)).locate(mesh.x, mesh.y)
     s, t = (along.reshape(mesh.x.shape) / (n - 1) for along, n in zip((places.s, places.t), mesh.x.shape, strict=True))
     s[0], s[-1], t[:, 0], t[:, -1] = 0.0, 1.0, 0.0, 1.0  # where a ring is cut, the place alone does not tell the side
+    s, t, far = _polished(mesh, domain, s, t)
+    if far.max() > MAX_FAR_SHARE * max(np.ptp(mesh.x), np.ptp(mesh.y)):  # inner nodes near a cut, from its other side
+        for start in ((s, 1.0 - t), (1.0 - s, t)):
+            other_s, other_t, other_far = _polished(mesh, domain, *start)
+            nearer = other_far < far
+            s, t = np.where(nearer, other_s, s), np.where(nearer, other_t, t)
+            far = np.minimum(far, other_far)
+    return Mesh.of_unit_square(s, t)
+
+
+def _polished(mesh: Mesh, domain: Domain, s: Array, t: Array) -> tuple[Array, Array, Array]:
+    """The places of nodes in the reference square by Newton's method, and how far their images are from the nodes."""
     for _ in range(POLISHING_STEPS):
         x, y = domain.map(s, t)
         x_s, x_t, y_s, y_t = domain.jacobian(s, t)
@@ -108,7 +121,8 @@ def reference_of(mesh: Mesh, domain: Domain) -> Mesh:
         r, q = mesh.x - x, mesh.y - y
         s = np.clip(s + (r * y_t - q * x_t) / det, 0.0, 1.0)
         t = np.clip(t + (q * x_s - r * y_s) / det, 0.0, 1.0)
-    return Mesh.of_unit_square(s, t)
+    x, y = domain.map(s, t)
+    return s, t, np.hypot(mesh.x - x, mesh.y - y)
 
 
 def through(values: Array) -> Bicubic:

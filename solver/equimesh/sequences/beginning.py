@@ -13,7 +13,7 @@ from equimesh.fields.mesh_map import reference_of
 from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Mesh
 from equimesh.solving.solution import Solution
-from equimesh.transfers.one_domain import MAX_ROUNDING, require_valid
+from equimesh.transfers.one_domain import MAX_ROUNDING, require_one_domain, require_valid
 
 OUTRUN = ("substeps", "refuse")
 # The largest share of the mesh before in a mesh that is smoothed in time.
@@ -47,12 +47,21 @@ def first_mesh(begin: Solution | Mesh | None, domain: Domain) -> tuple[Mesh, Mes
             " em.solve",
             field="mesh",
         )
-    extent = max(np.ptp(mesh.x), np.ptp(mesh.y))
-    if not mesh.distance(map_mesh(reference, domain)) <= MAX_ROUNDING * extent:
-        raise InputError(
-            "the first mesh of a sequence must be one of the problem's domain: it is another", field="mesh"
-        )
+    if not _is_of(domain, mesh, reference):
+        raise InputError("the first mesh of a sequence must be one of the problem's domain", field="mesh")
     return mesh, reference
+
+
+def _is_of(domain: Domain, mesh: Mesh, reference: Mesh) -> bool:
+    """Whether a mesh is the image of its reference; where that was not found exactly, its sides decide."""
+    extent = max(np.ptp(mesh.x), np.ptp(mesh.y))
+    if mesh.distance(map_mesh(reference, domain)) <= MAX_ROUNDING * extent:
+        return True
+    try:
+        require_one_domain(mesh, map_mesh(Mesh.uniform(mesh.grid), domain))
+    except InputError:
+        return False
+    return True
 
 
 def _is_number(value: object) -> bool:

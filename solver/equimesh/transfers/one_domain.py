@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.inputs import describe_value
 from equimesh.meshes.grid import MIN_POINTS
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.compiled import compiled
@@ -16,8 +17,10 @@ MAX_ROUNDING = 1e-6
 MAX_TURN = 1.0
 
 
-def require_valid(mesh: Mesh) -> None:
-    """Raise :class:`~equimesh.errors.InputError` for a folded mesh, and for one of less than 4 nodes in a direction."""
+def require_valid(mesh: object) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for what is no mesh, a folded one, and less than 4 nodes a side."""
+    if not isinstance(mesh, Mesh):
+        raise InputError(f"a mesh is needed, such as solution.mesh, not {describe_value(mesh)}", field="mesh")
     if min(mesh.x.shape) < MIN_POINTS:
         raise InputError(
             f"a mesh has {mesh.x.shape[0]} x {mesh.x.shape[1]} nodes: at least {MIN_POINTS} in each direction are"

@@ -57,6 +57,8 @@ def test_the_part_of_a_mesh_is_another_domain() -> None:
 def test_a_mesh_of_few_nodes_is_not_valid() -> None:
     mesh = smooth_mesh(4)
     require_valid(mesh)
+    with pytest.raises(InputError, match=r"a mesh is needed, .* not the text 'x'"):
+        require_valid("x")
     with pytest.raises(InputError, match="a mesh has 3 x 7 nodes"):
         require_valid(em.Mesh(mesh.x[:3], mesh.y[:3]))
 
