@@ -731,13 +731,19 @@ def test_solver_and_client_print_a_certificate_alike() -> None:
     )
     grid = pytest.importorskip("equimesh.meshes.grid").Grid(n_xi=33, n_eta=17)
     aim = em.Aim(norm="h1", error=0.1, grid=grid, predicted=0.098, reached=0.097, solves=2)
-    bare = {"status": status.CONVERGED, "mode": None, "equation_residual": 0.0, "min_jacobian": 1.0}
+    faces = pytest.importorskip("equimesh.quality.faces").Faces(
+        non_orthogonality=12.3, mean_non_orthogonality=4.5, skewness=0.67
+    )
+    bare = {"status": status.CONVERGED, "mode": None, "equation_residual": 0.0, "min_jacobian": 1.0, "faces": faces}
+    estimate = em.Estimate(l2=1.2e-3, h1=0.3, unresolved=0.1, moved_cells=2.5)
     for certificate in (
         em.Certificate(**bare),
         em.Certificate(**bare, algebraic_error=0.0, discretization_error=1.2345e-4, interpolation=gain),
         em.Certificate(**{**bare, "equation_residual": 1e-3}, relaxed=relaxed, warnings=("Beware.",)),
         em.Certificate(**{**bare, "equation_residual": math.inf}),
         em.Certificate(**{**bare, "equation_residual": None}, comparison=compared, target=aim),
+        em.Certificate(**{**bare, "equation_residual": None}, estimate=estimate),
+        em.Certificate(**{**bare, "equation_residual": None}, comparison=compared),
     ):
         assert str(certificate) == str(Certificate.from_json(certificate.summary()))
     assert "equation residual" not in str(certificate)

@@ -35,7 +35,7 @@ def test_what_solvers_have_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(arrays["theirs"], x)
     np.testing.assert_array_equal(arrays["cells"], np.arange(6.0).reshape(2, 3))
     assert settings == {"cells": {"transfer": "conservative", "location": "cells"}}
-    with pytest.raises(BadValues, match="5 values, and this mesh has 6 quadrilaterals"):
+    with pytest.raises(BadValues, match=r"5 values of shape \(5,\), and this mesh has 6 quadrilaterals"):
         read_fields({"cells": CellAverages(np.arange(5.0))}, MESH)
 
 
