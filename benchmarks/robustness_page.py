@@ -27,7 +27,7 @@ INTRODUCTION = """\
 {functions} functions, from mild to hostile, {settings} settings of `a` and `b`, grids of {points} points a side:
 {cells} solves with the arc-length monitor and otherwise default settings, each on one thread.
 `benchmarks/robustness.py` runs them and writes this page; the numbers are in `benchmarks/robustness.json`.
-The method was developed with these functions in view, so the counts are not those of functions that it has not seen:
+The method was developed on these functions, so the counts are not those of functions that it has not seen:
 those are [elsewhere](which-monitor.md#functions-that-nobody-tuned-to).
 {missing}\
 All of them are of one run of this release.

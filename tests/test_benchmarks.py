@@ -257,8 +257,8 @@ def test_the_scripts_run(script: str, arguments: list[str], said: str) -> None:
 
 def test_the_loop_that_adapts_has_a_row_for_a_problem() -> None:
     *_, row = adapt.loop_rows(["E"], 17, 1)
-    name, goal, gains, by_round, efficiency, resolved = (cell.strip() for cell in row.strip("|").split("|"))
-    assert (name, goal, resolved) == ("E", "2 / 1.6", "yes")
+    name, gains, by_round, efficiency, resolved = (cell.strip() for cell in row.strip("|").split("|"))
+    assert (name, resolved) == ("E", "yes")
     l2, h1 = map(float, gains.split(" / "))
     assert l2 > 1.2
     assert h1 > 1.1

@@ -34,7 +34,7 @@ FORMATS: Final = {
             name="vtk",
             suffix=".vtk",
             media_type="application/vnd.vtk",
-            description="legacy VTK 4.2, binary, with SfePy's node_groups: SfePy, ParaView, VisIt",
+            description="legacy VTK 4.2, binary, with SfePy's node_groups: SfePy, ParaView, VisIt, PyVista",
         ),
         MeshFormat(
             name="vts",
@@ -55,7 +55,7 @@ FORMATS: Final = {
             suffix=".msh",
             media_type="model/mesh",
             description="Gmsh 2.2 text with physical groups left, right, bottom, top, domain: Gmsh, FreeFEM"
-            " (gmshload), scikit-fem, deal.II, MFEM, SfePy",
+            " (gmshload), scikit-fem, FEniCSx dolfinx, PETSc, deal.II, MFEM, NGSolve, FiPy, SfePy",
         ),
         MeshFormat(
             name="medit",
