@@ -198,7 +198,9 @@ class MeshFailed(EquimeshClientError):
         self.problem = dict(problem)
 
     def __str__(self) -> str:
-        sentences = [str(self.problem[key]) for key in ("title", "detail", "remedy") if self.problem.get(key)]
+        # The remedy of faults of the input points to their list, of which the detail has the first.
+        keys = ("title", "detail") if self.problem.get("errors") else ("title", "detail", "remedy")
+        sentences = [str(self.problem[key]) for key in keys if self.problem.get(key)]
         words = ". ".join(sentence.rstrip(".") for sentence in dict.fromkeys(sentences))
         return f"mesh {self.mesh.id} failed: {words or 'no reason given'}"
 

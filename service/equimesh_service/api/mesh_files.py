@@ -9,7 +9,7 @@ from starlette.responses import Response
 from equimesh.io.write import FORMATS
 from equimesh_service.admission.intake import check_cells
 from equimesh_service.files.port import StoredFile
-from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.problem import Complaint, Problem
 from equimesh_service.problems.sentences import did_you_mean
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
@@ -84,7 +84,8 @@ def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None
         raise Problem("not-finished", f"The mesh is {row.status}.", headers={**more, "Retry-After": "1"})
     error = row.error or {}
     name = str(error.get("type", "")).rpartition("/")[2]
-    raise Problem(name, str(error.get("detail", "")), headers=more, remedy=str(error.get("remedy", "")))
+    complaints = [Complaint(**entry) for entry in error.get("errors", ())]
+    raise Problem(name, str(error.get("detail", "")), complaints, more, str(error.get("remedy", "")))
 
 
 async def send_artifact(request: Request, service: Service, artifact: Artifact, media_type: str) -> Response:

@@ -53,6 +53,10 @@ def _at_least(entry: Mapping[str, Any]) -> str:
     return f"this must be at least {entry['ctx']['ge']}"
 
 
+def _more_than(entry: Mapping[str, Any]) -> str:
+    return f"this must be more than {entry['ctx']['gt']:g}"
+
+
 def _at_most(entry: Mapping[str, Any]) -> str:
     return f"this must be at most {entry['ctx']['le']}"
 
@@ -81,6 +85,7 @@ _SENTENCES: Mapping[str, str | Callable[[Mapping[str, Any]], str]] = {
     "literal_error": _choice,
     "too_short": "this must be a list of 2 items",
     "too_long": _too_many,
+    "greater_than": _more_than,
     "greater_than_equal": _at_least,
     "less_than_equal": _at_most,
     "missing": "this is required",

@@ -19,7 +19,14 @@ from service.assembly.specs import DOMAINS, MONITORS
 # The faults of each type of value, as pydantic names them; other types of values need an entry here.
 FAULTS = {
     "bool": {"bool_type", "bool_parsing"},
-    "float": {"float_type", "float_parsing", "finite_number", "greater_than_equal", "less_than_equal"},
+    "float": {
+        "float_type",
+        "float_parsing",
+        "finite_number",
+        "greater_than",
+        "greater_than_equal",
+        "less_than_equal",
+    },
     "int": {"int_type", "int_parsing", "int_parsing_size", "int_from_float", "greater_than_equal", "less_than_equal"},
     "str": {"string_type", "string_too_long", "string_pattern_mismatch", "string_unicode"},
     "list": {"list_type", "too_short", "too_long"},
@@ -41,7 +48,7 @@ FAULTS = {
     "function-plain": set(),
 }
 CONTEXT = {
-    "max_length": 2, "pattern": "^a$", "expected": "'a' or 'b'", "field_type": "List", "ge": 1, "le": 2,
+    "max_length": 2, "pattern": "^a$", "expected": "'a' or 'b'", "field_type": "List", "gt": 0.0, "ge": 1, "le": 2,
 }  # fmt: skip
 OTHERS: list[Any] = [None, True, 3, -2.5, 10**400, float("nan"), "text", "x" * 5000, "\0", [], [1, 2, 3], ["a"], {}]
 OTHERS += [{"kind": "none"}, {"a": 1}, [[1]], [[1, "a"]], 0.5]
