@@ -126,8 +126,8 @@ def adapt_round(
     ``mesh`` is one of ``domain``, of any kind. u is recovered from the values as in
     :class:`~equimesh.fields.hermite_field.HermiteField`. The next mesh has the smallest measured error of its
     interpolant, in ``norm``, among descents from ``mesh`` and meshes of straight lines. A pure function: equal
-    arguments give an equal mesh bit by bit, for any number of ``threads``. It takes about 60 microseconds of processor
-    time a point for 65 x 65 points of a rectangle.
+    arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120 microseconds of
+    processor time a point of a rectangle.
 
     Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
     :class:`~equimesh.errors.InputError` for a folded mesh, another norm or number of threads.
