@@ -139,6 +139,35 @@ def error_of(found: dict[str, Any], parts: MeshParts) -> float | None:
     return float(found["error"]) if "error" in found else l2_error(found["values"], parts)
 
 
+def check_ways(
+    name: str, mesh: str, report: dict[str, Any], meshes: Meshes, errors: tuple[float, float | None]
+) -> None:
+    """What has arrived of an adapted mesh in each way, which is recorded.
+
+    ``errors`` are the one that is expected on it, and that on the uniform mesh.
+    """
+    expected, uniform_error = errors
+    ways = report["meshes"][f"adapted {mesh}"]
+    assert ways, mesh
+    for way, found in ways.items():
+        parts = meshes.parts[f"adapted {mesh}"]
+        check_what_arrived(found, parts, way)
+        error = error_of(found, parts)
+        assert error is None or abs(error / expected - 1) < SAME, (mesh, way, error)
+        records.write(
+            Record(
+                consumer=name,
+                version=report["version"],
+                format=way,
+                mesh=mesh,
+                error=error,
+                uniform_error=uniform_error,
+                read=True,
+                tags=True,
+            )
+        )
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -156,25 +185,7 @@ def test_a_consumer_takes_nodes_cells_and_sides_and_solves(name: str, meshes: Me
         ]
         uniform_error = at_uniform[0] if at_uniform else None
         assert uniform_error is None or abs(uniform_error / pair[1] - 1) < SAME, mesh
-        ways = report["meshes"][f"adapted {mesh}"]
-        assert ways, mesh
-        for way, found in ways.items():
-            parts = meshes.parts[f"adapted {mesh}"]
-            check_what_arrived(found, parts, way)
-            error = error_of(found, parts)
-            assert error is None or abs(error / pair[0] - 1) < SAME, (mesh, way)
-            records.write(
-                Record(
-                    consumer=NAMES[name],
-                    version=report["version"],
-                    format=way,
-                    mesh=mesh,
-                    error=error,
-                    uniform_error=uniform_error,
-                    read=True,
-                    tags=True,
-                )
-            )
+        check_ways(NAMES[name], mesh, report, meshes, (pair[0], uniform_error))
     assert report.get("carried", True)
     assert report.get("documented", name not in DOCUMENTED)
     for sentence in report["refused"]:

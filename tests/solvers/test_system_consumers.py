@@ -19,7 +19,7 @@ from equimesh.io import write_mesh
 from solvers import records
 from solvers.environment import ROOT
 from solvers.records import Record
-from solvers.test_consumers import ELEMENTS, PAGE, SAME, SIZE, Meshes, check_what_arrived, error_of
+from solvers.test_consumers import ELEMENTS, PAGE, SAME, SIZE, Meshes, check_ways, check_what_arrived, error_of
 from solvers.test_consumers import meshes as meshes
 
 NAMES = {
@@ -89,25 +89,7 @@ def test_a_consumer_of_the_system_takes_a_mesh_and_solves(name: str, all_meshes:
     assert {*report["meshes"]} == {m for m in meshes.parts if name != "freefem" or m.endswith("triangles")}
     for mesh in (mesh for mesh in expected if f"adapted {mesh}" in report["meshes"]):
         uniform = error_on_uniform(name, mesh, report, meshes, expected)
-        ways = report["meshes"][f"adapted {mesh}"]
-        assert ways, mesh
-        for way, found in ways.items():
-            parts = meshes.parts[f"adapted {mesh}"]
-            check_what_arrived(found, parts, way)
-            error = error_of(found, parts)
-            assert error is None or abs(error / expected[mesh][0] - 1) < SAME, (mesh, way, error)
-            records.write(
-                Record(
-                    consumer=NAMES[name],
-                    version=report["version"],
-                    format=way,
-                    mesh=mesh,
-                    error=error,
-                    uniform_error=uniform,
-                    read=True,
-                    tags=True,
-                )
-            )
+        check_ways(NAMES[name], mesh, report, meshes, (expected[mesh][0], uniform))
     assert report.get("carried", True)
     for sentence in report["refused"]:
         assert any(words in sentence for words in ("return ", "needs "))
