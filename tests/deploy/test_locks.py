@@ -28,7 +28,7 @@ def test_what_is_installed_is_locked_by_its_bytes(file: str) -> None:
         assert re.match(r"\S+==\S+ \\\n    --hash=sha256:[0-9a-f]{64}", entry), entry
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     extras = project["project"]["optional-dependencies"]
-    groups = ("solver", "plot", "service", "postgres", "s3", "tracing")
+    groups = ("solver", "plot", "service", "postgres", "s3", "tracing", "dask")
     wanted = [*project["project"]["dependencies"], *project["build-system"]["requires"]]
     for group in extras if file.startswith(".ci") else groups:
         wanted += extras[group]

@@ -1,0 +1,1 @@
+"""One mesh, or one Schwarz iteration, on the workers of a Dask cluster."""
