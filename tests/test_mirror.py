@@ -25,6 +25,7 @@ OF_NO_MODULE: dict[str, dict[str, str]] = {
 }
 # Modules of the solver without a file of tests, with the reason.
 WITHOUT_TESTS = {
+    "cluster/errors.py": "names of errors, which the other tests of the folder see raised",
     "numerics/types.py": "names of types",
     "single_domain/steps.py": "records; test_level.py and test_iteration.py look at what they hold",
     "testing/functions.py": "what the kits are run on",

@@ -22,7 +22,10 @@ PACKAGES = {
 }
 FACES = {
     *("equimesh", "equimesh_client", "equimesh_coupling", "equimesh_service"),
-    *(f"equimesh.{name}" for name in ("io", "plot", "upload", "quality", "schwarz", "meshes", "specs", "testing")),
+    *(
+        f"equimesh.{name}"
+        for name in ("io", "plot", "upload", "quality", "schwarz", "meshes", "specs", "testing", "cluster")
+    ),
 }
 MAX_MODULES = 24  # in a folder
 CODE = re.compile(r"^```(?:python|py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

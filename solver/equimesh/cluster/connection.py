@@ -1,0 +1,67 @@
+"""The connection to the scheduler of a cluster."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from distributed import Client
+
+from equimesh.cluster.errors import ClusterError
+from equimesh.errors import InputError
+
+# Seconds within which a scheduler answers; Dask's own default.
+CONNECT_SECONDS = 30.0
+START = "start one with `dask scheduler`, and workers with `dask worker ADDRESS`"
+"""What to do where there is no scheduler."""
+
+
+def connect(address: str, *, timeout: float = CONNECT_SECONDS, security: Any = None) -> Client:
+    """A client of the scheduler at ``address``, such as ``"tcp://host:8786"``.
+
+    ``security`` is Dask's own: keys and certificates of ``tls://`` addresses; the default is that of Dask's settings.
+    Raises :class:`~equimesh.cluster.errors.ClusterError` where no scheduler answers within ``timeout`` seconds, and
+    :class:`~equimesh.errors.InputError` for an address that is none.
+    """
+    try:
+        return Client(address, timeout=timeout, security=security, set_as_default=False)
+    except (OSError, TimeoutError) as error:
+        raise ClusterError(
+            f"no scheduler answers at {address} ({_cause(error)}): check the address, or {START}"
+        ) from error
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"client = {address!r} is no address of a scheduler ({_cause(error)}): give 'tcp://host:8786'",
+            field="client",
+        ) from error
+
+
+def check_client(client: object) -> Client:
+    """The client, which is connected and not asynchronous.
+
+    Raises :class:`~equimesh.errors.InputError` for something else, and
+    :class:`~equimesh.cluster.errors.ClusterError` for a client that is closed or has lost its scheduler.
+    """
+    if not isinstance(client, Client):
+        raise InputError(
+            f"client = {str(client)[:60]!r} is no client of a cluster: give distributed.Client('tcp://host:8786')",
+            field="client",
+        )
+    if client.asynchronous:
+        raise InputError("client is asynchronous: give one that was made with asynchronous=False", field="client")
+    if client.status != "running":
+        raise no_scheduler(client)
+    return client
+
+
+def no_scheduler(client: Client) -> ClusterError:
+    """The error of a client whose scheduler does not answer."""
+    address = client.scheduler.address if client.scheduler is not None else "the address of the client"
+    return ClusterError(
+        f"the scheduler at {address} is not connected (status {client.status}): connect again, or {START}"
+    )
+
+
+def _cause(error: BaseException) -> str:
+    """The first line of an error, without a full stop."""
+    text = str(error).strip() or type(error).__name__
+    return text.splitlines()[0].rstrip(".")[:200]

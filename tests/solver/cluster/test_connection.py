@@ -1,0 +1,36 @@
+"""The connection to a scheduler."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+from distributed import Client
+
+from equimesh import InputError
+from equimesh.cluster import ClusterError, connect
+from equimesh.cluster.connection import check_client
+
+
+def test_an_address_without_a_scheduler_is_named_with_what_to_start() -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+        with pytest.raises(ClusterError, match=f"no scheduler answers at {address} .*start one with `dask scheduler`"):
+            connect(address, timeout=0.2)
+
+
+def test_what_is_no_address_is_refused() -> None:
+    with pytest.raises(InputError, match="client = 'ftp://nowhere:1' is no address") as error:
+        connect("ftp://nowhere:1", timeout=0.2)
+    assert error.value.field == "client"
+
+
+def test_a_connected_client_is_taken_and_others_are_refused(client: Client) -> None:
+    assert check_client(client) is client
+    with pytest.raises(InputError, match="client = '8786' is no client"):
+        check_client(8786)
+    with connect(client.scheduler.address) as other:
+        check_client(other)
+    with pytest.raises(ClusterError, match=r"is not connected \(status closed\)"):
+        check_client(other)
