@@ -1,0 +1,88 @@
+"""Where the parts of a mesh are: their rows in the grid, and their files in a folder next to the head.
+
+The parts of ``mesh.pvts`` are ``mesh/part-0000.vts``, ``mesh/part-0001.vts`` and so on. The head refers to them by
+these relative names, so head and folder can be moved together.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from uuid import uuid4
+
+from equimesh.errors import InputError
+from equimesh.io.by_parts.formats import PartedFormat
+from equimesh.meshes.grid import Grid
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartedGrid:
+    """The rows of the parts of a ``grid``: part 0 begins at row 0, and the others at the rows ``cuts``.
+
+    Raises :class:`~equimesh.errors.InputError` where the rows do not increase, or are outside of the grid.
+    """
+
+    grid: Grid
+    cuts: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        if any(last <= first for first, last in self.ends):
+            raise InputError(
+                f"the parts begin at the rows {list(self.cuts)[:8]}: these must increase, within the {self.grid.n_xi}"
+                " rows of the grid",
+                field="cuts",
+            )
+
+    @classmethod
+    def of(cls, grid: Grid, cuts: Sequence[int]) -> "PartedGrid":
+        """The same from any numbers that count rows."""
+        return cls(grid=grid, cuts=tuple(int(row) for row in cuts))
+
+    @property
+    def ends(self) -> tuple[tuple[int, int], ...]:
+        """The first row of every part, and the row after its last."""
+        return tuple(pairwise((0, *self.cuts, self.grid.n_xi)))
+
+    @property
+    def count(self) -> int:
+        """The number of parts."""
+        return len(self.cuts) + 1
+
+    def cell_rows(self, number: int) -> tuple[int, int]:
+        """The first row of cells of a part, and the row after its last."""
+        first, last = self.ends[number]
+        return first, min(last, self.grid.n_xi - 1)
+
+
+def part_folder(head: Path) -> Path:
+    """The folder of the parts: next to the head, with its name without the suffix."""
+    return head.with_suffix("")
+
+
+def part_name(number: int, kind: PartedFormat) -> str:
+    """The name of the file of a part in the folder."""
+    return f"part-{number:04d}{kind.part_suffix}"
+
+
+def part_path(head: str | os.PathLike[str], number: int, kind: PartedFormat) -> Path:
+    """The file of a part."""
+    return part_folder(Path(head)) / part_name(number, kind)
+
+
+def part_reference(head: Path, number: int, kind: PartedFormat) -> str:
+    """The name by which the head refers to a part: relative to the folder of the head, with ``/`` on every system."""
+    return f"{part_folder(head).name}/{part_name(number, kind)}"
+
+
+@contextmanager
+def staged(path: Path) -> Iterator[Path]:
+    """A name next to ``path`` to write to; the file gets its own name at the end, and is removed after a failure."""
+    unfinished = path.with_name(f".{path.name}.{uuid4().hex[:8]}.unfinished")
+    try:
+        yield unfinished
+        os.replace(unfinished, path)
+    except BaseException:
+        unfinished.unlink(missing_ok=True)
+        raise
