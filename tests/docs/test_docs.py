@@ -33,6 +33,7 @@ from equimesh import (
     solve,
 )
 from equimesh.fields.expression import FUNCTIONS, LIMITS
+from equimesh.io.by_parts.formats import PARTED_FORMATS
 from equimesh.io.write import CELLS, FORMATS
 from equimesh.quality.measures import PER_CELL
 from equimesh.upload.samples import READERS
@@ -273,6 +274,18 @@ def test_every_format_is_documented() -> None:
     samples = page("samples").split("## Files")[1]
     assert set(row_names(samples.split("## ")[0])) == set(READERS)
     assert all(f"`{measure}`" in page("theory") for measure in PER_CELL)
+
+
+def test_every_format_of_parts_is_documented() -> None:
+    text = page("formats").partition("## Meshes in parts")[2].partition("\n## ")[0]
+    for kind in PARTED_FORMATS.values():
+        (row,) = (line for line in text.splitlines() if line.startswith(f"| `{kind.name}` |"))
+        _, _, head, parts, readers, nodes, _ = (cell.strip() for cell in row.split("|"))
+        assert head == " and ".join(f"`{suffix}`" for suffix in (kind.suffix, kind.companion) if suffix)
+        assert parts == (f"`{kind.part_suffix}`" if kind.part_suffix else "chunks of one store")
+        assert nodes.startswith("in both parts") is kind.shares_rows
+        assert all(name in readers for name in re.findall(r"VTK|PyVista|ParaView|h5py|zarr|xarray|Dask", kind.readers))
+        assert f"**{kind.name}**" in text
 
 
 def test_every_function_of_expressions_is_documented_and_exists() -> None:

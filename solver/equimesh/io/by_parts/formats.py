@@ -60,7 +60,7 @@ PARTED_FORMATS: Final = {
             part_suffix=".h5",
             part_media_type="application/x-hdf5",
             companion=".h5",
-            readers="VTK's XDMF reader, ParaView; h5py for the .h5 file next to it",
+            readers="VTK's XDMF reader, PyVista, ParaView; h5py for the .h5 file next to it",
             sides="datasets sides/left, sides/right, sides/bottom, sides/top of the .h5 file: edges, the domain on"
             " their left",
         ),
