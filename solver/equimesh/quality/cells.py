@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -13,8 +14,16 @@ import numpy as np
 from equimesh.domains.domain import Domain
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.compiled import compiled
+from equimesh.meshes.mesh_window import MeshWindow, WindowCells, WindowRows
+from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, BoolArray, IntArray
+from equimesh.quality.cell_maps import (
+    gather_cells,
+    gather_row_of_cells,
+    gather_values,
+    map_cells,
+    measure_cells,
+)
 
 BLOCK_POINTS = 1 << 14
 """Points of a block of cells: this bounds the memory, and a block stays in the cache."""
@@ -55,12 +64,15 @@ class CellMap(NamedTuple):
 
 
 class Cells(ABC):
-    """Bilinear cells in rows and columns, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
+    """Bilinear cells in rows and columns, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
+
+    A process that holds some rows of a mesh has some cells of its own. Numbers are those of the whole mesh.
+    """
 
     @property
     @abstractmethod
-    def shape(self) -> tuple[int, int]:
-        """Cells along xi and along eta."""
+    def rows(self) -> WindowRows:
+        """The rows of the mesh that this process holds."""
 
     @property
     @abstractmethod
@@ -77,17 +89,30 @@ class Cells(ABC):
         """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Cells of the whole mesh along xi and along eta."""
+        return self.rows.cells
+
+    @property
     def count(self) -> int:
-        """Number of cells."""
+        """Number of cells of the whole mesh."""
         return self.shape[0] * self.shape[1]
 
-    def blocks(self, points: CellPoints, numbers: IntArray | None = None) -> Iterator[Block]:
-        """All cells, or those with ``numbers``, in pieces of about ``BLOCK_POINTS`` points."""
-        size = max(1, BLOCK_POINTS // points.s.size)
-        count = self.count if numbers is None else numbers.size
-        for start in range(0, count, size):
-            piece = slice(start, min(start + size, count))
-            yield piece if numbers is None else numbers[piece]
+    @property
+    def own(self) -> slice:
+        """The numbers of the own cells."""
+        return self.rows.own
+
+    def blocks(self, points: CellPoints) -> Iterator[slice]:
+        """All own cells, in pieces of about ``BLOCK_POINTS`` points that are the same for any number of processes."""
+        for first, last in self.rows.strips:
+            yield from pieces(first * self.shape[1], last * self.shape[1], points)
+
+    def blocks_of(self, chosen: WindowCells, points: CellPoints) -> Iterator[tuple[slice, IntArray]]:
+        """The places and the numbers of the ``chosen`` cells, in such pieces."""
+        for start, end in pairwise(chosen.ends):
+            for piece in pieces(int(start), int(end), points):
+                yield piece, chosen.numbers[piece]
 
     def at(self, points: CellPoints, cells: Block) -> CellMap:
         """The map of ``cells`` at ``points``."""
@@ -95,6 +120,13 @@ class Cells(ABC):
         out = np.empty((7, points.s.size, corners.shape[1]))
         map_cells(corners, points.s, points.t, out)
         return CellMap(*out)
+
+
+def pieces(start: int, end: int, points: CellPoints) -> Iterator[slice]:
+    """The numbers from ``start`` to before ``end`` in pieces of about ``BLOCK_POINTS`` points."""
+    size = max(1, BLOCK_POINTS // points.s.size)
+    for first in range(start, end, size):
+        yield slice(first, min(first + size, end))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +138,12 @@ class UniformCells(Cells):
 
     grid: Grid
     domain: Domain
+    window: WindowRows | None = None
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Cells along xi and along eta."""
-        return self.grid.n_xi - 1, self.grid.n_eta - 1
+    def rows(self) -> WindowRows:
+        """The rows of the mesh that this process holds: all of them, unless others are given."""
+        return self.window or WindowRows.whole(self.grid.shape)
 
     @property
     def all_valid(self) -> bool:
@@ -135,159 +168,85 @@ class UniformCells(Cells):
 class BilinearCells(Cells):
     """All cells of a mesh, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
 
-    mesh: Mesh
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Cells along xi and along eta."""
-        return (self.mesh.x.shape[0] - 1, self.mesh.x.shape[1] - 1)
+    mesh: Mesh | MeshWindow
 
     @cached_property
+    def window(self) -> MeshWindow:
+        """The rows of nodes that this process holds."""
+        return MeshWindow.of(self.mesh)
+
+    @property
+    def rows(self) -> WindowRows:
+        """The rows of the mesh that this process holds."""
+        return self.window.rows
+
+    @property
     def nodes(self) -> tuple[Array, Array]:
-        """x and y of the nodes, C-contiguous."""
-        return np.ascontiguousarray(self.mesh.x, dtype=float), np.ascontiguousarray(self.mesh.y, dtype=float)
+        """x and y of the held nodes, C-contiguous."""
+        return self.window.x, self.window.y
 
     @property
     def area(self) -> Array:
-        """Signed area, shape ``(cells,)``."""
+        """Signed area of all held cells, shape ``(cells,)``; those of :meth:`places` are the own ones."""
         return self._measured[0]
 
     @property
     def valid(self) -> BoolArray:
-        """Whether the map is one to one, shape ``(cells,)``; cells where it is not are folded."""
+        """Whether the map is one to one, of all held cells; cells where it is not are folded."""
         return self._measured[1]
 
     @property
     def lowest(self) -> float:
         """The smallest determinant of the Jacobian matrix at a corner; NaN where a coordinate is not finite."""
-        return self._measured[2]
+        return self._of_all[0]
 
     @property
     def all_valid(self) -> bool:
-        """Whether no cell is folded."""
+        """Whether no cell of the whole mesh is folded."""
         return self.lowest > 0.0
 
-    @cached_property
+    @property
     def total_area(self) -> float:
         """Signed area of the whole mesh."""
-        return float(self.area.sum())
+        return self._of_all[1]
+
+    def places(self, cells: slice) -> slice:
+        """Where consecutive cells are among the held ones."""
+        shift = self.rows.begin * self.shape[1]
+        return slice(cells.start - shift, cells.stop - shift)
 
     def corners(self, cells: Block) -> Array:
         """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
         if isinstance(cells, slice):
             out = np.empty((8, cells.stop - cells.start))
-            gather_row_of_cells(*self.nodes, cells.start, out)
+            gather_row_of_cells(*self.nodes, self.places(cells).start, out)
         else:
             out = np.empty((8, cells.size))
-            gather_cells(*self.nodes, cells, out)
+            gather_cells(*self.nodes, self._numbers_here(cells), out)
         return out
 
     def corner_values(self, nodal: Array, cells: IntArray) -> Array:
-        """Nodal values at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
+        """Values at the held nodes at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
         out = np.empty((4, cells.size))
-        gather_values(np.ascontiguousarray(nodal), cells, out)
+        gather_values(np.ascontiguousarray(nodal), self._numbers_here(cells), out)
         return out
+
+    def _numbers_here(self, cells: IntArray) -> IntArray:
+        return cells - self.rows.begin * self.shape[1] if self.rows.begin else cells
 
     @cached_property
     def _measured(self) -> tuple[Array, BoolArray, float]:
-        area, valid = np.empty(self.count), np.empty(self.count, dtype=np.bool_)
-        return area, valid, measure_cells(*self.nodes, area, valid)
+        x, y = self.nodes
+        count = (x.shape[0] - 1) * (x.shape[1] - 1)
+        area, valid = np.empty(count), np.empty(count, dtype=np.bool_)
+        return area, valid, measure_cells(x, y, area, valid)
 
-
-@compiled
-def measure_cells(x: Array, y: Array, area: Array, valid: BoolArray) -> float:
-    """The smallest determinant at a corner, NaN where a coordinate is not finite; area and validity of every cell."""
-    columns = x.shape[1] - 1
-    lowest, total = np.empty(columns), np.empty(columns)
-    smallest, check = np.inf, 0.0  # min ignores NaN, a sum does not
-    for i in range(x.shape[0] - 1):
-        x0, x1, y0, y1 = x[i], x[i + 1], y[i], y[i + 1]
-        areas, valids = area[i * columns : (i + 1) * columns], valid[i * columns : (i + 1) * columns]
-        for j in range(columns):
-            ex0, ey0, ex1, ey1 = x1[j] - x0[j], y1[j] - y0[j], x1[j + 1] - x0[j + 1], y1[j + 1] - y0[j + 1]
-            fx0, fy0, fx1, fy1 = x0[j + 1] - x0[j], y0[j + 1] - y0[j], x1[j + 1] - x1[j], y1[j + 1] - y1[j]
-            a, b = ex0 * fy0 - ey0 * fx0, ex0 * fy1 - ey0 * fx1
-            c, d = ex1 * fy1 - ey1 * fx1, ex1 * fy0 - ey1 * fx0
-            total[j] = a + b + c + d
-            lowest[j] = min(min(a, b), min(c, d))
-            areas[j] = 0.25 * total[j]
-            valids[j] = lowest[j] > 0.0 and total[j] - total[j] == 0.0
-        for j in range(columns):
-            smallest = min(smallest, lowest[j])
-            check += total[j]
-    return smallest if np.isfinite(check) else np.nan
-
-
-@compiled
-def gather_cells(x: Array, y: Array, cells: IntArray, out: Array) -> None:
-    """x and then y of the corners of ``cells``, counter-clockwise, shape ``(8, cells)``."""
-    columns = x.shape[1] - 1
-    for k in range(cells.size):
-        i = cells[k] // columns
-        j = cells[k] - i * columns
-        out[0, k], out[1, k], out[2, k], out[3, k] = x[i, j], x[i + 1, j], x[i + 1, j + 1], x[i, j + 1]
-        out[4, k], out[5, k], out[6, k], out[7, k] = y[i, j], y[i + 1, j], y[i + 1, j + 1], y[i, j + 1]
-
-
-@compiled
-def gather_row_of_cells(x: Array, y: Array, start: int, out: Array) -> None:
-    """The same of consecutive cells from number ``start`` on."""
-    columns, k = x.shape[1] - 1, 0
-    while k < out.shape[1]:
-        i = (start + k) // columns
-        j = start + k - i * columns
-        count = min(columns - j, out.shape[1] - k)
-        for part, q in ((0, x), (4, y)):
-            for m in range(count):
-                out[part, k + m] = q[i, j + m]
-                out[part + 1, k + m] = q[i + 1, j + m]
-                out[part + 2, k + m] = q[i + 1, j + m + 1]
-                out[part + 3, k + m] = q[i, j + m + 1]
-        k += count
-
-
-@compiled
-def gather_values(nodal: Array, cells: IntArray, out: Array) -> None:
-    """Nodal values at the corners of ``cells``, counter-clockwise."""
-    columns = nodal.shape[1] - 1
-    for k in range(cells.size):
-        i = cells[k] // columns
-        j = cells[k] - i * columns
-        out[0, k], out[1, k] = nodal[i, j], nodal[i + 1, j]
-        out[2, k], out[3, k] = nodal[i + 1, j + 1], nodal[i, j + 1]
-
-
-@compiled
-def locate(corners: Array, s: Array, t: Array, x: Array, y: Array) -> None:
-    """The places ``x``, ``y`` of the points (s, t) in cells with these ``corners``, of shape ``(points, cells)``."""
-    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
-    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
-    for p in range(s.size):
-        u, v = s[p], t[p]
-        a, b, c, d = (1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v
-        x_p, y_p = x[p], y[p]
-        for k in range(corners.shape[1]):
-            x_p[k] = a * x0[k] + b * x1[k] + c * x2[k] + d * x3[k]
-            y_p[k] = a * y0[k] + b * y1[k] + c * y2[k] + d * y3[k]
-
-
-@compiled
-def map_cells(corners: Array, s: Array, t: Array, out: Array) -> None:
-    """The entries of a :class:`CellMap`, in its order, of cells with these ``corners`` at the points (s, t)."""
-    x0, x1, x2, x3 = corners[0], corners[1], corners[2], corners[3]
-    y0, y1, y2, y3 = corners[4], corners[5], corners[6], corners[7]
-    for p in range(s.size):
-        u, v = s[p], t[p]
-        a, b, c, d = (1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v
-        x, y, det = out[0, p], out[1, p], out[6, p]
-        x_s, y_s, x_t, y_t = out[2, p], out[3, p], out[4, p], out[5, p]
-        for k in range(corners.shape[1]):
-            x[k] = a * x0[k] + b * x1[k] + c * x2[k] + d * x3[k]
-            y[k] = a * y0[k] + b * y1[k] + c * y2[k] + d * y3[k]
-        for k in range(corners.shape[1]):
-            x_s[k] = (1.0 - v) * (x1[k] - x0[k]) + v * (x2[k] - x3[k])
-            y_s[k] = (1.0 - v) * (y1[k] - y0[k]) + v * (y2[k] - y3[k])
-            x_t[k] = (1.0 - u) * (x3[k] - x0[k]) + u * (x2[k] - x1[k])
-            y_t[k] = (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k])
-        for k in range(corners.shape[1]):
-            det[k] = x_s[k] * y_t[k] - x_t[k] * y_s[k]
+    @cached_property
+    def _of_all(self) -> tuple[float, float]:
+        """The smallest determinant and the area of the whole mesh, from all processes."""
+        columns = self.shape[1]
+        spans = (self.places(slice(first * columns, last * columns)) for first, last in self.rows.strips)
+        found = joined(
+            self.rows.gather, np.array([(self._measured[2], self.area[span].sum()) for span in spans]).reshape(-1, 2)
+        )
+        return float(found[:, 0].min()), float(found[:, 1].sum())

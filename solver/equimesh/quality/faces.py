@@ -13,7 +13,9 @@ import numpy as np
 
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.numerics.compiled import compiled
+from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array
 
 INNER_DISTANCE_SHARE = 0.2
@@ -46,17 +48,32 @@ class Faces:
         }
 
 
-def measure_faces(mesh: Mesh) -> Faces:
-    """The measures of the faces of ``mesh``."""
-    points, centres = points_and_centres(mesh)
-    if centres is None:
+def measure_faces(mesh: Mesh | MeshWindow) -> Faces:
+    """The measures of the faces of ``mesh``; of the whole one also where a process holds some of its rows."""
+    window = MeshWindow.of(mesh)
+    strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
+    found = joined(window.rows.gather, strips)
+    lowest, skewness, valid = found[:, 0].min(), found[:, 3].max(), found[:, 4].all()
+    if not valid:
         return Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skewness=math.nan)
-    lowest, mean, skewness = survey_faces(points[0], points[1], centres[0], centres[1])
+    total, count = found[:, 1].sum(), found[:, 2].sum()
     return Faces(
-        non_orthogonality=_degrees(lowest),
-        mean_non_orthogonality=_degrees(mean),
+        non_orthogonality=_degrees(float(lowest)),
+        mean_non_orthogonality=_degrees(float(total / count) if count else 1.0),
         skewness=float(skewness),
     )
+
+
+def _strip(window: MeshWindow, first: int, last: int) -> tuple[float, ...]:
+    """What the faces contribute that begin in the rows ``first`` to ``last - 1`` of cells, and whether these are valid.
+
+    The faces on the last side belong to the last row of cells.
+    """
+    before = max(first - 1, 0)
+    x, y = window.nodes(before, last)
+    centres = np.empty((2, x.shape[0] - 1, x.shape[1] - 1))
+    valid = place_centres(x, y, *centres)
+    return *survey_faces(x, y, centres, first - before, last == window.rows.cells[0]), float(valid)
 
 
 def points_and_centres(mesh: Mesh) -> tuple[Array, Array | None]:
@@ -89,11 +106,16 @@ def place_centres(x: Array, y: Array, at_x: Array, at_y: Array) -> bool:
 
 
 @compiled
-def survey_faces(x: Array, y: Array, at_x: Array, at_y: Array) -> tuple[float, float, float]:
-    """The smallest and the mean cosine of inner faces, and the largest skewness; ``at_x`` and ``at_y`` are centres."""
+def survey_faces(x: Array, y: Array, centres: Array, first: int, to_side: bool) -> tuple[float, float, float, float]:
+    """The smallest cosine of inner faces, the sum of their cosines and their number, and the largest skewness.
+
+    These are the faces from the ``first`` row of nodes on, and with ``to_side`` also those on the last row. The first
+    row is on a side if it is row 0. ``centres`` of shape ``(2, rows of cells, columns)`` are those of the cells.
+    """
+    at_x, at_y = centres[0], centres[1]
     cells_xi, cells_eta = at_x.shape
-    lowest, total, skewness, count = 1.0, 0.0, 0.0, 0
-    for i in range(cells_xi + 1):
+    lowest, total, skewness, count = 1.0, 0.0, 0.0, 0.0
+    for i in range(first, cells_xi + (1 if to_side else 0)):
         for j in range(cells_eta + 1):
             for along in range(2):  # the edge that leaves the node along xi, then along eta
                 end_i, end_j = i + 1 - along, j + along
@@ -118,9 +140,9 @@ def survey_faces(x: Array, y: Array, at_x: Array, at_y: Array) -> tuple[float, f
                 )
                 apart, across = np.sqrt(dx * dx + dy * dy), abs(dx * ey - dy * ex)
                 cosine = across / (apart * 2.0 * half)
-                lowest, total, count = min(lowest, cosine), total + cosine, count + 1
+                lowest, total, count = min(lowest, cosine), total + cosine, count + 1.0
                 share = abs(fx * ey - fy * ex) / across
                 sx, sy = fx - share * dx, fy - share * dy
                 off = np.sqrt(sx * sx + sy * sy)
                 skewness = max(skewness, off / max(INNER_DISTANCE_SHARE * apart, half))
-    return lowest, total / count if count else 1.0, skewness
+    return lowest, total, count, skewness

@@ -10,6 +10,8 @@ import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_window import WindowRows
+from equimesh.numerics.gather import Gather, joined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import BilinearCells, CellPoints, Cells
 from equimesh.quality.pieces import Pieces
@@ -88,7 +90,7 @@ def interpolation_errors(
     uniform = Mesh.uniform(mesh.grid) if uniform is None else uniform
     with np.errstate(all="ignore"):
         first, second = BilinearCells(mesh), BilinearCells(uniform)
-        return errors_of(first, second, u, ErrorRule.lean(), sample(first.shape), nodal=nodal)
+        return errors_of(first, second, u, ErrorRule.lean(), sample(first.rows), nodal=nodal)
 
 
 def errors_of(
@@ -131,6 +133,8 @@ def compared(cells: Cells, here: Norms, there: Norms) -> InterpolationErrors:
     )
 
 
+NO_ERROR = LargestError(0.0, math.nan, math.nan)
+"""The largest error in no cells."""
 FOLDED = Norms(math.inf, math.inf, math.nan)
 """The norms on a folded mesh."""
 
@@ -155,21 +159,44 @@ def norms(
 def norms_of(tally: ErrorTally) -> Norms:
     """The norms from the errors at the inner points of a rule; those at its edge points are added here."""
     tally.add_edges()
-    cells, values = tally.cells, tally.values
-    known = np.arange(cells.count) if tally.numbers is None else tally.numbers
-    size = float(np.abs(values).max())
-    allowed = noise(cells, size)
+    cells, values, chosen = tally.cells, tally.values, tally.chosen
+    extremes = Extremes.of(cells.rows.gather, values, tally.range, _peak(tally))
+    allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
 
-    def pieces(chosen: IntArray) -> Pieces:
-        return Pieces.of(cells, known[chosen], values[:, chosen])
+    def pieces(some: IntArray) -> Pieces:
+        return Pieces.of(cells, chosen.numbers[some], values[:, some])
 
-    found = resolved_integrals(pieces, cells.shape, known, tally.sums[:2], tally.u, squares)
-    l2, h1 = (math.sqrt(square * cells.count / known.size) for square in found.squares)
+    found = resolved_integrals(pieces, chosen, tally.sums[:2], tally.u, squares)
+    l2, h1 = (math.sqrt(square * cells.count / found.cells) for square in found.squares)
+    return Norms(l2, h1, extremes.size, found.resolved, extremes.variation, extremes.peak)
+
+
+def _peak(tally: ErrorTally) -> LargestError:
+    """The largest error at a point of the own cells."""
+    if not tally.largest.size:
+        return NO_ERROR
     worst = int(tally.largest.argmax())
-    at = cells.at(CENTRE, known[worst : worst + 1])
-    peak = LargestError(float(tally.largest[worst]), float(at.x[0, 0]), float(at.y[0, 0]))
-    return Norms(l2, h1, size, found.resolved, tally.variation, peak)
+    at = tally.cells.at(CENTRE, tally.chosen.numbers[worst : worst + 1])
+    return LargestError(float(tally.largest[worst]), float(at.x[0, 0]), float(at.y[0, 0]))
+
+
+class Extremes(NamedTuple):
+    """What all processes found of u: its largest size at a corner, its variation, and the largest error."""
+
+    size: float
+    variation: float
+    peak: LargestError
+
+    @classmethod
+    def of(cls, gather: Gather, values: Array, ends: tuple[float, float], peak: LargestError) -> Extremes:
+        """From the ``values`` at the corners of the own cells, the ``ends`` of the values there and at other points,
+        and the largest error in the own cells."""
+        size = float(np.abs(values).max(initial=0.0))
+        found = joined(gather, np.array([[size, *ends, *peak]]))
+        low, high = np.fmin.reduce(found[:, 1]), np.fmax.reduce(found[:, 2])
+        worst = found[found[:, 3].argmax(), 3:]
+        return cls(float(found[:, 0].max()), float(high - low), LargestError(*map(float, worst)))
 
 
 def noise(cells: Cells, size: float) -> tuple[float, float]:
@@ -179,14 +206,16 @@ def noise(cells: Cells, size: float) -> tuple[float, float]:
     return of_values, 10.0 * of_values * finest
 
 
-def sample(shape: tuple[int, int]) -> IntArray | None:
-    """Numbers of the sampled cells: a lattice with the same share of every row and column."""
-    count = shape[0] * shape[1]
+def sample(rows: WindowRows) -> IntArray | None:
+    """Numbers of the own cells in the sample: a lattice with the same share of every row and column."""
+    cells, columns = rows.cells
     for one_of, shift in SAMPLING:
-        if count >= one_of * MIN_SAMPLED_CELLS:
-            first = (-shift * np.arange(shape[0])) % one_of
-            rows = [np.arange(start, shape[1], one_of) + row * shape[1] for row, start in enumerate(first)]
-            return np.concatenate(rows).astype(np.int64)
+        if cells * columns >= one_of * MIN_SAMPLED_CELLS:
+            first = (-shift * np.arange(rows.first, rows.last)) % one_of
+            lines = [
+                np.arange(start, columns, one_of) + row * columns for row, start in enumerate(first, start=rows.first)
+            ]
+            return np.concatenate(lines).astype(np.int64)
     return None
 
 

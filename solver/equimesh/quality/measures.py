@@ -21,6 +21,7 @@ from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.fields.field import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_shapes import shapes
@@ -53,7 +54,10 @@ class Measure:
 
     @cached_property
     def cells(self) -> Array:
-        """The numbers, of shape ``(n_xi - 1, n_eta - 1)``; on a large mesh they are computed when first used."""
+        """The numbers, of shape ``(n_xi - 1, n_eta - 1)``; on a large mesh they are computed when first used.
+
+        Where a process holds some rows of a mesh, they are those of its own cells, and all processes have to ask.
+        """
         return self.compute()
 
 
@@ -119,7 +123,7 @@ def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss:
 
 
 def measure_all(
-    mesh: Mesh,
+    mesh: Mesh | MeshWindow,
     monitor: Monitor,
     *,
     uniform: Mesh | None = None,
@@ -132,32 +136,41 @@ def measure_all(
     """As :func:`measure`, in ``threads`` if there are many cells.
 
     u is interpolated on cells of this ``kind``; ``nodal`` is u at the nodes where that is known. Without ``uniform``
-    the errors are compared with those on the uniform mesh of ``domain``, which must be valid.
+    the errors are compared with those on the uniform mesh of ``domain``, which must be valid. Where a process holds
+    some rows of a mesh, all processes call this, and get the quality of the whole mesh.
     """
     with np.errstate(all="ignore"):
         cells, u, tally = BilinearCells(mesh), monitor.u, None
         rule = CellPoints.gauss(_gauss_points(cells, gauss))
-        numbers = sample(cells.shape) if gauss is None else None
+        numbers = sample(cells.rows) if gauss is None else None
         if u is not None and kind == "quad" and cells.all_valid and numbers is None:
             tally = ErrorTally.of(cells, u, _error_rule(cells, gauss), nodal=nodal)
         survey = Survey.of(cells, monitor, rule, tally=tally, threads=threads)
         if u is None:
             errors = None
         elif kind == "triangle":
-            errors = triangle_errors(mesh, u, map_mesh(Mesh.uniform(mesh.grid), domain) if uniform is None else uniform)
+            plain = window_image(cells.window, domain) if uniform is None else uniform
+            errors = triangle_errors(cells.window, u, plain)
         else:
-            plain = _uniform_cells(mesh, uniform, domain, numbers)
+            there = _uniform_cells(cells.window, uniform, domain, numbers)
             error_rule = _error_rule(cells, gauss)
             here = norms_of(tally) if tally else norms(cells, u, error_rule, numbers, nodal=nodal, threads=threads)
-            errors = compared(cells, here, norms(plain, u, error_rule, numbers, threads=threads))
+            errors = compared(cells, here, norms(there, u, error_rule, numbers, threads=threads))
         return _quality(cells, monitor, rule, survey, errors)
 
 
-def _uniform_cells(mesh: Mesh, uniform: Mesh | None, domain: Domain, numbers: IntArray | None) -> Cells:
+def window_image(window: MeshWindow, domain: Domain) -> MeshWindow:
+    """The rows of the uniform mesh of ``domain`` that belong to the rows of a mesh that a process holds."""
+    uniform = MeshWindow.uniform(window.rows, window.x.shape[0])
+    mapped = map_mesh(Mesh(uniform.x, uniform.y), domain)
+    return MeshWindow(mapped.x, mapped.y, window.rows)
+
+
+def _uniform_cells(window: MeshWindow, uniform: Mesh | None, domain: Domain, numbers: IntArray | None) -> Cells:
     """The cells of the mesh that a mesh is compared with, where those with ``numbers`` or all are looked at."""
     if uniform is None and numbers is not None:
-        return UniformCells(mesh.grid, domain)
-    return BilinearCells(map_mesh(Mesh.uniform(mesh.grid), domain) if uniform is None else uniform)
+        return UniformCells(window.grid, domain, window.rows)
+    return BilinearCells(window_image(window, domain) if uniform is None else uniform)
 
 
 def _quality(
@@ -173,7 +186,7 @@ def _quality(
         return values
 
     def compute(row: int) -> Array:
-        return (survey.q_eq if row == 0 else kept()[row]).reshape(cells.shape)
+        return (survey.q_eq if row == 0 else kept()[row]).reshape(-1, cells.shape[1])
 
     found = [
         Measure(**numbers._asdict(), compute=partial(compute, row)) for row, numbers in enumerate(survey.statistics)
@@ -216,7 +229,7 @@ def shape_regularity(mesh: Mesh) -> Array:
     with np.errstate(all="ignore"):
         cells = BilinearCells(mesh)
         out = np.empty((4, cells.count))
-        shapes(cells.corners(slice(0, cells.count)), cells.valid, out)
+        shapes(cells.corners(cells.own), cells.valid, out)
         return np.reshape(out[0], cells.shape)
 
 
@@ -255,7 +268,7 @@ def measure_interpolation(
     if kind == "triangle":
         return triangle_errors(mesh, u, uniform)
     cells = BilinearCells(mesh)
-    numbers = sample(cells.shape) if gauss is None else None
+    numbers = sample(cells.rows) if gauss is None else None
     with np.errstate(all="ignore"):
-        plain = _uniform_cells(mesh, uniform, UNIT_SQUARE, numbers)
+        plain = _uniform_cells(cells.window, uniform, UNIT_SQUARE, numbers)
         return errors_of(cells, plain, u, _error_rule(cells, gauss), numbers)

@@ -14,7 +14,8 @@ from equimesh.fields.field import Field
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.cell_errors import add_errors
-from equimesh.quality.cells import CellPoints, Cells, locate
+from equimesh.quality.cell_maps import locate
+from equimesh.quality.cells import CellPoints, Cells
 
 GAUSS_POINTS = 4
 """Gauss points per direction of a piece."""

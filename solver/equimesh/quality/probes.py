@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
-from equimesh.numerics.types import Array
-from equimesh.quality.cells import BilinearCells, gather_cells
-from equimesh.quality.interpolation import LargestError
+from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.numerics.gather import joined
+from equimesh.numerics.types import Array, IntArray
+from equimesh.quality.cell_maps import gather_values
+from equimesh.quality.cells import BilinearCells, pieces
+from equimesh.quality.interpolation import CENTRE, LargestError
 
 PROBES = 65_536
 """Probes of a mesh, about."""
@@ -18,33 +23,51 @@ SHARES = (0.7548776662466927, 0.5698402909980532)
 """Steps of the two coordinates of a sequence that fills the square evenly: powers of the plastic number."""
 
 
-def probe_errors(mesh: Mesh, u: Field) -> tuple[LargestError, float]:
+def probe_errors(mesh: Mesh | MeshWindow, u: Field) -> tuple[LargestError, float]:
     """The largest difference of u and its bilinear interpolant at the probes, and the range of u.
 
     The range is the largest value at the probes and the nodes minus the smallest one. The place is that of the probe.
     Every cell has as many probes, in other places of each. Values that are not finite
-    have no part in it.
+    have no part in it. Where a process holds some rows of a mesh, the result is that of all processes.
     """
-    cells = BilinearCells(mesh)
-    numbers = np.arange(cells.count)
-    corners = np.empty((8, cells.count))
+    window, cells = MeshWindow.of(mesh), BilinearCells(mesh)
     with np.errstate(all="ignore"):
-        gather_cells(*cells.nodes, numbers, corners)
-        nodal = u.evaluate(*cells.nodes)[0]
-        values, found = cells.corner_values(nodal, numbers), LargestError(0.0, np.nan, np.nan)
-        low, high = float(np.nanmin(nodal)), float(np.nanmax(nodal))
-        for probe in range(max(1, min(MAX_PROBES_PER_CELL, PROBES // cells.count))):
-            steps = probe * cells.count + numbers + 1.0
-            weights = _weights(np.asarray(SHARES[0] * steps) % 1.0, np.asarray(SHARES[1] * steps) % 1.0)
-            x, y = (np.einsum("ck,ck->k", weights, corners[part]) for part in (slice(0, 4), slice(4, 8)))
-            there = u.evaluate(x, y)[0]
-            error = np.abs(np.einsum("ck,ck->k", weights, values) - there)
-            error[~np.isfinite(error)] = 0.0
-            low, high = min(low, float(np.nanmin(there))), max(high, float(np.nanmax(there)))
-            worst = int(error.argmax())
-            if error[worst] > found.value:
-                found = LargestError(float(error[worst]), float(x[worst]), float(y[worst]))
-    return found, high - low
+        extremes = [found for first, last in window.rows.strips for found in _of_strip(cells, first, last, u)]
+        found = joined(window.rows.gather, np.array(extremes).reshape(-1, 5))
+        variation = float(np.fmax.reduce(found[:, 1]) - np.fmin.reduce(found[:, 0]))
+    return LargestError(*map(float, found[found[:, 2].argmax(), 2:])), variation
+
+
+def _of_strip(cells: BilinearCells, first: int, last: int, u: Field) -> Iterator[tuple[float, ...]]:
+    """The smallest and the largest value of u, the largest error and its place: of nodes, and of blocks of cells.
+
+    They are those of the rows ``first`` to ``last - 1`` of cells.
+    """
+    columns, nodal = cells.shape[1], u.evaluate(*cells.window.nodes(first, last))[0]
+    yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan
+    for block in pieces(first * columns, last * columns, CENTRE):
+        numbers = np.arange(block.start, block.stop)
+        values = np.empty((4, numbers.size))
+        gather_values(np.ascontiguousarray(nodal), numbers - first * columns, values)
+        yield _at_probes(cells, numbers, values, u)
+
+
+def _at_probes(cells: BilinearCells, numbers: IntArray, values: Array, u: Field) -> tuple[float, ...]:
+    """The same at the probes of some cells, where ``values`` are u at the corners."""
+    corners = cells.corners(numbers)
+    low, high, found = np.inf, -np.inf, (0.0, np.nan, np.nan)
+    for probe in range(max(1, min(MAX_PROBES_PER_CELL, PROBES // cells.count))):
+        steps = probe * cells.count + numbers + 1.0
+        weights = _weights(np.asarray(SHARES[0] * steps) % 1.0, np.asarray(SHARES[1] * steps) % 1.0)
+        x, y = (np.einsum("ck,ck->k", weights, corners[part]) for part in (slice(0, 4), slice(4, 8)))
+        there = u.evaluate(x, y)[0]
+        error = np.abs(np.einsum("ck,ck->k", weights, values) - there)
+        error[~np.isfinite(error)] = 0.0
+        low, high = min(low, float(np.nanmin(there))), max(high, float(np.nanmax(there)))
+        worst = int(error.argmax())
+        if error[worst] > found[0]:
+            found = float(error[worst]), float(x[worst]), float(y[worst])
+    return low, high, *found
 
 
 def _weights(s: Array, t: Array) -> Array:

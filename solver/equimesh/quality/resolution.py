@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from equimesh.fields.field import Field
+from equimesh.meshes.mesh_window import WindowCells
+from equimesh.numerics.gather import Gather, summed
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.pieces import Pieces
+from equimesh.quality.selection import all_but_the_smallest, largest_of
 
 MAX_DIFFERENCE = 0.1
 """Largest difference of two integrals of squared errors, as a share of them: 5 % of the norms."""
@@ -37,96 +39,120 @@ MAX_PIECES = 20_000
 
 @dataclass(frozen=True)
 class Integrals:
-    """Integrals of the squared errors of u (first) and of its gradient (second), and whether they are ``resolved``."""
+    """Integrals of the squared errors of u (first) and of its gradient (second), and whether they are ``resolved``.
+
+    They are those over so many ``cells``, of all processes.
+    """
 
     squares: tuple[float, float]
     resolved: tuple[bool, bool]
+    cells: int
 
 
 def resolved_integrals(
     pieces: Callable[[IntArray], Pieces],
-    shape: tuple[int, int],
-    numbers: IntArray,
+    cells: WindowCells,
     first: Array,
     u: Field,
     noise: tuple[float, float],
 ) -> Integrals:
-    """The sums over cells, of the ``first`` rule where a second one agrees.
+    """The sums over the ``cells`` of all processes, of the ``first`` rule where a second one agrees.
 
-    ``pieces`` gives the cells at some positions. The cells have these ``numbers`` on a grid with ``shape`` cells.
-    ``first`` of shape ``(2, n)`` are the integrals over each cell by the first rule. Integrals of at most ``noise`` are
-    rounding, and are not refined.
+    ``pieces`` gives the own cells at some positions. ``first`` of shape ``(2, n)`` are the integrals over each own cell
+    by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
     """
-    totals = first.sum(axis=1)
-    chosen, weights = _checked(shape, numbers, first, totals)
+    totals, count, gather = cells.total(first), cells.count(), cells.rows.gather
+    chosen, weights = _checked(cells, count, first, totals)
     second = pieces(chosen).errors(u)
-    before, after = first[:, chosen] @ weights, second[:2] @ weights
-    missed = float(second[2] @ weights)
+    tried = summed(gather, np.concatenate([first[:, chosen], second]) @ weights)
+    before, after, missed = tried[:2], tried[2:4], float(tried[4])
     small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
     agree = (np.abs(after - before) <= MAX_DIFFERENCE * np.maximum(after, before)) | small[0]
     agree[1] &= missed <= MAX_DIFFERENCE * max(after[1], before[1]) or small[1]
     if agree.all() or not np.isfinite(totals).all():
-        return Integrals((float(totals[0]), float(totals[1])), (True, True))
-    return _refined(pieces(np.arange(numbers.size)), first, u, np.asarray(noise))
+        return Integrals((float(totals[0]), float(totals[1])), (True, True), count)
+    every = pieces(np.arange(cells.numbers.size))
+    return _Refinement(u, np.asarray(noise), gather).of(every, first, count)
 
 
-def _checked(shape: tuple[int, int], numbers: IntArray, first: Array, totals: Array) -> tuple[IntArray, Array]:
-    """Positions of the cells on which the second rule is tried, and how many cells each stands for."""
-    if numbers.size <= MIN_CHECKED_CELLS:
-        return np.arange(numbers.size), np.ones(numbers.size)
-    sampled = _lattice(shape)[numbers]
+def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tuple[IntArray, Array]:
+    """Positions of the cells on which the second rule is tried, and how many cells each stands for.
+
+    ``count`` is the number of ``cells`` of all processes.
+    """
+    if count <= MIN_CHECKED_CELLS:
+        return np.arange(cells.numbers.size), np.ones(cells.numbers.size)
+    sampled = _on_lattice(cells)
     share = (first / np.where(totals > 0.0, totals, 1.0)[:, None]).sum(axis=0)
-    count = numbers.size // CHECKED
-    largest = np.argpartition(share, numbers.size - count)[-count:]
+    wanted = count // CHECKED
+    largest = largest_of(share, wanted, cells.rows)
     sampled[largest] = False
     rest = np.flatnonzero(sampled)
-    weights = np.ones(count + rest.size)
-    weights[count:] = (numbers.size - count) / max(rest.size, 1)
+    in_sample = float(summed(cells.rows.gather, np.array([float(rest.size)]))[0])
+    weights = np.ones(largest.size + rest.size)
+    weights[largest.size :] = (count - wanted) / max(in_sample, 1.0)
     return np.concatenate([largest, rest]), weights
 
 
-@lru_cache(maxsize=4)
-def _lattice(shape: tuple[int, int]) -> BoolArray:
-    """Whether a cell belongs to the sample, which meets every row and column; for all cells, flat."""
-    row, column = np.ogrid[: shape[0], : shape[1]]
-    return np.asarray((column + CHECKED_SHIFT * row) % CHECKED == 0).reshape(-1)
+def _on_lattice(cells: WindowCells) -> BoolArray:
+    """Whether a cell belongs to the sample, which meets every row and column."""
+    row, column = np.divmod(cells.numbers, cells.columns)
+    return np.asarray((column + CHECKED_SHIFT * row) % CHECKED == 0)
 
 
-def _refined(pieces: Pieces, first: Array, u: Field, noise: Array) -> Integrals:
-    """The integrals from pieces that are divided where the last division has changed the result most."""
-    errors = pieces.errors(u)
-    sums, differences = errors[:2], np.abs(errors[:2] - first)
-    differences[1] += errors[2]
-    kept, kept_differences = np.zeros(2), np.zeros(2)
-    budget = MAX_PIECES + MAX_PIECES_PER_CELL * pieces.count
-    for _ in range(MAX_ROUNDS):
-        totals, doubt = kept + sums.sum(axis=1), kept_differences + differences.sum(axis=1)
-        if np.all((doubt <= MAX_LEFT_DIFFERENCE * totals) | (np.maximum(totals, doubt) <= noise)):
-            break
-        divided = _doubtful(differences, totals, kept_differences)
-        if 4 * int(divided.sum()) > budget:
-            break
-        kept += sums[:, ~divided].sum(axis=1)
-        kept_differences += differences[:, ~divided].sum(axis=1)
-        parents, pieces = sums[:, divided], pieces.some(divided).quarters()
-        budget -= pieces.count
-        errors = pieces.errors(u)
-        sums = errors[:2]
-        differences = _shared(parents, sums)
+@dataclass(frozen=True, eq=False)
+class _Refinement:
+    """The division of pieces: of those of all processes by one rule, each process those of its own cells."""
+
+    u: Field
+    noise: Array
+    gather: Gather
+
+    def of(self, pieces: Pieces, first: Array, count: int) -> Integrals:
+        """The integrals from pieces that are divided where the last division has changed the result most.
+
+        The pieces are cells at first, ``count`` of them in all processes.
+        """
+        errors = pieces.errors(self.u)
+        sums, differences = errors[:2], np.abs(errors[:2] - first)
         differences[1] += errors[2]
-    totals, doubt = kept + sums.sum(axis=1), kept_differences + differences.sum(axis=1)
-    resolved = (doubt <= MAX_DIFFERENCE * totals) | (np.maximum(totals, doubt) <= noise)
-    return Integrals((float(totals[0]), float(totals[1])), (bool(resolved[0]), bool(resolved[1])))
+        kept, kept_differences = np.zeros(2), np.zeros(2)
+        budget = MAX_PIECES + MAX_PIECES_PER_CELL * count
+        for _ in range(MAX_ROUNDS):
+            totals, doubt = self._total(kept, sums, kept_differences, differences)
+            if np.all((doubt <= MAX_LEFT_DIFFERENCE * totals) | (np.maximum(totals, doubt) <= self.noise)):
+                break
+            divided = self._doubtful(differences, totals, self._sum(kept_differences))
+            new = 4 * int(self._sum(np.array([float(divided.sum())]))[0])
+            if new > budget:
+                break
+            kept += sums[:, ~divided].sum(axis=1)
+            kept_differences += differences[:, ~divided].sum(axis=1)
+            parents, pieces = sums[:, divided], pieces.some(divided).quarters()
+            budget -= new
+            errors = pieces.errors(self.u)
+            sums = errors[:2]
+            differences = _shared(parents, sums)
+            differences[1] += errors[2]
+        totals, doubt = self._total(kept, sums, kept_differences, differences)
+        resolved = (doubt <= MAX_DIFFERENCE * totals) | (np.maximum(totals, doubt) <= self.noise)
+        return Integrals((float(totals[0]), float(totals[1])), (bool(resolved[0]), bool(resolved[1])), count)
 
+    def _sum(self, numbers: Array) -> Array:
+        return summed(self.gather, numbers)
 
-def _doubtful(differences: Array, totals: Array, kept: Array) -> BoolArray:
-    """The pieces to divide: without the others the doubt about each integral is half of what is allowed."""
-    divided = np.zeros(differences.shape[1], dtype=np.bool_)
-    for difference, total, before in zip(differences, totals, kept, strict=True):
-        order = np.argsort(difference)
-        allowed = max(0.5 * MAX_LEFT_DIFFERENCE * total - before, 0.0)
-        divided[order[np.cumsum(difference[order]) > allowed]] = True
-    return divided
+    def _total(self, kept: Array, sums: Array, kept_differences: Array, differences: Array) -> tuple[Array, Array]:
+        """The integrals and the doubt about them, of all processes."""
+        found = self._sum(np.concatenate([kept + sums.sum(axis=1), kept_differences + differences.sum(axis=1)]))
+        return found[:2], found[2:]
+
+    def _doubtful(self, differences: Array, totals: Array, kept: Array) -> BoolArray:
+        """The pieces to divide: without the others the doubt about each integral is half of what is allowed."""
+        divided = np.zeros(differences.shape[1], dtype=np.bool_)
+        for difference, total, before in zip(differences, totals, kept, strict=True):
+            allowed = max(0.5 * MAX_LEFT_DIFFERENCE * total - before, 0.0)
+            divided |= all_but_the_smallest(difference, allowed, self.gather)
+        return divided
 
 
 def _shared(parents: Array, sums: Array) -> Array:

@@ -1,4 +1,7 @@
-"""One pass over all cells of a mesh: what it measures of every cell, and what is left of that in statistics."""
+"""One pass over all cells of a mesh: what it measures of every cell, and what is left of that in statistics.
+
+Each process looks at its own cells. The statistics of the strips of all processes give those of the mesh.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.monitors.monitor import Monitor, OfDerivatives
+from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_errors import mean_metrics
+from equimesh.quality.cell_maps import locate
 from equimesh.quality.cell_shapes import shapes, shares_and_alignments, size_ratios
-from equimesh.quality.cells import BilinearCells, CellPoints, locate
+from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.statistics import Statistics, fill_parts
 from equimesh.quality.tally import ErrorTally, share_blocks
 
@@ -22,9 +27,9 @@ MAX_KEPT_CELLS = 16_384
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Survey:
-    """The statistics of all measures, in the order of :data:`ROWS`, and ``q_eq`` of every cell.
+    """The statistics of all measures, in the order of :data:`ROWS`, and ``q_eq`` of every own cell.
 
-    ``kept`` are all values, of shape ``(7, cells)``, or ``None`` where they are not kept.
+    ``kept`` are all values of the own cells, of shape ``(7, cells)``, or ``None`` where they are not kept.
     """
 
     statistics: tuple[Statistics, ...]
@@ -46,54 +51,74 @@ class Survey:
 
         ``tally`` counts the errors of interpolation at the same points. ``keep`` keeps all values in any case.
         """
-        blocks = [block for block in cells.blocks(rule) if isinstance(block, slice)]
-        kept = np.empty((len(ROWS), cells.count)) if keep or cells.count <= MAX_KEPT_CELLS else None
-        q_eq = np.empty(cells.count) if kept is None else kept[0]
+        blocks, own = list(cells.blocks(rule)), cells.own
+        kept = np.empty((len(ROWS), own.stop - own.start)) if keep or cells.count <= MAX_KEPT_CELLS else None
+        q_eq = np.empty(own.stop - own.start) if kept is None else kept[0]
         parts = np.empty((len(blocks), len(ROWS), 4))
         shares = np.empty(len(blocks))
+        known = cells.all_valid  # from all processes, before the threads need it
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
                 for number in range(thread, len(blocks), threads):
                     block = blocks[number]
                     rows = np.empty((len(ROWS), block.stop - block.start))
-                    shares[number] = _measure(cells, monitor, rule, block, rows, tally)
+                    shares[number] = _measure(cells, monitor, rule, block, rows, tally if known else None)
                     fill_parts(rows, parts[number])
+                    here = _places(cells, block)
                     if kept is None:
-                        q_eq[block] = rows[0]
+                        q_eq[here] = rows[0]
                     else:
-                        kept[:, block] = rows
+                        kept[:, here] = rows
 
-        share_blocks(work, cells.count, threads)
+        share_blocks(work, own.stop - own.start, threads)
         with np.errstate(all="ignore"):
-            factor = cells.count / shares.sum()
+            found, total = _of_strips(cells, blocks, parts, shares)
+            factor = np.float64(cells.count) / total
             q_eq *= factor
-        found = [Statistics.of(parts[:, row], cells.count) for row in range(len(ROWS))]
-        return cls(statistics=(found[0].times(float(factor)), *found[1:]), q_eq=q_eq, kept=kept)
+        statistics = [Statistics.of(found[:, row], cells.count) for row in range(len(ROWS))]
+        return cls(statistics=(statistics[0].times(float(factor)), *statistics[1:]), q_eq=q_eq, kept=kept)
+
+
+def _of_strips(cells: BilinearCells, blocks: list[slice], parts: Array, shares: Array) -> tuple[Array, float]:
+    """The statistics of all strips, of shape ``(strips, 7, 4)``, and the sum of all shares; from all processes."""
+    starts = {first * cells.shape[1] for first, _ in cells.rows.strips}
+    at = [k for k, block in enumerate(blocks) if block.start in starts]
+    strips = np.empty((len(at), len(ROWS), 4))
+    for column, reduced in enumerate((np.maximum, np.minimum, np.add, np.add)):
+        strips[:, :, column] = reduced.reduceat(parts[:, :, column], at, axis=0)
+    sums = np.add.reduceat(shares, at)
+    found = joined(cells.rows.gather, np.column_stack([sums, strips.reshape(len(at), -1)]))
+    return found[:, 1:].reshape(-1, len(ROWS), 4), float(found[:, 0].sum())
 
 
 def _measure(
     cells: BilinearCells, monitor: Monitor, rule: CellPoints, block: slice, rows: Array, tally: ErrorTally | None
 ) -> float:
     """Fill ``rows`` of the measures of some cells, the first one not yet scaled; returns its sum over valid cells."""
-    corners, area, valid = cells.corners(block), cells.area[block], cells.valid[block]
+    here = cells.places(block)
+    corners, area, valid = cells.corners(block), cells.area[here], cells.valid[here]
     if cells.all_valid:
-        metric = _mean_metrics(corners, area, monitor, rule, block, tally)
+        metric = _mean_metrics(corners, area, monitor, rule, _places(cells, block), tally)
     else:  # u need not be defined where a folded cell reaches
         metric = np.full((3, area.size), np.nan)
         chosen = np.flatnonzero(valid)
         some = np.ascontiguousarray(corners[:, chosen])
-        metric[:, chosen] = _mean_metrics(some, area[chosen], monitor, rule, block, None)
+        metric[:, chosen] = _mean_metrics(some, area[chosen], monitor, rule, _places(cells, block), None)
     shares_and_alignments(corners, area, valid, metric, rows[:2])
     shapes(corners, valid, rows[2:6])
     np.arctan(rows[4], out=rows[4])
     rows[4] /= 0.5 * np.pi
-    size_ratios(cells.shape[1], block.start, cells.valid, cells.area, rows[6])
+    size_ratios(cells.shape[1], here.start, cells.valid, cells.area, rows[6])
     return float(rows[0].sum() if cells.all_valid else rows[0].sum(where=valid))
 
 
+def _places(cells: BilinearCells, block: slice) -> slice:
+    return slice(block.start - cells.own.start, block.stop - cells.own.start)
+
+
 def _mean_metrics(
-    corners: Array, area: Array, monitor: Monitor, rule: CellPoints, block: slice, tally: ErrorTally | None
+    corners: Array, area: Array, monitor: Monitor, rule: CellPoints, own: slice, tally: ErrorTally | None
 ) -> Array:
     x, y = np.empty((2, rule.s.size, area.size))
     locate(corners, rule.s, rule.t, x, y)
@@ -101,11 +126,11 @@ def _mean_metrics(
     if tally is not None and isinstance(monitor, OfDerivatives):
         derivatives = tally.u.evaluate(x, y, monitor.order)
         entries = monitor.metric_of(*derivatives)
-        tally.add(block, corners, derivatives)
+        tally.add(own, corners, derivatives)
     else:
         entries = monitor.metric(x, y)
         if tally is not None:
-            tally.add(block, corners, tally.u.evaluate(x, y, 1))
+            tally.add(own, corners, tally.u.evaluate(x, y, 1))
     m11, m12, m22 = (np.ascontiguousarray(entry) for entry in entries)
     mean_metrics(corners, area, rule, (m11, m12, m22), mean)
     return mean

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.fields.field import Field
+from equimesh.meshes.mesh_window import MeshWindow, WindowCells
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_errors import add_errors, add_middles, add_values
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells, locate
+from equimesh.quality.cell_maps import locate
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells
 
 MIN_CELLS_FOR_THREADS = 16_384
 """On fewer cells a second thread costs more than it saves."""
@@ -58,16 +60,18 @@ class ErrorRule:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorTally:
-    """Sums over cells, all of a mesh or those with ``numbers``, that grow while blocks of cells are added.
+    """Sums over own cells of a process, all of them or some, that grow while blocks of cells are added.
 
-    ``values`` of shape ``(4, n)`` are u at the corners, ``sums`` of shape ``(4, n)`` the integrals of
-    :func:`~equimesh.quality.cell_errors.add_errors`, ``largest`` the largest errors at a point.
+    ``chosen`` are these cells, ``sampled`` is whether they are some only. ``values`` of shape ``(4, n)`` are u at the
+    corners, ``sums`` of shape ``(4, n)`` the integrals of :func:`~equimesh.quality.cell_errors.add_errors`,
+    ``largest`` the largest errors at a point. ``nodal`` is u at the held nodes, ``None`` where it is not known.
     """
 
     cells: Cells
     u: Field
     rule: ErrorRule
-    numbers: IntArray | None
+    chosen: WindowCells
+    sampled: bool
     nodal: Array | None
     values: Array
     sums: Array
@@ -83,24 +87,29 @@ class ErrorTally:
         numbers: IntArray | None = None,
         nodal: Array | None = None,
     ) -> ErrorTally:
-        """Nothing yet of ``cells``, where ``nodal`` is u at the nodes if that is known."""
-        count = cells.count if numbers is None else numbers.size
+        """Nothing yet of the own ``cells`` or of those with ``numbers``.
+
+        ``nodal`` is u at the held nodes if that is known.
+        """
+        chosen = WindowCells.of(cells.rows, numbers)
+        count = chosen.numbers.size
         if isinstance(cells, BilinearCells) and (nodal is not None or numbers is None):
             nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
-            values = cells.corner_values(nodal, np.arange(count) if numbers is None else numbers)
+            values = cells.corner_values(nodal, chosen.numbers)
         else:
-            corners = cells.corners(slice(0, count) if numbers is None else numbers)
+            corners = cells.corners(chosen.numbers)
             (values,) = u.evaluate(corners[:4], corners[4:])
         return cls(
             cells=cells,
             u=u,
             rule=rule,
-            numbers=numbers,
+            chosen=chosen,
+            sampled=numbers is not None,
             nodal=nodal,
             values=values,
             sums=np.zeros((4, count)),
             largest=np.zeros(count),
-            ends=[(float(values.min()), float(values.max()))],
+            ends=[(float(values.min()), float(values.max()))] if count else [],
         )
 
     def add(self, where: slice, corners: Array, derivatives: tuple[Array, ...]) -> None:
@@ -114,16 +123,14 @@ class ErrorTally:
     def add_all(self, threads: int = 1) -> None:
         """All cells at the inner points of the rule, block by block; ``threads`` share the blocks if they are many."""
         inner = self.rule.inner
-        blocks = list(self.cells.blocks(inner, self.numbers))
-        size = max(1, blocks[0].stop if isinstance(blocks[0], slice) else blocks[0].size)
+        blocks = list(self.cells.blocks_of(self.chosen, inner))
 
         def work(thread: int, threads: int) -> None:
             with np.errstate(all="ignore"):
-                for number in range(thread, len(blocks), threads):
-                    corners = self.cells.corners(blocks[number])
+                for where, numbers in blocks[thread::threads]:
+                    corners = self.cells.corners(numbers)
                     x, y = np.empty((2, inner.s.size, corners.shape[1]))
                     locate(corners, inner.s, inner.t, x, y)
-                    where = slice(number * size, number * size + corners.shape[1])
                     self.add(where, corners, self.u.evaluate(x, y, order=1))
 
         share_blocks(work, self.largest.size, threads)
@@ -133,35 +140,37 @@ class ErrorTally:
         edge = self.rule.edge
         if not edge.s.size:
             return
-        if isinstance(self.cells, BilinearCells) and self.numbers is None and self.nodal is not None:
-            x, y = self.cells.nodes
-            of_xi = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))[0]
-            of_eta = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))[0]
-            nodal, middles = (
-                np.ascontiguousarray(self.nodal),
-                (np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)),
-            )
-            add_middles((x, y), nodal, middles, self.sums[0], self.largest)
-            self._widen(of_xi)
-            self._widen(of_eta)
+        if isinstance(self.cells, BilinearCells) and not self.sampled and self.nodal is not None:
+            for first, last in self.cells.rows.strips:
+                self._add_middles(self.cells.window, self.nodal, first, last)
             return
-        done = 0
-        for block in self.cells.blocks(edge, self.numbers):
-            corners = self.cells.corners(block)
+        for where, numbers in self.cells.blocks_of(self.chosen, edge):
+            corners = self.cells.corners(numbers)
             x, y = np.empty((2, edge.s.size, corners.shape[1]))
             locate(corners, edge.s, edge.t, x, y)
             (there,) = self.u.evaluate(x, y)
-            where = slice(done, done + corners.shape[1])
             values = np.ascontiguousarray(self.values[:, where])
             add_values(corners, values, np.ascontiguousarray(there), edge, self.sums[0, where], self.largest[where])
             self._widen(there)
-            done += corners.shape[1]
+
+    def _add_middles(self, window: MeshWindow, nodal: Array, first: int, last: int) -> None:
+        """The middles of the edges of the rows ``first`` to ``last - 1`` of cells."""
+        rows, columns = window.rows, window.rows.cells[1]
+        x, y = window.nodes(first, last)
+        of_xi = self.u.evaluate(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1]))[0]
+        of_eta = self.u.evaluate(0.5 * (x[:, 1:] + x[:, :-1]), 0.5 * (y[:, 1:] + y[:, :-1]))[0]
+        there = np.ascontiguousarray(nodal[first - rows.begin : last + 1 - rows.begin])
+        where = slice((first - rows.first) * columns, (last - rows.first) * columns)
+        middles = np.ascontiguousarray(of_xi), np.ascontiguousarray(of_eta)
+        add_middles((x, y), there, middles, self.sums[0, where], self.largest[where])
+        self._widen(of_xi)
+        self._widen(of_eta)
 
     @property
-    def variation(self) -> float:
-        """The largest value of u at the points so far minus the smallest one; blocks with NaN have no part in it."""
+    def range(self) -> tuple[float, float]:
+        """The smallest and the largest value of u at the points so far; blocks with NaN have no part in it."""
         known = [ends for ends in self.ends if not math.isnan(ends[0])]
-        return max((high for _, high in known), default=math.nan) - min((low for low, _ in known), default=math.nan)
+        return min((low for low, _ in known), default=math.nan), max((high for _, high in known), default=math.nan)
 
     def _widen(self, u: Array) -> None:
         self.ends.append((float(u.min()), float(u.max())))

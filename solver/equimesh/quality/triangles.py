@@ -13,10 +13,14 @@ import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_window import MeshWindow, WindowCells, WindowRows
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_errors import add_errors
-from equimesh.quality.cells import BilinearCells, CellPoints, locate
+from equimesh.quality.cell_maps import locate
+from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.interpolation import (
+    NO_ERROR,
+    Extremes,
     InterpolationErrors,
     LargestError,
     Norms,
@@ -34,16 +38,17 @@ MIDDLE = (0.5, 1.0 / 3.0)
 """The place of the centre of a triangle in the cell with two corners at one point."""
 
 
-def triangle_errors(mesh: Mesh, u: Field, uniform: Mesh | None = None) -> InterpolationErrors:
+def triangle_errors(mesh: Mesh | MeshWindow, u: Field, uniform: Mesh | MeshWindow | None = None) -> InterpolationErrors:
     """The errors of linear interpolation of u on the triangles of ``mesh``, and on those of ``uniform``.
 
     Both are cut as :meth:`~equimesh.meshes.mesh_data.MeshData.triangles` cuts them. ``uniform`` is the uniform mesh of
     the domain, by default of the unit square. On more than 150 000 cells the errors are those of a sample, as in
     :func:`~equimesh.quality.interpolation.interpolation_errors`.
     """
-    uniform = Mesh.uniform(mesh.grid) if uniform is None else uniform
+    window = MeshWindow.of(mesh)
+    uniform = MeshWindow.uniform(window.rows, window.x.shape[0]) if uniform is None else uniform
     with np.errstate(all="ignore"):
-        first, second = BilinearCells(mesh), BilinearCells(uniform)
+        first, second = BilinearCells(window), BilinearCells(uniform)
         return compared(first, _norms(first, u), _norms(second, u))
 
 
@@ -61,31 +66,36 @@ def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
 def _norms(cells: BilinearCells, u: Field) -> Norms:
     if not cells.all_valid:
         return Norms(math.inf, math.inf, math.nan)
-    numbers = sample(cells.shape)
-    known = np.arange(cells.count) if numbers is None else numbers
-    corners = cells.corners(known)
+    numbers = sample(cells.rows)
+    chosen = WindowCells.of(cells.rows, numbers)
+    corners = cells.corners(chosen.numbers)
     (values,) = u.evaluate(corners[:4], corners[4:])
     # of a sample the four cells at the corners, if they are in it at all, change nothing that could be seen
-    through = corner_cuts(cells.shape) if numbers is None else ANYWHERE
-    triangles = halves(Pieces.of(cells, known, values), through)
+    through = _corner_cuts(cells.rows) if numbers is None else ANYWHERE
+    triangles = halves(Pieces.of(cells, chosen.numbers, values), through)
     sums, largest, ends = _leanly(triangles, u)
-    size = float(np.abs(values).max())
-    allowed = noise(cells, size)
-    found = resolved_integrals(
-        triangles.some,
-        (cells.shape[0], 2 * cells.shape[1]),
-        (2 * known[:, None] + np.arange(2)).reshape(-1),
-        sums,
-        u,
-        (allowed[0] * allowed[0], allowed[1] * allowed[1]),
-    )
-    l2, h1 = (math.sqrt(square * cells.count / known.size) for square in found.squares)
+    ends = min(ends[0], float(values.min(initial=math.inf))), max(ends[1], float(values.max(initial=-math.inf)))
+    extremes = Extremes.of(cells.rows.gather, values, ends, _peak(triangles, largest))
+    allowed = noise(cells, extremes.size)
+    squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
+    found = resolved_integrals(triangles.some, chosen.repeated(2), sums, u, squares)
+    l2, h1 = (math.sqrt(square * 2 * cells.count / found.cells) for square in found.squares)
+    return Norms(l2, h1, extremes.size, found.resolved, extremes.variation, extremes.peak)
+
+
+def _corner_cuts(rows: WindowRows) -> dict[int, int]:
+    """The cuts through the corners of the domain, by the places of their cells among the own ones."""
+    cuts = corner_cuts(rows.cells)
+    return {cell - rows.own.start: cut for cell, cut in cuts.items() if rows.own.start <= cell < rows.own.stop}
+
+
+def _peak(triangles: Pieces, largest: Array) -> LargestError:
+    if not largest.size:
+        return NO_ERROR
     worst = int(largest.argmax())
     x, y = np.empty((2, 1, 1))
     locate(triangles.corners[:, worst : worst + 1].copy(), np.array(MIDDLE[:1]), np.array(MIDDLE[1:]), x, y)
-    peak = LargestError(float(largest[worst]), float(x[0, 0]), float(y[0, 0]))
-    variation = max(ends[1], float(values.max())) - min(ends[0], float(values.min()))
-    return Norms(l2, h1, size, found.resolved, variation, peak)
+    return LargestError(float(largest[worst]), float(x[0, 0]), float(y[0, 0]))
 
 
 def _leanly(triangles: Pieces, u: Field) -> tuple[Array, Array, tuple[float, float]]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from equimesh.quality.cell_errors import MIDDLE_WEIGHT, add_errors, add_middles, add_values, mean_metrics
-from equimesh.quality.cells import BilinearCells, CellPoints, locate
+from equimesh.quality.cell_maps import locate
+from equimesh.quality.cells import BilinearCells, CellPoints
 from equimesh.quality.tally import ErrorRule
 from solver.quality.handmade import TANH20, wavy
 

@@ -46,4 +46,4 @@ def test_the_number_of_probes_is_bounded() -> None:
     for n, most in ((5, 16 * MAX_PROBES_PER_CELL), (65, PROBES), (300, 299**2)):
         seen.clear()
         probe_errors(uniform(n), Counting())
-        assert 0 < sum(seen) - n * n <= most
+        assert 0 < sum(seen) - n * n <= most + 2 * n, "a row of nodes between two strips counts twice"

@@ -43,7 +43,7 @@ def test_threads_change_nothing() -> None:
     assert second.statistics == first.statistics
     assert np.array_equal(second.q_eq, first.q_eq)
     assert np.array_equal(shared.sums, alone.sums)
-    assert shared.variation == alone.variation
+    assert shared.range == alone.range
     whole = ErrorTally.of(alone.cells, TANH20, ErrorRule.lean())
     whole.add_all(threads=2)
     assert np.array_equal(whole.sums, alone.sums)

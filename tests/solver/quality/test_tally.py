@@ -24,7 +24,7 @@ def test_some_cells_have_the_errors_that_they_have_among_all() -> None:
     every, some = tally(), tally(numbers)
     assert some.sums == pytest.approx(every.sums[:, numbers], rel=1e-9, abs=1e-15)
     assert some.largest == pytest.approx(every.largest[numbers], rel=1e-9)
-    assert 0.0 < some.variation < every.variation
+    assert every.range[0] < some.range[0] < some.range[1] < every.range[1]
 
 
 def test_known_nodal_values_change_nothing() -> None:
@@ -35,8 +35,8 @@ def test_known_nodal_values_change_nothing() -> None:
 
 def test_a_block_with_nan_has_no_part_in_the_range() -> None:
     found = tally()
-    before = found.variation
+    before = found.range
     found.ends.append((math.nan, math.nan))
-    assert found.variation == before
+    assert found.range == before
     found.ends.append((-9.0, 0.0))
-    assert found.variation > before
+    assert found.range == (-9.0, before[1])
