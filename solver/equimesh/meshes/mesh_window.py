@@ -14,8 +14,10 @@ import numpy as np
 
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_part import MeshPart
 from equimesh.meshes.parts import Parts
-from equimesh.numerics.gather import Gather, alone, joined
+from equimesh.numerics.channel import ALONE, Channel
+from equimesh.numerics.gather import joined, summed
 from equimesh.numerics.types import Array, IntArray
 
 
@@ -24,13 +26,14 @@ class WindowRows:
     """The rows of a grid of ``shape`` nodes that a process holds.
 
     Its own cells are those of the rows ``first`` to ``last - 1``. The first row of nodes that it holds is ``begin``.
+    The ``channel`` leads to the processes that hold the others.
     """
 
     shape: tuple[int, int]
     begin: int
     first: int
     last: int
-    gather: Gather = field(default=alone, repr=False)
+    channel: Channel = field(default=ALONE, repr=False)
 
     @classmethod
     def whole(cls, shape: tuple[int, int]) -> WindowRows:
@@ -59,7 +62,7 @@ class WindowRows:
 
     def total(self, strips: Array) -> Array:
         """The sum of the numbers of all strips of the grid, from those of the own strips, shape ``(strips, …)``."""
-        return np.asarray(joined(self.gather, strips).sum(axis=0))
+        return np.asarray(joined(self.channel, strips).sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +87,21 @@ class MeshWindow:
         s, t = (np.linspace(0.0, 1.0, n) for n in rows.shape)
         x, y = np.meshgrid(s[rows.begin : rows.begin + count], t, indexing="ij")
         return cls(x, y, rows)
+
+    @classmethod
+    def of_part(cls, part: MeshPart, channel: Channel) -> MeshWindow:
+        """The rows that part ``channel.number`` of a mesh needs; all parts call this, and get rows of each other."""
+        first, last = part.cell_rows
+        before, after = channel.number - 1, channel.number + 1
+        if before >= 0 and last > first:
+            channel.send(before, "window", [part.x[1], part.y[1]])
+        if after < channel.count and not part.is_last:
+            channel.send(after, "window", [part.x[part.last - 1 - first], part.y[part.last - 1 - first]])
+        below = channel.receive(before, "window") if before >= 0 else (part.x[:0], part.y[:0])
+        above = channel.receive(after, "window") if last < part.grid.n_xi - 1 else (part.x[:0], part.y[:0])
+        x, y = (np.vstack(rows) for rows in zip(below, (part.x, part.y), above, strict=True))
+        begin = first - (before >= 0)
+        return cls(x, y, WindowRows(shape=part.grid.shape, begin=begin, first=first, last=last, channel=channel))
 
     @property
     def grid(self) -> Grid:
@@ -128,7 +146,7 @@ class WindowCells:
 
     def count(self) -> int:
         """The number of such cells of all processes."""
-        return int(sum(int(found[0]) for found in self.rows.gather(np.array([self.numbers.size]))))
+        return int(summed(self.rows.channel, np.array([float(self.numbers.size)]))[0])
 
     def total(self, values: Array) -> Array:
         """The sums of ``values``, shape ``(k, cells)``, over such cells of all processes; shape ``(k,)``."""

@@ -1,32 +1,35 @@
-"""What the parts of one computation contribute, known to every part.
+"""What the parts of one computation found, joined or added, and known to every part.
 
-A computation over parts calls a :data:`Gather` with its own arrays. It gets those of all parts, in the order of the
-parts. All parts make the same calls in the same order, and decide from the same numbers.
+All parts make the same calls in the same order, and decide from the same numbers.
 """
 
-from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from collections.abc import Sequence
 
 import numpy as np
 
+from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array
 
-Gather: TypeAlias = Callable[[Array], Sequence[Array]]
-"""From the array of this part to those of all parts, in their order."""
+TAG = "measure"
+"""The tag of the messages."""
 
 
-def alone(array: Array) -> Sequence[Array]:
-    """The gathering of a computation that has one part."""
-    return (array,)
+def gathered(channel: Channel, array: Array) -> Sequence[Array]:
+    """The arrays of all parts, in their order."""
+    number, count = channel.number, channel.count
+    known, step = [array], 1  # of this part, of the one before it, and so on around
+    while step < count:
+        channel.send((number + step) % count, TAG, known[: count - step])
+        known += channel.receive((number - step) % count, TAG)
+        step *= 2
+    return [known[(number - k) % count] for k in range(count)]
 
 
-def joined(gather: Gather, array: Array) -> Array:
+def joined(channel: Channel, array: Array) -> Array:
     """The rows of all parts, one part after the other."""
-    found = gather(array)
-    return array if len(found) == 1 else np.concatenate(found)
+    return array if channel.count == 1 else np.concatenate(gathered(channel, array))
 
 
-def summed(gather: Gather, array: Array) -> Array:
+def summed(channel: Channel, array: Array) -> Array:
     """The sum of the arrays of all parts, which have one shape; added in the order of the parts."""
-    found = gather(array)
-    return array if len(found) == 1 else np.asarray(np.sum(np.stack(found), axis=0))
+    return array if channel.count == 1 else np.asarray(np.sum(np.stack(gathered(channel, array)), axis=0))

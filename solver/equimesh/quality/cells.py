@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
@@ -169,6 +169,7 @@ class BilinearCells(Cells):
     """All cells of a mesh, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
 
     mesh: Mesh | MeshWindow
+    _found: list[tuple[float, float]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def window(self) -> MeshWindow:
@@ -198,7 +199,7 @@ class BilinearCells(Cells):
     @property
     def lowest(self) -> float:
         """The smallest determinant of the Jacobian matrix at a corner; NaN where a coordinate is not finite."""
-        return self._of_all[0]
+        return self._of_all()[0]
 
     @property
     def all_valid(self) -> bool:
@@ -208,7 +209,7 @@ class BilinearCells(Cells):
     @property
     def total_area(self) -> float:
         """Signed area of the whole mesh."""
-        return self._of_all[1]
+        return self._of_all()[1]
 
     def places(self, cells: slice) -> slice:
         """Where consecutive cells are among the held ones."""
@@ -241,12 +242,15 @@ class BilinearCells(Cells):
         area, valid = np.empty(count), np.empty(count, dtype=np.bool_)
         return area, valid, measure_cells(x, y, area, valid)
 
-    @cached_property
     def _of_all(self) -> tuple[float, float]:
-        """The smallest determinant and the area of the whole mesh, from all processes."""
-        columns = self.shape[1]
-        spans = (self.places(slice(first * columns, last * columns)) for first, last in self.rows.strips)
-        found = joined(
-            self.rows.gather, np.array([(self._measured[2], self.area[span].sum()) for span in spans]).reshape(-1, 2)
-        )
-        return float(found[:, 0].min()), float(found[:, 1].sum())
+        """The smallest determinant and the area of the whole mesh, from all processes.
+
+        A cached property of Python 3.11 has one lock for all objects: parts that are threads would wait for each other.
+        """
+        if not self._found:
+            columns = self.shape[1]
+            spans = (self.places(slice(first * columns, last * columns)) for first, last in self.rows.strips)
+            here = np.array([(self._measured[2], self.area[span].sum()) for span in spans]).reshape(-1, 2)
+            found = joined(self.rows.channel, here)
+            self._found.append((float(found[:, 0].min()), float(found[:, 1].sum())))
+        return self._found[0]

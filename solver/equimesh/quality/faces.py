@@ -52,7 +52,7 @@ def measure_faces(mesh: Mesh | MeshWindow) -> Faces:
     """The measures of the faces of ``mesh``; of the whole one also where a process holds some of its rows."""
     window = MeshWindow.of(mesh)
     strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
-    found = joined(window.rows.gather, strips)
+    found = joined(window.rows.channel, strips)
     lowest, skewness, valid = found[:, 0].min(), found[:, 3].max(), found[:, 4].all()
     if not valid:
         return Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skewness=math.nan)

@@ -11,7 +11,8 @@ import numpy as np
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import WindowRows
-from equimesh.numerics.gather import Gather, joined
+from equimesh.numerics.channel import Channel
+from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cells import BilinearCells, CellPoints, Cells
 from equimesh.quality.pieces import Pieces
@@ -160,7 +161,7 @@ def norms_of(tally: ErrorTally) -> Norms:
     """The norms from the errors at the inner points of a rule; those at its edge points are added here."""
     tally.add_edges()
     cells, values, chosen = tally.cells, tally.values, tally.chosen
-    extremes = Extremes.of(cells.rows.gather, values, tally.range, _peak(tally))
+    extremes = Extremes.of(cells.rows.channel, values, tally.range, _peak(tally))
     allowed = noise(cells, extremes.size)
     squares = (allowed[0] * allowed[0], allowed[1] * allowed[1])
 
@@ -189,11 +190,11 @@ class Extremes(NamedTuple):
     peak: LargestError
 
     @classmethod
-    def of(cls, gather: Gather, values: Array, ends: tuple[float, float], peak: LargestError) -> Extremes:
+    def of(cls, channel: Channel, values: Array, ends: tuple[float, float], peak: LargestError) -> Extremes:
         """From the ``values`` at the corners of the own cells, the ``ends`` of the values there and at other points,
         and the largest error in the own cells."""
         size = float(np.abs(values).max(initial=0.0))
-        found = joined(gather, np.array([[size, *ends, *peak]]))
+        found = joined(channel, np.array([[size, *ends, *peak]]))
         low, high = np.fmin.reduce(found[:, 1]), np.fmax.reduce(found[:, 2])
         worst = found[found[:, 3].argmax(), 3:]
         return cls(float(found[:, 0].max()), float(high - low), LargestError(*map(float, worst)))

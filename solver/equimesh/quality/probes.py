@@ -33,7 +33,7 @@ def probe_errors(mesh: Mesh | MeshWindow, u: Field) -> tuple[LargestError, float
     window, cells = MeshWindow.of(mesh), BilinearCells(mesh)
     with np.errstate(all="ignore"):
         extremes = [found for first, last in window.rows.strips for found in _of_strip(cells, first, last, u)]
-        found = joined(window.rows.gather, np.array(extremes).reshape(-1, 5))
+        found = joined(window.rows.channel, np.array(extremes).reshape(-1, 5))
         variation = float(np.fmax.reduce(found[:, 1]) - np.fmin.reduce(found[:, 0]))
     return LargestError(*map(float, found[found[:, 2].argmax(), 2:])), variation
 

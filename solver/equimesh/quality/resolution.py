@@ -14,7 +14,8 @@ import numpy as np
 
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh_window import WindowCells
-from equimesh.numerics.gather import Gather, summed
+from equimesh.numerics.channel import Channel
+from equimesh.numerics.gather import summed
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.pieces import Pieces
 from equimesh.quality.selection import all_but_the_smallest, largest_of
@@ -61,10 +62,10 @@ def resolved_integrals(
     ``pieces`` gives the own cells at some positions. ``first`` of shape ``(2, n)`` are the integrals over each own cell
     by the first rule. Integrals of at most ``noise`` are rounding, and are not refined.
     """
-    totals, count, gather = cells.total(first), cells.count(), cells.rows.gather
+    totals, count, channel = cells.total(first), cells.count(), cells.rows.channel
     chosen, weights = _checked(cells, count, first, totals)
     second = pieces(chosen).errors(u)
-    tried = summed(gather, np.concatenate([first[:, chosen], second]) @ weights)
+    tried = summed(channel, np.concatenate([first[:, chosen], second]) @ weights)
     before, after, missed = tried[:2], tried[2:4], float(tried[4])
     small = (np.maximum(totals, after) <= noise, bool(max(totals[1], after[1], missed) <= noise[1]))
     agree = (np.abs(after - before) <= MAX_DIFFERENCE * np.maximum(after, before)) | small[0]
@@ -72,7 +73,7 @@ def resolved_integrals(
     if agree.all() or not np.isfinite(totals).all():
         return Integrals((float(totals[0]), float(totals[1])), (True, True), count)
     every = pieces(np.arange(cells.numbers.size))
-    return _Refinement(u, np.asarray(noise), gather).of(every, first, count)
+    return _Refinement(u, np.asarray(noise), channel).of(every, first, count)
 
 
 def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tuple[IntArray, Array]:
@@ -88,7 +89,7 @@ def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tup
     largest = largest_of(share, wanted, cells.rows)
     sampled[largest] = False
     rest = np.flatnonzero(sampled)
-    in_sample = float(summed(cells.rows.gather, np.array([float(rest.size)]))[0])
+    in_sample = float(summed(cells.rows.channel, np.array([float(rest.size)]))[0])
     weights = np.ones(largest.size + rest.size)
     weights[largest.size :] = (count - wanted) / max(in_sample, 1.0)
     return np.concatenate([largest, rest]), weights
@@ -106,7 +107,7 @@ class _Refinement:
 
     u: Field
     noise: Array
-    gather: Gather
+    channel: Channel
 
     def of(self, pieces: Pieces, first: Array, count: int) -> Integrals:
         """The integrals from pieces that are divided where the last division has changed the result most.
@@ -139,7 +140,7 @@ class _Refinement:
         return Integrals((float(totals[0]), float(totals[1])), (bool(resolved[0]), bool(resolved[1])), count)
 
     def _sum(self, numbers: Array) -> Array:
-        return summed(self.gather, numbers)
+        return summed(self.channel, numbers)
 
     def _total(self, kept: Array, sums: Array, kept_differences: Array, differences: Array) -> tuple[Array, Array]:
         """The integrals and the doubt about them, of all processes."""
@@ -151,7 +152,7 @@ class _Refinement:
         divided = np.zeros(differences.shape[1], dtype=np.bool_)
         for difference, total, before in zip(differences, totals, kept, strict=True):
             allowed = max(0.5 * MAX_LEFT_DIFFERENCE * total - before, 0.0)
-            divided |= all_but_the_smallest(difference, allowed, self.gather)
+            divided |= all_but_the_smallest(difference, allowed, self.channel)
         return divided
 
 

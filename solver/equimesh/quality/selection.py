@@ -7,7 +7,8 @@ are shared out.
 import numpy as np
 
 from equimesh.meshes.mesh_window import WindowRows
-from equimesh.numerics.gather import Gather, joined, summed
+from equimesh.numerics.channel import Channel
+from equimesh.numerics.gather import joined, summed
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
 DIGIT_BITS = 8
@@ -25,30 +26,30 @@ def largest_of(values: Array, count: int, rows: WindowRows) -> IntArray:
     chosen, candidates, left = np.zeros(values.size, dtype=np.bool_), np.arange(values.size), count
     for shift in range(64 - DIGIT_BITS, -1, -DIGIT_BITS):
         digits = ((keys[candidates] >> np.uint64(shift)) & np.uint64((1 << DIGIT_BITS) - 1)).astype(np.int64)
-        found = summed(rows.gather, np.bincount(digits, minlength=1 << DIGIT_BITS).astype(float))
+        found = summed(rows.channel, np.bincount(digits, minlength=1 << DIGIT_BITS).astype(float))
         at_least = np.append(np.cumsum(found[::-1])[::-1], 0.0)
         last = int(np.flatnonzero(at_least >= left)[-1])  # the digit of the smallest value that is taken
         chosen[candidates[digits > last]] = True
         left -= int(at_least[last + 1])
         candidates = candidates[digits == last]
-    parts = joined(rows.gather, np.array([[float(rows.first), float(candidates.size)]]))
+    parts = joined(rows.channel, np.array([[float(rows.first), float(candidates.size)]]))
     before = int(parts[parts[:, 0] < rows.first, 1].sum())
     chosen[candidates[: max(0, left - before)]] = True
     return np.flatnonzero(chosen)
 
 
-def all_but_the_smallest(values: Array, allowed: float, gather: Gather) -> BoolArray:
+def all_but_the_smallest(values: Array, allowed: float, channel: Channel) -> BoolArray:
     """Which ``values`` are left when the smallest of all processes are taken away, of a sum of about ``allowed``.
 
     Values that differ by 3 % or less may count as equal. NaN is taken away. No value is negative.
     """
     keys = (np.abs(values).view(np.uint64) >> np.uint64(COARSE_BITS)).astype(np.int64)
     found, counts = np.unique(keys, return_counts=True)
-    every = joined(gather, np.column_stack([found, counts]).astype(float))
+    every = joined(channel, np.column_stack([found, counts]).astype(float))
     kinds, where = np.unique(every[:, 0].astype(np.uint64), return_inverse=True)
     middles = ((kinds << np.uint64(COARSE_BITS)) + np.uint64(1 << (COARSE_BITS - 1))).view(np.float64)
-    # The middle of the last kind of numbers, those beyond the largest one, is NaN.
-    sums = np.cumsum(np.where(kinds == 0, 0.0, middles) * np.bincount(where, every[:, 1], kinds.size))
+    middles[kinds == 0], middles[np.isnan(middles)] = 0.0, np.inf  # zeros, and those beyond the largest number
+    sums = np.cumsum(middles * np.bincount(where, every[:, 1], kinds.size))
     too_many = kinds[sums > allowed]
     first = int(too_many[0]) if too_many.size else np.iinfo(np.int64).max
     return np.asarray((keys >= first) & ~np.isnan(values))

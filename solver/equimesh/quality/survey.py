@@ -88,7 +88,7 @@ def _of_strips(cells: BilinearCells, blocks: list[slice], parts: Array, shares: 
     for column, reduced in enumerate((np.maximum, np.minimum, np.add, np.add)):
         strips[:, :, column] = reduced.reduceat(parts[:, :, column], at, axis=0)
     sums = np.add.reduceat(shares, at)
-    found = joined(cells.rows.gather, np.column_stack([sums, strips.reshape(len(at), -1)]))
+    found = joined(cells.rows.channel, np.column_stack([sums, strips.reshape(len(at), -1)]))
     return found[:, 1:].reshape(-1, len(ROWS), 4), float(found[:, 0].sum())
 
 
