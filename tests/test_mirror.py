@@ -30,6 +30,7 @@ WITHOUT_TESTS = {
     "single_domain/steps.py": "records; test_level.py and test_iteration.py look at what they hold",
     "testing/functions.py": "what the kits are run on",
     "solving/options.py": "a record; test_inputs.py looks at the words",
+    "schwarz/holding/port.py": "an interface; test_in_one_process.py and test_on_channel.py test both implementations",
 }
 
 

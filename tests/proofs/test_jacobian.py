@@ -12,6 +12,7 @@ from cases import problem
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.schwarz.functionals.interface import InterfaceData
 from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
 
 STEPS = (1e-3, 5e-4, 2.5e-4)
@@ -91,7 +92,7 @@ def test_subdomains_whose_interfaces_yield(boundary: em.Boundary, parts: tuple[i
     case = problem("tanh20", 18, 15, boundary=boundary)
     decomposition = em.Decomposition(grid=case.grid, subdomains=parts, overlap=2)
     subdomains = OptimizedSubdomains(
-        case, decomposition, em.Optimized(), em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
+        case, InOneProcess(decomposition), em.Optimized(), em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
     )
     mesh = em.Mesh.uniform(case.grid)
     subdomains.begin(mesh)

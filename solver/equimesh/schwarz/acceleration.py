@@ -1,10 +1,13 @@
 """Acceleration of the iteration: none, Anderson's combination, or a Newton step for the fixed point."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.anderson import Anderson
+from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.line_corrections import CorrectionResult
 from equimesh.schwarz.port import MergedSolutions, Subdomains
 from equimesh.schwarz.raspen import Raspen
@@ -46,11 +49,13 @@ class Accelerator(Protocol):
         ...
 
 
-def accelerator(settings: Schwarz, subdomains: Subdomains, rounding: float, threads: int) -> Accelerator:
-    """The accelerator of the settings."""
+def accelerator(
+    settings: Schwarz, holding: Holding, subdomains: Callable[[], Subdomains], rounding: float, threads: int
+) -> Accelerator:
+    """The accelerator of the settings; ``subdomains`` returns all of them, for a process that has whole meshes."""
     if settings.accelerated_by is Acceleration.NEWTON:
-        return ByNewton(Raspen(subdomains, rounding, threads))
-    return ByAnderson() if settings.accelerated_by is Acceleration.ANDERSON else Unaccelerated()
+        return ByNewton(holding, lambda: Raspen(subdomains(), rounding, threads))
+    return ByAnderson(holding) if settings.accelerated_by is Acceleration.ANDERSON else Unaccelerated()
 
 
 class Unaccelerated:
@@ -74,8 +79,9 @@ class ByAnderson:
 
     maps_merged_meshes = False
 
-    def __init__(self) -> None:
-        self._anderson = Anderson()
+    def __init__(self, holding: Holding) -> None:
+        self._holding = holding
+        self._anderson = Anderson(holding)
 
     def apply(
         self, before: Mesh, corrected: CorrectionResult, solved: MergedSolutions, enough: float
@@ -91,7 +97,7 @@ class ByAnderson:
 
     def forget(self) -> None:
         """Forget all iterations."""
-        self._anderson = Anderson()
+        self._anderson = Anderson(self._holding)
 
 
 class ByNewton:
@@ -99,8 +105,12 @@ class ByNewton:
 
     maps_merged_meshes = True
 
-    def __init__(self, raspen: Raspen) -> None:
-        self._raspen = raspen
+    def __init__(self, holding: Holding, raspen: Callable[[], Raspen]) -> None:
+        self._holding, self._make = holding, raspen
+
+    @cached_property
+    def _raspen(self) -> Raspen:
+        return self._make()
 
     def apply(
         self, before: Mesh, corrected: CorrectionResult, solved: MergedSolutions, enough: float
@@ -109,11 +119,15 @@ class ByNewton:
         del enough
         if solved.has_stalled or solved.is_rescued:
             return AccelerationResult(corrected.mesh)
-        combined = self._raspen.combine(before, corrected.mesh, solved.states)
-        products = self._raspen.products
+        combined, products = self._holding.on_whole(self._step, [before, corrected.mesh], solved.states)
         if combined is None:
-            return AccelerationResult(corrected.mesh, products=products)
-        return AccelerationResult(combined, is_combined=True, products=products)
+            return AccelerationResult(corrected.mesh, products=int(products))
+        return AccelerationResult(combined, is_combined=True, products=int(products))
+
+    def _step(self, meshes: Sequence[Mesh], states: Sequence[Mesh]) -> tuple[Mesh | None, float]:
+        """The mesh after a Newton step, and the number of products."""
+        combined = self._raspen.combine(meshes[0], meshes[1], states)
+        return combined, float(self._raspen.products)
 
     def forget(self) -> None:
         """Nothing is remembered."""

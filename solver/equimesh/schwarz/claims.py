@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.rescue import newton_step
 
 
@@ -22,14 +23,14 @@ class Claim:
     is_refuted: bool = False
 
 
-def examine(problem: Problem, claim: Claim, enough: float) -> Claim:
+def examine(problem: Problem, holding: Holding, claim: Claim, enough: float) -> Claim:
     """The claim after a Newton step on the whole grid.
 
     Where the step moves the mesh by more than ``enough``, the iteration continues from the mesh of the step.
     """
-    stepped, _ = newton_step(problem, claim.mesh)
-    moved = stepped.distance(claim.mesh)
+    stepped, _ = newton_step(problem, holding, claim.mesh)
+    moved = holding.distance(stepped, claim.mesh)
     estimate = max(claim.estimate, moved)
     if not moved > enough:
         return Claim(claim.mesh, estimate, claim.change, claim.before)
-    return Claim(stepped, estimate, stepped.distance(claim.before), claim.before, is_refuted=True)
+    return Claim(stepped, estimate, holding.distance(stepped, claim.before), claim.before, is_refuted=True)

@@ -2,27 +2,25 @@
 
 from equimesh.equations.problem import Problem
 from equimesh.schwarz.conditions import Optimized
-from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
 from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.port import Subdomains
 from equimesh.schwarz.settings import Schwarz
 
 
-def subdomains_of(
-    problem: Problem, decomposition: Decomposition, settings: Schwarz, *, enough: float, threads: int
-) -> Subdomains:
-    """The subdomains of a decomposition, with the transmission condition of the settings.
+def subdomains_of(problem: Problem, holding: Holding, settings: Schwarz, *, enough: float, threads: int) -> Subdomains:
+    """The subdomains of a decomposition that are held here, with the transmission condition of the settings.
 
     Local solves may end when they move their nodes by no more than ``enough``.
     """
     condition = settings.transmission
     if not isinstance(condition, Optimized):
-        return FunctionalSubdomains(problem, decomposition, condition, settings.solved_by)
+        return FunctionalSubdomains(problem, holding, condition, settings.solved_by)
     return OptimizedSubdomains(
         problem,
-        decomposition,
+        holding,
         condition,
         settings.solved_by,
         in_turns=settings.ordering is not Ordering.PARALLEL,

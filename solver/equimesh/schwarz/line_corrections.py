@@ -3,14 +3,19 @@
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array
+from equimesh.schwarz.holding.on_channel import OnChannel
+from equimesh.schwarz.holding.port import Holding
+from equimesh.schwarz.lines.held_sweep import HeldSweep
 from equimesh.sweeps.contraction import error_left
-from equimesh.sweeps.sweep import Sweep, memory_needed
+from equimesh.sweeps.sweep import Correction, Sweep, memory_needed
 
 # Later corrections are not assumed to reduce the moves by a smaller factor: slow errors show late.
 MIN_CONTRACTION = 0.5
@@ -18,7 +23,7 @@ MIN_CONTRACTION = 0.5
 
 @dataclass(frozen=True)
 class CorrectionResult:
-    """A mesh after ``count`` line corrections.
+    """A mesh after ``count`` line corrections; ``tried`` also counts one that was not taken.
 
     ``deviation`` is that before the last correction, ``estimate`` the remaining error by the contraction of the moves.
     Both are NaN where not known.
@@ -28,14 +33,37 @@ class CorrectionResult:
     deviation: float = math.nan
     estimate: float = math.nan
     count: int = 0
+    tried: int = 0
+
+
+class LineSweep(Protocol):
+    """Corrections of all lines of a mesh, as :class:`~equimesh.sweeps.sweep.Sweep` has them."""
+
+    def correct(self, x: Array, y: Array) -> Correction:
+        """One correction of the nodes ``x``, ``y``."""
+        ...
+
+    @property
+    def smallest_jacobian(self) -> float:
+        """The smallest corner Jacobian of the moved nodes."""
+        ...
+
+    def swap(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
+        ...
 
 
 class LineCorrections:
     """De Boor's correction of all lines of both families at once: full sweeps on the whole grid."""
 
-    def __init__(self, problem: Problem, threads: int) -> None:
+    def __init__(self, problem: Problem, threads: int, holding: Holding | OnChannel | None = None) -> None:
+        """On the whole grid, or where ``holding`` has the subdomains held by several processes in their windows."""
         shape = problem.grid.shape
-        self._sweep = Sweep(problem.metric, problem.boundary, shape, np.empty(memory_needed(shape)), threads)
+        self._sweep: LineSweep
+        if isinstance(holding, OnChannel):
+            self._sweep = HeldSweep(problem, holding)
+        else:
+            self._sweep = Sweep(problem.metric, problem.boundary, shape, np.empty(memory_needed(shape)), threads)
         self._floor = smallest_move(shape)
 
     def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> CorrectionResult:
@@ -43,9 +71,10 @@ class LineCorrections:
 
         ``mesh`` is overwritten.
         """
-        x, y, done, moves = mesh.x, mesh.y, 0, []
+        x, y, done, tried, moves = mesh.x, mesh.y, 0, 0, []
         deviation = math.nan
         for _ in range(count):
+            tried += 1
             found = self._sweep.correct(x, y)
             if not (math.isfinite(found.move) and self._sweep.smallest_jacobian > 0.0):
                 break
@@ -54,7 +83,7 @@ class LineCorrections:
             moves.append(found.move)
             if self._left(moves) <= enough:
                 break
-        return CorrectionResult(Mesh(x, y), deviation, self._left(moves), done)
+        return CorrectionResult(Mesh(x, y), deviation, self._left(moves), done, tried)
 
     def _left(self, moves: list[float]) -> float:
         if moves and moves[-1] <= self._floor:

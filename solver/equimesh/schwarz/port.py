@@ -8,6 +8,7 @@ from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
+from equimesh.schwarz.holding.port import Place
 from equimesh.schwarz.records import SubdomainRecord
 from equimesh.schwarz.window import SubdomainWindow
 
@@ -47,8 +48,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class MergedSolutions:
-    """All subdomains after their solves of one iteration, and the merged mesh.
+    """The subdomains that are held here after their solves of one iteration, and the merged mesh.
 
+    ``states`` are their solutions, ``records`` those of all subdomains,
     ``mismatch`` is the largest difference between a subdomain and the merged mesh.
     """
 
@@ -85,24 +87,31 @@ class Subdomains(Protocol):
         """Continue from ``mesh``, which is not the mesh that was merged last."""
         ...
 
-    def begin(self, mesh: Mesh) -> None:
-        """Exchange data: the next solves read the merged mesh ``mesh`` and the solutions of the neighbours."""
+    def begin(self, mesh: Mesh, turn: Sequence[int] | None = None) -> None:
+        """Exchange data: the next solves read the merged mesh ``mesh`` and the solutions of the neighbours.
+
+        These are the solves of the subdomains of a ``turn``, else of all.
+        """
         ...
 
     def solve(self, k: int) -> Outcome:
         """The solution of a subdomain with the data that was exchanged."""
         ...
 
-    def merge(self, k: int, state: Mesh, mesh: Mesh) -> None:
-        """Keep the solution ``state`` of a subdomain, and write its own nodes into the merged mesh ``mesh``."""
+    def keep(self, k: int, state: Mesh) -> None:
+        """Keep the solution ``state`` of a subdomain for its neighbours."""
+        ...
+
+    def place(self, k: int) -> Place:
+        """The nodes that the merged mesh takes from a subdomain."""
         ...
 
     def state(self, k: int, mesh: Mesh) -> Mesh:
         """The solution of a subdomain after an iteration with the result ``mesh``."""
         ...
 
-    def sent(self, k: int) -> int:
-        """Numbers that a subdomain receives in one iteration."""
+    def sent(self, turn: Sequence[int]) -> int:
+        """Numbers that subdomains send each other before the solves of a turn."""
         ...
 
     def equations(self, k: int) -> MeshEquations:

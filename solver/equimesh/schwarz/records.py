@@ -1,5 +1,7 @@
 """The records of Schwarz iterations, and the rates and errors that follow from them."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,19 +37,42 @@ class SubdomainRecord:
     error_y: float | None = None
     """Largest error of y, likewise."""
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The record of the solve as plain numbers, for messages; :meth:`of` reads them."""
+        return (
+            float(self.newton_steps),
+            self.residual,
+            float(self.sweeps),
+            float(self.stalled),
+            float(self.classical),
+        )
+
+    @classmethod
+    def of(cls, subdomain: int, numbers: Sequence[float]) -> SubdomainRecord:
+        """The record of a subdomain from its :attr:`numbers`."""
+        steps, residual, sweeps, stalled, classical = numbers
+        return cls(
+            subdomain=subdomain,
+            newton_steps=int(steps),
+            residual=residual,
+            sweeps=int(sweeps),
+            stalled=bool(stalled),
+            classical=bool(classical),
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
-class Iteration:
-    """The record of one Schwarz iteration; iteration 0 is the start. Lengths are in units of the reference square."""
+class IterationNumbers:
+    """The record of one Schwarz iteration without its mesh, which several machines may hold.
+
+    Iteration 0 is the start. Lengths are in units of the reference square.
+    """
 
     iteration: int
     """Its number, from 0."""
     problem: Problem
     """The problem that is solved."""
-    mesh: Mesh
-    """The merged mesh on the physical domain."""
-    reference: Mesh
-    """The same mesh on the reference square."""
     min_jacobian: float
     """The smallest corner Jacobian over the area of the domain: 1 for the uniform mesh of a rectangle."""
     change: float
@@ -79,17 +104,12 @@ class Iteration:
     work: int = 0
     """How many corrections of nodes there were."""
     traffic: int = 0
-    """Bytes that the subdomains would send each other if each had its own machine."""
+    """Bytes that the subdomains send each other, each on its own machine; see :mod:`equimesh.schwarz.work`."""
     products: int = 0
     """Products with the derivative of the iteration in a Newton step (RASPEN), each a solve in every subdomain.
 
     Neither ``work`` nor ``traffic`` counts them.
     """
-
-    @cached_property
-    def max_q_eq(self) -> float:
-        """The largest equidistribution measure of the mesh, equation (20) of the paper."""
-        return float(measures.equidistribution(self.mesh, self.problem.monitor).max())
 
     def meets(self, tolerance: float | None) -> bool:
         """Whether the error is known to be at most ``tolerance``, or what rounding leaves where that is more.
@@ -104,6 +124,21 @@ class Iteration:
             return False
         agreed = self.mismatch <= 2 * reachable and not any(record.stalled for record in self.subdomains)
         return agreed or math.isfinite(self.deviation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Iteration(IterationNumbers):
+    """The record of one Schwarz iteration with its mesh; iteration 0 is the start."""
+
+    mesh: Mesh
+    """The merged mesh on the physical domain."""
+    reference: Mesh
+    """The same mesh on the reference square."""
+
+    @cached_property
+    def max_q_eq(self) -> float:
+        """The largest equidistribution measure of the mesh, equation (20) of the paper."""
+        return float(measures.equidistribution(self.mesh, self.problem.monitor).max())
 
 
 def estimate_error(changes: Sequence[float], rounding: float) -> float:

@@ -1,12 +1,13 @@
 """Newton steps on the whole grid, where a subdomain has stalled or the merged mesh is folded."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, newton_steps
 from equimesh.equations.problem import Problem
-from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
+from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.port import MergedSolutions
 
 # After this many steps in a row another condition takes over, or the iteration ends.
@@ -29,8 +30,8 @@ class Rescue:
     ``residuals`` are infinite where the grid is too large for a factorisation.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    def __init__(self, problem: Problem, holding: Holding) -> None:
+        self._problem, self._holding = problem, holding
         self.residuals: list[float] = []
         self.has_stepped = False
 
@@ -39,7 +40,7 @@ class Rescue:
 
         A step starts from the merged mesh, or from the one ``before`` the iteration where the merged mesh is folded.
         """
-        is_folded = not smallest_jacobian(solved.mesh.x, solved.mesh.y) > 0.0
+        is_folded = not self._holding.smallest_jacobian(solved.mesh) > 0.0
         if not (is_folded or solved.has_stalled):
             self.residuals = []
             return RescueResult(solved.mesh, is_stepped=False)
@@ -48,7 +49,7 @@ class Rescue:
         if self._problem.grid.points > MAX_FACTORISED_POINTS:
             self.residuals.append(math.inf)
             return RescueResult(Mesh(mesh.x.copy(), mesh.y.copy()), is_stepped=True)
-        stepped, residual = newton_step(self._problem, mesh)
+        stepped, residual = newton_step(self._problem, self._holding, mesh)
         self.residuals.append(residual)
         return RescueResult(stepped, is_stepped=True)
 
@@ -64,7 +65,14 @@ class Rescue:
         return len(recent) == MAX_STEPS_IN_A_ROW and not recent[-1] < MIN_PROGRESS * recent[0]
 
 
-def newton_step(problem: Problem, mesh: Mesh) -> tuple[Mesh, float]:
+def newton_step(problem: Problem, holding: Holding, mesh: Mesh) -> tuple[Mesh, float]:
     """The mesh after one guarded Newton step on the whole grid, and its residual relative to the mean flux."""
-    *_, last = newton_steps(problem.equations(), mesh, most_steps=1, fast=True)
-    return Mesh.of_unit_square(last.mesh.x, last.mesh.y), last.residual
+
+    def step(meshes: Sequence[Mesh], states: Sequence[Mesh]) -> tuple[Mesh, float]:
+        del states
+        *_, last = newton_steps(problem.equations(), meshes[0], most_steps=1, fast=True)
+        return Mesh.of_unit_square(last.mesh.x, last.mesh.y), last.residual
+
+    stepped, residual = holding.on_whole(step, [mesh])
+    assert stepped is not None
+    return stepped, residual

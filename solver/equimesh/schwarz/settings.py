@@ -132,6 +132,11 @@ class Schwarz:
         if not _is_whole(self.overlap):
             raise InputError(f"overlap = {self.overlap!r}: a whole number of points", field="schwarz.overlap")
 
+    @property
+    def ghosts(self) -> int:
+        """Grid lines beyond every interface that a subdomain reads of the merged mesh."""
+        return max(self.transmission.ghosts, int(self.line_corrections > 0))
+
     def decompose(self, grid: Grid) -> Decomposition:
         """The subdomains on a grid; raises :class:`~equimesh.errors.DecompositionError` where they do not fit."""
         return Decomposition(grid=grid, subdomains=self.subdomains, overlap=self.overlap)

@@ -3,6 +3,7 @@
 from equimesh.meshes.folding import largest_difference
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.decomposition import Decomposition, Subdomain
+from equimesh.sweeps.frame import Frame
 
 AXES = (0, 1)
 ENDS = (0, 1)
@@ -38,6 +39,12 @@ class SubdomainWindow:
         """The subdomain's own points in the grid, with those of the overlap."""
         columns, rows = self.part.columns, self.part.rows
         return slice(columns.start, columns.stop), slice(rows.start, rows.stop)
+
+    def frame(self, points: tuple[int, int]) -> Frame:
+        """The frame of the window in a grid of this many ``points``, with the edges beyond its interfaces."""
+        lower = [float(self.part.spans[axis].first) * self.open[axis, 0] for axis in AXES]
+        upper = [float(points[axis] - 1 - self.part.spans[axis].last) * self.open[axis, 1] for axis in AXES]
+        return Frame(physical=self.physical, beyond=((lower[0], upper[0]), (lower[1], upper[1])))
 
     def restrict(self, mesh: Mesh) -> Mesh:
         """The window's part of a mesh of the whole grid."""

@@ -33,13 +33,15 @@ class Lines(NamedTuple):
     """Grid lines of one direction, from node ``first`` to ``last``, and their continuation outside the window.
 
     Outside, ``beyond`` edges follow at the lower and the upper end. ``rest`` of shape ``(2, lines)`` holds the sums of
-    their squared metric lengths.
+    their squared metric lengths. ``push``, of the same shape, is ``-2 P`` or ``-2 Q`` that an end of the line outside
+    the window adds, since it moves; :func:`side_moves` does not use it.
     """
 
     first: int
     last: int
     rest: Array
     beyond: tuple[float, float]
+    push: Array
 
 
 class Levels(NamedTuple):
@@ -128,7 +130,7 @@ def side_moves(
     """
     t, u, u_n, base = sides
     a2, b = strength
-    first, last, rest, beyond = lines
+    first, last, rest, beyond, _ = lines
     n = t.shape[1]
     deviation, largest = 0.0, 0.0
     for side in range(2):
@@ -190,7 +192,7 @@ def eta_corrections(nodes: Nodes, m: Array, strip: Strip, moved: Array, lines: L
     """
     x, y = nodes
     first, last, summed = strip
-    bottom, top, rest, beyond = lines
+    bottom, top, rest, beyond, push = lines
     n_eta = x.shape[1]
     edges = top - bottom + beyond[0] + beyond[1]
     flux, running = np.empty(n_eta), np.empty(n_eta)
@@ -216,6 +218,8 @@ def eta_corrections(nodes: Nodes, m: Array, strip: Strip, moved: Array, lines: L
         e, z = n_eta - 2, n_eta - 1
         start = -((a11[0] + b11[0]) * (x1[1] - x1[0]) + (a12[0] + b12[0]) * (y1[1] - y1[0])) * moved[0, i]
         end = -((a11[e] + b11[e]) * (x1[z] - x1[e]) + (a12[e] + b12[e]) * (y1[z] - y1[e])) * moved[1, i]
+        start += push[0, i]
+        end += push[1, i]
         level -= (end - start) / edges
         sum_so_far = start + rest[0, i] - beyond[0] * level
         running[bottom] = sum_so_far

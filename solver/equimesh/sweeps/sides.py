@@ -26,7 +26,9 @@ class Sides:
         self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
         arc_length = metric.arc_length
         self._strength = (arc_length.a**2, arc_length.b) if arc_length is not None else (0.0, 0.0)
-        self._lines = [Lines(*frame.span(k, shape[k]), np.zeros((2, 2)), frame.beyond[k]) for k in (1, 0)]
+        self._lines = [
+            Lines(*frame.span(k, shape[k]), np.zeros((2, 2)), frame.beyond[k], np.zeros((2, 2))) for k in (1, 0)
+        ]
         n_xi, n_eta = shape
         self._ends_xi, self._ends_eta = np.repeat([0.0, 1.0], n_eta), np.repeat([0.0, 1.0], n_xi)
         self._base = self._unit_base() if metric.on_unit_square and arc_length is not None else None

@@ -83,18 +83,24 @@ class Sweep:
         summed = frame.span(0, shape[0])[1]
         self._sweeps = {part: PartSweep(metric, self.parts, part, summed) for part in self.parts.parts}
         self._sums = LineSums.of(self.parts, summed)
-        self._lines = [Lines(*frame.span(k, shape[k]), np.zeros((2, shape[1 - k])), frame.beyond[k]) for k in (0, 1)]
+        none = [np.zeros((2, shape[1 - k])) for k in (0, 1)]
+        self._lines = [Lines(*frame.span(k, shape[k]), none[k], frame.beyond[k], none[k]) for k in (0, 1)]
         self._sides = Sides(metric, boundary, shape, frame)
 
-    def correct(self, x: Array, y: Array, rest: tuple[Array, Array] | None = None) -> Correction:
+    def correct(
+        self, x: Array, y: Array, rest: tuple[Array, Array] | None = None, push: tuple[Array, Array] | None = None
+    ) -> Correction:
         """One full correction of the nodes ``x``, ``y``; the result is in ``new_x`` and ``new_y``.
 
         ``rest`` holds the sums of the squared metric lengths of the edges beyond the yielding sides, of shape
-        ``(2, n_eta)`` at the two ends of the xi-lines and ``(2, n_xi)`` at those of the eta-lines.
+        ``(2, n_eta)`` at the two ends of the xi-lines and ``(2, n_xi)`` at those of the eta-lines. ``push``, of the
+        same shapes, is what the ends of the lines outside a window add to ``-2 P`` and ``-2 Q``, because they move.
         """
-        lines = (
-            self._lines if rest is None else [k._replace(rest=sums) for k, sums in zip(self._lines, rest, strict=True)]
-        )
+        lines = self._lines
+        if rest is not None:
+            lines = [k._replace(rest=sums) for k, sums in zip(lines, rest, strict=True)]
+        if push is not None:
+            lines = [k._replace(push=moves) for k, moves in zip(lines, push, strict=True)]
         sweeps, sums = self._sweeps, self._sums
         with np.errstate(all="ignore"):
             nodal = self.metric.u_with_gradient(x, y) if x.size <= MAX_NODES_AT_ONCE else None
@@ -102,6 +108,8 @@ class Sweep:
             u, pair = None if nodal is None else nodal[0], (along[0], along[1])
             nodes, out = Nodes(x, y), Moved(self.new_x, self.new_y, self._along_p, self._squares)
             eta = self.parts.each(lambda part: sweeps[part].along_eta(nodes, u, pair, lines[1], out, sums))
+            if push is not None:
+                sums.pushes[:] += push[0]
             ends = kernels.line_sums(
                 self._squares[0], sums.strips, sums.rows, sums.pushes, lines[0], sums.levels, sums.starts
             )

@@ -15,6 +15,7 @@ from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
 from equimesh.schwarz.families import subdomains_of
+from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.iteration import schwarz_iterations
 from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.settings import LocalSolver, Schwarz
@@ -81,7 +82,7 @@ def _check_equations(settings: Schwarz, exact: Mesh) -> None:
     """The single-domain mesh solves the equations of every subdomain, and their Jacobian is right nearby."""
     case = _describe(settings)
     decomposition, exactly = settings.decompose(PROBLEM.grid), replace(settings, local_solver=LocalSolver.NEWTON)
-    subdomains = subdomains_of(PROBLEM, decomposition, exactly, enough=0.0, threads=1)
+    subdomains = subdomains_of(PROBLEM, InOneProcess(decomposition), exactly, enough=0.0, threads=1)
     subdomains.restart(exact)
     subdomains.begin(exact)
     random = np.random.default_rng(11)

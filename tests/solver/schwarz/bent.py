@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import equimesh as em
+from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
 from equimesh.single_domain import iteration as single_domain
 
@@ -28,5 +29,5 @@ def yielding_subdomains(
 ) -> OptimizedSubdomains:
     """All subdomains with the optimized condition, solved by Newton's method."""
     return OptimizedSubdomains(
-        case, decomposition, condition, em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
+        case, InOneProcess(decomposition), condition, em.LocalSolver.NEWTON, in_turns=False, enough=0.0, threads=1
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import equimesh as em
 from cases import problem
+from equimesh.schwarz.holding.in_one_process import InOneProcess
 
 PAPER = problem("paper", 24, 20)
+WHOLE = InOneProcess(em.Decomposition(grid=PAPER.grid))
 
 
 def assert_same(solution: em.Solution, other: em.Solution, tolerance: float) -> None:

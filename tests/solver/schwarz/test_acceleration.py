@@ -12,16 +12,15 @@ from equimesh.schwarz.acceleration import Accelerator, ByAnderson, ByNewton, Una
 from equimesh.schwarz.families import subdomains_of
 from equimesh.schwarz.line_corrections import CorrectionResult
 from solver.schwarz.bent import bent
-from solver.schwarz.runs import PAPER
+from solver.schwarz.runs import PAPER, WHOLE
 from solver.schwarz.solved import solved
 
-BLOCKS = em.Decomposition(grid=PAPER.grid, subdomains=(2, 1))
 MESHES = [bent(PAPER, size) for size in (4e-3, 2e-3, 1.2e-3)]
 
 
 def made(kind: em.Acceleration) -> Accelerator:
     settings = em.Schwarz(acceleration=kind)
-    return accelerator(settings, subdomains_of(PAPER, BLOCKS, settings, enough=0.0, threads=1), 1e-14, 1)
+    return accelerator(settings, WHOLE, lambda: subdomains_of(PAPER, WHOLE, settings, enough=0.0, threads=1), 1e-14, 1)
 
 
 def test_each_setting_has_its_accelerator() -> None:

@@ -7,9 +7,11 @@ import pytest
 
 import equimesh as em
 from equimesh.schwarz.anderson import Anderson
+from equimesh.schwarz.holding.in_one_process import InOneProcess
 
 UNIFORM = em.Mesh.uniform(em.Grid(n_xi=6, n_eta=5))
 BUMP = np.sin(np.pi * UNIFORM.x) * np.sin(np.pi * UNIFORM.y)
+WHOLE = InOneProcess(em.Decomposition(grid=UNIFORM.grid, subdomains=(2, 1), overlap=2))
 MODES = (BUMP, BUMP * np.cos(np.pi * UNIFORM.x), BUMP * np.cos(np.pi * UNIFORM.y))
 
 
@@ -21,7 +23,7 @@ def moved(sizes: list[float]) -> em.Mesh:
 
 def test_a_linear_iteration_of_few_modes_ends_at_its_fixed_point() -> None:
     """As many modes with factors of their own, so many combinations: a Krylov method."""
-    factors, sizes, anderson = [0.9, -0.5, 0.3], [0.02, 0.03, -0.02], Anderson()
+    factors, sizes, anderson = [0.9, -0.5, 0.3], [0.02, 0.03, -0.02], Anderson(WHOLE)
     state = moved(sizes)
     for k in range(4):
         result = em.Mesh(UNIFORM.x.copy(), UNIFORM.y.copy())
@@ -37,7 +39,7 @@ def test_a_linear_iteration_of_few_modes_ends_at_its_fixed_point() -> None:
 
 
 def test_where_two_iterations_change_the_same_nothing_is_known() -> None:
-    anderson, start, result = Anderson(), moved([0.01]), moved([0.02])
+    anderson, start, result = Anderson(WHOLE), moved([0.01]), moved([0.02])
     assert anderson.combine(start, result) is None
     assert anderson.combine(start, result) is None
 
@@ -45,7 +47,7 @@ def test_where_two_iterations_change_the_same_nothing_is_known() -> None:
 @pytest.mark.parametrize(("second", "folds"), [(0.039, True), (0.03, False)])
 def test_a_combination_that_folds_is_left_out(second: float, folds: bool) -> None:
     """From a geometric sequence it goes to the limit: far outside where the changes hardly shrink."""
-    anderson = Anderson()
+    anderson = Anderson(WHOLE)
     assert anderson.combine(moved([0.0]), moved([0.02])) is None
     combined = anderson.combine(moved([0.02]), moved([second]))
     if folds:

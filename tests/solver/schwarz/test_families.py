@@ -7,6 +7,7 @@ import pytest
 import equimesh as em
 from equimesh.schwarz.families import subdomains_of
 from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.optimized.subdomains import OptimizedSubdomains
 from equimesh.schwarz.port import Subdomains
 from solver.schwarz.runs import PAPER
@@ -26,9 +27,9 @@ BLOCKS = em.Decomposition(grid=PAPER.grid, subdomains=(2, 2), overlap=3)
 )
 def test_the_family_of_a_condition(condition: em.TransmissionCondition, family: type[Subdomains], ghosts: int) -> None:
     settings = em.Schwarz(transmission=condition, subdomains=(2, 2), overlap=3)
-    found = subdomains_of(PAPER, BLOCKS, settings, enough=0.0, threads=1)
+    found = subdomains_of(PAPER, InOneProcess(BLOCKS), settings, enough=0.0, threads=1)
     assert isinstance(found, family)
     assert [window.shape for window in found.windows] == [
         (len(part.columns) + ghosts, len(part.rows) + ghosts) for part in BLOCKS.parts
     ]
-    assert all(found.sent(k) > 0 for k in range(4))
+    assert all(found.sent([k]) > 0 for k in range(4))

@@ -10,6 +10,7 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.schwarz.functionals.subdomains import FunctionalSubdomains
+from equimesh.schwarz.holding.in_one_process import InOneProcess
 from equimesh.schwarz.port import Subdomains
 from equimesh.schwarz.raspen import Raspen, Slope
 from solver.schwarz.bent import bent, yielding_subdomains
@@ -28,7 +29,7 @@ def test_the_derivative_of_an_iteration_is_exact(kind: em.TransmissionCondition,
     if isinstance(kind, em.Optimized):
         found: Subdomains = yielding_subdomains(case, decomposition, kind)
     else:
-        found = FunctionalSubdomains(case, decomposition, kind, em.LocalSolver.NEWTON)
+        found = FunctionalSubdomains(case, InOneProcess(decomposition), kind, em.LocalSolver.NEWTON)
 
     def iterated(mesh: em.Mesh) -> tuple[np.ndarray, list[em.Mesh]]:
         found.restart(mesh)

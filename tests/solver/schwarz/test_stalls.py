@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from equimesh.schwarz.rescue import Rescue
 from equimesh.schwarz.stalls import Stalls
-from solver.schwarz.runs import PAPER
+from solver.schwarz.runs import PAPER, WHOLE
 from solver.schwarz.solved import solved
 
 MESH = em.Mesh.uniform(PAPER.grid)
@@ -30,7 +30,7 @@ def calls(
     stalls = Stalls(em.Schwarz(transmission=transmission, fallback=fallback), 1e-14)
     for k, change in enumerate(changes):
         stalls.note(solved(MESH, classical=k < rescued, mismatch=mismatch), change, 0.0)
-    return stalls.call_for_another_condition(rescue or Rescue(PAPER))
+    return stalls.call_for_another_condition(rescue or Rescue(PAPER, WHOLE))
 
 
 def falling(factor: float, count: int) -> list[float]:
@@ -63,7 +63,7 @@ def test_classical_data_in_three_iterations(rescued: int, expected: bool) -> Non
 
 
 def test_steps_on_the_whole_grid_in_a_row() -> None:
-    rescue = Rescue(PAPER)
+    rescue = Rescue(PAPER, WHOLE)
     rescue.residuals = [1.0, 0.5, 0.1]
     assert calls(falling(0.3, 3), rescue=rescue)
     assert not calls(falling(0.3, 3), rescue=rescue, fallback=False)

@@ -35,6 +35,13 @@ def test_without_interfaces_the_window_is_the_grid() -> None:
     assert window.physical == ((True, True), (True, True))
 
 
+def test_the_frame_counts_the_edges_beyond() -> None:
+    part = BLOCKS.at(1, 0)
+    found = SubdomainWindow(BLOCKS, part, 1).frame(GRID.shape)
+    assert found.physical == ((False, False), (True, False))
+    assert found.beyond == ((part.columns[0], 19 - part.columns[-1]), (0.0, 13 - part.rows[-1]))
+
+
 @pytest.mark.parametrize("ghosts", [0, 1, 2])
 def test_restricted_states_write_back_the_mesh(ghosts: int, mesh: em.Mesh) -> None:
     merged = em.Mesh(np.full(GRID.shape, np.nan), np.full(GRID.shape, np.nan))

@@ -57,7 +57,7 @@ def side_moves(t: np.ndarray, a: float) -> tuple[float, float, np.ndarray, np.nd
     base = np.array([1.0, 0.0, 1.0])[:, None, None] * np.ones((2, n - 1))
     flux, moves = np.zeros((2, n - 1)), np.full((2, n), 7.0)
     sides = kernels.SidePair(both, 3 * both, 0 * both, base)
-    lines = kernels.Lines(0, n - 1, np.zeros((2, 2)), (0.0, 0.0))
+    lines = kernels.Lines(0, n - 1, np.zeros((2, 2)), (0.0, 0.0), np.zeros((2, 2)))
     deviation, largest = kernels.side_moves(sides, (a**2, 0.0), (True, False), lines, flux, moves)
     return deviation, largest, flux, moves
 

@@ -21,7 +21,8 @@ def swept(mesh: em.Mesh, case: em.Problem, threads: int) -> tuple[Moved, list[fl
     parts, summed = Parts.of(SHAPE, threads), SHAPE[0] - 1
     x, y, squares = (np.full(SHAPE, 7.0) for _ in range(3))
     out, sums = Moved(x, y, np.full((2, *SHAPE), 7.0, dtype=np.float32), squares), LineSums.of(parts, summed)
-    lines = [Lines(0, SHAPE[k] - 1, np.zeros((2, SHAPE[1 - k])), (0.0, 0.0)) for k in (0, 1)]
+    none = [np.zeros((2, SHAPE[1 - k])) for k in (0, 1)]
+    lines = [Lines(0, SHAPE[k] - 1, none[k], (0.0, 0.0), none[k]) for k in (0, 1)]
     nodes, still = Nodes(mesh.x, mesh.y), (np.zeros((2, SHAPE[1])), np.zeros((2, SHAPE[0])))
     sweeps = [PartSweep(case.metric, parts, part, summed) for part in parts.parts]
     found = [sweep.along_eta(nodes, None, still, lines[1], out, sums) for sweep in sweeps]

@@ -80,7 +80,7 @@ class SubdomainProblem:
     def held(self, neighbours: Neighbours, state: Mesh) -> Mesh:
         """The state with the neighbours' positions on the outermost lines beyond interfaces: classical data."""
         x, y = state.x.copy(), state.y.copy()
-        for link in map(self._classical, self.links):
+        for link in map(self.classical, self.links):
             data, edge, nodes = neighbours.functional(link), -1 if link.end else 0, self._nodes(link.axis)
             place = (edge, nodes) if link.axis == 0 else (nodes, edge)
             across, along = (x, y) if link.axis == 0 else (y, x)
@@ -139,6 +139,11 @@ class SubdomainProblem:
         xi, eta = (self.window.slices[axis].stop - 1 if ends[axis] else self.window.slices[axis].start for axis in AXES)
         return CornerLink(node=(xi, eta), sender=decomposition.at(column, row).number)
 
+    def nodes(self, axis: int) -> int:
+        """The number of nodes along an interface across ``axis`` that no other interface of the window holds."""
+        nodes = self._nodes(axis)
+        return int(nodes.stop - nodes.start)
+
     def _nodes(self, axis: int) -> slice:
         """Nodes along an interface across ``axis`` that no other interface of the window holds."""
         lower, upper = (int(self.window.open[1 - axis, end]) for end in ENDS)
@@ -151,10 +156,10 @@ class SubdomainProblem:
             x, y = neighbours.node(corner)
             local = (corner.node[0] - self.window.first[0], corner.node[1] - self.window.first[1])
             corners.append(InterfaceCorner(node=local, x=x, y=y))
-        links = [self._classical(link) for link in self.links] if classical else self.links
+        links = [self.classical(link) for link in self.links] if classical else self.links
         return [*physical, *(self._interface(link, neighbours.functional(link)) for link in links), *corners]
 
-    def _classical(self, link: Link) -> Link:
+    def classical(self, link: Link) -> Link:
         """The outermost line of the window beyond an interface, with the classical condition."""
         window = self.window.slices[link.axis]
         return replace(link, condition=Classical(), line=window.stop - 1 if link.end else window.start, p=0.0)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,9 +11,10 @@ from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
 from equimesh.schwarz.conditions import PairOfFunctionals
-from equimesh.schwarz.decomposition import Decomposition
-from equimesh.schwarz.functionals.interface import Interface, InterfaceCorner, InterfaceData
-from equimesh.schwarz.functionals.subdomain import CornerLink, Link, SubdomainProblem
+from equimesh.schwarz.functionals.exchange import Exchange
+from equimesh.schwarz.functionals.interface import Interface, InterfaceCorner
+from equimesh.schwarz.functionals.subdomain import SubdomainProblem
+from equimesh.schwarz.holding.port import Holding, Place
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
 from equimesh.schwarz.port import MAX_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
@@ -57,41 +57,28 @@ class FunctionalSlopes:
         return found
 
 
-@dataclass(frozen=True)
-class _Exchange:
-    """The subdomains with the states that their neighbours read."""
-
-    parts: Sequence[SubdomainProblem]
-    states: Sequence[Mesh]
-
-    def functional(self, link: Link) -> InterfaceData:
-        return self.parts[link.sender].functional(self.states[link.sender], link)
-
-    def node(self, link: CornerLink) -> tuple[float, float]:
-        return self.parts[link.sender].node(self.states[link.sender], link)
-
-
 class FunctionalSubdomains:
     """All subdomains of a decomposition, with a transmission condition of the paper."""
 
-    def __init__(
-        self, problem: Problem, decomposition: Decomposition, condition: PairOfFunctionals, solver: LocalSolver
-    ) -> None:
+    def __init__(self, problem: Problem, holding: Holding, condition: PairOfFunctionals, solver: LocalSolver) -> None:
+        decomposition, self._holding = holding.decomposition, holding
         self.parts = [SubdomainProblem(problem, decomposition, part, condition) for part in decomposition.parts]
         self.windows: list[SubdomainWindow] = [part.window for part in self.parts]
         self._sweeps: dict[int, SubdomainSweeps] = {}
         self._problem, self._by_sweeps = problem, solver is LocalSolver.SWEEPS
         self._has_substitute = condition.ghosts > 0
-        self._states: list[Mesh] = []
-        self._read: tuple[list[Mesh], Mesh] = [], Mesh.uniform(problem.grid)
+        self._states: dict[int, Mesh] = {}
+        self._exchange = Exchange(holding, self.parts, has_substitute=self._has_substitute)
+        self._read: tuple[dict[int, Mesh], Mesh] = {}, Mesh(np.zeros((0, 0)), np.zeros((0, 0)))
 
     def restart(self, mesh: Mesh) -> None:
         """Set the states of the subdomains to their parts of ``mesh``."""
-        self._states = [window.restrict(mesh) for window in self.windows]
+        self._states = {k: self._holding.restrict(self.windows[k], mesh) for k in self._holding.numbers}
 
-    def begin(self, mesh: Mesh) -> None:
+    def begin(self, mesh: Mesh, turn: Sequence[int] | None = None) -> None:
         """Read the last solutions in the next solves; ``mesh`` is the merged mesh."""
-        self._read = list(self._states), mesh
+        self._read = dict(self._states), mesh
+        self._exchange.read(self._read[0], turn)
 
     def solve(self, k: int) -> Outcome:
         """The solution of a subdomain.
@@ -100,8 +87,8 @@ class FunctionalSubdomains:
         interface data is far from any solution of the subdomain: positions from the neighbours are taken instead.
         """
         part, (states, mesh) = self.parts[k], self._read
-        exchange = _Exchange(self.parts, states)
-        starts = [start for start in (states[k], part.window.restrict(mesh)) if not start.is_folded]
+        exchange = self._exchange
+        starts = [start for start in (states[k], self._holding.restrict(part.window, mesh)) if not start.is_folded]
         for rescue in (False, True)[: 1 + self._has_substitute]:
             if self._by_sweeps and (rescue or not self._has_substitute):
                 swept = self._swept(k, part.held(exchange, states[k]))
@@ -114,10 +101,13 @@ class FunctionalSubdomains:
                     return Outcome(solution, rescue)
         return Outcome(NewtonSolution(states[k], 0, math.inf, converged=False))
 
-    def merge(self, k: int, state: Mesh, mesh: Mesh) -> None:
-        """Keep the solution of a subdomain for its neighbours; write the nodes that it owns into ``mesh``."""
+    def keep(self, k: int, state: Mesh) -> None:
+        """Keep the solution of a subdomain for its neighbours."""
         self._states[k] = state
-        self.windows[k].write(state, mesh, self.windows[k].part.owned)
+
+    def place(self, k: int) -> Place:
+        """The nodes that a subdomain owns."""
+        return self.windows[k].part.owned
 
     def state(self, k: int, mesh: Mesh) -> Mesh:  # noqa: ARG002
         """The last solution of a subdomain."""
@@ -125,18 +115,20 @@ class FunctionalSubdomains:
 
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with the data that it has from its neighbours."""
-        return self.parts[k].equations(_Exchange(self.parts, self._read[0]))
+        return self.parts[k].equations(self._exchange)
 
     def slopes(self, states: Sequence[Mesh]) -> FunctionalSlopes:
         """The derivative of the received data by the merged mesh, where the states are parts of it."""
         del states  # the data enters the equations directly, for any solution
         return FunctionalSlopes(self.parts, [self.equations(k) for k in range(len(self.parts))], self._read[1])
 
-    def sent(self, k: int) -> int:
-        """Numbers that a subdomain receives in one iteration."""
-        part = self.parts[k]
-        lines = sum(part.window.shape[1 - link.axis] for link in part.links)
-        return 2 * (lines + len(part.corner_links))
+    def sent(self, turn: Sequence[int]) -> int:
+        """Two functionals for every node of an interface, and two positions where they may take their place."""
+        numbers = 0
+        for part in (self.parts[k] for k in turn):
+            lines = sum(part.nodes(link.axis) for link in part.links)
+            numbers += 2 * (lines * (1 + self._has_substitute) + len(part.corner_links))
+        return numbers
 
     def _swept(self, k: int, start: Mesh) -> NewtonSolution:
         """The solution with the interfaces held at their positions in ``start``; not converged where it folds."""

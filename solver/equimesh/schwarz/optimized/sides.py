@@ -18,22 +18,9 @@ import numpy as np
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
-from equimesh.schwarz.optimized.line_sums import LineSums
-from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
+from equimesh.schwarz.lines.line_sums import LineSums
+from equimesh.schwarz.window import ENDS, SubdomainWindow
 from equimesh.sweeps.cell_metrics import cell_metrics
-from equimesh.sweeps.frame import Frame
-
-
-def frame(window: SubdomainWindow, points: tuple[int, int]) -> Frame:
-    """The frame of a window whose interfaces yield, in a grid of this many ``points``."""
-    beyond = tuple(
-        (
-            float(window.part.spans[axis].first) if window.open[axis, 0] else 0.0,
-            float(points[axis] - 1 - window.part.spans[axis].last) if window.open[axis, 1] else 0.0,
-        )
-        for axis in AXES
-    )
-    return Frame(physical=window.physical, beyond=(beyond[0], beyond[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,11 +83,10 @@ def _side(
     # The interface with one line on both of its sides, the lines that cross it along the first index.
     x, y = (np.ascontiguousarray(q[place] if axis == 0 else q[:, place].T) for q in (state.x, state.y))
     weights, beyond = _weights(metric, x, y, axis, end)
-    across = window.slices[1 - axis]
-    total = sums.beyond(axis, end, point)[across]
+    total = sums.beyond(window, axis, end)
     for along, corner in zip(ENDS, (0, -1), strict=True):
         if not window.open[1 - axis, along]:
-            lengths = sums.edges[1 - axis][along, point - 1 : point + 1]
+            lengths = sums.side_edges(window, axis, end, along)
             t = (x, y)[axis][:, corner]
             weights[axis][corner] = 0.5 * float(np.sum(lengths / np.diff(t)))
             weights[1 - axis][corner] = 0.0

@@ -10,8 +10,8 @@ from equimesh.equations.mesh_equations import EDGES, Cells
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
+from equimesh.schwarz.lines.line_sums import LineSums
 from equimesh.schwarz.optimized import sides
-from equimesh.schwarz.optimized.line_sums import LineSums
 from equimesh.schwarz.optimized.sides import YieldingSide
 from equimesh.schwarz.window import ENDS, SubdomainWindow
 

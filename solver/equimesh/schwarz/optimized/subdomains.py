@@ -8,15 +8,15 @@ from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS, NewtonSolutio
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.schwarz.conditions import LineData, Optimized
-from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.holding.port import Holding, Place
+from equimesh.schwarz.lines.line_sums import line_sums
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
 from equimesh.schwarz.optimized import equations as yielding_equations
 from equimesh.schwarz.optimized import sides as yielding
-from equimesh.schwarz.optimized.line_sums import LineSums
 from equimesh.schwarz.optimized.slopes import YieldingSlopes
 from equimesh.schwarz.port import MAX_LOCAL_STEPS, Outcome
 from equimesh.schwarz.settings import LocalSolver
-from equimesh.schwarz.window import AXES, SubdomainWindow
+from equimesh.schwarz.window import SubdomainWindow
 
 # Sweeps of a subdomain end when their moves are this share of the first: the interface data is no more accurate. A
 # tenth of it leads to the same numbers of iterations.
@@ -34,7 +34,7 @@ class OptimizedSubdomains:
     def __init__(
         self,
         problem: Problem,
-        decomposition: Decomposition,
+        holding: Holding,
         condition: Optimized,
         solver: LocalSolver,
         *,
@@ -42,21 +42,20 @@ class OptimizedSubdomains:
         enough: float,
         threads: int,
     ) -> None:
-        self.windows = [SubdomainWindow(decomposition, part, condition.ghosts) for part in decomposition.parts]
+        self.windows = [
+            SubdomainWindow(holding.decomposition, part, condition.ghosts) for part in holding.decomposition.parts
+        ]
         self._problem, self._local = problem, condition.data is LineData.LOCAL
         self._by_sweeps, self._enough = solver is LocalSolver.SWEEPS, enough
-        interfaces = tuple(
-            {end for span in decomposition.spans[axis] for end in (span.first, span.last)} for axis in AXES
-        )
-        self._sums = LineSums(problem, (interfaces[0], interfaces[1]), threads)
-        shape = problem.grid.shape
-        self._sweeps = [SubdomainSweeps(problem, w.shape, yielding.frame(w, shape)) for w in self.windows]
+        self._holding, self._sums = holding, line_sums(problem, holding, self.windows, threads, local=self._local)
+        shape, windows = problem.grid.shape, {k: self.windows[k] for k in holding.numbers}
+        self._sweeps = {k: SubdomainSweeps(problem, w.shape, w.frame(shape)) for k, w in windows.items()}
         self._mesh, self._in_turns = Mesh.uniform(problem.grid), in_turns
 
     def restart(self, mesh: Mesh) -> None:
         """Nothing to do: every solve reads the merged mesh."""
 
-    def begin(self, mesh: Mesh) -> None:
+    def begin(self, mesh: Mesh, turn: Sequence[int] | None = None) -> None:  # noqa: ARG002
         """Read the merged mesh ``mesh`` in the next solves."""
         self._mesh = mesh
         self._sums.read(mesh)
@@ -80,14 +79,17 @@ class OptimizedSubdomains:
                 return Outcome(solution)
         return Outcome(NewtonSolution(start, 0, math.inf, converged=False))
 
-    def merge(self, k: int, state: Mesh, mesh: Mesh) -> None:
-        """Write the nodes of a subdomain into ``mesh``."""
+    def keep(self, k: int, state: Mesh) -> None:
+        """Nothing to do: every solve reads the merged mesh."""
+
+    def place(self, k: int) -> Place:
+        """The nodes that a subdomain owns; in turns also those of its overlap."""
         window = self.windows[k]
-        window.write(state, mesh, window.covered if self._in_turns else window.part.owned)
+        return window.covered if self._in_turns else window.part.owned
 
     def state(self, k: int, mesh: Mesh) -> Mesh:
         """The part of the merged mesh."""
-        return self.windows[k].restrict(mesh)
+        return self._holding.restrict(self.windows[k], mesh)
 
     def equations(self, k: int) -> MeshEquations:
         """The equations of a subdomain, with its data from the merged mesh."""
@@ -100,13 +102,10 @@ class OptimizedSubdomains:
 
     def received(self, k: int) -> tuple[Mesh, yielding.Sides]:
         """The data of a subdomain: its part of the merged mesh, and its yielding sides."""
-        start = self.windows[k].restrict(self._mesh)
+        start = self._holding.restrict(self.windows[k], self._mesh)
         return start, yielding.sides(self._problem.metric, self.windows[k], start, self._sums, local=self._local)
 
-    def sent(self, k: int) -> int:
-        """Numbers that a subdomain receives in one iteration: three for each line that crosses an interface.
-
-        Two are the node beyond the interface, one is the sum.
-        """
-        window = self.windows[k]
-        return sum(3 * window.shape[1 - axis] for (axis, _), is_open in window.open.items() if is_open)
+    def sent(self, turn: Sequence[int]) -> int:  # noqa: ARG002
+        """The sum of each line, over all interfaces that it crosses: all subdomains pass it on, in every turn."""
+        lines = [w.shape[1 - axis] for w in self.windows for (axis, _), is_open in w.open.items() if is_open]
+        return 0 if self._local else sum(lines)

@@ -7,7 +7,6 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.schwarz.local_sweeps import SubdomainSweeps
-from equimesh.schwarz.optimized import sides as yielding
 from solver.schwarz.bent import bent, distance, yielding_subdomains
 
 SECTOR = em.AnnulusSector(center=(0.0, -0.5), radii=(0.5, 1.5), angles=(20.0, 110.0))
@@ -21,7 +20,7 @@ def check_against_sweeps(case: em.Problem, parts: tuple[int, int], data: em.Line
     found.begin(mesh)
     for k, window in enumerate(found.windows):
         start, sides = found.received(k)
-        sweeps = SubdomainSweeps(case, window.shape, yielding.frame(window, case.grid.shape))
+        sweeps = SubdomainSweeps(case, window.shape, window.frame(case.grid.shape))
         swept = sweeps.solve(window.restrict(mesh), sides.rest, accuracy=1e-14, most=400)
         newton = found.solve(k).solution
         assert newton.converged

@@ -7,8 +7,8 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.optimized.line_sums import LineSums
-from equimesh.schwarz.optimized.sides import frame, sides
+from equimesh.schwarz.lines.line_sums import WholeLineSums
+from equimesh.schwarz.optimized.sides import sides
 from equimesh.schwarz.window import SubdomainWindow
 from solver.schwarz.bent import bent
 
@@ -17,15 +17,10 @@ STRIPS = em.Decomposition(grid=CASE.grid, subdomains=(3, 1), overlap=4)
 MIDDLE = STRIPS.parts[1]
 
 
-def test_the_frame_counts_the_edges_beyond() -> None:
-    found = frame(SubdomainWindow(STRIPS, MIDDLE, 1), CASE.grid.shape)
-    assert found.physical == ((False, False), (True, True))
-    assert found.beyond == ((MIDDLE.columns[0], 19 - MIDDLE.columns[-1]), (0.0, 0.0))
-
-
 def rests(mesh: em.Mesh, *, local: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """What lies beyond the two interfaces of the middle strip, its nodes where they are in the merged mesh."""
-    window, sums = SubdomainWindow(STRIPS, MIDDLE, 1), LineSums(CASE, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
+    window = SubdomainWindow(STRIPS, MIDDLE, 1)
+    sums = WholeLineSums(CASE, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
     sums.read(mesh)
     state = window.restrict(mesh)
     lower, upper = sides(CASE.metric, window, state, sums, local=local).rest(state.x, state.y)[0]
@@ -34,11 +29,11 @@ def rests(mesh: em.Mesh, *, local: bool = False) -> tuple[np.ndarray, np.ndarray
 
 def test_where_nothing_moved_the_rest_is_what_was_summed() -> None:
     mesh = bent(CASE, 0.01)
-    sums = LineSums(CASE, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
+    sums = WholeLineSums(CASE, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
     sums.read(mesh)
     lower, upper = rests(mesh)
-    assert lower[1:-1] == pytest.approx(sums.beyond(0, 0, MIDDLE.columns[0])[1:-1])
-    assert upper[1:-1] == pytest.approx(sums.beyond(0, 1, MIDDLE.columns[-1])[1:-1])
+    assert lower[1:-1] == pytest.approx(sums.beyond_point(0, 0, MIDDLE.columns[0])[1:-1])
+    assert upper[1:-1] == pytest.approx(sums.beyond_point(0, 1, MIDDLE.columns[-1])[1:-1])
 
 
 def test_on_an_equidistributed_mesh_one_edge_speaks_for_all() -> None:
@@ -53,7 +48,7 @@ def test_the_rest_follows_the_interface_as_the_sums_do(end: int) -> None:
     flat = problem("paper", 20, 17, a=0.0)
     window, uniform = SubdomainWindow(STRIPS, MIDDLE, 1), em.Mesh.uniform(flat.grid)
     point = MIDDLE.columns[-1 if end else 0]
-    sums = LineSums(flat, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
+    sums = WholeLineSums(flat, ({MIDDLE.columns[0], MIDDLE.columns[-1]}, set()))
     sums.read(uniform)
     state = window.restrict(uniform)
     found = sides(flat.metric, window, state, sums, local=False)

@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.schwarz.optimized.line_sums import LineSums
+from equimesh.schwarz.lines.line_sums import WholeLineSums
 from equimesh.schwarz.optimized.slopes import EdgeSlopes
 from solver.schwarz.bent import bent
 
@@ -22,9 +22,9 @@ def test_edge_slopes_add_up_to_those_of_the_sums(boundary: em.Boundary) -> None:
     along_xi, along_eta = EdgeSlopes(case, mesh).along(change)
     h, found = 1e-6, []
     for step in (h, -h):
-        sums = LineSums(case, ({4}, {3}))
+        sums = WholeLineSums(case, ({4}, {3}))
         sums.read(em.Mesh(mesh.x + step * change[0], mesh.y + step * change[1]))
-        found.append([sums.beyond(axis, end, (4, 3)[axis]) for axis in (0, 1) for end in (0, 1)])
+        found.append([sums.beyond_point(axis, end, (4, 3)[axis]) for axis in (0, 1) for end in (0, 1)])
     expected = [(ahead - behind) / (2 * h) for ahead, behind in zip(*found, strict=True)]
     slopes = [along_xi[:4].sum(axis=0), along_xi[4:].sum(axis=0), along_eta[:, :3].sum(axis=1)]
     slopes.append(along_eta[:, 3:].sum(axis=1))

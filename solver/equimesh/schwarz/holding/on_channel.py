@@ -1,0 +1,301 @@
+"""The subdomains that one of several processes holds, and the merged mesh in their windows.
+
+Processes exchange messages through a :class:`~equimesh.numerics.channel.Channel`. Each holds consecutive subdomains. A
+merged mesh is, for each of them, the nodes of its window with one grid line beyond every interface. Its arrays have the
+shape ``(1, nodes)``: the windows one after the other. Nodes that subdomains share are held by each of them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from equimesh.domains.domain import Domain, map_mesh
+from equimesh.errors import InputError
+from equimesh.meshes.folding import largest_difference, smallest_jacobian
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.channel import Channel, Counted
+from equimesh.numerics.types import Array
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.holding.in_one_process import chain, product
+from equimesh.schwarz.holding.places import common, moved, rim
+from equimesh.schwarz.holding.port import Numbers, Place, WholeWork
+from equimesh.schwarz.window import SubdomainWindow
+
+# Grid lines beyond every interface that a process holds of a merged mesh.
+GHOSTS = 1
+
+
+class OnChannel:
+    """The subdomains of one process; see :class:`~equimesh.schwarz.holding.port.Holding`."""
+
+    is_whole = False
+
+    def __init__(self, channel: Channel, decomposition: Decomposition, *, shows: bool = False) -> None:
+        """With ``shows`` the first process assembles the mesh of every record."""
+        count = len(decomposition.parts)
+        if channel.count > count:
+            raise InputError(
+                f"{channel.count} parts for {count} subdomains: every part needs a subdomain, so take at most"
+                f" {count} parts, or more subdomains",
+                field="parts",
+            )
+        self.decomposition, self.channel, self._shows = decomposition, Counted(channel), shows
+        self._holders = [holder(k, count, channel.count) for k in range(count)]
+        self.numbers: Sequence[int] = [k for k in range(count) if self._holders[k] == channel.number]
+        self.patches = [SubdomainWindow(decomposition, part, GHOSTS) for part in decomposition.parts]
+        ends = np.cumsum([0, *(self.patches[k].shape[0] * self.patches[k].shape[1] for k in self.numbers)])
+        self._places = {k: slice(int(a), int(b)) for k, a, b in zip(self.numbers, ends, ends[1:], strict=False)}
+        self.size = int(ends[-1])
+
+    @property
+    def sent(self) -> dict[str, int]:
+        """Bytes that this process has sent, by kind."""
+        return {kind: traffic.bytes for kind, traffic in self.channel.sent.items()}
+
+    def view(self, mesh: Mesh, k: int) -> Mesh:
+        """The window of a subdomain in a merged mesh: the same memory."""
+        shape, place = self.patches[k].shape, self._places[k]
+        return Mesh(mesh.x[0, place].reshape(shape), mesh.y[0, place].reshape(shape))
+
+    def joined(self, windows: Mapping[int, Mesh]) -> Mesh:
+        """The merged mesh of the windows of the subdomains that are held here."""
+        x, y = (np.concatenate([getattr(windows[k], q).ravel() for k in self.numbers]) for q in "xy")
+        return Mesh(x[None], y[None])
+
+    def cut(self, whole: Mesh) -> Mesh:
+        """The merged mesh of a mesh of the whole grid."""
+        return self.joined({k: self.patches[k].restrict(whole) for k in self.numbers})
+
+    def restrict(self, window: SubdomainWindow, mesh: Mesh) -> Mesh:
+        """A copy of the part of a merged mesh in the window of a subdomain that is held here."""
+        k = window.part.number
+        view, place = self.view(mesh, k), moved(window.slices, self.patches[k].first)
+        return Mesh(view.x[place].copy(), view.y[place].copy())
+
+    def merge(
+        self,
+        turn: Sequence[int],
+        states: Mapping[int, Mesh],
+        windows: Sequence[SubdomainWindow],
+        places: Mapping[int, Place],
+        reads: Sequence[SubdomainWindow],
+        mesh: Mesh,
+    ) -> None:
+        """Write the nodes of all subdomains of a turn into the windows, in the order of the turn."""
+        pairs = [(k, m) for k in turn for m in range(len(self.patches))]
+        shared = {(k, m): common(places[k], places[k] if k == m else reads[m].slices) for k, m in pairs}
+        found = {}
+        for (k, m), place in shared.items():
+            if place is not None:
+                found[k, m] = self._nodes(k, m, states.get(k), windows[k], place, "nodes")
+        for (k, m), nodes in found.items():
+            place = shared[k, m]
+            if nodes is not None and place is not None:
+                view, local = self.view(mesh, m), self.patches[m].local(place)
+                view.x[local], view.y[local] = nodes
+
+    def fill_ghosts(self, mesh: Mesh, kind: str) -> None:
+        """Take the grid lines beyond all interfaces from the neighbours that cover them."""
+        found = {}
+        for m, window in enumerate(self.patches):
+            for step, place in rim(window).items():
+                near = self.decomposition.at(window.part.place[0] + step[0], window.part.place[1] + step[1]).number
+                state = self.view(mesh, near) if near in self._places else None
+                found[m, step] = place, self._nodes(near, m, state, self.patches[near], place, kind)
+        for (m, _), (place, nodes) in found.items():
+            if nodes is not None:
+                view, local = self.view(mesh, m), self.patches[m].local(place)
+                view.x[local], view.y[local] = nodes
+
+    def close_sides(self, mesh: Mesh) -> None:
+        """Put the nodes of the four sides on them exactly."""
+        for k in self.numbers:
+            view, window = self.view(mesh, k), self.patches[k]
+            for q, axis in ((view.x, 0), (view.y.T, 1)):
+                for end, line in ((0, 0), (1, -1)):
+                    if not window.open[axis, end]:
+                        q[line] = float(end)
+
+    def every(self, numbers: Mapping[int, Numbers]) -> list[Numbers]:
+        """The numbers of all subdomains, gathered in a tree and sent back: each message has those of several."""
+        rows = np.array([[float(k), *numbers[k]] for k in self.numbers])
+        here, count, step = self.channel.number, self.channel.count, 1
+        while step < count:
+            if here % (2 * step) == step:
+                self.channel.send(here - step, "agreed", [rows])
+            elif here % (2 * step) == 0 and here + step < count:
+                rows = np.concatenate([rows, self.channel.receive(here + step, "agreed")[0]])
+            step *= 2
+        while step > 1:
+            step //= 2
+            if here % (2 * step) == step:
+                rows = np.asarray(self.channel.receive(here - step, "agreed")[0])
+            elif here % (2 * step) == 0 and here + step < count:
+                self.channel.send(here + step, "agreed", [rows])
+        return [row[1:].tolist() for row in rows]
+
+    def mismatch(self, states: Mapping[int, Mesh], windows: Sequence[SubdomainWindow], mesh: Mesh) -> float:
+        """The largest difference between a subdomain's solution and the merged mesh."""
+        return self._largest(
+            {
+                k: self._difference(
+                    states[k], windows[k].local(windows[k].covered), self.view(mesh, k), self._covered(k)
+                )
+                for k in self.numbers
+            }
+        )
+
+    def distance(self, one: Mesh, other: Mesh) -> float:
+        """The largest difference of a coordinate between two merged meshes."""
+        return self._largest(
+            {
+                k: self._difference(self.view(one, k), self._covered(k), self.view(other, k), self._covered(k))
+                for k in self.numbers
+            }
+        )
+
+    def smallest_jacobian(self, mesh: Mesh, domain: Domain | None = None) -> float:
+        """The smallest corner Jacobian; every cell lies in a subdomain."""
+        found = {}
+        for k in self.numbers:
+            view, place = self.view(mesh, k), self._covered(k)
+            part = Mesh(view.x[place].copy(), view.y[place].copy())
+            part = part if domain is None else map_mesh(part, domain)
+            found[k] = [float(smallest_jacobian(part.x, part.y))]
+        return float(np.min(self.every(found)))
+
+    def products(self, pairs: Sequence[tuple[Mesh, Mesh]]) -> Array:
+        """The inner products, subdomain by subdomain."""
+        found: dict[int, list[float]] = {}
+        for k in self.numbers:
+            place = self.patches[k].local(self.patches[k].part.owned)
+            found[k] = [product(self.view(a, k), self.view(b, k), place) for a, b in pairs]
+        return np.array([sum(column) for column in zip(*self.every(found), strict=True)])
+
+    def on_whole(
+        self, work: WholeWork, meshes: Sequence[Mesh], states: Sequence[Mesh] = ()
+    ) -> tuple[Mesh | None, float]:
+        """The result of the work, which the first process does."""
+        whole = [self.assembled(mesh, "whole") for mesh in meshes]
+        solved = self._gathered(states) if states else []
+        number, result = np.zeros(2), None
+        if self.channel.number == 0:
+            result, value = work([mesh for mesh in whole if mesh is not None], solved)
+            number[:] = value, float(result is not None)
+            for to in range(1, self.channel.count):
+                self.channel.send(to, "whole", [number])
+        else:
+            number = np.asarray(self.channel.receive(0, "whole")[0])
+        return self.scattered(result) if number[1] else None, float(number[0])
+
+    def shown(self, mesh: Mesh) -> Mesh | None:
+        """The mesh of the whole grid in the first process, where meshes are shown."""
+        return self.assembled(mesh, "shown") if self._shows else None
+
+    def assembled(self, mesh: Mesh, kind: str) -> Mesh | None:
+        """The mesh of the whole grid, in the first process; ``None`` in the others."""
+        found = None
+        if self.channel.number == 0:
+            found = Mesh(np.empty(self.decomposition.grid.shape), np.empty(self.decomposition.grid.shape))
+        for k, window in enumerate(self.patches):
+            view = self.view(mesh, k) if k in self._places else None
+            nodes = self._pass(k, 0, self._cut_from(view, window, window.part.owned), kind)
+            if nodes is not None and found is not None:
+                found.x[window.part.owned], found.y[window.part.owned] = nodes
+        return found
+
+    def scattered(self, whole: Mesh | None) -> Mesh:
+        """The merged mesh of a mesh of the whole grid that the first process has."""
+        found = {}
+        for k, window in enumerate(self.patches):
+            to = self._holders[k]
+            if self.channel.number == 0 and whole is not None:
+                part = window.restrict(whole)
+                if to == 0:
+                    found[k] = part
+                else:
+                    self.channel.send(to, "whole", [part.x, part.y])
+            elif to == self.channel.number:
+                x, y = self.channel.receive(0, "whole")
+                found[k] = Mesh(x, y)
+        return self.joined(found)
+
+    def along_lines(
+        self, axis: int, end: int, first: Callable[[int], Array], on: Callable[[int, Array], Array], kind: str
+    ) -> dict[int, Array]:
+        """What arrives over the interface at one end of every subdomain that is held here."""
+        found: dict[int, Array] = {}
+        for before, k in chain(self.decomposition, axis, end):
+            here = self.channel.number
+            if before is None:
+                if k in self._places:
+                    found[k] = first(k)
+                continue
+            sender, to = self._holders[before], self._holders[k]
+            passed = on(before, found[before]) if sender == here else None
+            if sender != to and passed is not None:
+                self.channel.send(to, kind, [passed])
+            if to == here:
+                found[k] = passed if passed is not None else np.asarray(self.channel.receive(sender, kind)[0])
+        return found
+
+    def deliver(self, sender: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
+        """What one subdomain sends another, at the receiver."""
+        here, source, target = self.channel.number, self._holders[sender], self._holders[to]
+        if source == here == target:
+            return data()
+        if source == here:
+            self.channel.send(target, kind, data())
+        return self.channel.receive(source, kind) if target == here else None
+
+    def _nodes(
+        self, sender: int, to: int, state: Mesh | None, window: SubdomainWindow, place: Place, kind: str
+    ) -> Sequence[Array] | None:
+        """Nodes of one subdomain for another one."""
+        return self.deliver(sender, to, self._cut_from(state, window, place), kind)
+
+    def _cut_from(self, state: Mesh | None, window: SubdomainWindow, place: Place) -> Callable[[], Sequence[Array]]:
+        def nodes() -> Sequence[Array]:
+            assert state is not None
+            local = moved(place, window.first)
+            return [state.x[local].copy(), state.y[local].copy()]
+
+        return nodes
+
+    def _pass(self, k: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
+        """What the holder of a subdomain sends to a process."""
+        here, source = self.channel.number, self._holders[k]
+        if source == here == to:
+            return data()
+        if source == here:
+            self.channel.send(to, kind, data())
+        return self.channel.receive(source, kind) if here == to else None
+
+    def _gathered(self, states: Sequence[Mesh]) -> list[Mesh]:
+        """The solutions of all subdomains, in the first process."""
+        own, found = dict(zip(self.numbers, states, strict=True)), []
+        for k in range(len(self.patches)):
+            got = self._pass(k, 0, partial(_arrays, own, k), "whole")
+            if got is not None:
+                found.append(Mesh(*got))
+        return found
+
+    def _covered(self, k: int) -> Place:
+        return self.patches[k].local(self.patches[k].covered)
+
+    def _largest(self, numbers: Mapping[int, float]) -> float:
+        return float(np.max(self.every({k: [number] for k, number in numbers.items()})))
+
+    def _difference(self, one: Mesh, at: Place, other: Mesh, there: Place) -> float:
+        pairs = ((one.x[at], other.x[there]), (one.y[at], other.y[there]))
+        return float(np.max([largest_difference(a, b) for a, b in pairs]))
+
+
+def _arrays(states: Mapping[int, Mesh], k: int) -> Sequence[Array]:
+    return [states[k].x, states[k].y]
+
+
+def holder(k: int, subdomains: int, processes: int) -> int:
+    """The process that holds a subdomain: each holds as many consecutive ones as the others, or one more."""
+    return k * processes // subdomains

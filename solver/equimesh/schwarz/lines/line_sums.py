@@ -1,0 +1,159 @@
+"""The sums of squared metric lengths along grid lines that subdomains read: of the edges beyond their interfaces."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
+from equimesh.numerics.types import Array, IntArray
+from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.holding.port import Holding
+from equimesh.schwarz.lines import segments
+from equimesh.schwarz.lines.segments import Segments
+from equimesh.schwarz.window import AXES, ENDS, SubdomainWindow
+from equimesh.sweeps.frame import Frame
+
+
+class LineSums(Protocol):
+    """The sums of a merged mesh. Along a line the edges are added in the order of their distance, the farthest first.
+
+    So the sum beyond an interface can be passed on to the next subdomain, which adds its own edges.
+    """
+
+    points: tuple[int, int]
+    """The shape of the grid."""
+
+    def read(self, mesh: Mesh) -> None:
+        """Compute the sums of a merged mesh."""
+        ...
+
+    def beyond(self, window: SubdomainWindow, axis: int, end: int) -> Array:
+        """The sums beyond one interface of a subdomain, for every line of its window along ``axis``."""
+        ...
+
+    def side_edges(self, window: SubdomainWindow, axis: int, end: int, along: int) -> Array:
+        """The squared lengths of the two edges next to one interface, on the side at the end ``along`` of its line."""
+        ...
+
+
+def line_sums(
+    problem: Problem, holding: Holding, windows: Sequence[SubdomainWindow], threads: int, *, local: bool = False
+) -> LineSums:
+    """The sums for subdomains of these windows; with ``local`` those of the sides only, where they are held apart."""
+    if holding.is_whole:
+        return WholeLineSums(problem, interfaces(holding.decomposition), threads)
+    return HeldLineSums(problem, holding, windows, local=local)
+
+
+def interfaces(decomposition: Decomposition) -> tuple[set[int], set[int]]:
+    """The grid lines on which subdomains end, across xi and across eta."""
+    xi, eta = ({end for span in decomposition.spans[axis] for end in (span.first, span.last)} for axis in AXES)
+    return xi, eta
+
+
+class WholeLineSums:
+    """The sums of a mesh of the whole grid, on both sides of the grid lines ``at``, across xi and across eta."""
+
+    def __init__(self, problem: Problem, at: tuple[set[int], set[int]], threads: int = 1) -> None:
+        self.points = shape = problem.grid.shape
+        self._cuts = _cuts(at, (0, 0), (shape[0] - 1, shape[1] - 1))
+        self._segments = Segments(problem, shape, self._cuts, threads)
+        self.edges = self._segments.edges
+
+    def read(self, mesh: Mesh) -> None:
+        """Compute the sums of a mesh."""
+        self._segments.read(mesh)
+
+    def beyond(self, window: SubdomainWindow, axis: int, end: int) -> Array:
+        """The sums beyond one interface of a window."""
+        span = window.part.spans[axis]
+        return self.beyond_point(axis, end, span.last if end else span.first)[window.slices[1 - axis]]
+
+    def beyond_point(self, axis: int, end: int, point: int) -> Array:
+        """The sums on one side of a grid line, for every line along ``axis``."""
+        k = int(np.searchsorted(self._cuts[axis], point))
+        pieces = self._segments.along[axis]
+        return _added(np.zeros(pieces.shape[1]), pieces[k:][::-1] if end else pieces[:k])
+
+    def side_edges(self, window: SubdomainWindow, axis: int, end: int, along: int) -> Array:
+        """The squared lengths of the two edges next to one interface, on a side."""
+        span = window.part.spans[axis]
+        point = span.last if end else span.first
+        return self.edges[1 - axis][along, point - 1 : point + 1]
+
+
+class HeldLineSums:
+    """The sums of a merged mesh in the windows that are held here; neighbours pass on the sums beyond them.
+
+    ``windows`` reach one grid line beyond every interface.
+    """
+
+    def __init__(
+        self, problem: Problem, holding: Holding, windows: Sequence[SubdomainWindow], *, local: bool = False
+    ) -> None:
+        self.points, self._holding, self._local = problem.grid.shape, holding, local
+        self._windows, at = windows, interfaces(holding.decomposition)
+        self._cuts, self._segments = dict[int, tuple[IntArray, IntArray]](), dict[int, Segments]()
+        for k in holding.numbers:
+            window, (xi, eta) = windows[k], windows[k].part.spans
+            self._cuts[k] = cuts = _cuts(at, (xi.first, eta.first), (xi.last, eta.last))
+            # One row more, so that the last row of the subdomain is among those of the eta-lines.
+            rows = np.append(cuts[0], xi.last + 1) if window.open[0, 1] else cuts[0]
+            places = rows - window.first[0], cuts[1] - window.first[1]
+            self._segments[k] = Segments(problem, window.shape, places, frame=Frame(physical=window.physical))
+        self._beyond: dict[tuple[int, int], dict[int, Array]] = {}
+
+    def read(self, mesh: Mesh) -> None:
+        """Compute the sums of a merged mesh."""
+        for k, here in self._segments.items():
+            here.read(self._holding.restrict(self._windows[k], mesh))
+        for axis in AXES:
+            for end in ENDS:
+                self._beyond[axis, end] = self._sums(axis, end)
+
+    def beyond(self, window: SubdomainWindow, axis: int, end: int) -> Array:
+        """The sums beyond one interface of a window."""
+        return self._beyond[axis, end][window.part.number]
+
+    def side_edges(self, window: SubdomainWindow, axis: int, end: int, along: int) -> Array:
+        """The squared lengths of the two edges next to one interface, on a side."""
+        span = window.part.spans[axis]
+        local = (span.last if end else span.first) - window.first[axis]
+        return self._segments[window.part.number].edges[1 - axis][along, local - 1 : local + 1]
+
+    def _sums(self, axis: int, end: int) -> dict[int, Array]:
+        def nothing(k: int) -> Array:
+            return np.zeros(self._windows[k].shape[1 - axis])
+
+        def passed(k: int, received: Array) -> Array:
+            """With the edges up to the interface of the next subdomain."""
+            cuts, pieces = self._cuts[k][axis], self._segments[k].along[axis]
+            column, row = self._windows[k].part.place
+            step = -1 if end else 1
+            after = self._holding.decomposition.at(column + step * (axis == 0), row + step * (axis == 1)).spans[axis]
+            edge = int(np.searchsorted(cuts, after.last if end else after.first))
+            return _added(received, pieces[edge : len(cuts) - 1][::-1] if end else pieces[:edge])
+
+        if self._local:
+            return {k: nothing(k) for k in self._holding.numbers}
+        return self._holding.along_lines(axis, end, nothing, passed, "sums")
+
+
+def _cuts(at: tuple[set[int], set[int]], first: tuple[int, int], last: tuple[int, int]) -> tuple[IntArray, IntArray]:
+    """The grid lines between which edges are summed, from ``first`` to ``last``."""
+    strips = set(range(0, last[0], segments.MAX_ROWS))
+    xi, eta = (
+        np.array(sorted({low, *(point for point in points if low < point < high), high}))
+        for points, low, high in zip((at[0] | strips, at[1]), first, last, strict=True)
+    )
+    return xi, eta
+
+
+def _added(start: Array, pieces: Array) -> Array:
+    """The pieces added one after the other, in their order."""
+    total = start.copy()
+    for piece in pieces:
+        total += piece
+    return total

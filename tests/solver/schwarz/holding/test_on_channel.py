@@ -1,0 +1,174 @@
+"""Subdomains in several processes, here threads: the same iterations as in one process, and the bytes they say."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh.numerics.channel import Channel, ThreadChannels
+from equimesh.schwarz.holding.on_channel import OnChannel, holder
+from equimesh.schwarz.iteration import iterations_on, schwarz_iterations
+from equimesh.schwarz.records import Iteration, IterationNumbers
+from solver.schwarz.bent import bent
+
+CASE = problem("tanh20", 25, 17)
+START = bent(CASE, 0.004)
+# What the record of an iteration counts: not the numbers that all agree on, nor meshes that are shown or solved whole.
+COUNTED = ("interfaces", "nodes", "sums", "pushes", "corrections")
+SAME = ("iteration", "transmission", "accelerated", "global_step", "failed", "work", "traffic", "products")
+
+
+def held(
+    case: em.Problem,
+    settings: em.Schwarz,
+    parts: int,
+    count: int,
+    *,
+    start: em.Mesh = START,
+    reference: em.Mesh | None = None,
+) -> tuple[Sequence[IterationNumbers], list[dict[str, int]]]:
+    """The first iterations as the first part has them, and the bytes that each part has sent."""
+
+    def iterate(channel: Channel) -> tuple[list[IterationNumbers], dict[str, int]]:
+        holding = OnChannel(channel, settings.decompose(case.grid), shows=True)
+        exact = None if reference is None else holding.cut(reference)
+        records = iterations_on(holding, case, settings, holding.cut(start), exact)
+        return list(itertools.islice(records, count)), holding.sent
+
+    found = ThreadChannels(parts).run(iterate)
+    return found[0][0], [sent for _, sent in found]
+
+
+def assert_same(here: IterationNumbers, there: Iteration, tolerance: float) -> None:
+    assert isinstance(here, Iteration)
+    apart = max(abs(here.reference.x - there.reference.x).max(), abs(here.reference.y - there.reference.y).max())
+    assert apart <= tolerance
+    assert all(getattr(here, name) == getattr(there, name) for name in SAME)
+    for name in ("change", "estimate", "mismatch", "deviation", "min_jacobian"):
+        assert getattr(here, name) == pytest.approx(getattr(there, name), rel=1e-6, abs=1e-12, nan_ok=True)
+    counts = [[(r.newton_steps, r.sweeps, r.stalled, r.classical) for r in one.subdomains] for one in (here, there)]
+    assert counts[0] == counts[1]
+
+
+CONDITIONS = (em.Classical(), em.LinearRobin(), em.NonlinearRobin(), em.Optimized())
+LAYOUTS = [((4, 1), 3), ((3, 2), 6)]
+
+
+@pytest.mark.parametrize(("subdomains", "parts"), LAYOUTS, ids=str)
+@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda kind: kind.name)
+def test_the_iterates_are_those_of_one_process(
+    condition: em.TransmissionCondition, subdomains: tuple[int, int], parts: int
+) -> None:
+    """To the last bit; with corrections of whole lines, whose sums are added in another order, to rounding."""
+    settings = em.Schwarz(subdomains=subdomains, transmission=condition)
+    expected = list(itertools.islice(schwarz_iterations(CASE, settings, START), 3))
+    found, sent = held(CASE, settings, parts, 3)
+    corrected = any(math.isfinite(record.deviation) for record in expected)
+    for here, there in zip(found, expected, strict=True):
+        assert_same(here, there, 1e-13 if corrected else 0.0)
+    if parts == subdomains[0] * subdomains[1]:
+        assert sum(one.get(kind, 0) for one in sent for kind in COUNTED) == sum(record.traffic for record in expected)
+
+
+@pytest.mark.parametrize("boundary", [em.Boundary.EQUIDISTRIBUTED_1D, em.Boundary.ORTHOGONAL])
+def test_all_boundaries_and_line_corrections_of_blocks(boundary: em.Boundary) -> None:
+    case = problem("tanh20", 29, 23, boundary=boundary)
+    settings = em.Schwarz(subdomains=(2, 2), overlap=3, line_correction=2)
+    start = bent(case, 0.004)
+    expected = list(itertools.islice(schwarz_iterations(case, settings, start), 4))
+    found, sent = held(case, settings, 4, 4, start=start)
+    for here, there in zip(found, expected, strict=True):
+        assert_same(here, there, 1e-13)
+    assert sum(one.get(kind, 0) for one in sent for kind in COUNTED) == sum(record.traffic for record in expected)
+
+
+@pytest.mark.parametrize(
+    ("ordering", "condition"),
+    [
+        (em.Ordering.ALTERNATING, em.LinearRobin()),
+        (em.Ordering.SYMMETRIC, em.Classical()),
+        (em.Ordering.COLOURED, em.Optimized(data=em.LineData.LOCAL)),
+        (em.Ordering.ALTERNATING, em.Optimized()),
+    ],
+    ids=str,
+)
+def test_turns_read_the_newest_data(ordering: em.Ordering, condition: em.TransmissionCondition) -> None:
+    settings = em.Schwarz(
+        subdomains=(2, 2), overlap=4, transmission=condition, ordering=ordering, line_correction=0, acceleration="none"
+    )
+    expected = list(itertools.islice(schwarz_iterations(CASE, settings, START), 3))
+    found, sent = held(CASE, settings, 4, 3)
+    for here, there in zip(found, expected, strict=True):
+        assert_same(here, there, 0.0)
+    assert sum(one.get(kind, 0) for one in sent for kind in COUNTED) == sum(record.traffic for record in expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "settings"),
+    [
+        ("wave", 13, em.Schwarz(subdomains=(2, 2), transmission=em.LinearRobin(), tolerance=1e-9)),
+        ("tanh20", 17, em.Schwarz(subdomains=(2, 1), tolerance=1e-9)),
+    ],
+    ids=["another condition takes over", "newton takes over"],
+)
+def test_steps_on_the_whole_grid_are_done_by_one_part(name: str, points: int, settings: em.Schwarz) -> None:
+    """Far from the solution subdomains fail, merged meshes fold, and the iteration changes its ways."""
+    case = problem(name, points)
+    start = em.Mesh.uniform(case.grid)
+    expected = list(itertools.islice(schwarz_iterations(case, settings, start), 5))
+    assert any(record.global_step for record in expected)
+    if isinstance(settings.transmission, em.LinearRobin):
+        assert any(any(r.classical for r in record.subdomains) for record in expected)
+        assert len({record.transmission for record in expected}) == 2
+    else:
+        assert expected[-1].products > 0
+    found, sent = held(case, settings, 2, 5, start=start)
+    for here, there in zip(found, expected, strict=True):
+        assert_same(here, there, 1e-12)
+    assert sum(one.get("whole", 0) for one in sent) > 0
+
+
+def test_errors_against_a_reference_are_those_of_one_process() -> None:
+    settings = em.Schwarz(subdomains=(3, 1), transmission=em.Classical())
+    exact = bent(CASE, 0.0)
+    expected = list(itertools.islice(schwarz_iterations(CASE, settings, START, exact), 3))
+    found, _ = held(CASE, settings, 2, 3, reference=exact)
+    assert [record.error for record in found] == [record.error for record in expected]
+    errors = [[(r.error_x, r.error_y) for r in record.subdomains] for record in found]
+    assert errors == [[(r.error_x, r.error_y) for r in record.subdomains] for record in expected]
+
+
+@pytest.mark.parametrize("count", [8, 32])
+def test_results_do_not_depend_on_the_number_of_parts(count: int) -> None:
+    case = problem("tanh20", 129, 17)
+    settings, start = em.Schwarz(subdomains=(count, 1), overlap=3), bent(case, 0.002)
+    meshes = []
+    for parts in (1, 3, 8):
+        last = held(case, settings, parts, 3, start=start)[0][-1]
+        assert isinstance(last, Iteration)
+        meshes.append(last.reference)
+    assert all(np.array_equal(mesh.x, meshes[0].x) and np.array_equal(mesh.y, meshes[0].y) for mesh in meshes)
+
+
+def test_a_part_holds_consecutive_subdomains_and_each_has_one() -> None:
+    assert [holder(k, 7, 3) for k in range(7)] == [0, 0, 0, 1, 1, 2, 2]
+    for processes in range(1, 9):
+        assert {holder(k, 8, processes) for k in range(8)} == set(range(processes))
+
+    def refused(channel: Channel) -> None:
+        OnChannel(channel, em.Decomposition(grid=CASE.grid, subdomains=(2, 1)))
+
+    with pytest.raises(em.InputError, match="3 parts for 2 subdomains: every part needs a subdomain"):
+        ThreadChannels(3).run(refused)
+
+
+def test_only_windows_are_held() -> None:
+    decomposition = em.Decomposition(grid=CASE.grid, subdomains=(4, 1), overlap=4)
+    sizes = ThreadChannels(4).run(lambda channel: OnChannel(channel, decomposition).size)
+    assert max(sizes) <= (25 / 4 + 4 + 2) * 17
