@@ -9,6 +9,7 @@
     │   ├── NotStartedError         its parts did not start in time; also a RuntimeError
     │   ├── TracingMissingError     traces are requested and OpenTelemetry is not installed
     │   ├── FilesError              the storage of files cannot be used, now or later; also an OSError
+    │   ├── ClusterMissingError     the engine dask is requested and Dask is not installed
     │   └── UnusableDatabaseError   the service cannot work with the database
     │       └── NewerDatabaseError  ... because a newer release has changed it
     ├── RejectedError               the store does not accept a mesh
@@ -19,7 +20,8 @@
     ├── EngineError                 a task did not end by itself
     │   ├── TimeLimitError          ... it ran longer than its time limit
     │   ├── MemoryLimitError        ... it needed more memory than its worker may have
-    │   └── WorkerLostError         ... its worker died; running it again may succeed
+    │   ├── WorkerLostError         ... its worker died; running it again may succeed
+    │   └── SchedulerLostError      ... the cluster that ran it cannot be reached; running it again will do
     ├── AttemptLostError            the mesh was canceled or is computed elsewhere; the worker stops
     └── Problem                     an answer with problem details; it stands in
                                     :mod:`equimesh_service.problems.problem`, next to the table of kinds
@@ -48,6 +50,10 @@ class NotStartedError(CannotServeError, RuntimeError):
 
 class TracingMissingError(CannotServeError):
     """Traces are requested, and OpenTelemetry is not installed."""
+
+
+class ClusterMissingError(CannotServeError):
+    """The engine dask is requested, and Dask is not installed."""
 
 
 class FilesError(CannotServeError, OSError):
@@ -100,6 +106,10 @@ class MemoryLimitError(EngineError):
 
 class WorkerLostError(EngineError):
     """The worker died while it ran the task; running it again may succeed."""
+
+
+class SchedulerLostError(EngineError):
+    """The scheduler of the cluster that ran the task cannot be reached; the task is not to blame."""
 
 
 class AttemptLostError(ServiceError):

@@ -2,6 +2,7 @@
 
 import logging
 import secrets
+from importlib.util import find_spec
 from io import TextIOWrapper
 
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
@@ -14,10 +15,12 @@ from equimesh_service.dispatch.check_threads import CheckThreads
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.dispatch.side_workers import SideWorkers
 from equimesh_service.dispatch.wakeups import Wakeups
+from equimesh_service.engine.packed_call import PackedCall
 from equimesh_service.engine.pebble import PebbleEngine
+from equimesh_service.engine.pool_settings import PoolSettings
 from equimesh_service.engine.port import Engine
 from equimesh_service.engine.preparation import Preparation
-from equimesh_service.errors import FolderInUseError, UnusableDatabaseError
+from equimesh_service.errors import ClusterMissingError, FolderInUseError, UnusableDatabaseError
 from equimesh_service.files.address import files_address
 from equimesh_service.files.privacy import make_folder
 from equimesh_service.service import Service
@@ -29,6 +32,7 @@ from equimesh_service.upkeep.readiness import OK, Readiness
 from equimesh_service.upkeep.retention import Retention
 from equimesh_service.worker import solve
 from equimesh_service.worker.job import Job, Storage
+from equimesh_service.worker.reach import Reach
 
 _log = logging.getLogger(__name__)
 # Modules that are loaded once, and shared by all workers.
@@ -52,7 +56,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     store, files = Store(storage.database_url), storage.files()
     store.prepare()
     files.prepare(alone=lock is not None and not settings.files_url)
-    engine, side_workers = _open_workers(settings)
+    engine, side_workers = _open_workers(settings, storage)
     wakeups, check_threads = Wakeups(store.meshes.find_unfinished, settings.poll), CheckThreads()
     dispatcher = Dispatcher(
         secrets.token_hex(8),
@@ -63,11 +67,12 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         wakeups.announce,
         metrics,
     )
-    metrics.add_snapshots(lambda: _take_snapshot(store, settings.workers))
+    metrics.add_snapshots(lambda: _take_snapshot(store, engine))
     dispatcher.start(alone=lock is not None)
     retention = Retention(store, files, settings.retention_days)
     retention.start()
-    _log.info("data folder %s, %d workers of %d threads", folder, settings.workers, settings.worker_threads)
+    where = f"the cluster at {settings.scheduler}" if settings.engine == "dask" else f"{settings.workers} workers"
+    _log.info("data folder %s, %s, threads of one worker: %d", folder, where, settings.worker_threads)
     quotas = Quotas(settings, store.quotas)
     admission = Admission(settings, store, files, side_workers, check_threads.while_waiting)
     return Service(
@@ -100,10 +105,36 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
     )
 
 
-def _open_workers(settings: Settings) -> tuple[Engine, SideWorkers]:
+def _open_workers(settings: Settings, storage: Storage) -> tuple[Engine, SideWorkers]:
     limit, prepare = settings.memory_limit, Preparation.of(settings)
-    engine = PebbleEngine(settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up)
+    engine: Engine
+    if settings.engine == "dask":
+        check_cluster(settings)
+        from equimesh_service.engine.dask import DaskEngine
+
+        engine = DaskEngine(settings.scheduler, pool_settings(settings, storage))
+    else:
+        engine = PebbleEngine(
+            settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up
+        )
     return engine, SideWorkers(PebbleEngine(FILE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
+
+
+def pool_settings(settings: Settings, storage: Storage) -> PoolSettings:
+    """The settings of the pools that the workers of a cluster open for this service."""
+    return PoolSettings(
+        memory_limit=settings.memory_limit,
+        preload=PRELOAD,
+        warm_up=PackedCall.of(solve.warm_up),
+        prepare=PackedCall.of(Preparation.of(settings)),
+        check=PackedCall.of(Reach.of(storage).describe_faults),
+    )
+
+
+def check_cluster(settings: Settings) -> None:
+    """Raise :class:`ClusterMissingError` when the settings need a cluster, and Dask is not installed."""
+    if settings.engine == "dask" and find_spec("distributed") is None:
+        raise ClusterMissingError("the engine dask needs more packages: pip install 'equimesh[dask]'")
 
 
 def _rules(settings: Settings) -> Rules:
@@ -121,12 +152,12 @@ def _health(engine: Engine | SideWorkers) -> str:
     return OK if health.ready else health.detail
 
 
-def _take_snapshot(store: Store, workers: int) -> Snapshot:
+def _take_snapshot(store: Store, engine: Engine) -> Snapshot:
     try:
         counts = store.queue.count()
     except SQLAlchemyError:
         counts = None  # the scrape reports that the store is down
-    return Snapshot(workers={"solve": workers, "files": FILE_WORKERS}, counts=counts)
+    return Snapshot(workers={"solve": engine.health().workers, "files": FILE_WORKERS}, counts=counts)
 
 
 def check_files(settings: Settings) -> None:

@@ -15,7 +15,7 @@ import uvicorn
 from equimesh_service.api.app import create_app
 from equimesh_service.errors import NotStartedError
 from equimesh_service.files.privacy import withhold_files
-from equimesh_service.opening import check_database, check_files, check_folder
+from equimesh_service.opening import check_cluster, check_database, check_files, check_folder
 from equimesh_service.settings import Settings, describe_unknown, find_unknown
 from equimesh_service.telemetry import logs
 from equimesh_service.upkeep.exposure import check_exposure
@@ -122,6 +122,7 @@ def _open(settings: Settings) -> socket.socket:
         check_folder(settings)
         check_files(settings)
         check_database(settings)
+        check_cluster(settings)
         check_exposure(settings)
     except BaseException:
         listener.close()

@@ -8,7 +8,7 @@ from ipaddress import ip_network
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1024 * 1024
@@ -33,6 +33,12 @@ class Settings(BaseSettings):
         ge=1,
         le=256,
         description="Worker processes that solve; by default one for each processor.",
+    )
+    engine: Literal["pebble", "dask"] = Field(
+        "pebble", description="Where meshes are solved: pebble, in processes of this machine; dask, on a cluster."
+    )
+    scheduler: str = Field(
+        "", description="Address of the scheduler of the cluster, e.g. tcp://host:8786; for the engine dask."
     )
     threads: int = Field(
         0, ge=0, le=64, description="Threads of one worker; 0: the processors divided among the workers."
@@ -122,6 +128,14 @@ class Settings(BaseSettings):
                 )
         return value
 
+    @model_validator(mode="after")
+    def _has_its_scheduler(self) -> "Settings":
+        if self.engine == "dask" and not self.scheduler:
+            raise ValueError("the engine dask needs a scheduler: give its address, like tcp://host:8786")
+        if self.engine != "dask" and self.scheduler:
+            raise ValueError("a scheduler is for the engine dask: set it, too")
+        return self
+
     @property
     def allowed_host_names(self) -> list[str]:
         """The hosts in ``allowed_hosts``."""
@@ -129,13 +143,16 @@ class Settings(BaseSettings):
 
     @property
     def worker_threads(self) -> int:
-        """Threads of one worker, at least 1."""
+        """Threads of one worker, at least 1; on a cluster 1 unless they are set."""
+        if self.engine == "dask":
+            return self.threads or 1
         return self.threads or min(64, max(1, _processors() // self.workers))
 
     @property
     def most_memory(self) -> int:
-        """MiB that the service may hold with every worker at its limit: those that solve, and those for files."""
-        return (self.workers + FILE_WORKERS) * self.memory_limit + SERVICE_MIB
+        """MiB that the service may hold with every worker at its limit: those that solve here, and those for files."""
+        solving = 0 if self.engine == "dask" else self.workers
+        return (solving + FILE_WORKERS) * self.memory_limit + SERVICE_MIB
 
     @property
     def root(self) -> str:

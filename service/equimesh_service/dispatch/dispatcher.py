@@ -12,7 +12,7 @@ from typing import Any
 
 from equimesh_service.dispatch.worker_line import WorkerLine
 from equimesh_service.engine.port import Engine
-from equimesh_service.errors import MemoryLimitError, TimeLimitError, WorkerLostError
+from equimesh_service.errors import MemoryLimitError, SchedulerLostError, TimeLimitError, WorkerLostError
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_problem
 from equimesh_service.store.rows import FAILED, Claim, Ending, Lease, MeshInput, Outcome, Refused, Repeated
@@ -49,7 +49,7 @@ class Dispatcher:
            ^                   ├── a limit is reached, or the worker raises ──> failed
            │                   ├── canceled, deleted or taken over ──> its task is cancelled
            ├───────────────────┤ its worker died or its owner is silent (failed after ``max_attempts``)
-           └───────────────────┘ no worker has it, or the service stops
+           └───────────────────┘ no worker has it, its scheduler is lost, or the service stops
 
     ``run`` gives the function and the arguments that a worker calls for a claim; the worker writes its results into
     the store itself. ``notify`` is called with the id of every mesh whose status may have changed.
@@ -263,6 +263,9 @@ class Dispatcher:
                 self._metrics.count_lost_worker()
                 self._lost(claim, "the worker process died")
                 return
+            case SchedulerLostError():
+                self._return(claim, "the scheduler of the cluster was lost")
+                return
             case TimeLimitError():
                 problem = Problem("time-limit", f"The mesh was not finished within {rules.time_limit:g} s.")
             case MemoryLimitError():
@@ -289,6 +292,14 @@ class Dispatcher:
             self._metrics.count_lost_attempt(status)
             with log_context.enter(log_context_of(claim)):
                 _log.warning("mesh %s, attempt %d: %s; now %s", claim.mesh_id, claim.attempt, reason, status)
+            self._notify(claim.mesh_id)
+
+    def _return(self, claim: Claim, reason: str) -> None:
+        """Put a mesh back into the queue, without counting a loss: no worker died over it."""
+        if self._store.queue.requeue(claim, reason):
+            self.line.queue_is_empty = False
+            with log_context.enter(log_context_of(claim)):
+                _log.warning("mesh %s, attempt %d: %s; now queued", claim.mesh_id, claim.attempt, reason)
             self._notify(claim.mesh_id)
 
     def _renew_leases(self) -> None:

@@ -1,0 +1,102 @@
+"""A service whose meshes are solved on a cluster of processes: what holds with its own workers holds there."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+
+from equimesh_service import Settings, running
+from service.clusters import ClusterProcesses, cluster_processes
+from service.conftest import SLOW, small, until
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
+# It fills the memory of a worker with factorisations.
+DEEP = {**SLOW, "grid": {"n_xi": 220, "n_eta": 220}}
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcesses]:
+    """A scheduler and one worker with two processes for jobs."""
+    with cluster_processes(tmp_path_factory.mktemp("cluster")) as cluster:
+        cluster.start_scheduler()
+        cluster.start_worker("worker", "--no-nanny", slots=2)
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def http(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A client of a service on the cluster, with small limits."""
+    settings = Settings(
+        data_dir=tmp_path_factory.mktemp("service"),
+        port=0,
+        engine="dask",
+        scheduler=cluster.scheduler,
+        memory_limit=48,
+        time_limit=5.0,
+        log_level="info",
+        reuse=False,
+    )
+    with running(settings) as url, httpx.Client(base_url=url, timeout=60.0) as client:
+        yield client
+
+
+def ask(http: httpx.Client, spec: dict[str, Any], **headers: str) -> dict[str, Any]:
+    answer = http.post("/v1/meshes", json=spec, headers=headers)
+    assert answer.status_code in (201, 202), answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def mesh_of(http: httpx.Client, mesh_id: str) -> dict[str, Any]:
+    found: dict[str, Any] = http.get(f"/v1/meshes/{mesh_id}").json()
+    return found
+
+
+def test_a_mesh_is_solved_there_and_its_files_are_here(cluster: ClusterProcesses, http: httpx.Client) -> None:
+    mesh = ask(http, small(), Prefer="wait=30")
+    assert mesh["status"] == "succeeded", mesh["error"]
+    assert "/npz" in http.get(f"{mesh['links']['file']}?format=npz").headers["Content-Type"].replace("x-npz", "/npz")
+    assert http.get(f"{mesh['links']['file']}?format=vtu").status_code == 200
+    log = cluster.log("worker")
+    assert log.count(f"mesh {mesh['id']} succeeded") == 1, "another process has solved it"
+
+
+def test_readiness_and_metrics_count_the_places_of_the_cluster(http: httpx.Client) -> None:
+    ready = http.get("/readyz")
+    assert (ready.status_code, ready.json()["checks"]["engine"]) == (200, "ok")
+    assert 'equimesh_workers{pool="solve"} 2.0' in http.get("/metrics").text
+
+
+def test_progress_is_told_and_a_cancelled_mesh_ends_within_a_second(http: httpx.Client) -> None:
+    mesh = ask(http, SLOW)
+    until(lambda: mesh_of(http, mesh["id"])["progress"]["fraction"] > 0)
+    assert http.post(mesh["links"]["cancel"]).json()["status"] == "canceled"
+    # Its process takes the next mesh: there are two, and three meshes that do not end by themselves.
+    slow = [ask(http, SLOW) for _ in range(2)]
+    for one in slow:
+        until(lambda one=one: mesh_of(http, one["id"])["status"] == "running")
+        http.post(one["links"]["cancel"])
+
+
+def test_limits_of_time_and_memory_hold_there(http: httpx.Client) -> None:
+    slow = ask(http, SLOW)
+    large = ask(http, DEEP)
+    ended = [until(lambda one=one: (now := mesh_of(http, one["id"]))["finished_at"] and now) for one in (slow, large)]
+    assert ended[0]["error"]["type"] == "/problems/time-limit"
+    # A library that gets no memory may end its process: the worker is lost, and another one tries.
+    assert ended[1]["error"]["type"] in ("/problems/memory-limit", "/problems/worker-lost")
+
+
+def test_requests_that_wait_are_answered_when_their_mesh_is_done(http: httpx.Client) -> None:
+    answers: list[dict[str, Any]] = []
+    threads = [threading.Thread(target=lambda: answers.append(ask(http, small(), Prefer="wait=30"))) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [mesh["status"] for mesh in answers] == ["succeeded"] * 8

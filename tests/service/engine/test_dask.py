@@ -1,0 +1,134 @@
+"""The engine on a cluster keeps the contract of the engine port, on processes that come and go."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from equimesh_service.engine.dask import DaskEngine
+from equimesh_service.engine.packed_call import PackedCall
+from equimesh_service.engine.pool_settings import PoolSettings
+from equimesh_service.errors import SchedulerLostError, WorkerLostError
+from service.clusters import ClusterProcesses, cluster_processes
+from service.conftest import until
+from service.engine.check_engine import SECONDS, add, check_engine, expect_closed, own_pid, spin
+from service.processes import runs
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
+SETTINGS = PoolSettings(memory_limit=128)
+OLDER = """\
+import importlib.metadata as metadata
+real = metadata.version
+metadata.version = lambda name: "0.1.0" if name == "equimesh" else real(name)
+"""
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcesses]:
+    """A scheduler and a worker with two processes for jobs, which lives under a nanny, as Dask's usual workers do."""
+    with cluster_processes(tmp_path_factory.mktemp("cluster")) as cluster:
+        cluster.start_scheduler()
+        cluster.start_worker("first", slots=2)
+        yield cluster
+
+
+@contextmanager
+def engine_on(cluster: ClusterProcesses, settings: PoolSettings = SETTINGS) -> Iterator[DaskEngine]:
+    """An engine that is closed after the ``with``."""
+    engine = DaskEngine(cluster.scheduler, settings)
+    try:
+        yield engine
+    finally:
+        engine.close()
+
+
+def spinning(engine: DaskEngine, marker: Path) -> tuple[Future[None], int]:
+    """A task that does not end, and the process that runs it."""
+    task = engine.submit(spin, str(marker))
+    until(lambda: marker.exists() and marker.read_text())
+    return task, int(marker.read_text())
+
+
+def test_a_cluster_keeps_the_contract(cluster: ClusterProcesses, tmp_path: Path) -> None:
+    with engine_on(cluster) as engine:
+        until(lambda: engine.health().ready)
+        assert engine.health().workers == 2
+        check_engine(engine, tmp_path, memory_limit=128)
+    expect_closed(engine)
+
+
+def test_workers_join_and_leave_and_take_their_jobs_with_them(cluster: ClusterProcesses, tmp_path: Path) -> None:
+    with engine_on(cluster) as engine:
+        until(lambda: engine.health().workers == 2)
+        before = [spinning(engine, tmp_path / f"before{number}") for number in range(2)]
+        waiting = engine.submit(own_pid)
+        time.sleep(0.5)
+        assert not waiting.done(), "it has no process yet, so it waits"
+        cluster.start_worker("second", "--no-nanny")
+        assert waiting.result(SECONDS) not in [pid for _, pid in before]
+        assert engine.health().workers == 3
+        task, pid = spinning(engine, tmp_path / "second")
+        left = engine.submit(own_pid)
+        cluster.kill_worker("second")
+        assert isinstance(task.exception(SECONDS), WorkerLostError)
+        until(lambda: not runs(pid))
+        assert engine.health().workers == 2
+        assert not left.done()
+        engine.cancel(before[0][0])
+        assert left.result(SECONDS) not in [pid, before[1][1]]
+    assert isinstance(before[1][0].exception(SECONDS), CancelledError)
+    until(lambda: not runs(before[1][1]))  # an engine that is closed leaves no job behind
+
+
+def test_a_lost_scheduler_gives_back_what_runs_and_what_waits_waits(tmp_path: Path) -> None:
+    with cluster_processes(tmp_path / "cluster") as cluster, engine_on(cluster) as engine:
+        until(lambda: "cannot be reached" in engine.health().detail)
+        assert engine.health().detail.startswith(f"the scheduler at {cluster.scheduler} cannot be reached")
+        first = engine.submit(own_pid)
+        cluster.start_scheduler()
+        until(lambda: engine.health().detail.endswith("there are no workers"))
+        cluster.start_worker("one", "--no-nanny")
+        first.result(SECONDS)
+        running, pid = spinning(engine, tmp_path / "running")
+        waiting = engine.submit(add, 1, 2)
+        cluster.kill_scheduler()
+        assert isinstance(running.exception(SECONDS), SchedulerLostError)
+        until(lambda: not runs(pid))
+        assert not waiting.done()
+        assert engine.health().workers == 0
+        cluster.kill_worker("one")
+        cluster.start_scheduler()
+        cluster.start_worker("one", "--no-nanny")
+        assert waiting.result(SECONDS) == 3
+        assert engine.health().ready
+
+
+def test_a_worker_of_another_release_is_refused_by_name(cluster: ClusterProcesses, tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(OLDER)
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
+    with engine_on(cluster) as engine:
+        cluster.start_worker("old", "--no-nanny", PYTHONPATH=path)
+        until(lambda: "old" in engine.health().detail and engine.health().ready)
+        assert "worker old is not used: it has equimesh 0.1.0 in place of" in engine.health().detail
+        assert engine.health().workers == 2
+        cluster.kill_worker("old")
+        until(lambda: engine.health().detail == "")
+
+
+def nothing_is_reached() -> str:
+    """A check that fails."""
+    return "it cannot reach the moon"
+
+
+def test_a_worker_that_does_not_reach_the_storage_is_refused(cluster: ClusterProcesses) -> None:
+    with engine_on(cluster, PoolSettings(check=PackedCall.of(nothing_is_reached))) as engine:
+        until(lambda: "the moon" in engine.health().detail)
+        assert engine.health().detail.endswith("worker first is not used: it cannot reach the moon")
+        assert not engine.health().ready
