@@ -8,7 +8,25 @@ from equimesh_coupling.libraries import library
 library("distributed", install="pip install 'equimesh[dask]'")
 
 from equimesh.cluster.connection import connect  # noqa: E402 - after the check for Dask
-from equimesh.cluster.errors import ClusterError, RunCancelledError, WorkersLostError  # noqa: E402
+from equimesh.cluster.errors import ClusterError, PartsError, RunCancelledError, WorkersLostError  # noqa: E402
+from equimesh.cluster.handle import Handle  # noqa: E402
+from equimesh.cluster.progress import Progress  # noqa: E402
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts  # noqa: E402
+from equimesh.cluster.solving import solve  # noqa: E402
 
-__all__ = ["ClusterError", "PartsRun", "RunCancelledError", "RunOptions", "WorkersLostError", "connect", "run_parts"]
+__all__ = [  # noqa: RUF022 - grouped by noun
+    # One mesh in parts
+    "solve",
+    "Handle",
+    "Progress",
+    # One function on many workers
+    "run_parts",
+    "RunOptions",
+    "PartsRun",
+    "connect",
+    # Errors, drawn as a tree in ``equimesh/cluster/errors.py``
+    "ClusterError",
+    "PartsError",
+    "RunCancelledError",
+    "WorkersLostError",
+]

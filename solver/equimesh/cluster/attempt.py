@@ -66,8 +66,11 @@ class Attempt:
                 if lost is not None:
                     self._end(lost.reason, failed=not lost.workers)
                 self._raise_own_error()
-                done = lost is None
-                return tuple(self._futures) if lost is None else lost
+                if lost is not None:
+                    return lost
+                self._let_go()
+                done = True
+                return tuple(self._futures)
             except (OSError, asyncio.CancelledError) as error:
                 if self._client.status != "running":
                     raise no_scheduler(self._client) from error
@@ -164,6 +167,14 @@ class Attempt:
                 error = future.exception()
                 if error is not None and not isinstance(error, PeerError | KilledWorker):
                     raise error
+
+    def _let_go(self) -> None:
+        """Let the tasks, which are done, run on any worker: a result that is lost is an error then, for who needs it.
+
+        A pinned task would be run again on its worker, which is gone, and would be waited for.
+        """
+        scheduler: Any = self._client.scheduler
+        self._client.sync(scheduler.set_restrictions, worker={future.key: None for future in self._futures})
 
     def _abandon(self) -> None:
         """Leave nothing of the attempt on the workers."""

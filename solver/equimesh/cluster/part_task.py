@@ -15,12 +15,12 @@ from equimesh.numerics.channel import PeerLostError
 def run_part(seat: Seat, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """The result of ``function(channel, *arguments)`` for one part.
 
-    Raises :class:`~equimesh.numerics.channel.PeerLostError` where the run has ended, or where the worker was started
-    again after the run had begun.
+    Raises :class:`~equimesh.numerics.channel.PeerLostError` where the run has ended, or where the worker has
+    ended since: Dask then runs the task on another one.
     """
     worker = get_worker()
     if worker.id != seat.identity:
-        raise PeerLostError(f"the worker {worker.address} was started again during the run")
+        raise PeerLostError(f"the worker at {seat.addresses[seat.number]} ended, and with it part {seat.number}")
     plugin = plugin_of(worker)
     box = plugin.open(seat.run, seat.number, seat.key)
     try:

@@ -32,5 +32,5 @@ def test_it_returns_what_its_function_returns_and_removes_its_box(client: Client
 
 def test_a_worker_that_was_started_again_does_not_join_the_run(client: Client) -> None:
     worker = examine_workers(client)[0]
-    with pytest.raises(PeerLostError, match="was started again during the run"):
+    with pytest.raises(PeerLostError, match="ended, and with it part 0"):
         submitted(client, "another process", worker.address).result()

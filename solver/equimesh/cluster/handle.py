@@ -1,0 +1,152 @@
+"""A solution that stays on the workers of a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from types import TracebackType
+from typing import Any
+
+from distributed import Client
+
+from equimesh.cluster.arrays import array_of, own_u, own_x, own_y
+from equimesh.cluster.errors import ClusterError, WorkersLostError
+from equimesh.cluster.run import PartsRun
+from equimesh.cluster.summary import Summary, summary_of, traffic_of
+from equimesh.equations.problem import Problem
+from equimesh.meshes.grid import Grid
+from equimesh.numerics.channel import Traffic
+from equimesh.parts.part_solution import PartSolution, PartStep
+from equimesh.solving.certificate import Relaxed
+from equimesh.solving.status import Status
+
+
+class Handle:
+    """The mesh of a problem, in parts that stay on the workers which computed them.
+
+    It is a context manager: at its end nothing of the solve is left on the workers. The same holds after
+    :meth:`close`, and when nobody refers to it any more.
+    """
+
+    def __init__(self, problem: Problem, client: Client, run: PartsRun, *, own_client: bool) -> None:
+        self.problem, self.workers, self.attempts = problem, run.workers, run.attempts
+        self._client, self._run, self._own_client = client, run, own_client
+        futures = [client.submit(summary_of, future, pure=False) for future in run.futures]
+        self._summaries: list[Summary] = client.gather(futures)
+
+    def __repr__(self) -> str:
+        return f"<Handle: {self.grid} points, {self.status}, {self.count} parts>"
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the mesh."""
+        return self.problem.grid
+
+    @property
+    def count(self) -> int:
+        """The number of parts."""
+        return len(self._summaries)
+
+    @property
+    def cuts(self) -> tuple[int, ...]:
+        """The first row of every part but the first one."""
+        return tuple(summary.first for summary in self._summaries[1:])
+
+    @property
+    def status(self) -> Status:
+        """How the solve ended."""
+        return self._whole.status
+
+    @property
+    def note(self) -> str:
+        """What differs from the requested mesh; empty where nothing does."""
+        return self._whole.note
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it; empty where nothing is to be done."""
+        return self._whole.remedy
+
+    @property
+    def message(self) -> str:
+        """The status in a sentence, its details, and the remedy."""
+        return " ".join(text for text in (self.status.sentence, self.note, self.remedy) if text)
+
+    @property
+    def relaxed(self) -> tuple[Relaxed, ...]:
+        """The differences between the requested equations and those that the mesh satisfies."""
+        return self._whole.relaxed
+
+    @property
+    def algebraic_error(self) -> float | None:
+        """The estimated distance from the exact solution of the discrete equations."""
+        return self._whole.algebraic_error
+
+    @property
+    def discretization_error(self) -> float | None:
+        """The estimated distance from the mesh that infinitely many points would have."""
+        return self._whole.discretization_error
+
+    @property
+    def records(self) -> tuple[tuple[PartStep, ...], ...]:
+        """The records of every part: one for each sweep on the levels that were solved in parts."""
+        return tuple(summary.records for summary in self._summaries)
+
+    @property
+    def traffic(self) -> dict[str, Traffic]:
+        """The messages that all parts sent, and their bytes, by the kind of the message."""
+        return traffic_of(self._summaries)
+
+    @property
+    def x(self) -> Any:
+        """x at the nodes: a dask array of shape ``(n_xi, n_eta)``, with one chunk for each part."""
+        return self._array(own_x)
+
+    @property
+    def y(self) -> Any:
+        """y at the nodes: a dask array of shape ``(n_xi, n_eta)``, with one chunk for each part."""
+        return self._array(own_y)
+
+    @property
+    def u(self) -> Any:
+        """u at the nodes, as a dask array that is computed when it is needed; ``None`` where there is no u."""
+        return None if self.problem.monitor.u is None else self._array(own_u)
+
+    def close(self) -> None:
+        """Remove all parts from the workers. Dask arrays of them cannot be computed after that."""
+        futures, self._run = list(self._run.futures), PartsRun((), (), 0)
+        if futures and self._client.status == "running":
+            self._client.cancel(futures, force=True)
+        if self._own_client:
+            self._client.close()
+
+    def __enter__(self) -> Handle:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def _whole(self) -> Summary:
+        """What is the same for all parts."""
+        return self._summaries[0]
+
+    @cached_property
+    def _rows(self) -> list[int]:
+        return [summary.last - summary.first for summary in self._summaries]
+
+    def _array(self, values: Callable[[PartSolution], Any]) -> Any:
+        self._require_parts()
+        return array_of(self._run.futures, self._rows, self.grid.n_eta, values)
+
+    def _require_parts(self) -> None:
+        """Raise where the parts are not on the workers any more."""
+        if not self._run.futures:
+            raise ClusterError("this handle is closed, and its mesh is gone: solve again")
+        alive = self._client.nthreads(workers=sorted(set(self.workers)))
+        lost = tuple(sorted(set(self.workers) - set(alive)))
+        if lost or any(future.status != "finished" for future in self._run.futures):
+            names = ", ".join(lost) or "workers"
+            raise WorkersLostError(f"{names} ended, and with them parts of the mesh: solve again", lost=lost)

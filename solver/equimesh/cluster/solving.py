@@ -1,0 +1,160 @@
+"""One mesh on the workers of a cluster: the coarse solution by one of them, the finer levels in parts by all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Event
+from typing import Any
+
+from distributed import Client
+
+from equimesh.cluster.connection import check_client, connect
+from equimesh.cluster.errors import PartsError
+from equimesh.cluster.handle import Handle
+from equimesh.cluster.inputs import sent
+from equimesh.cluster.memory import check_memory
+from equimesh.cluster.placement import place
+from equimesh.cluster.progress import Gathering, Observer, coarse_progress
+from equimesh.cluster.run import PartsRun, RunOptions, run_parts
+from equimesh.cluster.worker_facts import WorkerFacts, examine_workers
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.inputs import choice
+from equimesh.meshes.nested import nested_grids
+from equimesh.parts.part_solution import PartSolution
+from equimesh.parts.solve import CoarseSolution, coarse_solution, most_parts, solve_part
+from equimesh.single_domain.steps import Mode
+
+
+def solve(
+    problem: Problem,
+    client: Client | str,
+    *,
+    parts: int | None = None,
+    mode: Mode = Mode.DISCRETIZATION,
+    allow_relaxed: bool = True,
+    threads: int = 1,
+    observe: Observer | None = None,
+    cancel: Event | None = None,
+) -> Handle:
+    """The mesh of ``problem`` in ``parts`` parts, which stay on the workers; equal to :func:`equimesh.solve`.
+
+    ``client`` is a client of Dask, or the address of a scheduler. ``parts`` is by default one for each worker; a worker
+    takes as many as it has threads. ``threads`` share the rows of each part. ``mode`` and ``allow_relaxed`` are those
+    of :func:`equimesh.solve`. ``observe`` is called with a :class:`~equimesh.cluster.progress.Progress` after each
+    step; ``cancel`` ends the solve when it is set, with :class:`~equimesh.cluster.errors.RunCancelledError`.
+
+    Raises :class:`~equimesh.errors.InputError` for more parts than the grid or the workers can have;
+    :class:`~equimesh.cluster.errors.PartsError` where the mesh is not the requested one;
+    :class:`~equimesh.cluster.errors.WorkersLostError` where workers were lost in three attempts; and
+    :class:`~equimesh.cluster.errors.ClusterError` without a scheduler or workers, for other versions there, and for too
+    little memory.
+    """
+    chosen = _Settings(
+        problem=_checked(problem),
+        mode=choice(Mode, mode, "mode"),
+        allow_relaxed=allow_relaxed,
+        threads=threads,
+        observe=observe,
+        cancel=cancel,
+    )
+    own = isinstance(client, str)
+    connected = connect(client) if isinstance(client, str) else client
+    try:
+        handle = Handle(problem, connected, _solve(chosen, connected, parts), own_client=own)
+    except BaseException:
+        if own:
+            connected.close()
+        raise
+    if not handle.status.succeeded:
+        raise PartsError(handle.message, handle)
+    return handle
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Settings:
+    """The arguments of a solve, checked."""
+
+    problem: Problem
+    mode: Mode
+    allow_relaxed: bool
+    threads: int
+    observe: Observer | None
+    cancel: Event | None
+
+
+def _checked(problem: object) -> Problem:
+    if not isinstance(problem, Problem):
+        raise InputError(f"problem = {str(problem)[:40]!r} is no problem: give em.Problem(...)", field="problem")
+    return problem
+
+
+def _solve(chosen: _Settings, client: Client, parts: int | None) -> PartsRun:
+    """The coarse solution, which the driver keeps, and the parts, which begin with it in every attempt."""
+    count = _count(chosen.problem, check_client(client), parts)
+
+    def check(places: list[WorkerFacts]) -> None:
+        check_memory(chosen.problem.grid, places)
+
+    coarse = _coarse(chosen, client)
+    gathering = Gathering(chosen.observe)
+
+    def arguments(number: int, count: int) -> tuple[Any, ...]:
+        if number == 0:
+            gathering.begin(count)
+            shared.append(sent(client, chosen.problem))
+        return shared[-1], sent(client, coarse.for_part(number, count)), chosen.mode, chosen.threads
+
+    shared: list[Any] = []
+    options = RunOptions(observe=gathering.add, cancel=chosen.cancel, check_workers=check)
+    return run_parts(client, part_of_solution, arguments, parts=count, options=options)
+
+
+def _count(problem: Problem, client: Client, parts: int | None) -> int:
+    """The number of parts, for which the workers have threads and memory; by default one for each worker."""
+    most, workers = most_parts(problem), examine_workers(client)
+    if parts is not None and parts > most:
+        raise InputError(
+            f"parts = {parts}: a grid of {problem.grid} points can be cut into at most {most}: take fewer parts, or a"
+            " finer grid",
+            field="parts",
+        )
+    count = max(1, min(most, len(workers))) if parts is None else parts
+    if workers:
+        check_memory(problem.grid, place(count, workers))
+    return count
+
+
+def _coarse(chosen: _Settings, client: Client) -> CoarseSolution:
+    """The coarse solution, computed by one worker, so that the driver may be a small machine."""
+
+    def observe(_: int, record: Any) -> None:
+        if chosen.observe is not None:
+            chosen.observe(record)
+
+    def arguments(_: int, __: int) -> tuple[Any, ...]:
+        return sent(client, chosen.problem), chosen.mode, chosen.allow_relaxed, chosen.threads
+
+    options = RunOptions(observe=observe, cancel=chosen.cancel)
+    run = run_parts(client, coarse_part, arguments, parts=1, options=options)
+    found: CoarseSolution = run.futures[0].result()
+    return found
+
+
+def coarse_part(channel: Any, problem: Problem, mode: Mode, allow_relaxed: bool, threads: int) -> CoarseSolution:
+    """The coarse solution of ``problem``. Runs on a worker."""
+    levels = len(nested_grids(problem.grid))
+    return coarse_solution(
+        problem,
+        mode=mode,
+        allow_relaxed=allow_relaxed,
+        threads=threads,
+        observe=lambda step: channel.report(coarse_progress(step, levels)),
+    )
+
+
+def part_of_solution(channel: Any, problem: Problem, coarse: CoarseSolution, mode: Mode, threads: int) -> PartSolution:
+    """One part of the solution of ``problem``. Runs on its worker."""
+    report: Callable[[Any], None] = channel.report
+    return solve_part(problem, coarse, channel, mode=mode, threads=threads, observe=report)
