@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cached_property
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -11,6 +13,7 @@ from distributed import Client
 
 from equimesh.cluster.arrays import array_of, own_u, own_x, own_y
 from equimesh.cluster.errors import ClusterError, WorkersLostError
+from equimesh.cluster.files import write_parts
 from equimesh.cluster.run import PartsRun
 from equimesh.cluster.summary import Summary, summary_of, traffic_of
 from equimesh.equations.problem import Problem
@@ -111,6 +114,19 @@ class Handle:
     def u(self) -> Any:
         """u at the nodes, as a dask array that is computed when it is needed; ``None`` where there is no u."""
         return None if self.problem.monitor.u is None else self._array(own_u)
+
+    def write(self, path: str | os.PathLike[str], *, format: str | None = None) -> tuple[Path, ...]:
+        """Write the mesh, and u where there is one: every worker its part, then the caller the head, which is returned.
+
+        The suffix of ``path`` decides on the format, unless ``format`` is a name in
+        :data:`~equimesh.io.PARTED_FORMATS`. An older mesh of the same name is replaced. Raises
+        :class:`~equimesh.errors.InputError` for an unknown format, and for a folder that not all workers and the caller
+        reach by the same name.
+        """
+        self._require_parts()
+        names = () if self.problem.monitor.u is None else ("u",)
+        places = self.grid, self.cuts, self.workers
+        return write_parts(self._client, self._run.futures, places, path, names, format)
 
     def close(self) -> None:
         """Remove all parts from the workers. Dask arrays of them cannot be computed after that."""

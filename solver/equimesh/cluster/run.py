@@ -5,7 +5,7 @@ It is the only way in which equimesh uses a cluster for one computation. A part 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from threading import Event
 from typing import Any, TypeAlias
@@ -113,6 +113,32 @@ def run_parts(
             lost=tuple(lost),
         )
     raise WorkersLostError(f"no worker is left; lost: {', '.join(lost)}. Start workers again", lost=tuple(lost))
+
+
+def run_at(
+    client: Client,
+    function: Callable[..., Any],
+    arguments_of_part: ArgumentsOfPart,
+    workers: Sequence[str],
+    *,
+    options: RunOptions | None = None,
+) -> PartsRun:
+    """As :func:`run_parts`, part k on the worker at ``workers[k]``, which has what it needs: there is one attempt.
+
+    Raises :class:`~equimesh.cluster.errors.WorkersLostError` where one of the workers is lost.
+    """
+    chosen = options or RunOptions()
+    check_client(client)
+    found = {worker.address: worker for worker in examine_workers(client, set(workers))}
+    missing = tuple(sorted(set(workers) - set(found)))
+    if missing:
+        raise WorkersLostError(f"lost: {', '.join(missing)}", lost=missing)
+    places = [found[address] for address in workers]
+    chosen.before(places)
+    outcome = _attempt(client, function, arguments_of_part, places, chosen)
+    if isinstance(outcome, Lost):
+        raise WorkersLostError(outcome.reason, lost=outcome.workers)
+    return PartsRun(outcome, tuple(workers), 1)
 
 
 def _attempt(

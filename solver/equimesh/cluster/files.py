@@ -1,0 +1,69 @@
+"""Files of a mesh in parts: every worker writes its part, and the caller writes the head."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, Future
+
+from equimesh.cluster.run import run_at
+from equimesh.fields.field import Field
+from equimesh.io.by_parts.contents import NodeValues, PartData
+from equimesh.io.by_parts.formats import parted_format
+from equimesh.io.by_parts.shared_folder import leave_probe, require_probe
+from equimesh.io.by_parts.write import remove_parted, write_head, write_part
+from equimesh.meshes.grid import Grid
+from equimesh.numerics.types import Array
+from equimesh.parts.part_solution import PartSolution
+
+
+def write_parts(
+    client: Client,
+    futures: Sequence[Future[PartSolution]],
+    places: tuple[Grid, Sequence[int], Sequence[str]],
+    path: str | os.PathLike[str],
+    names: Sequence[str],
+    format: str | None,
+) -> tuple[Path, ...]:
+    """Write the parts of a mesh, then its head. Returns the files of the head.
+
+    ``places`` are the grid, the first row of every part but the first one, and the address of the worker of every part.
+    ``names`` are those of the arrays at the nodes: ``u``, or nothing. Raises :class:`~equimesh.errors.InputError` for
+    an unknown format, and for a folder that not all workers and the caller reach.
+    """
+    grid, cuts, workers = places
+    head = Path(path).absolute()
+    kind = parted_format(head, format).name
+    token = uuid.uuid4().hex
+    probed = run_at(client, leave_probe_of_part, lambda k, _: (str(head), f"{token}-{k}"), workers)
+    for number, machine in enumerate(client.gather(list(probed.futures))):
+        require_probe(head, f"{token}-{number}", machine)
+    remove_parted(head, format=kind)
+    run_at(client, write_file_of_part, lambda k, _: (futures[k], str(head), list(names), kind), workers)
+    return write_head(head, grid=grid, cuts=cuts, nodes=names, format=kind)
+
+
+def leave_probe_of_part(_: Any, path: str, token: str) -> str:
+    """Leave a file that the caller looks for. Runs on a worker."""
+    return leave_probe(path, token)
+
+
+def write_file_of_part(_: Any, part: PartSolution, path: str, names: list[str], format: str) -> None:
+    """Write the file of one part. Runs where the part is; u is evaluated for some rows at a time."""
+    field = part.problem.monitor.u
+    nodes: dict[str, NodeValues] = {} if field is None else {name: _Values(field) for name in names}
+    write_part(path, part.mesh, PartData(nodes=nodes), format=format)
+
+
+class _Values:
+    """The values of a field, as a function of x and y."""
+
+    def __init__(self, field: Field) -> None:
+        self._field = field
+
+    def __call__(self, x: Array, y: Array) -> Array:
+        return self._field.evaluate(x, y)[0]
