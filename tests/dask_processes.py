@@ -26,7 +26,8 @@ class DaskProcesses:
     def __init__(self, folder: Path, settings: dict[str, str] | None = None) -> None:
         self.folder = folder
         self.workers: dict[str, subprocess.Popen[bytes]] = {}
-        self._settings = {**os.environ, **SETTINGS, **(settings or {})}
+        path = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+        self._settings = {**os.environ, **SETTINGS, "PYTHONPATH": path, **(settings or {})}
         self._file = folder / "scheduler.json"
         options = ("--port", "0", "--no-dashboard", "--no-show", "--scheduler-file", str(self._file))
         self.scheduler = self._start("scheduler", "scheduler", *options)

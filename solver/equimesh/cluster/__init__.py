@@ -8,8 +8,8 @@ from equimesh_coupling.libraries import library
 library("distributed", install="pip install 'equimesh[dask]'")
 
 from equimesh.cluster.connection import connect  # noqa: E402 - after the check for Dask
-from equimesh.cluster.errors import ClusterError, PartsError, RunCancelledError, WorkersLostError  # noqa: E402
-from equimesh.cluster.handle import Handle  # noqa: E402
+from equimesh.cluster.errors import ClusterError, RunCancelledError, WorkersLostError  # noqa: E402
+from equimesh.cluster.handle import Handle, PartsError  # noqa: E402
 from equimesh.cluster.progress import Progress  # noqa: E402
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts  # noqa: E402
 from equimesh.cluster.solving import solve  # noqa: E402

@@ -15,15 +15,16 @@ START = "start one with `dask scheduler`, and workers with `dask worker ADDRESS`
 """What to do where there is no scheduler."""
 
 
-def connect(address: str, *, timeout: float = CONNECT_SECONDS, security: Any = None) -> Client:
-    """A client of the scheduler at ``address``, such as ``"tcp://host:8786"``.
+def connect(address: str, *, timeout: float | None = None, security: Any = None) -> Client:
+    """A client of the scheduler at ``address``, such as ``"tcp://host:8786"``; it becomes Dask's default one.
 
     ``security`` is Dask's own: keys and certificates of ``tls://`` addresses; the default is that of Dask's settings.
-    Raises :class:`~equimesh.cluster.errors.ClusterError` where no scheduler answers within ``timeout`` seconds, and
-    :class:`~equimesh.errors.InputError` for an address that is none.
+    Raises :class:`~equimesh.cluster.errors.ClusterError` where no scheduler answers within ``timeout`` seconds (30),
+    and :class:`~equimesh.errors.InputError` for an address that is none.
     """
+    seconds = CONNECT_SECONDS if timeout is None else timeout
     try:
-        return Client(address, timeout=timeout, security=security, set_as_default=False)
+        return Client(address, timeout=seconds, security=security)
     except (OSError, TimeoutError) as error:
         raise ClusterError(
             f"no scheduler answers at {address} ({_cause(error)}): check the address, or {START}"

@@ -4,31 +4,19 @@
 
     EquimeshError
     └── ClusterError          a cluster does not run what it was given; the message says why, and what to do
-        ├── PartsError        a mesh in parts is not the requested one; it carries the handle of what there is
+        ├── PartsError        a mesh in parts is not the requested one; it carries the handle of what there is, and is
+        │                     defined in :mod:`equimesh.cluster.handle`
         ├── WorkersLostError  a worker was lost in each attempt, or none is left
         └── RunCancelledError the caller ended the run
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from equimesh.errors import EquimeshError
-
-if TYPE_CHECKING:
-    from equimesh.cluster.handle import Handle
 
 
 class ClusterError(EquimeshError):
     """A cluster that does not run what it was given: no scheduler, other versions, too little memory."""
-
-
-class PartsError(ClusterError):
-    """A solve in parts that ended without the requested mesh. ``handle`` has what there is; close it."""
-
-    def __init__(self, message: str, handle: Handle) -> None:
-        super().__init__(message)
-        self.handle = handle
 
 
 class WorkersLostError(ClusterError):

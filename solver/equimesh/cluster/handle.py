@@ -166,3 +166,11 @@ class Handle:
         if lost or any(future.status != "finished" for future in self._run.futures):
             names = ", ".join(lost) or "workers"
             raise WorkersLostError(f"{names} ended, and with them parts of the mesh: solve again", lost=lost)
+
+
+class PartsError(ClusterError):
+    """A solve in parts that ended without the requested mesh. ``handle`` has what there is; close it."""
+
+    def __init__(self, message: str, handle: Handle) -> None:
+        super().__init__(message)
+        self.handle = handle

@@ -10,8 +10,7 @@ from typing import Any
 from distributed import Client
 
 from equimesh.cluster.connection import check_client, connect
-from equimesh.cluster.errors import PartsError
-from equimesh.cluster.handle import Handle
+from equimesh.cluster.handle import Handle, PartsError
 from equimesh.cluster.inputs import sent
 from equimesh.cluster.memory import check_memory
 from equimesh.cluster.placement import place
@@ -46,7 +45,7 @@ def solve(
     step; ``cancel`` ends the solve when it is set, with :class:`~equimesh.cluster.errors.RunCancelledError`.
 
     Raises :class:`~equimesh.errors.InputError` for more parts than the grid or the workers can have;
-    :class:`~equimesh.cluster.errors.PartsError` where the mesh is not the requested one;
+    :class:`~equimesh.cluster.handle.PartsError` where the mesh is not the requested one;
     :class:`~equimesh.cluster.errors.WorkersLostError` where workers were lost in three attempts; and
     :class:`~equimesh.cluster.errors.ClusterError` without a scheduler or workers, for other versions there, and for too
     little memory.
