@@ -40,6 +40,7 @@ from equimesh_client.errors import (
 )
 from equimesh_client.records.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
 from equimesh_client.records.convergence import Convergence
+from equimesh_client.records.parts import FileOfParts, PartRecord, Parts
 from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.records.state import Progress
@@ -60,6 +61,7 @@ from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
+from equimesh_client.wire.part_downloads import PartArrays
 from equimesh_client.wire.pictures import Plot
 from equimesh_client.wire.retry import RetryPolicy
 from equimesh_client.wire.steps import SequenceStep
@@ -99,6 +101,7 @@ __all__ = [
     "Estimate",
     "Event",
     "Field",
+    "FileOfParts",
     "Forbidden",
     "Gone",
     "InputProblem",
@@ -118,6 +121,9 @@ __all__ = [
     "NotFound",
     "OldLibrary",
     "Optimized",
+    "PartArrays",
+    "PartRecord",
+    "Parts",
     "Plot",
     "ProblemError",
     "Progress",

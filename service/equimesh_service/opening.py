@@ -62,7 +62,10 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         secrets.token_hex(8),
         store,
         engine,
-        lambda claim, mesh_input: (solve.solve_mesh, (Job(storage, claim, settings.worker_threads, mesh_input),)),
+        lambda claim, mesh_input: (
+            solve.solve_mesh,
+            (Job(storage, claim, settings.worker_threads, mesh_input, settings.scheduler),),
+        ),
         _rules(settings),
         wakeups.announce,
         metrics,

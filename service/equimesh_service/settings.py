@@ -47,7 +47,12 @@ class Settings(BaseSettings):
     memory_limit: int = Field(
         4096, ge=16, description="MiB that one worker may allocate on top of what it needs to start."
     )
-    max_points: int = Field(300_000, ge=16, description="Most points n_xi * n_eta of a mesh.")
+    max_points: int = Field(300_000, ge=16, description="Most points n_xi * n_eta of a mesh that one machine computes.")
+    max_cluster_points: int = Field(
+        300_000_000,
+        ge=0,
+        description="Most points of a mesh that a cluster computes in parts, with the engine dask; 0: no such meshes.",
+    )
     max_body: int = Field(64 * MIB, ge=1024, description="Most bytes of a request body.")
     max_samples: int = Field(1_000_000, ge=4, description="Most samples of a monitor function.")
     max_subdomains: int = Field(256, ge=1, description="Most subdomains of one mesh.")
@@ -140,6 +145,11 @@ class Settings(BaseSettings):
     def allowed_host_names(self) -> list[str]:
         """The hosts in ``allowed_hosts``."""
         return _parts(self.allowed_hosts)
+
+    @property
+    def has_cluster(self) -> bool:
+        """Whether meshes of more than ``max_points`` points are computed on a cluster, in parts."""
+        return self.engine == "dask" and self.max_cluster_points > 0
 
     @property
     def worker_threads(self) -> int:

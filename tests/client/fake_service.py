@@ -105,6 +105,7 @@ class FakeService:
         self.meshes: dict[str, dict[str, Any]] = {}
         self.looks: dict[str, int] = {}
         self.keys: dict[str, str] = {}
+        self.parted: list[tuple[str, bytes]] = []  # the files of a mesh in parts, the head last
         self.samples: dict[str, bytes] = {}
         self.events = [
             ("status", {"status": "running"}),
@@ -235,7 +236,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(b"0\r\n\r\n")
 
     def _answer(self, request: Request) -> tuple[int, dict[str, str], bytes]:
-        found = re.fullmatch(r"/v1/meshes(?:/([^/]+))?(?:/(\w+))?", request.path)
+        found = re.fullmatch(r"/v1/meshes(?:/([^/]+))?(?:/([\w/]+))?", request.path)
         if request.path == "/v1/capabilities":
             return _json(200, {"formats": ["vtu", "npz"]})
         if request.path == "/v1/expressions/check":
@@ -271,6 +272,10 @@ class _Handler(BaseHTTPRequestHandler):
                 return _problem(409, "Conflict")
             mesh["status"] = "canceled"
             return _json(200, _public(mesh))
+        if part.startswith("parts"):
+            return self._file_of_parts(request, part.removeprefix("parts").strip("/"))
+        if part == "file" and request.query["format"] == "pvts":
+            return self._range(request, self.service.parted[-1][1])
         if part == "file":
             grid = mesh["spec"]["grid"]
             data = self.service.file or mesh_file(grid["n_xi"], grid["n_eta"])
@@ -290,6 +295,22 @@ class _Handler(BaseHTTPRequestHandler):
             kind = request.query["format"]
             return 200, {"Content-Type": request.headers["accept"]}, b"<svg/>" if kind == "svg" else b"\x89PNG"
         return _problem(404, "Not found")
+
+    def _file_of_parts(self, request: Request, number: str) -> tuple[int, dict[str, str], bytes]:
+        files = self.service.parted
+        if number:
+            return self._range(request, files[int(number)][1])
+        listed = [
+            {"name": name, "media_type": "x/y", "size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+            for name, data in files
+        ]
+        parts = [
+            {"number": k, "first": 2 * k, "last": 2 * k + 2, "rows": 3, "file": file}
+            for k, file in enumerate(listed[:-1])
+        ]
+        more = {"format": request.query["format"], "formats": ["pvts", "npz"], "grid": {"n_xi": 5, "n_eta": 4}}
+        head = None if request.query["format"] == "npz" else listed[-1]
+        return _json(200, {**more, "size": None, "head": head, "parts": parts})
 
     def _range(self, request: Request, data: bytes) -> tuple[int, dict[str, str], bytes]:
         etag = self.service.etags.format(hashlib.sha256(data).hexdigest())

@@ -650,6 +650,9 @@ def test_every_public_name_of_the_twins_works(
         with pytest.raises(MissingLibrary, match="which is not installed: apt-get install"):
             hand_over(None)
     assert mesh.refresh().wait().id == mesh.id
+    for call in (mesh.parts, lambda: mesh.part(0), lambda: mesh.download_parts(tmp_path)):
+        with pytest.raises(NotFound, match="This mesh is whole, and has no parts"):
+            call()
     assert [event.kind for event in mesh.events()][-1] == "done"
     with pytest.raises(Conflict):
         mesh.cancel()

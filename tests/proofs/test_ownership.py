@@ -12,14 +12,28 @@ import pytest
 from service.conftest import small
 from service.guarded import Guarded
 from service.interface import operations
+from service.parts import store_in_parts
 from service.requests import GRID
 
 
 @pytest.fixture(scope="module")
-def owner(guarded_service: Guarded) -> Iterator[httpx.Client]:
-    """The owner of the mesh and the samples of this module."""
-    with guarded_service.client("write") as client:
+def key(guarded_service: Guarded) -> tuple[str, str]:
+    """The id and the secret of the key of the owner."""
+    row, secret = guarded_service.key("write")
+    return row.id, secret
+
+
+@pytest.fixture(scope="module")
+def owner(guarded_service: Guarded, key: tuple[str, str]) -> Iterator[httpx.Client]:
+    """The owner of the meshes and the samples of this module."""
+    with guarded_service.having(key[1]) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def parted(guarded_service: Guarded, key: tuple[str, str]) -> str:
+    """A mesh in parts of the owner."""
+    return store_in_parts(guarded_service.settings, key[0])
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +66,17 @@ def test_nothing_of_another_key_is_there(
     guarded_service: Guarded,
     owner: httpx.Client,
     mesh: str,
+    parted: str,
     samples: str,
     sequence: str,
     document: dict[str, Any],
 ) -> None:
-    ids = {"/v1/meshes/{id}": mesh, "/v1/samples/{id}": samples, "/v1/sequences/{id}": sequence}
+    ids = {
+        "/v1/meshes/{id}/parts": parted,
+        "/v1/meshes/{id}": mesh,
+        "/v1/samples/{id}": samples,
+        "/v1/sequences/{id}": sequence,
+    }
     walked = 0
     with guarded_service.client("write") as other:
         for method, path, _ in operations(document):
@@ -64,8 +84,9 @@ def test_nothing_of_another_key_is_there(
                 continue
             whose = [known for known in ids if path.startswith(known)]
             assert whose, f"{path} has an id: say here of what, and see that it is not there for others"
-            mine = other.request(method, path.replace("{id}", ids[whose[0]]))
-            none = other.request(method, path.replace("{id}", "m-0"))
+            here = path.replace("{number}", "0")
+            mine = other.request(method, here.replace("{id}", ids[whose[0]]))
+            none = other.request(method, here.replace("{id}", "m-0"))
             assert mine.status_code == 404, (method, path, mine.text)
             assert mine.content == none.content, (method, path)  # not even that there is something
             walked += 1
@@ -76,6 +97,7 @@ def test_nothing_of_another_key_is_there(
         assert other.get("/v1/meshes?label=owned").json()["items"] == []
         assert other.get("/v1/sequences").json()["items"] == []
     assert owner.get(f"/v1/meshes/{mesh}").json()["status"] == "succeeded"
+    assert owner.get(f"/v1/meshes/{parted}/parts/0").status_code == 200
     assert owner.get(f"/v1/samples/{samples}?format=npz").status_code == 200
     assert owner.get(f"/v1/sequences/{sequence}").json()["step"] == 0
     assert [item["id"] for item in owner.get("/v1/meshes?label=owned").json()["items"]] == [mesh]
@@ -83,13 +105,14 @@ def test_nothing_of_another_key_is_there(
 
 
 def test_an_admin_sees_all(
-    guarded_service: Guarded, mesh: str, samples: str, sequence: str, document: dict[str, Any]
+    guarded_service: Guarded, mesh: str, parted: str, samples: str, sequence: str, document: dict[str, Any]
 ) -> None:
     with guarded_service.client("admin") as admin:
         for method, path, _ in operations(document):
             if "{id}" in path and method == "GET":
-                mine = sequence if "sequences" in path else samples if "samples" in path else mesh
-                known = path.replace("{id}", mine)
+                words = {"sequences": sequence, "samples": samples, "parts": parted}
+                mine = next((words[word] for word in words if word in path), mesh)
+                known = path.replace("{id}", mine).replace("{number}", "0")
                 headers = {"Accept": "application/json"} if "events" in path else {}
                 assert admin.get(known, headers=headers).status_code == 200, known
         assert mesh in [item["id"] for item in admin.get("/v1/meshes?limit=200").json()["items"]]

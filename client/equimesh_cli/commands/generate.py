@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.address import DEFAULT_URL, add_url
-from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of, schwarz_of, target_of
+from equimesh_cli.options.mesh import (
+    MESH_SUFFIXES,
+    PART_SUFFIXES,
+    add_mesh_options,
+    check_options,
+    points_of,
+    schwarz_of,
+    target_of,
+    whole_or_auto,
+)
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_cli.parser import add_command
 
@@ -21,6 +30,7 @@ examples:
   equimesh generate 'tanh(c*(x-y))' --parameter c=30 -n 65 --plot mesh.png
   equimesh generate --samples u.npz -n 129 --subdomains 2x2 --overlap 6 -o mesh.msh
   equimesh generate 'tanh(20*(x-y))' -n 65 --monitor curvature --domain annulus:1,2,0,90 -o mesh.vtu
+  equimesh generate 'tanh(20*(x-y))' -n 4097 --monitor curvature -o mesh.pvts
   equimesh generate x*y -n 33 --url http://meshes.example:8000 --json
 
 """
@@ -39,6 +49,13 @@ def add_parser(commands: Any) -> None:
     service = parser.add_argument_group("service")
     add_url(service, default=DEFAULT_URL)
     service.add_argument("--deadline", metavar="SECONDS", type=float, default=600.0, help="(600)")
+    service.add_argument(
+        "--parts",
+        metavar="N",
+        type=whole_or_auto,
+        help="parts of the service's cluster, or auto (where the mesh is too large for one machine: auto); -o then is "
+        "a .pvts, .pvtu or .vtkhdf file, with the files of the parts next to it",
+    )
     service.add_argument("--label", help="free text, for the service's list of meshes")
     service.add_argument(
         "--no-reuse", action="store_true", help="compute it, even if the service has the mesh of the same request"
@@ -48,7 +65,7 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Request a mesh, wait, download, report."""
-    check_options(options)
+    check_options(options, suffixes=(*MESH_SUFFIXES, *PART_SUFFIXES))
     from equimesh_client import Client, DeadlineExceeded, MeshFailed
 
     quiet = options.quiet or None
@@ -119,6 +136,7 @@ def _request_mesh(client: Client, options: argparse.Namespace, *, progress: bool
         mode=options.mode,
         allow_relaxed=not options.no_relax,
         cells=options.cells,
+        parts=options.parts,
         label=options.label,
         parameters=dict(options.parameter),
         t=options.t,

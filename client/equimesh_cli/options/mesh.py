@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -30,6 +30,7 @@ SCHWARZ = (
 )
 MESH_SUFFIXES = (".vtu", ".vtk", ".vts", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".foam.zip", ".npz")
 OUTPUT = ".vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case"
+PART_SUFFIXES = (".pvts", ".pvtu", ".vtkhdf")
 PLOT_SUFFIXES = (".png", ".svg")
 PLOT_KINDS = ("mesh", "quality", "convergence")
 
@@ -40,10 +41,7 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "u", metavar="U", nargs="?", help="u(x, y), e.g. 'tanh(20*(x-y))'; after -- if it begins with -"
     )
     parser.add_argument(
-        "--samples",
-        metavar="FILE",
-        type=Path,
-        help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf; for solve also zarr or h5",
+        "--samples", metavar="FILE", type=Path, help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf"
     )
     parser.add_argument(
         "--parameter",
@@ -124,7 +122,7 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
     schwarz.add_argument(
         "--line-correction",
         metavar="N",
-        type=_whole_or_auto,
+        type=whole_or_auto,
         help="corrections of all grid lines after every iteration, 0 to 10, or auto (auto: 3 for optimized, else 0)",
     )
     schwarz.add_argument(
@@ -148,8 +146,11 @@ def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_options(options: argparse.Namespace) -> None:
-    """Raises :class:`Refused` for options that contradict each other, before any work is done."""
+def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH_SUFFIXES) -> None:
+    """Raises :class:`Refused` for options that contradict each other, before any work is done.
+
+    ``suffixes`` are those of the file of the mesh.
+    """
     check_monitor(options)
     _check_target(options)
     _check_cells(options)
@@ -157,7 +158,7 @@ def check_options(options: argparse.Namespace) -> None:
     if given and options.subdomains is None:
         flags = ", ".join("--" + name.replace("_", "-") for name in given)
         raise Refused(f"{flags} is for the Schwarz iteration; add --subdomains, e.g. --subdomains 2x1")
-    for path, allowed in ((options.output, MESH_SUFFIXES), (options.plot, PLOT_SUFFIXES)):
+    for path, allowed in ((options.output, tuple(suffixes)), (options.plot, PLOT_SUFFIXES)):
         if path is None or (path is options.output and path.is_dir()):
             continue
         if not str(path).lower().endswith(allowed):
@@ -245,7 +246,8 @@ def _number_or(*words: str) -> Callable[[str], float | str]:
     return read
 
 
-def _whole_or_auto(text: str) -> int | Literal["auto"]:
+def whole_or_auto(text: str) -> int | Literal["auto"]:
+    """A whole number, or ``auto``."""
     try:
         return "auto" if text.lower() == "auto" else int(text)
     except ValueError:

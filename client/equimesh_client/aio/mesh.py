@@ -10,14 +10,16 @@ from equimesh_client.aio.coupled import AsyncCoupled
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.records.convergence import Convergence
+from equimesh_client.records.parts import Parts
 from equimesh_client.records.quality import Quality
 from equimesh_client.records.state import MeshState
-from equimesh_client.wire import flows, protocol
+from equimesh_client.wire import flows, part_downloads, protocol
 from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
 from equimesh_client.wire.outcome import raise_unless_succeeded
+from equimesh_client.wire.part_downloads import DEFAULT_FORMAT, PartArrays
 from equimesh_client.wire.pictures import Plot, plot_format
 from equimesh_client.wire.session import AsyncSession
 from equimesh_client.wire.stream import Event, StreamPosition
@@ -92,8 +94,10 @@ class AsyncMesh(AsyncCoupled, MeshState):
         deadline: float = DEADLINE_SECONDS,
     ) -> Path:
         """Write the mesh to ``path`` and return it; the format follows from the suffix. See :meth:`Mesh.download`."""
-        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         settings, limit = self._session.settings, Deadline.after(deadline)
+        if part_downloads.is_of_parts(path, format):
+            return await self._session.run(part_downloads.download(self.id, path, format, settings, limit))
+        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(await self._session.run(flows.fetch_file(call, settings, limit)), path)
         if format in (None, "foam") and Path(path).is_dir():
@@ -101,6 +105,26 @@ class AsyncMesh(AsyncCoupled, MeshState):
         with PartFile(path) as part:
             await self._session.run(flows.save(call, settings, limit, part))
         return Path(path)
+
+    async def parts(self, format: str = DEFAULT_FORMAT, *, deadline: float | None = None) -> Parts:
+        """The files of a mesh that a cluster has computed in parts. See :meth:`Mesh.parts`."""
+        settings = self._session.settings
+        return await self._session.run(part_downloads.manifest(self.id, format, settings, settings.deadline(deadline)))
+
+    async def part(self, number: int, *, deadline: float = DEADLINE_SECONDS) -> PartArrays:
+        """The arrays of one part of a mesh in parts; fetched each time."""
+        settings, limit = self._session.settings, Deadline.after(deadline)
+        return await self._session.run(part_downloads.arrays_of_part(self.id, number, settings, limit))
+
+    async def download_parts(
+        self, folder: str | Path, format: str = DEFAULT_FORMAT, *, deadline: float = DEADLINE_SECONDS
+    ) -> Path:
+        """Write all files of a mesh in parts into a folder, and return the path of the head.
+
+        See :meth:`Mesh.download_parts`.
+        """
+        settings, limit = self._session.settings, Deadline.after(deadline)
+        return await self._session.run(part_downloads.download_parts(self.id, folder, format, settings, limit))
 
     async def arrays(self, *, deadline: float = DEADLINE_SECONDS) -> MeshArrays:
         """All arrays of the mesh, fetched once: points, cells, boundary, x, y, u."""

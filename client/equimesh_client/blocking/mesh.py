@@ -10,15 +10,17 @@ from equimesh_client.blocking.coupled import Coupled
 from equimesh_client.errors import DeadlineExceeded
 from equimesh_client.progress_bar import Watch
 from equimesh_client.records.convergence import Convergence
+from equimesh_client.records.parts import Parts
 from equimesh_client.records.quality import Quality
 from equimesh_client.records.state import MeshState
 from equimesh_client.records.tables import Array, IntArray
-from equimesh_client.wire import flows, protocol
+from equimesh_client.wire import flows, part_downloads, protocol
 from equimesh_client.wire.archives import unpack_foam, unpack_xdmf
 from equimesh_client.wire.arrays import MeshArrays, arrays_of
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
 from equimesh_client.wire.downloads import PartFile
 from equimesh_client.wire.outcome import raise_unless_succeeded
+from equimesh_client.wire.part_downloads import DEFAULT_FORMAT, PartArrays
 from equimesh_client.wire.pictures import Plot, plot_format
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.stream import Event, StreamPosition
@@ -109,10 +111,13 @@ class Mesh(Coupled, MeshState):
         A complete file with the announced checksum is written, or none. An interrupted transfer continues where it
         ended, also in the next download to this name: until then the part stays next to the file, as
         ``.NAME.SHA256.part``. ``cells``, ``"quad"`` or ``"triangle"``, overrides the cells of the request.
-        ``partial`` also accepts the mesh of a failed solve, unless it is folded.
+        ``partial`` also accepts the mesh of a failed solve, unless it is folded. A mesh in parts is a ``.pvts``,
+        ``.pvtu`` or ``.vtkhdf`` file, the head; the files of its parts are written next to it.
         """
-        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         settings, limit = self._session.settings, Deadline.after(deadline)
+        if part_downloads.is_of_parts(path, format):
+            return self._session.run(part_downloads.download(self.id, path, format, settings, limit))
+        call = protocol.mesh_file(self.id, protocol.format_of(str(path), format), cells=cells, partial=partial)
         if format is None and Path(path).suffix.lower() == ".xdmf":
             return unpack_xdmf(self._session.run(flows.fetch_file(call, settings, limit)), path)
         if format in (None, "foam") and Path(path).is_dir():
@@ -120,6 +125,30 @@ class Mesh(Coupled, MeshState):
         with PartFile(path) as part:
             self._session.run(flows.save(call, settings, limit, part))
         return Path(path)
+
+    def parts(self, format: str = DEFAULT_FORMAT, *, deadline: float | None = None) -> Parts:
+        """The files of a mesh that a cluster has computed in parts: row ranges, names, sizes and checksums.
+
+        Raises :class:`NotFound` for a mesh that is whole.
+        """
+        settings = self._session.settings
+        return self._session.run(part_downloads.manifest(self.id, format, settings, settings.deadline(deadline)))
+
+    def part(self, number: int, *, deadline: float = DEADLINE_SECONDS) -> PartArrays:
+        """The arrays of one part of a mesh in parts; fetched each time."""
+        settings, limit = self._session.settings, Deadline.after(deadline)
+        return self._session.run(part_downloads.arrays_of_part(self.id, number, settings, limit))
+
+    def download_parts(
+        self, folder: str | Path, format: str = DEFAULT_FORMAT, *, deadline: float = DEADLINE_SECONDS
+    ) -> Path:
+        """Write all files of a mesh in parts into a folder, and return the path of the head, which opens them.
+
+        Every file is checked against its checksum. Files that are there already are not sent again, so a download that
+        was interrupted continues. Raises :class:`BadArgument` for a folder that does not exist.
+        """
+        settings, limit = self._session.settings, Deadline.after(deadline)
+        return self._session.run(part_downloads.download_parts(self.id, folder, format, settings, limit))
 
     def arrays(self, *, deadline: float = DEADLINE_SECONDS) -> MeshArrays:
         """All arrays of the mesh, fetched once."""

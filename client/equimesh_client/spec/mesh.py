@@ -61,6 +61,10 @@ class MeshOptions(TypedDict, total=False):
     """Whether a weaker monitor is accepted where the requested equations have no valid solution. Default: True.
     ``mesh.relaxed`` then reports it. With False such a mesh fails.
     """
+    parts: int | Literal["auto"] | None
+    """How many parts of a cluster the mesh is computed in; ``"auto"`` for as many as fit its workers. Default: None,
+    which takes parts only where the mesh is too large for one machine.
+    """
     label: str | None
     """Free text for the list of meshes. Default: None."""
     parameters: Mapping[str, float] | None
@@ -81,6 +85,7 @@ DEFAULTS: MeshOptions = {
     "boundary": "trace",
     "mode": "discretization",
     "allow_relaxed": True,
+    "parts": None,
     "label": None,
     "parameters": None,
     "t": None,
@@ -163,6 +168,8 @@ def mesh_spec(
         spec["mode"] = str(options["mode"])
     if not options["allow_relaxed"]:
         spec["allow_relaxed"] = False
+    if options["parts"] is not None:
+        spec["parts"] = options["parts"]
     if options["label"] is not None:
         spec["label"] = options["label"]
     return spec

@@ -25,6 +25,7 @@ SUFFIXES: Mapping[str, str] = {
     ".mesh": "medit",
     **{f".{name}": name for name in FORMATS},
 }
+PART_SUFFIXES: Mapping[str, str] = {".pvts": "pvts", ".pvtu": "pvtu", ".vtkhdf": "vtkhdf"}  # heads of meshes in parts
 PLOTS: Mapping[str, str] = {"svg": "image/svg+xml", "png": "image/png"}
 
 
@@ -136,6 +137,17 @@ def mesh_file(mesh_id: str, format: str, *, cells: str | None = None, partial: b
     # not compressed by a proxy: parts of a compressed file cannot be joined
     headers = {"Accept": "*/*", "Accept-Encoding": "identity"}
     return Call(method="GET", path=_mesh(mesh_id, "file"), query=query, headers=headers)
+
+
+def parts_manifest(mesh_id: str, format: str) -> Call:
+    """The list of the files of a mesh in parts."""
+    return _get(_mesh(mesh_id, "parts"), query={"format": format})
+
+
+def part_file(mesh_id: str, number: int, format: str) -> Call:
+    """The file of a part of a mesh."""
+    headers = {"Accept": "*/*", "Accept-Encoding": "identity"}
+    return Call(method="GET", path=_mesh(mesh_id, f"parts/{number}"), query={"format": format}, headers=headers)
 
 
 def mesh_part(mesh_id: str, part: str, **query: str) -> Call:

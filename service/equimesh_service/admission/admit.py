@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.limits import Limits
+from equimesh_service.admission import in_parts
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
@@ -38,6 +39,8 @@ from equimesh_service.telemetry import log_context
 _MAX_WORK_SECONDS = 60.0
 # The most monitors that are remembered as valid on their domains.
 _MAX_REMEMBERED = 1000
+# Bytes of a point in the files of a mesh in parts: x, y, z and u.
+BYTES_OF_POINT = 32
 _VERSION = version("equimesh")
 Result = TypeVar("Result")
 
@@ -51,6 +54,17 @@ class Admitted:
     digest: str  # equal for specs of the same points
     built: BuiltSpec | None = None  # the problem of a spec that was checked in this process
     upload: NewSamples | None = None  # samples that are not stored yet
+
+    @property
+    def is_in_parts(self) -> bool:
+        """Whether a cluster computes the mesh, in parts."""
+        return self.spec["parts"] is not None
+
+    @property
+    def expected_bytes(self) -> int:
+        """The bytes of the files of a mesh in parts, about; 0 for others, whose files are small."""
+        grid = self.spec["grid"]
+        return BYTES_OF_POINT * grid["n_xi"] * grid["n_eta"] if self.is_in_parts else 0
 
     @property
     def points_fingerprint(self) -> str:
@@ -99,7 +113,8 @@ class Admission:
             raise repointed(problem, partial(sent_pointer, document)) from None
 
     def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller) -> Admitted:
-        spec, files = short.spec, short.files
+        spec, files = in_parts.assign(short.spec, self.settings), short.files
+        short = replace(short, spec=spec)
         self._check_limits(spec)
         place = _find_upload_place(spec, upload)
         check_schwarz(spec.canonical)
@@ -243,7 +258,7 @@ class Admission:
         if spec.grid is None:
             self._check_target(checked)
         else:
-            self._check_grid(spec.grid)
+            self._check_grid(spec.grid, whole=checked.canonical["parts"] is None)
         self._limits.check(checked.sources)
         if spec.schwarz is not None and spec.grid is not None:
             self._check_schwarz(spec.schwarz, spec.grid)
@@ -253,16 +268,17 @@ class Admission:
         if asked > most:
             raise problem_at("/target/max_points", f"a mesh of this service has at most {most} points")
 
-    def _check_grid(self, grid: GridSpec) -> None:
-        most = self.settings
+    def _check_grid(self, grid: GridSpec, *, whole: bool) -> None:
+        most = self.settings.max_points if whole else self.settings.max_cluster_points
+        more = "" if self.settings.has_cluster else "; a service with a cluster (EQUIMESH_ENGINE=dask) takes more"
         # One direction at a time first: then the message names the direction that is far too large.
         for name, points in (("n_xi", grid.n_xi), ("n_eta", grid.n_eta)):
-            if points > most.max_points // 4:
-                message = f"too many points: a mesh of this service has at most {most.max_points} in all"
+            if points > most // 4:
+                message = f"too many points: a mesh of this service has at most {most} in all{more}"
                 raise problem_at(f"/grid/{name}", message)
         points = grid.n_xi * grid.n_eta
-        if grid.n_xi > 0 and points > most.max_points:
-            message = f"{points} points; a mesh of this service has at most {most.max_points}: lower n_xi or n_eta"
+        if grid.n_xi > 0 and points > most:
+            message = f"{points} points; a mesh of this service has at most {most}: lower n_xi or n_eta{more}"
             raise problem_at("/grid", message)
 
     def _check_schwarz(self, schwarz: SchwarzSpec, grid: GridSpec) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
-from equimesh.io.formats import FORMATS
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.formats import check_format
 from equimesh_service.admission.quotas import Quotas, quota_problem
 from equimesh_service.dispatch.dispatcher import Dispatcher
 from equimesh_service.dispatch.wakeups import Wakeups
@@ -29,12 +29,6 @@ from equimesh_service.telemetry import log_context, stopwatch, tracing
 MAX_LINE_SECONDS = 1.0
 # A draft that takes longer is entered into the store, where it can be listed, canceled and retried.
 MAX_DRAFT_SECONDS = 0.05
-
-
-def check_cells(format: str, cells: str) -> None:
-    """Raises a 406 problem for a mesh format that does not hold these cells."""
-    if cells not in FORMATS[format].cells:
-        raise Problem("not-acceptable", f"A {format} file holds no {cells}s. Request cells=quad or another format.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +71,7 @@ class Intake:
         Raises 406, 409, 422 and 429 problems.
         """
         if request.format is not None:
-            check_cells(request.format, admitted.spec["cells"])
+            check_format(request.format, admitted.spec)
         key, step, seconds = request.key, request.step, request.seconds
         new = _new_mesh(admitted, caller, request.format)
         if step is not None:
@@ -98,7 +92,7 @@ class Intake:
             reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, MAX_LINE_SECONDS))
         stopwatch.lap("store")
         lease = self.dispatcher.lease if reserved else None
-        if lease is not None and step is None and admitted.built is not None:
+        if lease is not None and step is None and admitted.built is not None and not admitted.is_in_parts:
             draft = Draft(new=new, built=admitted.built, samples=admitted.upload, key=key, fingerprint=fingerprint)
             accepted = await self._begin_draft(draft, admitted, caller)
             if accepted is None:  # its worker was lost

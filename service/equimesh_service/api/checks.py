@@ -19,6 +19,7 @@ from equimesh_service.spec.mesh import MODE_USES, read_expression_check
 from equimesh_service.spec.step import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUTRUNS, TRANSFERS
 from equimesh_service.wire import body as bodies
 from equimesh_service.worker.names import PICTURES, PLOTS
+from equimesh_service.worker.part_formats import PART_FORMATS
 
 router = APIRouter(prefix="/v1", tags=["checks"])
 
@@ -60,6 +61,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
     return {
         "version": version("equimesh"),
         "formats": [asdict(form) for form in FORMATS.values()],
+        "part_formats": [asdict(form) for form in PART_FORMATS.values()],
         "cells": list(CELLS),
         "plots": {"kinds": list(PLOTS), "formats": dict(PICTURES)},
         "samples": {
@@ -87,6 +89,7 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
         "expressions": {"names": ["x", "y", "t", "pi", "e"], "functions": dict(FUNCTIONS), "limits": asdict(LIMITS)},
         "limits": {
             "max_points": settings.max_points,
+            "max_cluster_points": settings.max_cluster_points if settings.has_cluster else 0,
             "max_body": settings.max_body,
             "max_samples": settings.max_samples,
             "max_subdomains": settings.max_subdomains,

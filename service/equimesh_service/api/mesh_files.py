@@ -7,17 +7,20 @@ from fastapi import Request
 from starlette.responses import Response
 
 from equimesh.io.write import FORMATS
-from equimesh_service.admission.intake import check_cells
+from equimesh_service.admission.formats import check_head, check_whole
 from equimesh_service.files.port import StoredFile
 from equimesh_service.problems.problem import Complaint, Problem
-from equimesh_service.problems.sentences import did_you_mean
 from equimesh_service.service import Service
 from equimesh_service.store.rows import CANCELED, FAILED, SUCCEEDED, Artifact, MeshRow
 from equimesh_service.wire.sending import send_file
-from equimesh_service.worker.names import file_name
+from equimesh_service.worker.names import file_name, head_name
+from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
 
-# The media types of the mesh formats, by their names.
-MEDIA_TYPES = {name: form.media_type for name, form in FORMATS.items()}
+# The media types of the formats of whole meshes, by their names.
+WHOLE_TYPES = {name: form.media_type for name, form in FORMATS.items()}
+# Those of the heads of meshes in parts.
+HEAD_TYPES = {name: PART_FORMATS[name].head_media_type for name in HEADED}
+MEDIA_TYPES = {**WHOLE_TYPES, **HEAD_TYPES}
 # The documentation of answers that are mesh files.
 MESH_CONTENT: dict[str, Any] = {media_type: {} for media_type in MEDIA_TYPES.values()}
 
@@ -32,8 +35,17 @@ async def mesh_file(
     headers: Mapping[str, str] | None = None,
     status: int = 200,
 ) -> Response:
-    """The file of a finished mesh; raises a 406 problem for cells that the format does not hold."""
-    check_cells(format, cells)
+    """The file of a finished mesh, the head of one in parts; raises a 406 problem for a format that it has not."""
+    parts = parts_of(row)
+    if parts is not None:
+        check_head(format, cells)
+        artifact = await service.artifact(row.id, head_name(format))
+        form, file = PART_FORMATS[format], StoredFile(artifact.sha256, artifact.size)
+        name = form.head_name(parts["name"])
+        return await send_file(
+            request, service.files, file, form.head_media_type, filename=name, headers=headers, status=status
+        )
+    check_whole(format, cells)
     artifact = await service.artifact(row.id, file_name(format, cells))
     return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
 
@@ -65,12 +77,10 @@ async def mesh_bytes(
     )
 
 
-def mesh_format(name: str) -> str:
-    """The name of a mesh format, checked; raises a 406 problem."""
-    if name not in FORMATS:
-        near = did_you_mean(name, FORMATS) or "."
-        raise Problem("not-acceptable", f"{name[:40]!r} is not a mesh format; there are {', '.join(FORMATS)}{near}")
-    return name
+def parts_of(row: MeshRow) -> dict[str, Any] | None:
+    """What the result of a mesh in parts says of them; None for a mesh that is whole, or not finished."""
+    found: dict[str, Any] | None = (row.result or {}).get("parts")
+    return found
 
 
 def check_done(row: MeshRow, *, partial: bool, headers: Mapping[str, str] | None = None) -> None:

@@ -14,13 +14,14 @@ from equimesh_service.service import Service
 from equimesh_service.telemetry import stopwatch
 from equimesh_service.wire import body as bodies
 from equimesh_service.wire.negotiation import MAX_PREFER, PREFER_PATTERN
+from equimesh_service.worker.part_formats import HEADED
 
 # Parameters of requests that may wait for a mesh.
 Format = Annotated[
     str | None,
     Query(
         description="Answer with the mesh file in this format, when it finishes in time.",
-        json_schema_extra={"enum": [*FORMATS]},
+        json_schema_extra={"enum": [*FORMATS, *HEADED]},
     ),
 ]
 Prefer = Annotated[
@@ -173,6 +174,8 @@ async def receive_mesh(request: Request, service: Service, caller: Caller) -> Ad
     # Before the samples are stored.
     await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
     admitted = await service.check(service.admission.receive, document, upload, caller)
+    if admitted.is_in_parts:
+        await service.quotas.check_bytes(caller, admitted.expected_bytes)
     if upload is not None:
         service.metrics.count_upload()
     stopwatch.lap("check")

@@ -44,7 +44,7 @@ class Progress(BaseModel):
 
     model_config = ConfigDict(extra="allow")
 
-    stage: str = Field(description="queued, least_error, start, single_domain, schwarz, writing, done.")
+    stage: str = Field(description="queued, least_error, start, single_domain, schwarz, parts, writing, done.")
     iteration: int | None = Field(None, description="Step of descent, Newton step, or Schwarz iteration.")
     residual: float | None = Field(None, description="Relative to the mean flux; null for a descent.")
     fraction: float = Field(0.0, description="Estimated part of the work that is done, 0 to 1.")
@@ -173,6 +173,15 @@ class GridSize(BaseModel):
     n_eta: int
 
 
+class PartsSummary(BaseModel):
+    """A mesh in parts: how many there are, and what they have sent each other."""
+
+    count: int = Field(description="Its parts; GET …/parts lists them.")
+    bytes: int = Field(description="Bytes that the parts have sent each other.")
+    messages: int = Field(description="Messages of the part that has sent most.")
+    attempts: int = Field(description="How often the parts have begun, as workers were lost.")
+
+
 class MeshResource(BaseModel):
     """A mesh: its status and, when it is finished, its quality and the links to its files."""
 
@@ -195,6 +204,9 @@ class MeshResource(BaseModel):
     error: ProblemDetails | None = Field(description="Why it failed.")
     partial: bool = Field(description="Whether the mesh of a failed solve downloads with ?partial=true.")
     reused_from: str | None = Field(description="The earlier mesh whose points and files these are; null if computed.")
+    parts: PartsSummary | None = Field(
+        None, description="Of a finished mesh that a cluster has computed in parts; null for one that is whole."
+    )
     links: dict[str, str]
 
 
@@ -297,7 +309,8 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
     """The mesh as clients see it; ``root`` is the start of all addresses."""
     here = f"{root}/v1/meshes/{row.id}"
     result = row.result or {}
-    parts = ("events", "cancel", "file", "quality", "convergence", "plot", "spec")
+    parts = result.get("parts")
+    places = ("events", "cancel", "file", "quality", "convergence", "plot", "spec", *(("parts",) if parts else ()))
     started = row.started_at
     n_xi, n_eta = result.get("grid") or (row.n_xi, row.n_eta)
     return MeshResource(
@@ -322,7 +335,8 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
         error=None if row.error is None else ProblemDetails(**row.error),
         partial=row.partial,
         reused_from=row.reused_from,
-        links={"self": here, **{part: f"{here}/{part}" for part in parts}},
+        parts=None if parts is None else PartsSummary(count=len(parts["rows"]), **parts["traffic"]),
+        links={"self": here, **{place: f"{here}/{place}" for place in places}},
     )
 
 

@@ -8,14 +8,24 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from equimesh.io.write import FORMATS
-from equimesh_service.api.mesh_files import MEDIA_TYPES, MESH_CONTENT, check_done, mesh_file, mesh_format, send_artifact
+from equimesh_service.admission.formats import known_format
+from equimesh_service.api.mesh_files import (
+    HEAD_TYPES,
+    MESH_CONTENT,
+    WHOLE_TYPES,
+    check_done,
+    mesh_file,
+    parts_of,
+    send_artifact,
+)
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
-from equimesh_service.store.rows import Artifact
+from equimesh_service.store.rows import Artifact, MeshRow
 from equimesh_service.wire.negotiation import choose_offer
 from equimesh_service.worker.convergence import NO_ITERATIONS, ConvergenceHistory, table
 from equimesh_service.worker.names import ARRAYS, CONVERGENCE, PICTURES, plot_name
+from equimesh_service.worker.part_formats import HEADED, WRITTEN
 
 router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"], responses=KEY_PROBLEMS)
 
@@ -31,8 +41,9 @@ _FILES: dict[int | str, dict[str, Any]] = {
     **problems(404, 410, 406, 409, 412, 416, 422, 503, 507),
 }
 _FORMAT = Query(
-    description=f"One of {', '.join(FORMATS)}; it takes precedence over Accept. Default vtu.",
-    json_schema_extra={"enum": [*FORMATS]},
+    description=f"One of {', '.join(FORMATS)}, by default vtu; of a mesh in parts one of {', '.join(HEADED)}, "
+    f"by default {WRITTEN}. It takes precedence over Accept.",
+    json_schema_extra={"enum": [*FORMATS, *HEADED]},
 )
 _CELLS = Query(description="Cells of the file; by default those of the spec.")
 _PARTIAL = Query(description="Also the last valid mesh of a solve that failed.")
@@ -48,9 +59,12 @@ async def get_file(
     cells: Annotated[Literal["quad", "triangle"] | None, _CELLS] = None,
     partial: Annotated[bool, _PARTIAL] = False,
 ) -> Response:
-    """The mesh in a format that a solver reads; written on the first request, then stored."""
+    """The mesh in a format that a solver reads; written on the first request, then stored.
+
+    Of a mesh in parts it is the head, which names the files of the parts; see `/parts`.
+    """
     row = await service.mesh(id, caller)
-    name = mesh_format(format) if format is not None else _choose_format(request)
+    name = known_format(format) if format is not None else _choose_format(request, row)
     check_done(row, partial=partial)
     return await mesh_file(request, service, row, name, cells or row.cells)
 
@@ -86,6 +100,7 @@ async def get_quality(
         check_done(row, partial=False)
         raise Problem("not-found", "There is no mesh with this id.")
     if arrays:
+        _check_whole(row, "quality of each cell")
         return await send_artifact(request, service, await service.artifact(id, ARRAYS), "application/json")
     return JSONResponse(quality)
 
@@ -150,15 +165,23 @@ async def get_plot(
     row = await service.mesh(id, caller)
     if row.result is None or (kind != "convergence" and row.result.get("quality") is None):
         check_done(row, partial=False)
+    _check_whole(row, "picture")
     artifact = await service.artifact(id, plot_name(kind, name))
     return await send_artifact(request, service, artifact, PICTURES[name])
 
 
-def _choose_format(request: Request) -> str:
-    name = choose_offer(request.headers.get("accept"), MEDIA_TYPES)
+def _choose_format(request: Request, row: MeshRow) -> str:
+    offers = WHOLE_TYPES if parts_of(row) is None else HEAD_TYPES
+    name = choose_offer(request.headers.get("accept"), offers)
     if name is None:
-        raise Problem("not-acceptable", f"Meshes are {', '.join(MEDIA_TYPES.values())}.")
+        raise Problem("not-acceptable", f"This mesh is {', '.join(offers.values())}.")
     return name
+
+
+def _check_whole(row: MeshRow, what: str) -> None:
+    """Raise a 406 problem for what there is of whole meshes only."""
+    if parts_of(row) is not None:
+        raise Problem("not-acceptable", f"There is no {what} of a mesh in parts. See its parts and its quality.")
 
 
 def _csv(service: Service, artifact: Artifact) -> str:

@@ -12,8 +12,9 @@ from pydantic import BaseModel
 from starlette.responses import Response
 
 from equimesh_service.admission.callers import Caller
+from equimesh_service.admission.formats import known_format
 from equimesh_service.admission.intake import AcceptedMesh
-from equimesh_service.api.mesh_files import MEDIA_TYPES, check_done, mesh_bytes, mesh_file, mesh_format
+from equimesh_service.api.mesh_files import MEDIA_TYPES, check_done, mesh_bytes, mesh_file
 from equimesh_service.service import Service
 from equimesh_service.store.rows import MeshRow
 from equimesh_service.telemetry import stopwatch
@@ -35,7 +36,7 @@ class Waiting:
     @classmethod
     def of(cls, request: Request, service: Service, format: str | None, prefer: str | None) -> Waiting:
         """Read ?format=, Accept and Prefer; raises a 406 problem."""
-        name = mesh_format(format) if format is not None else None
+        name = known_format(format) if format is not None else None
         wanted = parse_wait(prefer)
         return cls(
             name or choose_explicit_offer(request.headers.get("accept"), MEDIA_TYPES),

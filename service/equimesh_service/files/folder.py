@@ -51,6 +51,13 @@ class FolderFiles:
         os.replace(path, target)
         _sync_folder(target.parent)
 
+    def holds(self, file: StoredFile) -> bool:
+        """Whether the file is there, with all its bytes."""
+        try:
+            return self.path(file.sha256).stat().st_size == file.size
+        except FileNotFoundError:
+            return False
+
     @contextmanager
     def local(self, sha256: str) -> Iterator[Path]:
         """The file itself."""

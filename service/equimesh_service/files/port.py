@@ -82,6 +82,10 @@ class Files(Protocol):
         """
         ...
 
+    def holds(self, file: StoredFile) -> bool:
+        """Whether a published file is there, with all its bytes; its content is not read."""
+        ...
+
     def local(self, sha256: str) -> AbstractContextManager[Path]:
         """A local path of the file, for the length of a ``with``; the file must not be changed."""
         ...

@@ -91,17 +91,19 @@ class S3Files:
 
     def publish(self, path: Path, file: StoredFile, removed: Removed) -> None:
         """Do nothing, as the file is uploaded; if the same content may have been removed, check, and upload again."""
+        if removed(file.sha256) and not self.holds(file):
+            self._upload(path, file)
+
+    def holds(self, file: StoredFile) -> bool:
+        """Whether the object is there, with all its bytes."""
         import obstore
 
-        if not removed(file.sha256):
-            return
         try:
             with self._translate_errors():
-                size = obstore.head(self._store, key_of(file.sha256))["size"]
+                size: int = obstore.head(self._store, key_of(file.sha256))["size"]
         except FileNotFoundError:
-            size = -1
-        if size != file.size:
-            self._upload(path, file)
+            return False
+        return size == file.size
 
     @contextmanager
     def local(self, sha256: str) -> Iterator[Path]:

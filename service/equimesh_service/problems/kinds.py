@@ -96,6 +96,12 @@ KINDS: Mapping[str, Kind] = {
             "Request fewer points or more subdomains, or raise EQUIMESH_MEMORY_LIMIT.",
         ),
         Kind(
+            "cluster-refused",
+            409,
+            "Refused by the cluster",
+            "Follow the detail: request fewer points or other parts, or give the cluster more workers or memory.",
+        ),
+        Kind(
             "worker-lost",
             409,
             "Workers lost",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat
 
@@ -25,8 +25,10 @@ from equimesh_service.spec.monitors import (
 )
 from equimesh_service.spec.schwarz import SchwarzSpec
 from equimesh_service.spec.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
-from equimesh_service.spec.strict import Parameters, Strict, validate
+from equimesh_service.spec.strict import Parameters, Strict, either, validate
 
+# The most parts that a spec may ask for; how many a grid can have is checked by the solver.
+MAX_PARTS = 4096
 MODE_USES = {
     "discretization": "Meshes to compute on: iterates until the error of the solution on the grid is small beside that "
     "of the grid itself.",
@@ -79,6 +81,14 @@ class MeshSpec(Strict):
     label: str | None = Field(
         None, max_length=200, pattern=WITHOUT_NUL, description="Free text, for the list of meshes."
     )
+    parts: Annotated[
+        Literal["auto"] | Annotated[int, Field(ge=1, le=MAX_PARTS)] | None,
+        either(f"a whole number from 1 to {MAX_PARTS}, 'auto' or null"),
+    ] = Field(
+        None,
+        description="How many parts of a cluster the mesh is computed in; auto: as many as fit its workers. null: one "
+        "machine computes it, or where it is too large for that, a cluster in parts.",
+    )
 
 
 @dataclass(frozen=True)
@@ -130,10 +140,21 @@ class CheckedSpec:
 
     @cached_property
     def points_digest(self) -> str:
-        """Equal for specs of the same points, which depend on the cells only where the error is measured on them."""
+        """Equal for specs of the same points, which depend on the cells only where the error is measured on them.
+
+        Meshes in different parts have the same points in different files, so their digests differ.
+        """
         measured = isinstance(self.spec.monitor, AutoSpec | LeastErrorSpec)
-        other = ("label",) if measured else ("label", "cells")
+        other = ["label"] if measured else ["label", "cells"]
+        if self.canonical["parts"] is None:  # as in releases without parts
+            other.append("parts")
         return _digest({key: value for key, value in self.canonical.items() if key not in other})
+
+    def in_parts(self) -> CheckedSpec:
+        """The spec of a mesh that a cluster computes in parts; their number is automatic where it has none."""
+        if self.canonical["parts"] is not None:
+            return self
+        return replace(self, canonical={**self.canonical, "parts": "auto"})
 
     def with_limit(self, max_points: int) -> CheckedSpec:
         """The spec whose target, if it has one, says how many points its grid may have on this service."""

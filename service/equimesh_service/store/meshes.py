@@ -225,6 +225,13 @@ class MeshesStore:
             row = connection.execute(query).first()
         return None if row is None else Artifact(*row)
 
+    def artifacts(self, mesh_id: str) -> dict[str, Artifact]:
+        """All files of a mesh, by their names."""
+        columns = (artifacts.c.name, artifacts.c.sha256, artifacts.c.size)
+        with self._read() as connection:
+            rows = connection.execute(select(*columns).where(artifacts.c.mesh_id == mesh_id)).all()
+        return {row.name: Artifact(*row) for row in rows}
+
     def add_artifact(self, mesh_id: str, file: Artifact, publish: Publish = publish_nothing) -> bool:
         """Give a finished mesh one more file; False when the mesh is gone."""
         with self._write() as connection:

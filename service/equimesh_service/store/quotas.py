@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, func, select
+from sqlalchemy import BigInteger, Connection, cast, func, select
 
 from equimesh_service.errors import QuotaError
 from equimesh_service.store.database import Database, lock
@@ -32,7 +32,8 @@ def take(connection: Connection, key_id: str, points: int, quota: Quota) -> None
 def _check(connection: Connection, key_id: str, points: int, quota: Quota) -> None:
     # `coalesce` keeps the query from the index of all meshes of the key, most of which are finished.
     mine = func.coalesce(meshes.c.key_id, "") == key_id
-    total = func.coalesce(func.sum(meshes.c.n_xi * meshes.c.n_eta), 0)
+    # With 64 bits: a mesh on a cluster may have more points than 32 bits count.
+    total = func.coalesce(func.sum(cast(meshes.c.n_xi, BigInteger) * meshes.c.n_eta), 0)
     query = select(func.count(), total).where(meshes.c.status.in_((QUEUED, RUNNING)), mine)
     number, used = connection.execute(query).one()
     if quota.queued and number >= quota.queued:

@@ -19,7 +19,9 @@ from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.worker.convergence import NO_ITERATIONS
 from equimesh_service.worker.job import Export
-from equimesh_service.worker.names import CONVERGENCE, MESH
+from equimesh_service.worker.names import CONVERGENCE, MESH, part_name
+from equimesh_service.worker.part_files import PartsLayout, convert_part_file, write_head_file
+from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
 from equimesh_service.worker.solve import open_store, samples_of
 
 
@@ -47,6 +49,10 @@ def _suffix(name: str) -> str:
             return FORMATS[format].suffix
         case ["plot", _, format]:
             return f".{format}"
+        case ["part", format, _]:
+            return PART_FORMATS[format].suffix
+        case ["head", format]:
+            return PART_FORMATS[format].head_suffix
         case _:
             return ".json"
 
@@ -59,6 +65,11 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
         case ["file", format, requested]:
             cells = next(known for known in CELLS if known == requested)
             write_mesh(path, load_npz(source(MESH)), format=format, cells=cells)
+        case ["head", format]:
+            write_head_file(path, _layout(task, store), format)
+        case ["part", format, number]:
+            stored = source(part_name(WRITTEN, int(number)))
+            convert_part_file(stored, path, _layout(task, store), int(number), format)
         case ["plot", "convergence", _]:
             from equimesh.plot.convergence import draw_convergence
 
@@ -86,6 +97,13 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
 def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:
     schwarz = build_schwarz(store.meshes.spec(task.mesh_id))
     return None if schwarz is None else schwarz.decompose(grid)
+
+
+def _layout(task: Export, store: Store) -> PartsLayout:
+    row = store.meshes.get(task.mesh_id)
+    if row is None or row.result is None or "parts" not in row.result:
+        raise Problem("not-found", "The mesh is gone.")
+    return PartsLayout.of(row.result["parts"], equimesh.Grid(n_xi=row.n_xi, n_eta=row.n_eta))
 
 
 def _artifact(task: Export, name: str, store: Store) -> Artifact:

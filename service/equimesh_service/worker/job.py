@@ -26,12 +26,13 @@ class Storage:
 
 @dataclass(frozen=True)
 class Job:
-    """One attempt at a mesh, on a number of threads."""
+    """One attempt at a mesh, on a number of threads; a mesh in parts is computed on the cluster of ``scheduler``."""
 
     storage: Storage
     claim: Claim
     threads: int = 1
     mesh_input: MeshInput | None = None  # None: the worker reads it from the store
+    scheduler: str = ""
 
 
 @dataclass(frozen=True)

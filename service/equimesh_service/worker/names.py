@@ -20,3 +20,13 @@ def file_name(format: str, cells: str) -> str:
 def plot_name(kind: str, format: str) -> str:
     """The name of the artifact of a picture."""
     return f"plot:{kind}:{format}"
+
+
+def head_name(format: str) -> str:
+    """The name of the artifact of the head of a mesh in parts, which names the files of its parts."""
+    return f"head:{format}"
+
+
+def part_name(format: str, number: int) -> str:
+    """The name of the artifact of a part, whose numbers are 0, 1, 2, …."""
+    return f"part:{format}:{number}"

@@ -1,20 +1,27 @@
 """The progress of a solve: some of the events of the solver, reported to the store."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from equimesh import Descent, Event, Grid, Iteration, Schwarz
 from equimesh.inputs import finite_or_none
 from equimesh_service.errors import AttemptLostError
+
+if TYPE_CHECKING:
+    from equimesh.cluster import Progress
+
 
 # The stages of a solve. A single domain is solved in one; before a Schwarz iteration there is the start.
 SINGLE_DOMAIN = "single_domain"
 START = "start"
 SCHWARZ = "schwarz"
 LEAST_ERROR = "least_error"
+PARTS = "parts"
 # The files are being written.
 WRITING = "writing"
 # The share of the start of a Schwarz iteration in the whole work.
@@ -25,6 +32,8 @@ _SOLVE_SHARE = 0.95
 _GRID_SHARES = (0.0, 0.1, 0.8, 0.9, 1.0)
 # The usual number of Newton steps on a grid.
 _USUAL_NEWTON_STEPS = 8.0
+# The usual number of sweeps on a grid that is solved in parts.
+_USUAL_SWEEPS = 6.0
 # The error of a nested start is a few times the error of the grid, and the iteration ends at a fifth of that error.
 _START_ERROR_RATIO = 20.0
 
@@ -82,6 +91,15 @@ class Reporter:
         )
         stage = SINGLE_DOMAIN if self.schwarz is None else START
         self.report(stage, event.step, event.residual, place)
+
+    def part(self, event: Progress) -> None:
+        """Report a sweep of a mesh in parts; the coarse grids are solved in one part."""
+        # A level has four times the points of the one before, and so its share of the work.
+        done = 0.25 ** (event.levels - 1 - event.level) * (0.25 + 0.75 * min(event.step / _USUAL_SWEEPS, 1.0))
+        self._fraction = max(self._fraction, self._solve_fraction(done))
+        grid = [event.grid.n_xi, event.grid.n_eta]
+        place = {"level": event.level, "levels": event.levels, "grid": grid, "parts": event.parts}
+        self.report(PARTS, event.step, event.residual, place)
 
     def report(
         self,

@@ -27,6 +27,7 @@ from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.telemetry.stopwatch import Stopwatch
 from equimesh_service.worker.attempt import attempt, log_context_of
+from equimesh_service.worker.in_parts import solve_in_parts
 from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
@@ -147,6 +148,8 @@ def _solve(job: Job) -> Ending | Repeated | None:
     store, files = open_store(job.storage), job.storage.files()
     work = _build(job, store, files)
     stopwatch.lap("build")
+    if work.spec.parts is not None:
+        return solve_in_parts(job, work.spec, store, work.mesh_input.format)
     presence = _Presence(store, job.claim, work.mesh_input.draft is None)
     reporter = Reporter(work.spec.schwarz, presence.report)
     with tracing.span("solve"):

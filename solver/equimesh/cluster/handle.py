@@ -14,7 +14,7 @@ from distributed import Client
 from equimesh.cluster.arrays import array_of, own_u, own_x, own_y
 from equimesh.cluster.errors import ClusterError, WorkersLostError
 from equimesh.cluster.files import write_parts
-from equimesh.cluster.run import PartsRun
+from equimesh.cluster.run import PartsRun, run_at
 from equimesh.cluster.summary import Summary, summary_of, traffic_of
 from equimesh.equations.problem import Problem
 from equimesh.meshes.grid import Grid
@@ -59,6 +59,16 @@ class Handle:
     def status(self) -> Status:
         """How the solve ended."""
         return self._whole.status
+
+    @property
+    def newton_steps(self) -> int:
+        """The number of sweeps on the requested grid."""
+        return self._whole.newton_steps
+
+    @property
+    def residual(self) -> float:
+        """The largest relative deviation of a squared metric length from the mean of its line, at the end."""
+        return self._whole.residual
 
     @property
     def note(self) -> str:
@@ -127,6 +137,16 @@ class Handle:
         names = () if self.problem.monitor.u is None else ("u",)
         places = self.grid, self.cuts, self.workers
         return write_parts(self._client, self._run.futures, places, path, names, format)
+
+    def each(self, function: Callable[..., Any], *arguments: Any) -> list[Any]:
+        """The results of ``function(channel, part, *arguments)``, called for every part on the worker that holds it.
+
+        ``part`` is a :class:`~equimesh.parts.part_solution.PartSolution`; the results should be small. Raises what the
+        function raises.
+        """
+        self._require_parts()
+        run = run_at(self._client, function, lambda k, _: (self._run.futures[k], *arguments), self.workers)
+        return list(self._client.gather(list(run.futures)))
 
     def close(self) -> None:
         """Remove all parts from the workers. Dask arrays of them cannot be computed after that."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Final, Literal, TypeAlias, Unpack
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.boundary import Boundary
@@ -26,11 +26,15 @@ from equimesh.solving.options import Initial, SolveArguments
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve
 from equimesh.solving.target import NO_U, Target, solve_to
-from equimesh.specs.document import Reader, Record, as_given, flag, optional, text
+from equimesh.specs.document import Reader, Record, as_given, either, flag, optional, text, whole
 from equimesh.specs.domains import DOMAIN, GRID
 from equimesh.specs.monitors import build_monitor
 from equimesh.specs.schwarz import SCHWARZ, TARGET, build_schwarz
 from equimesh.specs.sources import FindSamples, no_samples, samples_in
+
+AUTOMATIC_PARTS: Final = "auto"
+NumberOfParts: TypeAlias = int | Literal["auto"] | None
+"""How many parts of a cluster a mesh is solved in; ``"auto"``: as many as fit its workers, None: not in parts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +42,8 @@ class BuiltSpec:
     """The contents of a document: the arguments of :func:`equimesh.solve`, and the ``cells`` of the file.
 
     ``schwarz`` is None for a single domain. ``target`` is None where the document has a grid; otherwise it goes to
-    :func:`equimesh.solve_to`, and ``problem`` has the first grid. ``label`` is free text of the sender.
+    :func:`equimesh.solve_to`, and ``problem`` has the first grid. ``label`` is free text of the sender. ``parts`` is
+    the number of parts on a cluster, ``"auto"`` or None; the points do not depend on it.
     """
 
     problem: Problem
@@ -49,6 +54,7 @@ class BuiltSpec:
     allow_relaxed: bool
     cells: Cells
     label: str | None
+    parts: NumberOfParts = None
 
     def solve(
         self,
@@ -109,6 +115,7 @@ def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -
         allow_relaxed=parts.allow_relaxed,
         cells=parts.cells,
         label=parts.label,
+        parts=parts.parts,
     )
 
 
@@ -150,6 +157,7 @@ class _Parts:
     allow_relaxed: bool = True
     cells: Cells = "quad"
     label: str | None = None
+    parts: NumberOfParts = None
 
 
 def _word_of(kind: type[StrEnum]) -> Reader:
@@ -161,6 +169,13 @@ def _cells(value: object, path: str) -> Cells:
         if value == known:
             return known
     raise InputError(f"{path} = {value!r}: choose one of {', '.join(CELLS)}", field=path)
+
+
+def _number_of_parts(value: object, path: str) -> NumberOfParts:
+    number = either(AUTOMATIC_PARTS, whole)(value, path)
+    if number != AUTOMATIC_PARTS and number < 1:
+        raise InputError(f"{path} = {number}: at least one part is needed", field=path)
+    return number  # type: ignore[no-any-return]
 
 
 _PARTS = Record(
@@ -177,5 +192,6 @@ _PARTS = Record(
         "allow_relaxed": flag,
         "cells": _cells,
         "label": optional(text),
+        "parts": optional(_number_of_parts),
     },
 )

@@ -154,6 +154,21 @@ def test_no_two_at_once_slip_past(database_url: str) -> None:
         assert set(own) - {f"m-{number}" for number in range(40)} == {"key_max_points"}
 
 
+def test_points_are_counted_in_64_bits(database_url: str) -> None:
+    store = Store(database_url)
+    store.prepare()
+    huge = {**SPEC, "grid": {"n_xi": 50_000, "n_eta": 50_000}}  # 2.5e9 points, more than 32 bits count
+    quota = Quota(queued=0, points=6_000_000_000)
+    try:
+        for number in range(2):
+            store.meshes.add(NewMesh(id=f"m-{number}", spec=huge, key_id="k"), quota=quota)
+        with pytest.raises(QuotaError) as refused:
+            store.meshes.add(NewMesh(id="m-2", spec=huge, key_id="k"), quota=quota)
+    finally:
+        store.close()
+    assert (refused.value.limit, refused.value.used) == ("key_max_points", 5_000_000_000)
+
+
 # Waits -------------------------------------------------------------------------------------------------------
 
 

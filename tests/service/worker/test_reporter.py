@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import equimesh
+from equimesh.cluster.progress import Progress
 from equimesh_service.errors import AttemptLostError
 from equimesh_service.worker.reporter import Reporter
 
@@ -45,6 +46,21 @@ def test_the_fraction_grows_to_nearly_one(schwarz: equimesh.Schwarz | None) -> N
     assert 0.0 <= fractions[0] < fractions[-1] == 0.95
     stages = list(dict.fromkeys(row["stage"] for row in told))
     assert stages == (["single_domain", "writing"] if schwarz is None else ["start", "schwarz", "writing"])
+
+
+def test_sweeps_of_parts_tell_their_level_and_the_number_of_parts() -> None:
+    told: list[Mapping[str, Any]] = []
+    reporter = Reporter(None, lambda row: told.append(row) is None, interval=0.0)
+    for level, step in itertools.product((2, 3), (1, 2, 9)):
+        grid = equimesh.Grid(n_xi=2**level + 1, n_eta=9)
+        reporter.part(Progress(level=level, levels=4, grid=grid, step=step, residual=0.5, parts=3))
+    reporter.writing()
+    assert {(row["stage"], row["parts"]) for row in told[:-1]} == {("parts", 3)}
+    assert (told[0]["level"], told[0]["levels"], told[0]["grid"], told[0]["iteration"]) == (2, 4, [5, 9], 1)
+    fractions = [row["fraction"] for row in told]
+    assert fractions == sorted(fractions)
+    assert fractions[2] == pytest.approx(0.25 * 0.95, abs=1e-4)  # three of four levels are a quarter of the work
+    assert fractions[-2:] == [0.95, 0.95]
 
 
 def test_a_descent_tells_its_grid_its_error_and_its_gain() -> None:

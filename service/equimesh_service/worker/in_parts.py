@@ -1,0 +1,178 @@
+"""A mesh in parts: one process of a worker lets the whole cluster compute it.
+
+The process holds the records of the solve, and no row of the mesh: each worker writes the file of its part into the
+storage of the service. Where the process is killed, the cluster gives up the parts, since their client is gone.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from equimesh import SolveError
+from equimesh.specs.spec import AUTOMATIC_PARTS, BuiltSpec
+from equimesh_service.assembly.problem import translate_errors
+from equimesh_service.errors import FilesError, WorkerLostError
+from equimesh_service.files.port import Files, Removed, StoredFile
+from equimesh_service.problems.problem import Problem
+from equimesh_service.store.rows import Artifact, Ending, Outcome
+from equimesh_service.store.store import Store
+from equimesh_service.telemetry import tracing
+from equimesh_service.worker.job import Job, Storage
+from equimesh_service.worker.names import head_name, part_name
+from equimesh_service.worker.part_files import PartsLayout, values_of, write_head_file, write_part_file
+from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
+from equimesh_service.worker.reporter import Reporter
+
+if TYPE_CHECKING:
+    from equimesh.cluster import Handle
+    from equimesh.parts.part_solution import PartSolution
+    from equimesh.solving.solution import Solution
+
+_log = logging.getLogger(__name__)
+
+
+def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | None) -> Ending | None:
+    """How a mesh in parts ended, finished in the store; None when the attempt was lost meanwhile.
+
+    Its files are in the format of all meshes in parts, and in the one that is requested. Raises a problem for what the
+    cluster refuses, and :class:`~equimesh_service.errors.WorkerLostError` where workers with parts were lost.
+    """
+    from equimesh.cluster import ClusterError, PartsError, WorkersLostError
+
+    began = time.perf_counter()
+    reporter = Reporter(None, partial(store.queue.progress, job.claim))
+    try:
+        outcome = _compute(job, spec, reporter, {WRITTEN, requested or WRITTEN})
+    except SolveError as error:
+        outcome = Outcome(error=_problem(error.solution).body())
+    except PartsError as error:
+        outcome = Outcome(error=_problem(error.handle).body())
+    except WorkersLostError as error:
+        raise WorkerLostError(f"workers with parts of the mesh were lost: {error}") from None
+    except ClusterError as error:
+        raise Problem("cluster-refused", f"{error}.") from None
+    if not store.queue.finish(job.claim, outcome):
+        return None
+    seconds = time.perf_counter() - began
+    _log.info("mesh %s %s in parts, after %.3f s", job.claim.mesh_id, outcome.status, seconds)
+    reason = "" if outcome.error is None else str(outcome.error["type"]).rpartition("/")[2]
+    points, files = spec.problem.grid.points, tuple(outcome.files)
+    return Ending(status=outcome.status, reason=reason, points=points, solve_seconds=seconds, files=files)
+
+
+def _compute(job: Job, spec: BuiltSpec, reporter: Reporter, formats: set[str]) -> Outcome:
+    """The result of a mesh in parts, and its files, which are in the storage."""
+    from equimesh.cluster import connect, solve
+
+    began, files = time.perf_counter(), job.storage.files()
+    with ExitStack() as stack:
+        client = stack.enter_context(connect(job.scheduler))
+        with tracing.span("solve"), translate_errors():
+            handle = solve(
+                spec.problem,
+                client,
+                parts=None if spec.parts == AUTOMATIC_PARTS else spec.parts,
+                mode=spec.mode,
+                allow_relaxed=spec.allow_relaxed,
+                threads=job.threads,
+                observe=reporter.part,
+            )
+        stack.enter_context(handle)
+        solved = time.perf_counter()
+        reporter.writing()
+        with tracing.span("write"):
+            layout = _layout(handle, job.claim.mesh_id)
+            artifacts = _write(handle, layout, job.storage, sorted(formats))
+            result = {**_describe(handle), "parts": {**layout.record(), "traffic": _traffic(handle)}}
+    result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
+    return Outcome(result=result, files=artifacts, publish=_Published(artifacts, files))
+
+
+@dataclass(frozen=True)
+class _Published:
+    """Sees, in the transaction that names them, that files are there: workers have published them already."""
+
+    artifacts: list[Artifact]
+    files: Files
+
+    def __call__(self, removed: Removed) -> None:
+        for artifact in self.artifacts:
+            file = StoredFile(artifact.sha256, artifact.size)
+            if removed(file.sha256) and not self.files.holds(file):
+                raise FilesError("a file of the mesh was removed before the mesh was finished")
+
+
+def _layout(handle: Handle, name: str) -> PartsLayout:
+    nodes = () if handle.problem.monitor.u is None else ("u",)
+    return PartsLayout(name=name, grid=handle.grid, firsts=(0, *handle.cuts), nodes=nodes)
+
+
+def _write(handle: Handle, layout: PartsLayout, storage: Storage, formats: list[str]) -> list[Artifact]:
+    """The files of all parts, which their workers write, and the heads."""
+    written = handle.each(write_part_into, storage, formats)
+    artifacts = [
+        Artifact(part_name(format, number), file.sha256, file.size)
+        for number, files in enumerate(written)
+        for format, file in files.items()
+    ]
+    files = storage.files()
+    for format in formats:
+        with files.unfinished(PART_FORMATS[format].head_suffix) as path:
+            write_head_file(path, layout, format)
+            file = files.seal(path)
+            files.publish(path, file, _is_not_removed)
+        artifacts.append(Artifact(head_name(format), file.sha256, file.size))
+    return artifacts
+
+
+def write_part_into(_: Any, part: PartSolution, storage: Storage, formats: list[str]) -> dict[str, StoredFile]:
+    """Write the files of a part into the storage, where it is; returns them by their formats.
+
+    No row names them yet. Those that none ever names are swept up later, as all such files.
+    """
+    files, found = storage.files(), {}
+    for format in formats:
+        with files.unfinished(PART_FORMATS[format].suffix) as path:
+            write_part_file(path, part.mesh, values_of(part.problem.monitor.u), format)
+            found[format] = files.seal(path)
+            files.publish(path, found[format], _is_not_removed)
+    return found
+
+
+def _is_not_removed(_: str) -> bool:
+    """Whether content was removed: looked at when the mesh is finished, see :class:`_Published`."""
+    return False
+
+
+def _describe(handle: Handle) -> dict[str, Any]:
+    """What the mesh says of its solution, as that of a whole mesh does."""
+    unknown = ("transmission", "work", "max_q_eq", "change", "error", "rate", "predicted_rate")
+    solution = {
+        "status": str(handle.status),
+        "message": handle.message,
+        "newton_steps": handle.newton_steps,
+        "residual": handle.residual if handle.residual < float("inf") else None,
+        "iterations": 0,
+        "traffic": sum(sent.bytes for sent in handle.traffic.values()),
+        **dict.fromkeys(unknown),
+    }
+    return {"solution": solution, "quality": None, "certificate": None}
+
+
+def _traffic(handle: Handle) -> dict[str, int]:
+    """The bytes of all parts, and the messages of the part that has sent most."""
+    messages = [
+        sum(sent.messages for record in records for sent in record.traffic.values()) for records in handle.records
+    ]
+    total = sum(sent.bytes for sent in handle.traffic.values())
+    return {"bytes": total, "messages": max(messages, default=0), "attempts": handle.attempts}
+
+
+def _problem(solution: Solution | Handle) -> Problem:
+    detail = solution.note or solution.status.sentence
+    return Problem(str(solution.status).replace("_", "-"), detail, remedy=solution.remedy)

@@ -1,0 +1,30 @@
+"""The formats of whole meshes and of meshes in parts."""
+
+from __future__ import annotations
+
+import pytest
+
+from equimesh_service.admission.formats import check_format, check_part, known_format
+from equimesh_service.problems.problem import Problem
+
+WHOLE, PARTED = {"parts": None, "cells": "quad"}, {"parts": "auto", "cells": "quad"}
+
+
+def test_formats_that_fit() -> None:
+    check_format("vtu", WHOLE)
+    check_format("pvtu", PARTED)
+    check_part("npz")
+    assert [known_format(name) for name in ("vtu", "pvts", "npz")] == ["vtu", "pvts", "npz"]
+
+
+def test_formats_that_do_not() -> None:
+    with pytest.raises(Problem, match="A pvts file is the head of a mesh in parts, and this mesh is whole"):
+        check_format("pvts", WHOLE)
+    with pytest.raises(Problem, match=r"A mesh in parts is no npz file\. Request one of pvts, pvtu, vtkhdf"):
+        check_format("npz", PARTED)
+    with pytest.raises(Problem, match="A vts file holds no triangles"):
+        check_format("vts", {**WHOLE, "cells": "triangle"})
+    with pytest.raises(Problem, match=r"'vtu' is not a format of parts; .*did you mean 'pvtu'"):
+        check_part("vtu")
+    with pytest.raises(Problem, match=r"'xyz' is not a mesh format; there are vtu, .*pvts"):
+        known_format("xyz")
