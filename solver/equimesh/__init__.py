@@ -18,6 +18,7 @@ from equimesh.domains.quadrilateral import Quadrilateral
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
 from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
+from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.expression import Expression
 from equimesh.fields.field import Field
 from equimesh.fields.nodal_field import NodalField
@@ -83,6 +84,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Field",
     "Expression",
     "GridSamples",
+    "ChunkedSamples",
     "ScatteredSamples",
     "NodalField",
     # Values on a mesh, and the way to another mesh

@@ -41,7 +41,10 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "u", metavar="U", nargs="?", help="u(x, y), e.g. 'tanh(20*(x-y))'; after -- if it begins with -"
     )
     parser.add_argument(
-        "--samples", metavar="FILE", type=Path, help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf"
+        "--samples",
+        metavar="FILE",
+        type=Path,
+        help="samples of u instead of U: npz, npy, csv, json, vtu, vtk or xdmf; for solve also zarr or h5",
     )
     parser.add_argument(
         "--parameter",

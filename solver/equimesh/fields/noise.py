@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
+from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.field import Field
 from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.samples import GridSamples
@@ -39,22 +40,28 @@ def noise_share(field: Field | None) -> float:
     The median over all samples leaves out fronts. Functions that are not samples have no noise.
     """
     if isinstance(field, GridSamples | NodalField):
-        middle = _middle(field.values)
-        return _share(field.values, *(_of_differences(middle, order) for order in (SECOND, FOURTH)))
+        middle = field.values[_middle(field.values.shape)]
+        return _share(_range(field.values), *(_of_differences(middle, order) for order in (SECOND, FOURTH)))
+    if isinstance(field, ChunkedSamples):
+        middle = field.read(*_middle(field.shape))
+        return _share(field.found.size, *(_of_differences(middle, order) for order in (SECOND, FOURTH)))
     if isinstance(field, ScatteredSamples):
-        return _share(field.values, *_of_fits(field.points, field.values))
+        return _share(_range(field.values), *_of_fits(field.points, field.values))
     return 0.0
 
 
-def _share(values: Array, low: float, high: float) -> float:
-    size = float(np.ptp(values))
+def _range(values: Array) -> float:
+    return float(np.ptp(values))
+
+
+def _share(size: float, low: float, high: float) -> float:
     return high / size if size > 0.0 and high > MIN_WHITE_SHARE * low else 0.0
 
 
-def _middle(values: Array) -> Array:
-    """The samples in the middle, at most ``MAX_AXIS_SAMPLES`` along an axis: enough for a median."""
-    first = [max(0, (count - MAX_AXIS_SAMPLES) // 2) for count in values.shape]
-    return values[first[0] : first[0] + MAX_AXIS_SAMPLES, first[1] : first[1] + MAX_AXIS_SAMPLES]
+def _middle(shape: tuple[int, ...]) -> tuple[slice, ...]:
+    """Where the samples in the middle are, at most ``MAX_AXIS_SAMPLES`` along an axis: enough for a median."""
+    firsts = [max(0, (count - MAX_AXIS_SAMPLES) // 2) for count in shape]
+    return tuple(slice(first, min(first + MAX_AXIS_SAMPLES, n)) for first, n in zip(firsts, shape, strict=True))
 
 
 def _of_differences(values: Array, order: int) -> float:

@@ -46,7 +46,7 @@ class GridSamples:
 
     def __init__(self, *, x: npt.ArrayLike, y: npt.ArrayLike, values: npt.ArrayLike, box: Box | None = None) -> None:
         requested = RequestedBox.of(box)
-        axes = {"x": _axis(x, "x"), "y": _axis(y, "y")}
+        axes = {"x": checked_axis(x, "x"), "y": checked_axis(y, "y")}
         table = real_array(values, "values", ndim=2)
         shape = (axes["x"].size, axes["y"].size)
         if table.shape != shape:
@@ -57,9 +57,9 @@ class GridSamples:
                 field="values",
             )
         for number, (name, axis) in enumerate(axes.items()):
-            _check_reach(axis, name, requested, number, ends_of(axes["x"], axes["y"]))
+            check_reach(axis, name, requested, number, ends_of(axes["x"], axes["y"]))
         check_size(table)
-        spline = Bicubic.of(_bicubic(axes["x"], axes["y"], table))
+        spline = Bicubic.of(bicubic_spline(axes["x"], axes["y"], table))
         _check_slopes(spline, axes)
         for name, value in {**axes, "values": table, "box": requested.box, "_spline": spline}.items():
             object.__setattr__(self, name, value)
@@ -75,7 +75,7 @@ class GridSamples:
         return f"GridSamples({self.x.size} x {self.y.size})"
 
 
-def _axis(value: object, name: str) -> Array:
+def checked_axis(value: object, name: str) -> Array:
     """A strictly increasing axis of at least two points."""
     axis = real_array(value, name, ndim=1)
     if axis.size < 2:
@@ -155,7 +155,7 @@ def ends_of(x: Array, y: Array) -> Box:
     return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))
 
 
-def _check_reach(axis: Array, name: str, requested: RequestedBox, number: int, covered: Box) -> None:
+def check_reach(axis: Array, name: str, requested: RequestedBox, number: int, covered: Box) -> None:
     """Refuse an axis that leaves a part of the box without samples."""
     low, high = requested.box[number]
     slack = COVERAGE_TOLERANCE * (high - low)
@@ -201,15 +201,20 @@ def _check_slopes(spline: Bicubic, axes: dict[str, Array]) -> None:
     """Refuse samples with too large a slope between them, which coefficients of the spline bound."""
     for name, bound in zip(axes, spline.steepest, strict=True):
         if not bound <= LIMITS.magnitude:
-            i = int(np.diff(axes[name]).argmin())
-            raise SamplesError(
-                f"u changes too fast along {name} (its slope is over {LIMITS.magnitude:g}): {name}[{i}] and"
-                f" {name}[{i + 1}] are {axes[name][i + 1] - axes[name][i]:.3g} apart; leave one out, or rescale u",
-                field=name,
-            )
+            raise slope_error(axes[name], name)
 
 
-def _bicubic(x: Array, y: Array, values: Array) -> RectBivariateSpline:
+def slope_error(axis: Array, name: str) -> SamplesError:
+    """The error for samples with too large a slope between them."""
+    i = int(np.diff(axis).argmin())
+    return SamplesError(
+        f"u changes too fast along {name} (its slope is over {LIMITS.magnitude:g}): {name}[{i}] and"
+        f" {name}[{i + 1}] are {axis[i + 1] - axis[i]:.3g} apart; leave one out, or rescale u",
+        field=name,
+    )
+
+
+def bicubic_spline(x: Array, y: Array, values: Array) -> RectBivariateSpline:
     """The interpolating bicubic spline; 2 or 3 points are first increased to 4 on their polynomial."""
     x, values = _at_least_four(x, values)
     y, transposed = _at_least_four(y, values.T)

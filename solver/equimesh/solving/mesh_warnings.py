@@ -6,8 +6,10 @@ import numpy as np
 
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_residual
+from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.field import Field
 from equimesh.fields.noise import noise_share
+from equimesh.fields.sample_scan import steps_of
 from equimesh.fields.samples import GridSamples
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
@@ -84,17 +86,15 @@ def _about_noise(u: Field | None) -> Iterator[str]:
 
 def _about_jumps(u: Field | None) -> Iterator[str]:
     """A jump between neighbouring samples: a mesh can resolve only the spline through them."""
-    if not isinstance(u, GridSamples):
+    if not isinstance(u, GridSamples | ChunkedSamples):
         return
-    size = float(np.ptp(u.values))
-    steps = [np.abs(np.diff(u.values, axis=axis)) for axis in (0, 1)]
-    axis = int(steps[1].max() > steps[0].max())
-    i, j = np.unravel_index(int(steps[axis].argmax()), steps[axis].shape)
-    if steps[axis][i, j] > MAX_SAMPLE_STEP_SHARE * size > 0.0:
+    size, steps = (u.found.size, u.found.steps) if isinstance(u, ChunkedSamples) else steps_of(u.values)
+    step = max(steps, key=lambda step: step.size)
+    if step.size > MAX_SAMPLE_STEP_SHARE * size > 0.0:
         yield (
-            f"The samples of u change by {_percent(float(steps[axis][i, j]) / size)} of their range between two"
-            f" neighbours near (x, y) = ({u.x[i]:.4g}, {u.y[j]:.4g}). The mesh and its gains are those of the spline"
-            " through the samples, not of u: send more samples there, or give u as an expression."
+            f"The samples of u change by {_percent(step.size / size)} of their range between two"
+            f" neighbours near (x, y) = ({u.x[step.i]:.4g}, {u.y[step.j]:.4g}). The mesh and its gains are those of the"
+            " spline through the samples, not of u: send more samples there, or give u as an expression."
         )
 
 

@@ -8,16 +8,20 @@ from typing import TypeAlias
 
 from equimesh.domains.domain import Box, Domain
 from equimesh.errors import InputError, SamplesError
+from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.expression import Expression
 from equimesh.fields.field import Field
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.specs.document import ByKey, Record, as_given, mapping, text, within
 from equimesh.upload.nodal import nodal_samples
 from equimesh.upload.samples import read_samples
 
 FindSamples: TypeAlias = Callable[[str, Box], Field]
 """The function whose samples have a name, on a box that they must cover."""
+CHUNKED = (".zarr", *HDF5_SUFFIXES)
+"""Suffixes of samples that are read part by part."""
 
 
 def build_expression(document: object, domain: Domain, path: str = "") -> Expression:
@@ -68,11 +72,15 @@ def no_samples(name: str, box: Box) -> Field:  # noqa: ARG001 - a FindSamples
 def samples_in(folder: Path) -> FindSamples:
     """Samples whose names are those of files, as :func:`~equimesh.upload.samples.read_samples` reads them.
 
+    Those in a zarr folder or an HDF5 file are :class:`~equimesh.ChunkedSamples`, which stay there.
+
     What it returns raises :class:`~equimesh.errors.SamplesError` for a file that cannot be read.
     """
 
     def find(name: str, box: Box) -> Field:
         file = folder / name
+        if file.suffix.lower() in CHUNKED:
+            return ChunkedSamples(path=file, box=box)
         try:
             data = file.read_bytes()
         except (OSError, ValueError) as error:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 
 import numpy as np
@@ -15,10 +16,20 @@ AXIS = np.linspace(0.0, 1.0, 21)
 VALUES = np.sin(4 * AXIS)[:, None] * np.cos(3 * AXIS)
 BENT = em.Mesh(AXIS[:, None] + 0.05 * np.sin(np.pi * AXIS)[:, None] * AXIS, np.tile(AXIS, (21, 1)))
 SCATTERED = np.vstack([np.random.default_rng(1).uniform(size=(400, 2)), [(0, 0), (1, 0), (1, 1), (0, 1)]])
+
+
+def chunked() -> em.ChunkedSamples:
+    """The same samples in a file; the file stays open when its name is gone."""
+    with tempfile.TemporaryDirectory() as folder:
+        np.save(f"{folder}/u.npy", VALUES)
+        return em.ChunkedSamples(path=f"{folder}/u.npy")
+
+
 FIELDS: dict[str, em.Field] = {
     "expression": em.Expression("tanh(20*(x + y/2 - 0.75))"),
     "expression with kinks": em.Expression("abs(x - 0.5) + where(y > 0.3, y, 0.3)"),
     "grid": em.GridSamples(x=AXIS, y=AXIS, values=VALUES),
+    "chunked": chunked(),
     "scattered": em.ScatteredSamples(points=SCATTERED, values=np.sin(4 * SCATTERED[:, 0]) * SCATTERED[:, 1]),
     "nodal": em.NodalField(mesh=BENT, values=VALUES),
 }
