@@ -14,10 +14,12 @@ import least_error
 import least_error_gains
 import least_error_goals
 import numpy as np
+import parted_files
 import pytest
 from random_functions import KINDS, RandomFunction, random_functions
 
 import equimesh as em
+from equimesh.io import PARTED_FORMATS
 from equimesh_cli.benchmark import budget, newton, peers, solves
 from equimesh_cli.benchmark.budget import Bought, Curve
 from equimesh_cli.benchmark.quadrature import errors, l2_error
@@ -285,3 +287,13 @@ def test_the_elements_of_the_loop_converge_at_second_order_for_each_stream(name:
         smooth = convection.Problem(u="sin(2*x)*exp(y)", eps=0.5, b=problem.b, c=problem.c)
         errors.append(smooth.errors(mesh, smooth.solve(mesh))[0])
     assert 3.5 < errors[0] / errors[1] < 4.5
+
+
+def test_files_of_parts_are_measured_in_every_format(tmp_path: Path) -> None:
+    found = parted_files.costs(65, 3, tmp_path)
+    assert [cost.format for cost in found] == [*PARTED_FORMATS]
+    sizes = {cost.format: cost.bytes for cost in found}
+    assert 28 < sizes["xdmf"] < sizes["pvts"] < sizes["pvtu"] < sizes["vtkhdf"]  # u, x, y, and the number of the part
+    assert all(math.isfinite(cost.write + cost.head + cost.read) for cost in found)
+    assert [*tmp_path.iterdir()] == []
+    assert len(parted_files.lines(found)) == 2 + len(found)
