@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_part import MeshPart
@@ -107,6 +108,13 @@ class MeshWindow:
     def grid(self) -> Grid:
         """The grid of the whole mesh."""
         return Grid(n_xi=self.rows.shape[0], n_eta=self.rows.shape[1])
+
+    @property
+    def min_jacobian(self) -> float:
+        """As :attr:`~equimesh.meshes.mesh.Mesh.min_jacobian`, of the whole mesh; all processes have to ask."""
+        rows = self.rows
+        here = [smallest_jacobian(*self.nodes(rows.first, rows.last))] if rows.first < rows.last else []
+        return float(joined(rows.channel, np.array(here)).min() * (rows.cells[0] * rows.cells[1]))
 
     def nodes(self, first: int, last: int) -> tuple[Array, Array]:
         """x and y around the rows ``first`` to ``last - 1`` of cells, counted from the first row of the grid."""

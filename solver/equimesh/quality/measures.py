@@ -11,13 +11,14 @@ On a folded cell nothing is equidistributed, aligned or interpolated: ``Q_eq``, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
@@ -87,6 +88,11 @@ class Quality:
     interpolation_error: InterpolationErrors | None
     """How well u is interpolated; ``None`` for a monitor without u."""
 
+    def without_cells(self) -> Quality:
+        """The same numbers without the values of cells, small and ready to be sent to another process."""
+        named = {name: replace(getattr(self, name), compute=_values_elsewhere) for name in PER_CELL}
+        return replace(self, **named)
+
     def summary(self, *, arrays: bool = False) -> dict[str, Any]:
         """The measures as nested plain Python data, ready for JSON.
 
@@ -105,6 +111,10 @@ class Quality:
         names = ("l2", "l2_uniform", "gain_l2", "h1", "h1_uniform", "gain_h1")
         result["interpolation_error"] = error and {name: finite_or_none(getattr(error, name)) for name in names}
         return result
+
+
+def _values_elsewhere() -> Array:
+    raise InputError("the values of the cells are where the parts of the mesh are: ask for the numbers of the measure")
 
 
 PER_CELL = ROWS

@@ -11,8 +11,10 @@ from equimesh.fields.field import Field
 from equimesh.fields.noise import noise_share
 from equimesh.fields.sample_scan import steps_of
 from equimesh.fields.samples import GridSamples
-from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.monitors.arc_length import ArcLength
+from equimesh.numerics.gather import joined
+from equimesh.numerics.types import Pair
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.probes import probe_errors
@@ -47,10 +49,13 @@ def warnings(
     problem: Problem,
     status: Status,
     relaxed: Sequence[Relaxed],
-    meshes: tuple[Mesh, Mesh],
+    meshes: tuple[MeshWindow, MeshWindow],
     errors: InterpolationErrors | None,
 ) -> Iterator[str]:
-    """Sentences to read before using a mesh. ``meshes`` are that of the domain and that of the reference square."""
+    """Sentences to read before using a mesh. ``meshes`` are that of the domain and that of the reference square.
+
+    Where a process holds some rows of them, all processes call this, and get the sentences about the whole mesh.
+    """
     if status is Status.RELAXED:
         what = ", ".join(map(str, relaxed))
         yield f"The mesh solves relaxed equations, not the requested ones: {what}."
@@ -98,7 +103,7 @@ def _about_jumps(u: Field | None) -> Iterator[str]:
         )
 
 
-def _about_thin_cells(mesh: Mesh, area: float) -> Iterator[str]:
+def _about_thin_cells(mesh: MeshWindow, area: float) -> Iterator[str]:
     smallest = mesh.min_jacobian / area
     if 0.0 < smallest < MIN_SILENT_JACOBIAN:
         yield (
@@ -116,7 +121,9 @@ def _about_resolution(errors: InterpolationErrors) -> Iterator[str]:
         )
 
 
-def _about_structure(problem: Problem, meshes: tuple[Mesh, Mesh], errors: InterpolationErrors) -> Iterator[str]:
+def _about_structure(
+    problem: Problem, meshes: tuple[MeshWindow, MeshWindow], errors: InterpolationErrors
+) -> Iterator[str]:
     """What the monitor does not see of u, and what the grid does not."""
     mesh, reference = meshes
     u = problem.monitor.u
@@ -138,7 +145,7 @@ def _about_structure(problem: Problem, meshes: tuple[Mesh, Mesh], errors: Interp
         )
 
 
-def _about_uniformity(problem: Problem, mesh: Mesh, u: Field, errors: InterpolationErrors) -> Iterator[str]:
+def _about_uniformity(problem: Problem, mesh: MeshWindow, u: Field, errors: InterpolationErrors) -> Iterator[str]:
     """Where a mesh is uniform, u is probed at many more points."""
     monitor = problem.monitor
     if isinstance(monitor, ArcLength) and monitor.a == 0.0:
@@ -185,12 +192,22 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.2g} %"
 
 
-def _is_uniform(reference: Mesh) -> bool:
-    n_xi, n_eta = reference.x.shape
-    s, t = np.linspace(0.0, 1.0, n_xi)[:, None], np.linspace(0.0, 1.0, n_eta)
+def _is_uniform(reference: MeshWindow) -> bool:
+    rows = reference.rows
+    s, t = (np.linspace(0.0, 1.0, count) for count in rows.shape)
     for step in (LATTICE, 1):  # a few nodes show that a mesh is not uniform
-        part = slice(None, None, step)
-        moves = np.abs(reference.x[part, part] - s[part]).max() * (n_xi - 1)
-        if max(moves, np.abs(reference.y[part, part] - t[part]).max() * (n_eta - 1)) >= MAX_UNIFORM_MOVE:
+        moves = [
+            _largest_move(reference.nodes(first, last), (s[first : last + 1], t), (-first) % step, step)
+            for first, last in rows.strips
+        ]
+        found = joined(rows.channel, np.array(moves).reshape(-1, 2)).max(axis=0)
+        if max(found[0] * rows.cells[0], found[1] * rows.cells[1]) >= MAX_UNIFORM_MOVE:
             return False
     return True
+
+
+def _largest_move(nodes: Pair, uniform: Pair, start: int, step: int) -> tuple[float, float]:
+    """The largest differences to the uniform mesh, of every ``step``-th column in such rows from row ``start`` on."""
+    rows, columns = slice(start, None, step), slice(None, None, step)
+    along_xi = np.abs(nodes[0][rows, columns] - uniform[0][rows, None]).max(initial=0.0)
+    return along_xi, np.abs(nodes[1][rows, columns] - uniform[1][columns]).max(initial=0.0)

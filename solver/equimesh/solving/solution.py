@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -12,22 +12,19 @@ from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
-from equimesh.monitors.least_error import LeastError
-from equimesh.monitors.monitor import map_of
-from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.numerics.types import Array
-from equimesh.quality.faces import Faces, measure_faces
+from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.measures import Quality, measure_all
+from equimesh.quality.measures import Quality
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, observed_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
-from equimesh.solving.mesh_warnings import about_faces, warnings
+from equimesh.solving.measured_mesh import MeasuredMesh
 from equimesh.solving.status import Status
-from equimesh.sweeps.deviation import deviation
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -91,14 +88,7 @@ class Solution:
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        return measure_all(
-            self.mesh,
-            self.problem.monitor,
-            domain=self.problem.domain,
-            kind=self._cells,
-            nodal=self.u,
-            threads=self.threads,
-        )
+        return self._measured.quality()
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
@@ -117,12 +107,17 @@ class Solution:
     @cached_property
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
-        return measure_faces(self.mesh)
+        return self._measured.faces()
 
-    @property
-    def _cells(self) -> Literal["quad", "triangle"]:
-        monitor = self.problem.monitor
-        return monitor.cells if isinstance(monitor, LeastError) else "quad"
+    @cached_property
+    def _measured(self) -> MeasuredMesh:
+        return MeasuredMesh(
+            problem=self.problem,
+            mesh=MeshWindow.of(self.mesh),
+            reference=MeshWindow.of(self.reference),
+            u=lambda: self.u,
+            threads=self.threads,
+        )
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -130,35 +125,21 @@ class Solution:
         return Certificate(
             status=self.status,
             mode=self.mode,
-            equation_residual=self._deviation,
-            min_jacobian=self.mesh.min_jacobian / self.problem.domain.area,
+            equation_residual=self._measured.deviation(self.residual),
+            min_jacobian=self._measured.min_jacobian(),
             faces=self.faces,
             discretization_error=self.discretization_error,
             algebraic_error=self.algebraic_error,
             relaxed=self.relaxed,
-            warnings=(*self.detours, *self._warnings()),
+            warnings=(
+                *self.detours,
+                *self._measured.warnings(self.status, self.relaxed, self.interpolation, self.faces),
+            ),
             interpolation=self.interpolation,
             target=self.target,
             comparison=self.comparison,
             estimate=self.estimate,
         )
-
-    @property
-    def _deviation(self) -> float | None:
-        """The residual of the equidistribution equations; ``None`` where these were not solved."""
-        if isinstance(self.problem.monitor, NodalSolution | LeastError):
-            return None
-        if map_of(self.problem.monitor) == "gradient":
-            return self.residual
-        metric, u = self.problem.metric, None
-        if metric.arc_length is not None and metric.arc_length.factor is not None:
-            u = self.u if metric.arc_length.factor == 1.0 or self.u is None else metric.arc_length.factor * self.u
-        return deviation(metric, self.problem.boundary, self.reference, u=u, threads=self.threads)
-
-    def _warnings(self) -> tuple[str, ...]:
-        meshes = self.mesh, self.reference
-        found = warnings(self.problem, self.status, self.relaxed, meshes, self.interpolation)
-        return (*found, *about_faces(self.faces))
 
     @property
     def decomposition(self) -> Decomposition | None:

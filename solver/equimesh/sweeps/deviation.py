@@ -7,56 +7,84 @@ import numpy as np
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.numerics.compiled import vectorised
+from equimesh.numerics.gather import joined
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 from equimesh.sweeps.cell_metrics import cell_metrics
 from equimesh.sweeps.kernels import Nodes
+from equimesh.sweeps.line_extremes import line_extremes
 from equimesh.sweeps.sides import Sides
 
-# Nodes of a strip of rows: its intermediate arrays stay in the cache.
-STRIP_NODES = 32_768
-# Rows of a strip, at least: each strip also reads one row more.
-MIN_STRIP_ROWS = 8
 # Fewer nodes are not worth a second thread.
 MIN_THREADED_NODES = 16_384
 
 
 def deviation(
-    metric: ReferenceMetric, boundary: Boundary, mesh: Mesh, *, u: Array | None = None, threads: int = 1
+    metric: ReferenceMetric,
+    boundary: Boundary,
+    mesh: Mesh | MeshWindow,
+    *,
+    u: Array | None = None,
+    threads: int = 1,
 ) -> float:
     """The largest relative difference of a squared metric length of a mesh from the mean of its grid line.
 
     Infinite where a length is not a number. ``mesh`` is one of the reference square. ``u`` is
     :meth:`~equimesh.equations.metric.ReferenceMetric.u` at the nodes where that is known. The ``threads`` share the
-    rows; the result does not depend on their number.
+    rows. Where a process holds some rows of a mesh, all processes call this, and get the number of the whole mesh; they
+    hold one row of nodes before their own ones. The result does not depend on the number of threads or processes.
     """
-    x, y = np.ascontiguousarray(mesh.x), np.ascontiguousarray(mesh.y)
-    n_xi, n_eta = x.shape
-    rows = max(MIN_STRIP_ROWS, -(-STRIP_NODES // n_eta))
-    starts = range(0, n_xi - 1, rows)
-    lines, found = np.empty((len(starts), 3, n_eta)), np.zeros((len(starts), 2))
-    threads = threads if x.size >= MIN_THREADED_NODES else 1
+    window = MeshWindow.of(mesh)
+    rows = window.rows
+    strips, n_eta = rows.strips, rows.shape[1]
+    lines, found = np.empty((len(strips), 3, n_eta)), np.zeros((len(strips), 2))
+    threads = threads if window.x.size >= MIN_THREADED_NODES else 1
 
     def work(thread: int) -> None:
         with np.errstate(all="ignore"):
-            for k in range(thread, len(starts), threads):
-                first, last = starts[k], min(starts[k] + rows, n_xi - 1)
+            for k in range(thread, len(strips), threads):
+                first, last = strips[k]
                 before = max(first - 1, 0)
-                here = slice(before, last + 1)
+                x, y = window.nodes(before, last)
+                values = None if u is None else u[before - rows.begin : last + 1 - rows.begin]
                 cells = np.empty((3, last - before, n_eta - 1))
-                cell_metrics(metric, x[here], y[here], cells, None if u is None else u[here])
-                strip_deviation(Nodes(x[here], y[here]), cells, first - before, lines[k], found[k])
+                cell_metrics(metric, x, y, cells, values)
+                strip_deviation(Nodes(x, y), cells, first - before, lines[k], found[k])
 
     run_on_threads(threads, work)
     with np.errstate(all="ignore"):
-        sides = Sides(metric, boundary, x.shape).moves(x, y)[0]
-        sums, high, low = lines[:, 0, 1:-1].sum(axis=0), lines[:, 1, 1:-1].max(axis=0), lines[:, 2, 1:-1].min(axis=0)
-        mean = sums / (n_xi - 1)
-        xi = float((np.maximum(high - mean, mean - low) / mean).max(initial=0.0))
-    if not math.isfinite(float(sums.sum() + found[:, 1].sum())):
+        sides = Sides(metric, boundary, rows.shape).moves(*_with_sides(window))[0]
+        of_lines = line_extremes(rows.channel, lines)
+        xi, check = (0.0, 0.0) if of_lines is None else _largest_of_lines(of_lines[:, 1:-1], rows.shape[0] - 1)
+        here = [xi, found[:, 0].max(initial=0.0), found[:, 1].sum() + check]
+        every = joined(rows.channel, np.array([here]))
+    if not math.isfinite(float(every[:, 2].sum())):
         return math.inf
-    return max(sides, xi, float(found[:, 0].max()))
+    return max(sides, float(every[:, :2].max()))
+
+
+def _largest_of_lines(lines: Array, edges: int) -> tuple[float, float]:
+    """The largest relative deviation along the xi-lines, which have so many ``edges``, and the sum of their lengths."""
+    sums, high, low = lines
+    mean = sums / edges
+    return float((np.maximum(high - mean, mean - low) / mean).max(initial=0.0)), float(sums.sum())
+
+
+def _with_sides(window: MeshWindow) -> tuple[Array, Array]:
+    """x and y of the whole mesh, of which only the sides are known where others hold the rest."""
+    rows = window.rows
+    x, y = window.nodes(rows.first, rows.last)
+    if rows.channel.count == 1:
+        return x, y
+    on_left, on_right = rows.first == 0, rows.first < rows.last == rows.cells[0]
+    own = slice(0, rows.last - rows.first + on_right)
+    sides = y[np.array([0] * on_left + [-1] * on_right, dtype=np.int64)]
+    at_x, at_y = np.zeros(rows.shape), np.zeros(rows.shape)  # memory is taken for the rows that are written alone
+    at_x[:, [0, -1]] = joined(rows.channel, x[own][:, [0, -1]])
+    at_y[[0, -1]] = joined(rows.channel, sides)
+    return at_x, at_y
 
 
 @vectorised

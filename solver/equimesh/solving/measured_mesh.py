@@ -1,0 +1,79 @@
+"""What is measured on a mesh after its solve: its quality, and what its certificate says.
+
+The mesh may be whole, or one of the parts that processes hold: then all of them ask for the same measures in the same
+order, and get those of the whole mesh.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import map_of
+from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.numerics.types import Array
+from equimesh.quality.faces import Faces, measure_faces
+from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.quality.measures import Quality, measure_all
+from equimesh.solving.certificate import Relaxed
+from equimesh.solving.mesh_warnings import about_faces, warnings
+from equimesh.solving.status import Status
+from equimesh.sweeps.deviation import deviation
+
+
+def _unknown() -> Array | None:
+    return None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredMesh:
+    """The rows of a mesh that a process holds: ``mesh`` on the domain, ``reference`` on the reference square.
+
+    ``u`` gives its values at the nodes of these rows, or ``None`` where they are not to be kept.
+    """
+
+    problem: Problem
+    mesh: MeshWindow
+    reference: MeshWindow
+    u: Callable[[], Array | None] = _unknown
+    threads: int = 1
+
+    def quality(self) -> Quality:
+        """All quality measures."""
+        monitor = self.problem.monitor
+        kind: Literal["quad", "triangle"] = monitor.cells if isinstance(monitor, LeastError) else "quad"
+        return measure_all(
+            self.mesh, monitor, domain=self.problem.domain, kind=kind, nodal=self.u(), threads=self.threads
+        )
+
+    def faces(self) -> Faces:
+        """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
+        return measure_faces(self.mesh)
+
+    def min_jacobian(self) -> float:
+        """The smallest corner Jacobian, 1 on the uniform mesh of a rectangle."""
+        return self.mesh.min_jacobian / self.problem.domain.area
+
+    def deviation(self, residual: float) -> float | None:
+        """The residual of the equidistribution equations; ``None`` where these were not solved.
+
+        ``residual`` is that of the solve; for a gradient map it is the answer.
+        """
+        if isinstance(self.problem.monitor, NodalSolution | LeastError):
+            return None
+        if map_of(self.problem.monitor) == "gradient":
+            return residual
+        metric, u = self.problem.metric, None
+        if metric.arc_length is not None and metric.arc_length.factor is not None:
+            u = self.u()
+            u = u if metric.arc_length.factor == 1.0 or u is None else metric.arc_length.factor * u
+        return deviation(metric, self.problem.boundary, self.reference, u=u, threads=self.threads)
+
+    def warnings(
+        self, status: Status, relaxed: Sequence[Relaxed], errors: InterpolationErrors | None, faces: Faces
+    ) -> tuple[str, ...]:
+        """Sentences to read before using the mesh."""
+        found = warnings(self.problem, status, relaxed, (self.mesh, self.reference), errors)
+        return (*found, *about_faces(faces))
