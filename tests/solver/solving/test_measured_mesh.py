@@ -1,0 +1,58 @@
+"""What is measured after a solve: for a solution, and for the rows that a process holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.solving.measured_mesh import MeasuredMesh
+
+U = em.Expression("tanh(9*(x + y/2 - 0.7))")
+
+
+def measured(solution: em.Solution, **more: object) -> MeasuredMesh:
+    windows = MeshWindow.of(solution.mesh), MeshWindow.of(solution.reference)
+    return MeasuredMesh(problem=solution.problem, mesh=windows[0], reference=windows[1], **more)  # type: ignore[arg-type]
+
+
+def solved(monitor: em.Monitor, domain: em.Domain | None = None) -> em.Solution:
+    grid = em.Grid(n_xi=21, n_eta=17)
+    return em.solve(em.Problem(monitor=monitor, grid=grid, domain=domain or em.Rectangle()))
+
+
+@pytest.mark.parametrize("domain", [em.Rectangle(), em.AnnulusSector()], ids=["square", "sector"])
+def test_a_certificate_says_what_is_measured(domain: em.Domain) -> None:
+    solution = solved(em.ArcLength(u=U), domain)
+    found, certificate = measured(solution), solution.certificate
+    assert found.quality().summary() == solution.quality.summary()
+    assert found.faces() == certificate.faces
+    assert found.min_jacobian() == certificate.min_jacobian
+    assert found.deviation(1.0) == pytest.approx(certificate.equation_residual, rel=1e-6)
+    errors = solution.interpolation
+    assert found.warnings(solution.status, (), errors, found.faces()) == certificate.warnings
+
+
+def test_known_values_of_u_are_not_evaluated_again() -> None:
+    solution, asked = solved(em.ArcLength(u=U)), []
+
+    def values() -> np.ndarray | None:
+        asked.append(True)
+        return solution.u
+
+    known = measured(solution, u=values)
+    assert known.deviation(1.0) == solution.certificate.equation_residual
+    assert known.quality().summary() == solution.quality.summary()
+    assert len(asked) == 2
+    known.faces()
+    assert len(asked) == 2
+
+
+def test_only_equidistribution_along_lines_has_a_deviation() -> None:
+    least = solved(em.LeastError(u=U))
+    assert measured(least).deviation(0.5) is None
+    assert least.certificate.equation_residual is None
+    mapped = solved(em.Weight(rho=em.Expression("1 + x*y"), map="gradient"))
+    assert measured(mapped).deviation(0.5) == 0.5
+    assert mapped.certificate.equation_residual == mapped.residual
