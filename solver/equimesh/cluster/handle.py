@@ -14,13 +14,16 @@ from distributed import Client
 from equimesh.cluster.arrays import array_of, own_u, own_x, own_y
 from equimesh.cluster.errors import ClusterError, WorkersLostError
 from equimesh.cluster.files import write_parts
+from equimesh.cluster.measuring import measures_of
 from equimesh.cluster.run import PartsRun, run_at
 from equimesh.cluster.summary import Summary, summary_of, traffic_of
 from equimesh.equations.problem import Problem
 from equimesh.meshes.grid import Grid
 from equimesh.numerics.channel import Traffic
+from equimesh.parts.measures import PartMeasures
 from equimesh.parts.part_solution import PartSolution, PartStep
-from equimesh.solving.certificate import Relaxed
+from equimesh.quality.measures import Quality
+from equimesh.solving.certificate import Certificate, Relaxed
 from equimesh.solving.status import Status
 
 
@@ -36,6 +39,7 @@ class Handle:
         self._client, self._run, self._own_client = client, run, own_client
         futures = [client.submit(summary_of, future, pure=False) for future in run.futures]
         self._summaries: list[Summary] = client.gather(futures)
+        self._measured: PartMeasures | None = None
 
     def __repr__(self) -> str:
         return f"<Handle: {self.grid} points, {self.status}, {self.count} parts>"
@@ -125,6 +129,18 @@ class Handle:
         """u at the nodes, as a dask array that is computed when it is needed; ``None`` where there is no u."""
         return None if self.problem.monitor.u is None else self._array(own_u)
 
+    def quality(self) -> Quality:
+        """All quality measures of the mesh, those of :attr:`equimesh.Solution.quality`: every part measures its cells.
+
+        Values of single cells are not in it.
+        """
+        return self._measures().quality
+
+    @property
+    def certificate(self) -> Certificate:
+        """How well the mesh solves the requested equations, as :attr:`equimesh.Solution.certificate` says it."""
+        return self._measures().certificate
+
     def write(self, path: str | os.PathLike[str], *, format: str | None = None) -> tuple[Path, ...]:
         """Write the mesh, and u where there is one: every worker its part, then the caller the head, which is returned.
 
@@ -163,6 +179,13 @@ class Handle:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _measures(self) -> PartMeasures:
+        """The quality and the certificate, which are measured together and once."""
+        if self._measured is None:
+            self._require_parts()
+            self._measured = measures_of(self._client, self._run)
+        return self._measured
 
     @property
     def _whole(self) -> Summary:

@@ -1,7 +1,7 @@
 """The quality and the certificate of a mesh in parts: those of the whole mesh, from what every part contributes.
 
 Each part measures its own cells. The parts send each other two rows of nodes, sums and extremes for each strip of rows,
-and a few numbers more. All of them get the same result, which equals that of :class:`~equimesh.solving.Solution`.
+and a few numbers more. All of them get the same result, that of :class:`~equimesh.solving.solution.Solution`.
 """
 
 from __future__ import annotations

@@ -109,7 +109,7 @@ class Solution:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
         return self._measured.faces()
 
-    @cached_property
+    @property
     def _measured(self) -> MeasuredMesh:
         return MeasuredMesh(
             problem=self.problem,

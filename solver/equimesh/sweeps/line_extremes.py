@@ -1,6 +1,6 @@
 """The sum, the largest and the smallest of the edges of every xi-line, from processes that hold some of its rows.
 
-Sums are added up a binary tree, which cuts the strips in the middle, so that they do not depend on the number of processes, to
+Sums are added up a binary tree, which cuts the strips in the middle: they do not depend on the number of processes, to
 the last bit. Each process sends one message, with the sums of a few nodes of the tree.
 """
 

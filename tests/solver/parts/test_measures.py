@@ -14,7 +14,7 @@ from equimesh.errors import InputError
 from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_part import cut
-from equimesh.meshes.parts import row_cuts
+from equimesh.meshes.mesh_window import WindowRows
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels
 from equimesh.parts.measures import PartMeasures, measure_part
 from equimesh.parts.part_solution import PartSolution
@@ -54,23 +54,34 @@ def solved(monitor: em.Monitor, reference: Mesh, domain: em.Domain = UNIT_SQUARE
     return Solution(**{**given, **more})  # type: ignore[arg-type]
 
 
+def held(mesh: Mesh, begin: int, end: int) -> HeldMesh:
+    """These rows of a mesh."""
+    return HeldMesh(mesh.grid, begin, mesh.x[begin:end], mesh.y[begin:end])
+
+
+def between_strips(shape: tuple[int, int], count: int) -> list[int]:
+    """The first rows of all parts but the first one."""
+    firsts = [first for first, _ in WindowRows.whole(shape).strips]
+    return [firsts[k * len(firsts) // count] for k in range(1, count)]
+
+
 def parts_of(solution: Solution, count: int, cuts: list[int] | None = None) -> list[PartSolution]:
     """The same solution in parts."""
-    rows = row_cuts(solution.mesh.grid.shape, count) if cuts is None else (0, *cuts, solution.mesh.grid.n_xi)
+    cuts = between_strips(solution.mesh.grid.shape, count) if cuts is None else cuts
     return [
         PartSolution(
             problem=solution.problem,
             mode=Mode.DISCRETIZATION,
             status=solution.status,
             mesh=part,
-            reference=HeldMesh.of(solution.reference).window(max(part.first - 1, 0), part.first + len(part.x)),
+            reference=held(solution.reference, max(part.first - 1, 0), part.first + len(part.x)),
             newton_steps=solution.newton_steps,
             residual=solution.residual,
             relaxed=solution.relaxed,
             algebraic_error=solution.algebraic_error,
             discretization_error=solution.discretization_error,
         )
-        for part in cut(solution.mesh, list(rows[1:-1]))
+        for part in cut(solution.mesh, cuts)
     ]
 
 
