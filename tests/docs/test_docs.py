@@ -279,7 +279,7 @@ def test_every_format_is_documented() -> None:
 def test_every_format_of_parts_is_documented() -> None:
     text = page("formats").partition("## Meshes in parts")[2].partition("\n## ")[0]
     for kind in PARTED_FORMATS.values():
-        (row,) = (line for line in text.splitlines() if line.startswith(f"| `{kind.name}` |"))
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{kind.name}` |"))
         _, _, head, parts, readers, nodes, _ = (cell.strip() for cell in row.split("|"))
         assert head == " and ".join(f"`{suffix}`" for suffix in (kind.suffix, kind.companion) if suffix)
         assert parts == (f"`{kind.part_suffix}`" if kind.part_suffix else "chunks of one store")
