@@ -21,7 +21,7 @@ from equimesh.io.sample_arrays import SampleArray, array_of, open_arrays
 from equimesh.numerics.types import Array
 
 # The most bytes of splines that a process keeps; it computes others again.
-MAX_BYTES: Final = 1 << 30
+MAX_BYTES: Final = 4 << 30
 # What an object keeps for itself when it goes to another process.
 OWN: Final = ("_lock", "_opened")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -41,35 +42,43 @@ class Scan:
         return self.high - self.low
 
 
+# The step of one sample, which has no neighbours.
+NOTHING = Step(size=-1.0, i=0, j=0)
+
+
 def scan(values: SampleArray, x: Array, y: Array) -> Scan:
     """Read all samples once.
 
     Raises :class:`~equimesh.errors.SamplesError` for one that is not finite or too large, by its index in the whole
     array, and for a slope between two that is too large.
     """
-    low, high, steps = np.inf, -np.inf, [Step(size=-1.0, i=0, j=0)] * 2
+    low, high, steps = np.inf, -np.inf, [NOTHING, NOTHING]
     above: dict[int, Array] = {}
     for rows, row_blocks in _by_rows(values):
-        left = np.empty((rows.stop - rows.start, 0))
+        left: Array | None = None
         for columns in row_blocks:
             block = values.read(rows, columns)
-            _check(block, rows.start, columns.start)
-            low, high = min(low, float(block.min())), max(high, float(block.max()))
-            before = above.get(columns.start, block[:0])
-            along_x, along_y = np.concatenate([before, block]), np.concatenate([left, block], axis=1)
-            first = rows.start - len(before), columns.start - left.shape[1]
-            steps[0] = _larger(steps[0], along_x, 0, (first[0], columns.start))
-            steps[1] = _larger(steps[1], along_y, 1, (rows.start, first[1]))
-            _check_slopes(along_x, 0, x, first[0])
-            _check_slopes(along_y, 1, y, first[1])
-            above[columns.start], left = block[-1:].copy(), block[:, -1:].copy()
+            lowest, highest = float(block.min()), float(block.max())
+            if not max(-lowest, highest) <= LIMITS.magnitude:  # NaN, too
+                _refuse(block, rows.start, columns.start)
+            low, high = min(low, lowest), max(high, highest)
+            row, column = rows.start, columns.start
+            pieces = [(0, block, row, column), (1, block, row, column)]
+            if column in above:
+                pieces.append((0, np.concatenate([above[column], block[:1]]), row - 1, column))
+            if left is not None:
+                pieces.append((1, np.concatenate([left, block[:, :1]], axis=1), row, column - 1))
+            for axis, piece, i, j in pieces:
+                found = _largest_step(piece, axis, (i, j))
+                _check_slope(found, piece.shape[axis], (x, y)[axis], (i, j)[axis], "xy"[axis])
+                steps[axis] = max(steps[axis], found, key=lambda step: step.size)
+            above[column], left = block[-1:].copy(), block[:, -1:].copy()
     return Scan(low=low, high=high, steps=(steps[0], steps[1]))
 
 
 def steps_of(values: Array) -> tuple[float, tuple[Step, Step]]:
     """The range of samples in memory, and the largest step along x and along y."""
-    nothing = Step(size=-1.0, i=0, j=0)
-    along_x, along_y = (_larger(nothing, values, axis, (0, 0)) for axis in (0, 1))
+    along_x, along_y = (_largest_step(values, axis, (0, 0)) for axis in (0, 1))
     return float(np.ptp(values)), (along_x, along_y)
 
 
@@ -83,10 +92,9 @@ def _by_rows(values: SampleArray) -> Iterator[tuple[slice, list[slice]]]:
         yield slice(row, min(row + height, n)), columns
 
 
-def _check(block: Array, row: int, column: int) -> None:
+def _refuse(block: Array, row: int, column: int) -> NoReturn:
+    """Raise the error for the first sample of a block that is not finite or too large."""
     bad = ~(np.abs(block) <= LIMITS.magnitude)
-    if not bad.any():
-        return
     a, b = (int(k) for k in np.unravel_index(int(bad.argmax()), bad.shape))
     value = block[a, b]
     if not np.isfinite(value):
@@ -97,23 +105,18 @@ def _check(block: Array, row: int, column: int) -> None:
     )
 
 
-def _larger(step: Step, block: Array, axis: int, first: tuple[int, int]) -> Step:
-    """The larger of ``step`` and those of a block, whose first sample has the index ``first``."""
+def _largest_step(block: Array, axis: int, first: tuple[int, int]) -> Step:
+    """The largest step of a block, whose first sample has the index ``first``."""
     if block.shape[axis] < 2:
-        return step
-    sizes = np.abs(np.diff(block, axis=axis))
+        return NOTHING
+    sizes = np.diff(block, axis=axis)
+    np.abs(sizes, out=sizes)
     a, b = (int(k) for k in np.unravel_index(int(sizes.argmax()), sizes.shape))
-    if sizes[a, b] <= step.size:
-        return step
     return Step(size=float(sizes[a, b]), i=a + first[0], j=b + first[1])
 
 
-def _check_slopes(block: Array, axis: int, points: Array, first: int) -> None:
-    """Refuse neighbours with too large a slope between them."""
-    lengths = np.diff(points[first : first + block.shape[axis]])
-    if not lengths.size:
-        return
-    with np.errstate(over="ignore"):
-        steepest = float(np.abs(np.diff(block, axis=axis)).max() / lengths.min())
-    if steepest > LIMITS.magnitude:
-        raise slope_error(points, "xy"[axis])
+def _check_slope(step: Step, count: int, points: Array, first: int, name: str) -> None:
+    """Refuse a step of neighbours that is too large for the smallest distance of these points."""
+    lengths = np.diff(points[first : first + count])
+    if lengths.size and step.size > LIMITS.magnitude * float(lengths.min()):
+        raise slope_error(points, name)

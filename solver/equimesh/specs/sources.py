@@ -16,7 +16,7 @@ from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.specs.document import ByKey, Record, as_given, mapping, text, within
 from equimesh.upload.nodal import nodal_samples
-from equimesh.upload.samples import read_samples
+from equimesh.upload.samples import MAX_BYTES, read_samples
 
 FindSamples: TypeAlias = Callable[[str, Box], Field]
 """The function whose samples have a name, on a box that they must cover."""
@@ -72,14 +72,14 @@ def no_samples(name: str, box: Box) -> Field:  # noqa: ARG001 - a FindSamples
 def samples_in(folder: Path) -> FindSamples:
     """Samples whose names are those of files, as :func:`~equimesh.upload.samples.read_samples` reads them.
 
-    Those in a zarr folder or an HDF5 file are :class:`~equimesh.ChunkedSamples`, which stay there.
+    Those in a zarr folder, an HDF5 file or a long npy file are :class:`~equimesh.ChunkedSamples`, which stay there.
 
     What it returns raises :class:`~equimesh.errors.SamplesError` for a file that cannot be read.
     """
 
     def find(name: str, box: Box) -> Field:
         file = folder / name
-        if file.suffix.lower() in CHUNKED:
+        if file.suffix.lower() in CHUNKED or _is_long_npy(file):
             return ChunkedSamples(path=file, box=box)
         try:
             data = file.read_bytes()
@@ -88,6 +88,11 @@ def samples_in(folder: Path) -> FindSamples:
         return read_samples(data, file.name, box=box)
 
     return find
+
+
+def _is_long_npy(file: Path) -> bool:
+    """Whether a file is an npy that is too long to be read at once."""
+    return file.suffix.lower() == ".npy" and file.is_file() and file.stat().st_size > MAX_BYTES
 
 
 def _expression(domain: Domain) -> Record[Expression]:

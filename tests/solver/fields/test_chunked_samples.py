@@ -158,7 +158,7 @@ def test_bad_samples_are_refused_where_they_are_named(tmp_path: Path) -> None:
         em.ChunkedSamples(path=write(tmp_path / "u.npz"), values="u")
 
 
-def test_a_problem_file_names_samples_that_stay_in_their_file(tmp_path: Path) -> None:
+def test_a_problem_file_names_samples_that_stay_in_their_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "u.zarr")
     write(tmp_path / "u.h5", 2 * X, Y)
     document = {"grid": {"n_xi": 9, "n_eta": 9}, "monitor": {"kind": "arc_length", "u": {"samples": "u.zarr"}}}
@@ -169,6 +169,11 @@ def test_a_problem_file_names_samples_that_stay_in_their_file(tmp_path: Path) ->
     u = specs.build(document, specs.samples_in(tmp_path)).problem.monitor.u
     assert u is not None
     assert u.box == ((0.0, 2.0), (0.0, 1.0))
+    np.save(tmp_path / "u.npy", VALUES)
+    document["monitor"] = {"kind": "arc_length", "u": {"samples": "u.npy"}}
+    assert isinstance(specs.build(document, specs.samples_in(tmp_path)).problem.monitor.u, em.GridSamples)
+    monkeypatch.setattr("equimesh.specs.sources.MAX_BYTES", 1000)
+    assert isinstance(specs.build(document, specs.samples_in(tmp_path)).problem.monitor.u, em.ChunkedSamples)
     document["monitor"] = {"kind": "arc_length", "u": {"samples": "none.zarr"}}
     with pytest.raises(SamplesError, match="there is no file"):
         specs.build(document, specs.samples_in(tmp_path))
