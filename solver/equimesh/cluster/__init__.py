@@ -12,6 +12,7 @@ from equimesh.cluster.errors import ClusterError, RunCancelledError, WorkersLost
 from equimesh.cluster.handle import Handle, PartsError  # noqa: E402
 from equimesh.cluster.progress import Progress  # noqa: E402
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts  # noqa: E402
+from equimesh.cluster.schwarz import SchwarzHandle  # noqa: E402
 from equimesh.cluster.solving import solve  # noqa: E402
 
 __all__ = [  # noqa: RUF022 - grouped by noun
@@ -19,6 +20,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "solve",
     "Handle",
     "Progress",
+    "SchwarzHandle",
     # One function on many workers
     "run_parts",
     "RunOptions",

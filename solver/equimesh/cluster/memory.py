@@ -16,12 +16,12 @@ LIMIT_SHARE = 0.95
 GIGABYTE = 1e9
 
 
-def check_memory(grid: Grid, places: Sequence[WorkerFacts]) -> None:
+def check_memory(grid: Grid, places: Sequence[WorkerFacts], bytes_a_point: int = BYTES_A_POINT) -> None:
     """Refuse workers without the memory for their parts of ``grid``, which are nearly equal.
 
     Raises :class:`~equimesh.cluster.errors.ClusterError`, which names the worker or the machine and both numbers.
     """
-    needed = memory_of_part(grid, len(places))
+    needed = memory_of_part(grid, len(places), bytes_a_point)
     for worker, parts in Counter(place.address for place in places).items():
         facts = next(place for place in places if place.address == worker)
         if facts.limit and parts * needed > LIMIT_SHARE * facts.limit - facts.used:
@@ -33,10 +33,10 @@ def check_memory(grid: Grid, places: Sequence[WorkerFacts]) -> None:
             raise _too_little(f"the machine {host}", parts, needed, f"{_text(free)} free", grid)
 
 
-def memory_of_part(grid: Grid, count: int) -> int:
+def memory_of_part(grid: Grid, count: int, bytes_a_point: int = BYTES_A_POINT) -> int:
     """Bytes that the largest of ``count`` parts of ``grid`` takes at its peak, beyond what its process has anyway."""
     rows = -(-grid.n_xi // count) + 2
-    return BYTES_A_POINT * rows * grid.n_eta
+    return bytes_a_point * rows * grid.n_eta
 
 
 def _too_little(what: str, parts: int, needed: int, has: str, grid: Grid) -> ClusterError:

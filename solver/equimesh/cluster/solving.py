@@ -16,6 +16,7 @@ from equimesh.cluster.memory import check_memory
 from equimesh.cluster.placement import place
 from equimesh.cluster.progress import Gathering, Observer, coarse_progress
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts
+from equimesh.cluster.schwarz import SchwarzOptions, iterate
 from equimesh.cluster.worker_facts import WorkerFacts, examine_workers
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
@@ -23,6 +24,7 @@ from equimesh.inputs import choice
 from equimesh.meshes.nested import nested_grids
 from equimesh.parts.part_solution import PartSolution
 from equimesh.parts.solve import CoarseSolution, coarse_solution, most_parts, solve_part
+from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 
 
@@ -30,11 +32,12 @@ def solve(
     problem: Problem,
     client: Client | str,
     *,
+    schwarz: Schwarz | None = None,
     parts: int | None = None,
     mode: Mode = Mode.DISCRETIZATION,
     allow_relaxed: bool = True,
     threads: int = 1,
-    observe: Observer | None = None,
+    observe: Callable[[Any], None] | None = None,
     cancel: Event | None = None,
 ) -> Handle:
     """The mesh of ``problem`` in ``parts`` parts, which stay on the workers; equal to :func:`equimesh.solve`.
@@ -43,6 +46,10 @@ def solve(
     takes as many as it has threads. ``threads`` share the rows of each part. ``mode`` and ``allow_relaxed`` are those
     of :func:`equimesh.solve`. ``observe`` is called with a :class:`~equimesh.cluster.progress.Progress` after each
     step; ``cancel`` ends the solve when it is set, with :class:`~equimesh.cluster.errors.RunCancelledError`.
+
+    With ``schwarz`` the subdomains of a Schwarz iteration are on the workers, and a
+    :class:`~equimesh.cluster.schwarz.SchwarzHandle` is returned. ``observe`` is then called with the record of every
+    iteration. ``mode`` and ``allow_relaxed`` do not matter.
 
     Raises :class:`~equimesh.errors.InputError` for more parts than the grid or the workers can have;
     :class:`~equimesh.cluster.handle.PartsError` where the mesh is not the requested one;
@@ -61,7 +68,11 @@ def solve(
     own = isinstance(client, str)
     connected = connect(client) if isinstance(client, str) else client
     try:
-        handle = Handle(problem, connected, _solve(chosen, connected, parts), own_client=own)
+        if schwarz is not None:
+            options = SchwarzOptions(parts=parts, threads=threads, observe=observe, cancel=cancel)
+            handle: Handle = iterate(problem, check_client(connected), schwarz, options, own_client=own)
+        else:
+            handle = Handle(problem, connected, _solve(chosen, connected, parts), own_client=own)
     except BaseException:
         if own:
             connected.close()

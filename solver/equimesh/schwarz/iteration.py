@@ -54,7 +54,7 @@ def schwarz_iterations(
     Newton's method takes over the acceleration.
     """
     holding = InOneProcess(settings.decompose(problem.grid))
-    for record in iterations_on(holding, problem, settings, start, reference, threads=threads):
+    for record, _ in iterations_on(holding, problem, settings, start, reference, threads=threads):
         assert isinstance(record, Iteration)
         yield record
 
@@ -68,22 +68,22 @@ def iterations_on(
     *,
     threads: int = 1,
     first: int = 0,
-) -> Iterator[IterationNumbers]:
-    """The same as :func:`schwarz_iterations`, for the subdomains that this process holds.
+) -> Iterator[tuple[IterationNumbers, Mesh]]:
+    """The same as :func:`schwarz_iterations`, for the subdomains that this process holds: records and merged meshes.
 
     ``start`` and ``reference`` are merged meshes as ``holding`` has them. A record has a mesh where ``holding`` shows
     it. Where ``first`` is more than 0, ``start`` is the mesh after that iteration, and its record is left out.
     """
     run = SchwarzRun(problem, settings, start, threads, holding)
     if first == 0:
-        yield run.first(reference)
+        yield run.first(reference), run.mesh
     for number in itertools.count(first + 1):
         if run.stalls.call_for_another_condition(run.rescue):
             run = SchwarzRun(problem, settings.after_fallback(), start, threads, holding)
         elif run.stalls.call_for_newton and problem.grid.points <= MAX_FACTORISED_POINTS:
             run = SchwarzRun(problem, run.settings.after_slow_iterations(), run.mesh, threads, holding)
         record = run.next(number, reference)
-        yield record
+        yield record, run.mesh
         if record.failed:
             return
 

@@ -168,6 +168,12 @@ def observed_rate(errors: Sequence[float], floor: float) -> float | None:
     return (tail[-1] / tail[0]) ** (1.0 / (len(tail) - 1)) if len(tail) > 1 else None
 
 
+def last_rate(problem: Problem, iterations: Sequence[IterationNumbers]) -> float | None:
+    """The observed rate of the error, or else of the change, with the last condition of an iteration."""
+    same = [i for i in iterations if i.transmission == iterations[-1].transmission]
+    return observed_rate([i.change if i.error is None else i.error for i in same], smallest_tolerance(problem))
+
+
 def plain(iterations: Sequence[Iteration], rate: float | None, predicted_rate: float | None) -> dict[str, Any]:
     """All iterations and the two rates as plain data for JSON: ``None`` where a number is not known."""
     return {

@@ -9,7 +9,7 @@ from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import DecompositionError
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.schwarz.conditions import Optimized, label
-from equimesh.schwarz.records import Iteration
+from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
 
 # More iterations than this are not suggested.
@@ -54,7 +54,9 @@ def after_folding(problem: Problem, schwarz: Schwarz | None, *, nested: bool) ->
     return _sentence(*more, *_weaker(problem, 1.0), *_settings(problem, nested=nested))
 
 
-def after_schwarz(problem: Problem, schwarz: Schwarz, last: Iteration, rate: float | None, tolerance: float) -> str:
+def after_schwarz(
+    problem: Problem, schwarz: Schwarz, last: IterationNumbers, rate: float | None, tolerance: float
+) -> str:
     """The remedy for a Schwarz iteration that did not reach its ``tolerance``.
 
     ``rate`` is the observed rate, or the predicted one if that is slower.

@@ -6,22 +6,19 @@ from dataclasses import replace
 
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
-from equimesh.inputs import finite_or_none
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import distance, halved, is_refined, nested_grids, refinement, square_grids
-from equimesh.schwarz.conditions import label
 from equimesh.schwarz.iteration import schwarz_iterations
 from equimesh.schwarz.records import Iteration
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import ALGEBRAIC_SHARE, Mode, Step
-from equimesh.solving import remedies
 from equimesh.solving.estimates import safe_discretization_error
 from equimesh.solving.options import Initial, SolveOptions
+from equimesh.solving.schwarz_ending import ending_of
 from equimesh.solving.single_domain import last_of, last_step, solve_single_domain, what_was_found
-from equimesh.solving.solution import Solution, status_unless_folded
-from equimesh.solving.status import Status
+from equimesh.solving.solution import Solution
 
 # On grids of at most this many points, the reference for the errors of a Schwarz iteration is solved to rounding.
 MAX_POLISHED_POINTS = 129 * 129
@@ -30,8 +27,8 @@ MAX_POLISHED_POINTS = 129 * 129
 def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions) -> Solution:
     """The mesh of a Schwarz iteration; where it stalls for good and may fall back, of a single-domain solve."""
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
-    start, tolerance, expected = _start(problem, schwarz, initial, options)
-    reference = _reference(problem, options) if schwarz.compare_single_domain else None
+    start, tolerance, expected = schwarz_start(problem, schwarz, initial, options)
+    reference = schwarz_reference(problem, options) if schwarz.compare_single_domain else None
     exact = reference.mesh if reference is not None and reference.is_exact else None
     records: list[Iteration] = []
     settings = replace(schwarz, tolerance=tolerance)
@@ -49,7 +46,7 @@ def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh
     return replace(solution, discretization_error=safe_discretization_error(expected))
 
 
-def _start(
+def schwarz_start(
     problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions
 ) -> tuple[Mesh, float | None, float]:
     """The start, the tolerance as a number, and the expected error of the discretisation, NaN where not known."""
@@ -85,7 +82,7 @@ def _rescued(failed: Solution, options: SolveOptions) -> Solution:
     )
 
 
-def _reference(problem: Problem, options: SolveOptions) -> Step:
+def schwarz_reference(problem: Problem, options: SolveOptions) -> Step:
     """The single-domain solution against which errors are measured: to rounding, if the grid is small enough."""
     step = last_step(problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
     if step.is_exact and problem.grid.points <= MAX_POLISHED_POINTS:
@@ -139,78 +136,18 @@ def _finished(
     nested: bool,
 ) -> Solution:
     last = records[-1]
-    detours = tuple(_detours(schwarz, records))
-    notes = [*detours, note]
-    if last.failed:
-        status = Status.NEWTON_FAILED
-        stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
-        what = f"the solve of subdomain {stuck}" if stuck else "the iteration"
-        notes.insert(0, f"In iteration {last.iteration} {what} stalled for good.")
-    elif tolerance is None:
-        status = Status.COMPLETED
-    elif last.meets(tolerance):
-        status = Status.CONVERGED
-        smallest = smallest_tolerance(problem)
-        if tolerance < smallest:
-            notes.insert(0, f"Rounding allows no tolerance below {smallest:.0e} on this grid; that was met.")
-    else:
-        status = Status.NOT_CONVERGED
-        shown = f"In iteration {last.iteration} the estimated error is {_shown(last.estimate)}"
-        notes.insert(0, f"{shown}, and the subdomains differ by {last.mismatch:.1e}.")
-    solution = Solution(
+    end = ending_of(problem, schwarz, records, tolerance, nested=nested, folded=last.mesh.is_folded)
+    return Solution(
         problem=problem,
         schwarz=schwarz,
         mesh=last.mesh,
         reference=last.reference,
-        status=status_unless_folded(status, folded=last.mesh.is_folded),
-        newton_steps=sum(r.newton_steps + r.sweeps for record in records for r in record.subdomains),
-        residual=max(r.residual for r in last.subdomains),
+        status=end.status,
+        newton_steps=end.newton_steps,
+        residual=end.residual,
         iterations=tuple(records),
-        detours=detours,
-        note=" ".join(text for text in notes if text),
-        algebraic_error=finite_or_none(max(last.estimate, smallest_tolerance(problem))),
+        detours=end.detours,
+        note=" ".join(text for text in (end.note, note) if text),
+        remedy=end.remedy,
+        algebraic_error=end.algebraic_error,
     )
-    return replace(solution, remedy=_remedy(solution, tolerance, nested=nested))
-
-
-def _detours(schwarz: Schwarz, records: Sequence[Iteration]) -> list[str]:
-    """Sentences about deviations of the iteration from the request."""
-    requested, found = label(schwarz.transmission), []
-    rescued = [record.iteration for record in records if any(r.classical for r in record.subdomains)]
-    if rescued:
-        found.append(
-            f"The {requested} condition did not lead to a solution; classical data took its place in {len(rescued)} of"
-            f" {records[-1].iteration} iterations, first in iteration {rescued[0]}."
-        )
-    others = [record for record in records if record.transmission != requested]
-    if others:
-        first = others[0]
-        found.append(
-            f"The {requested} condition stalled; from iteration {first.iteration} on the {first.transmission} one took"
-            " its place, from the start."
-        )
-    globally = [record.iteration for record in records if record.global_step]
-    if globally:
-        found.append(
-            f"In iteration {', '.join(map(str, globally))} a Newton step was taken on the whole grid, as a subdomain"
-            " had stalled, the merged mesh was folded, or the iteration was slow."
-        )
-    return found
-
-
-def _remedy(solution: Solution, tolerance: float | None, *, nested: bool) -> str:
-    """The remedy after a Schwarz iteration; empty where none is needed."""
-    problem, schwarz, last = solution.problem, solution.schwarz, solution.iterations[-1]
-    if schwarz is not None and solution.status is Status.NOT_CONVERGED:
-        rates = [rate for rate in (solution.rate, solution.predicted_rate) if rate is not None]
-        slowest = max(rates) if solution.rate is not None else None
-        return remedies.after_schwarz(problem, schwarz, last, slowest, tolerance or 0.0)
-    if solution.status is Status.NEWTON_FAILED:
-        return remedies.after_newton(problem, nested=nested)
-    return remedies.after_folding(problem, schwarz, nested=nested) if solution.status is Status.FOLDED else ""
-
-
-def _shown(estimate: float) -> str:
-    if math.isfinite(estimate):
-        return f"{estimate:.1e}"
-    return "not known yet" if math.isnan(estimate) else "not known, as the changes do not fall"

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from equimesh.equations.problem import Problem
-from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import EquimeshError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
@@ -19,7 +18,7 @@ from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality
 from equimesh.schwarz.decomposition import Decomposition
 from equimesh.schwarz.rates import predicted_rate
-from equimesh.schwarz.records import Iteration, observed_rate, plain
+from equimesh.schwarz.records import Iteration, last_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
@@ -149,9 +148,7 @@ class Solution:
     @property
     def rate(self) -> float | None:
         """Observed factor by which the error, or else the change, falls in one iteration of the last condition."""
-        floor = smallest_tolerance(self.problem)
-        same = [i for i in self.iterations if i.transmission == self.iterations[-1].transmission]
-        return observed_rate([i.change if i.error is None else i.error for i in same], floor)
+        return last_rate(self.problem, self.iterations)
 
     @property
     def predicted_rate(self) -> float | None:

@@ -20,7 +20,7 @@ SETTINGS = {
 @pytest.fixture(scope="session")
 def client() -> Iterator[Client]:
     """A client of three workers with two threads each, in this process."""
-    options = {"dashboard_address": None, "processes": False, "threads_per_worker": 2, "memory_limit": 0}
+    options = {"dashboard_address": ":0", "processes": False, "threads_per_worker": 2, "memory_limit": 0}
     with (
         dask.config.set(SETTINGS),
         LocalCluster(n_workers=3, **options) as cluster,

@@ -48,6 +48,14 @@ class OnChannel:
         self._places = {k: slice(int(a), int(b)) for k, a, b in zip(self.numbers, ends, ends[1:], strict=False)}
         self.size = int(ends[-1])
 
+    def holder_of(self, k: int) -> int:
+        """The part that holds a subdomain."""
+        return self._holders[k]
+
+    def held_by(self, part: int) -> list[int]:
+        """The numbers of the subdomains that a part holds."""
+        return [k for k, holder in enumerate(self._holders) if holder == part]
+
     @property
     def sent(self) -> dict[str, int]:
         """Bytes that this process has sent, by kind."""
@@ -200,7 +208,7 @@ class OnChannel:
             found = Mesh(np.empty(self.decomposition.grid.shape), np.empty(self.decomposition.grid.shape))
         for k, window in enumerate(self.patches):
             view = self.view(mesh, k) if k in self._places else None
-            nodes = self._pass(k, 0, self._cut_from(view, window, window.part.owned), kind)
+            nodes = self.move(self._holders[k], 0, self.cut_from(view, window, window.part.owned), kind)
             if nodes is not None and found is not None:
                 found.x[window.part.owned], found.y[window.part.owned] = nodes
         return found
@@ -242,20 +250,17 @@ class OnChannel:
 
     def deliver(self, sender: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
         """What one subdomain sends another, at the receiver."""
-        here, source, target = self.channel.number, self._holders[sender], self._holders[to]
-        if source == here == target:
-            return data()
-        if source == here:
-            self.channel.send(target, kind, data())
-        return self.channel.receive(source, kind) if target == here else None
+        return self.move(self._holders[sender], self._holders[to], data, kind)
 
     def _nodes(
         self, sender: int, to: int, state: Mesh | None, window: SubdomainWindow, place: Place, kind: str
     ) -> Sequence[Array] | None:
         """Nodes of one subdomain for another one."""
-        return self.deliver(sender, to, self._cut_from(state, window, place), kind)
+        return self.deliver(sender, to, self.cut_from(state, window, place), kind)
 
-    def _cut_from(self, state: Mesh | None, window: SubdomainWindow, place: Place) -> Callable[[], Sequence[Array]]:
+    def cut_from(self, state: Mesh | None, window: SubdomainWindow, place: Place) -> Callable[[], Sequence[Array]]:
+        """A function that returns copies of the nodes of a window's ``state`` at a place of the grid."""
+
         def nodes() -> Sequence[Array]:
             assert state is not None
             local = moved(place, window.first)
@@ -263,9 +268,9 @@ class OnChannel:
 
         return nodes
 
-    def _pass(self, k: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
-        """What the holder of a subdomain sends to a process."""
-        here, source = self.channel.number, self._holders[k]
+    def move(self, source: int, to: int, data: Callable[[], Sequence[Array]], kind: str) -> Sequence[Array] | None:
+        """What one part sends another: at the receiver, else ``None``. ``data`` is called at the sender."""
+        here = self.channel.number
         if source == here == to:
             return data()
         if source == here:
@@ -276,7 +281,7 @@ class OnChannel:
         """The solutions of all subdomains, in the first process."""
         own, found = dict(zip(self.numbers, states, strict=True)), []
         for k in range(len(self.patches)):
-            got = self._pass(k, 0, partial(_arrays, own, k), "whole")
+            got = self.move(self._holders[k], 0, partial(_arrays, own, k), "whole")
             if got is not None:
                 found.append(Mesh(*got))
         return found

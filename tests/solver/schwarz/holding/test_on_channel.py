@@ -39,7 +39,7 @@ def held(
         holding = OnChannel(channel, settings.decompose(case.grid), shows=True)
         exact = None if reference is None else holding.cut(reference)
         records = iterations_on(holding, case, settings, holding.cut(start), exact)
-        return list(itertools.islice(records, count)), holding.sent
+        return [record for record, _ in itertools.islice(records, count)], holding.sent
 
     found = ThreadChannels(parts).run(iterate)
     return found[0][0], [sent for _, sent in found]
