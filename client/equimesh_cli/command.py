@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from equimesh_cli.commands import bench, check, config, database, demo, doctor, generate, keys, serve, solve
+from equimesh_cli.commands import bench, check, config, database, demo, doctor, generate, keys, serve, solve, worker
 from equimesh_cli.exits import EPILOG, Exit, code_of
 from equimesh_cli.parser import Parser
 
@@ -13,6 +13,7 @@ EXAMPLES = """\
 examples:
   equimesh demo                                           see it work, from nothing to files
   equimesh serve --port 8000                              run a service
+  equimesh worker --scheduler tcp://host:8786             a worker of a cluster, for a service
   equimesh keys create --name ada --scope write           an API key for it
   equimesh doctor                                         check this installation
   equimesh generate 'tanh(20*(x-y))' -n 65 -o mesh.vtu    a mesh from a service
@@ -41,7 +42,7 @@ def build_parser(command: str = "") -> Parser:
     demo.add_parser(commands)
     for part in (serve, config, doctor):
         part.add_parser(commands, full=part.__name__.endswith(f".{command}"))
-    for module in (keys, database, generate, solve, check, bench):
+    for module in (worker, keys, database, generate, solve, check, bench):
         module.add_parser(commands)
     return parser
 

@@ -103,7 +103,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
                 "exports": lambda: _health(side_workers),
                 "dispatcher": lambda: OK if dispatcher.is_alive() else "stopped",
             },
-            warn=store.clock_warning,
+            warn=(store.clock_warning, lambda: _warning(engine)),
         ),
     )
 
@@ -153,6 +153,12 @@ def _rules(settings: Settings) -> Rules:
 def _health(engine: Engine | SideWorkers) -> str:
     health = engine.health()
     return OK if health.ready else health.detail
+
+
+def _warning(engine: Engine) -> str | None:
+    """What is wrong with an engine that works: workers of a cluster that it does not use."""
+    health = engine.health()
+    return health.detail if health.ready and health.detail else None
 
 
 def _take_snapshot(store: Store, engine: Engine) -> Snapshot:

@@ -137,8 +137,6 @@ class Settings(BaseSettings):
     def _has_its_scheduler(self) -> "Settings":
         if self.engine == "dask" and not self.scheduler:
             raise ValueError("the engine dask needs a scheduler: give its address, like tcp://host:8786")
-        if self.engine != "dask" and self.scheduler:
-            raise ValueError("a scheduler is for the engine dask: set it, too")
         return self
 
     @property
@@ -159,10 +157,14 @@ class Settings(BaseSettings):
         return self.threads or min(64, max(1, _processors() // self.workers))
 
     @property
+    def own_workers(self) -> int:
+        """Worker processes that solve on this machine; none with a cluster."""
+        return 0 if self.engine == "dask" else self.workers
+
+    @property
     def most_memory(self) -> int:
         """MiB that the service may hold with every worker at its limit: those that solve here, and those for files."""
-        solving = 0 if self.engine == "dask" else self.workers
-        return (solving + FILE_WORKERS) * self.memory_limit + SERVICE_MIB
+        return (self.own_workers + FILE_WORKERS) * self.memory_limit + SERVICE_MIB
 
     @property
     def root(self) -> str:

@@ -17,7 +17,7 @@ COMMAND = [sys.executable, "-m", "equimesh_cli"]
 
 
 @pytest.mark.parametrize(
-    "command", ["", "demo", "serve", "config", "doctor", "keys", "database", "generate", "solve", "check"]
+    "command", ["", "demo", "serve", "worker", "config", "doctor", "keys", "database", "generate", "solve", "check"]
 )
 def test_help_has_examples_and_exit_codes(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:

@@ -167,7 +167,19 @@ def options_of(parser: argparse.ArgumentParser) -> set[str]:
 
 def test_every_flag_is_documented_and_exists() -> None:
     text = page("cli")
-    commands = ("demo", "serve", "config", "doctor", "keys", "database", "generate", "solve", "check", "bench")
+    commands = (
+        "demo",
+        "serve",
+        "worker",
+        "config",
+        "doctor",
+        "keys",
+        "database",
+        "generate",
+        "solve",
+        "check",
+        "bench",
+    )
     known = {"--version"}.union(*(flags(name) for name in commands))
     told = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
     assert {flag for flag in known if flag not in told} == set()

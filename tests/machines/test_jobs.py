@@ -21,10 +21,10 @@ DEEP = {**SLOW, "grid": {"n_xi": 220, "n_eta": 220}}
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcesses]:
-    """A scheduler and one worker with two processes for jobs."""
+    """A scheduler and one worker with two processes for jobs, started by the commands of the compose file."""
     with cluster_processes(tmp_path_factory.mktemp("cluster")) as cluster:
         cluster.start_scheduler()
-        cluster.start_worker("worker", "--no-nanny", slots=2)
+        cluster.start_own_worker("worker")
         yield cluster
 
 
@@ -60,10 +60,17 @@ def mesh_of(http: httpx.Client, mesh_id: str) -> dict[str, Any]:
 def test_a_mesh_is_solved_there_and_its_files_are_here(cluster: ClusterProcesses, http: httpx.Client) -> None:
     mesh = ask(http, small(), Prefer="wait=30")
     assert mesh["status"] == "succeeded", mesh["error"]
-    assert "/npz" in http.get(f"{mesh['links']['file']}?format=npz").headers["Content-Type"].replace("x-npz", "/npz")
-    assert http.get(f"{mesh['links']['file']}?format=vtu").status_code == 200
+    assert http.get(f"{mesh['links']['file']}?format=npz").content.startswith(b"PK")
     log = cluster.log("worker")
     assert log.count(f"mesh {mesh['id']} succeeded") == 1, "another process has solved it"
+
+
+def test_the_health_checks_of_the_compose_file_tell_who_lives(cluster: ClusterProcesses, http: httpx.Client) -> None:
+    assert http.get("/livez").status_code == 200  # the service has seen both
+    assert cluster.is_healthy("scheduler")
+    assert cluster.is_healthy("worker", "worker")
+    cluster.health_ports["none"] = 9
+    assert not cluster.is_healthy("worker", "none")
 
 
 def test_readiness_and_metrics_count_the_places_of_the_cluster(http: httpx.Client) -> None:

@@ -30,7 +30,7 @@ from sqlalchemy import make_url
 
 from equimesh_cli.checks import machine
 from equimesh_cli.checks.findings import Level
-from equimesh_service.settings import Settings
+from equimesh_service.settings import SERVICE_MIB, Settings
 from programs import postgresql_program
 from service.databases import Postgres
 
@@ -160,7 +160,7 @@ def test_every_service_of_compose_is_confined_and_watched() -> None:
     for name, part in compose()["services"].items():
         image_name = by_default(part["image"])
         assert re.fullmatch(r"([a-z]+/)?[a-z]+:v?\d+\.\d+(\.\d+)?", image_name), name  # no registry, no `latest`
-        if "build" not in part:
+        if image_name != f"equimesh:{version()}":
             assert part["image"].startswith("${"), name  # a digest can be given
             assert part["user"].partition(":")[0] not in ("root", "0"), name
         assert part["restart"] == "unless-stopped", name
@@ -195,6 +195,42 @@ def test_the_database_of_compose_is_that_of_the_service() -> None:
     (network,) = database["networks"]
     assert network in service["networks"]
     assert document["networks"][network]["internal"]
+
+
+def test_the_cluster_of_compose_is_reached_by_the_service_alone() -> None:
+    document = compose()
+    services = document["services"]
+    assert {name for name, part in services.items() if part.get("profiles") == ["cluster"]} == {"scheduler", "worker"}
+    assert {name for name, part in services.items() if "cluster" in part.get("networks", ())} == {
+        "equimesh",
+        "equimesh-2",
+        "scheduler",
+        "worker",
+    }
+    assert document["networks"]["cluster"]["internal"]
+    service, scheduler, worker = services["equimesh"], services["scheduler"], services["worker"]
+    assert "ports" not in scheduler
+    assert "ports" not in worker
+    words = scheduler["command"]
+    address = f"tcp://scheduler:{words[words.index('--port') + 1]}"
+    assert (
+        compose_environment()["EQUIMESH_SCHEDULER"]
+        == by_default(worker["environment"]["EQUIMESH_SCHEDULER"])
+        == address
+    )
+    assert compose_environment()["EQUIMESH_ENGINE"] == "pebble"  # it needs no cluster unless one is wanted
+    for part in (scheduler, worker):
+        assert part["image"] == service["image"]
+        assert part["healthcheck"]["test"][-1].count(":8787/health") == 1
+    assert worker["volumes"] == service["volumes"]  # the same files, and the same compiled loops
+    assert worker["environment"]["PGPASSWORD"] == service["environment"]["PGPASSWORD"]
+    settings = Settings(
+        workers=by_default(worker["environment"]["EQUIMESH_WORKERS"]),
+        memory_limit=compose_environment()["EQUIMESH_MEMORY_LIMIT"],
+    )
+    (scratch,) = re.findall(r"size=(\d+)m", worker["tmpfs"][0])
+    most = settings.workers * settings.memory_limit + SERVICE_MIB + int(scratch)
+    assert most == mebibytes(worker["deploy"]["resources"]["limits"]["memory"])
 
 
 def test_the_replica_of_compose_is_the_service_at_another_port() -> None:

@@ -2,117 +2,32 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
 import os
-import queue
 import random
 import signal
 import sqlite3
 import sys
-import threading
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-import httpx
-import numpy as np
 import pytest
-from sqlalchemy import select
 
-from equimesh_service.store.database import Database, sqlite_file
-from equimesh_service.store.schema import artifacts, meshes, samples
+from equimesh_service.store.database import sqlite_file
 from equimesh_service.store.store import Store
-from service.conftest import PAPER, until
+from service.conftest import until
 from service.processes import ServiceProcess, service_process
+from service.sent_work import (
+    PATIENCE,
+    Work,
+    age_files,
+    check_downloads,
+    check_files,
+    check_meshes,
+    lives,
+    unfinished,
+)
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
-_CLIENTS = 4
-_PATIENCE = 120.0  # seconds; for one request, over all its repetitions
-_HOURS = 8 * 3600.0
-
-
-@dataclass
-class Work:
-    """Jobs that clients send, each until it is accepted, with the answers."""
-
-    url: str
-    jobs: int
-    accepted: dict[int, str] = field(default_factory=dict)
-    repeated: int = 0
-    faults: list[str] = field(default_factory=list)
-    _left: queue.SimpleQueue[int] = field(default_factory=queue.SimpleQueue)
-
-    def __post_init__(self) -> None:
-        for job in range(self.jobs):
-            self._left.put(job)
-
-    def start(self) -> list[threading.Thread]:
-        """Clients at work."""
-        threads = [threading.Thread(target=self._client) for _ in range(_CLIENTS)]
-        for thread in threads:
-            thread.start()
-        return threads
-
-    def _client(self) -> None:
-        with httpx.Client(base_url=self.url, timeout=30.0) as http:
-            while True:
-                try:
-                    job = self._left.get_nowait()
-                except queue.Empty:
-                    return
-                self._send(http, job)
-
-    def _send(self, http: httpx.Client, job: int) -> None:
-        deadline = time.monotonic() + _PATIENCE
-        while time.monotonic() < deadline:
-            try:
-                answer = http.post("/v1/meshes?reuse=false", **_request(job))
-            except httpx.TransportError:
-                self.repeated += 1
-                time.sleep(0.05)
-                continue
-            if answer.status_code in (201, 202):
-                self.accepted[job] = answer.headers["Location"].rpartition("/")[2]
-                return
-            if answer.status_code not in (429, 503):
-                self.faults.append(f"job {job}: {answer.status_code} {answer.text}")
-                return
-            time.sleep(0.05)
-        self.faults.append(f"job {job} was never accepted")
-
-
-def _request(job: int) -> dict[str, Any]:
-    """One of four ways to request a mesh of 8 x 8 points; every job has its own mesh."""
-    spec: dict[str, Any] = {
-        "monitor": {"kind": "arc_length", "u": {"expression": PAPER}, "a": 0.5 + job / 1000},
-        "grid": {"n_xi": 8, "n_eta": 8},
-        "label": f"job {job}",
-    }
-    headers = {"Idempotency-Key": f"job-{job}"}
-    match job % 4:
-        case 0:
-            return {"json": spec, "headers": headers}
-        case 1:
-            return {"json": spec, "headers": {**headers, "Prefer": "wait=10"}}
-        case 2:
-            return {"json": spec, "headers": {**headers, "Prefer": "wait=10", "Accept": "application/x-npz"}}
-        case _:
-            spec["monitor"]["u"] = {"samples": "upload"}
-            return {
-                "data": {"spec": json.dumps(spec)},
-                "files": {"samples": ("u.npz", _samples(job))},
-                "headers": headers,
-            }
-
-
-def _samples(job: int) -> bytes:
-    x = np.linspace(0.0, 1.0, 9)
-    with io.BytesIO() as file:
-        np.savez(file, x=x, y=x, values=np.tanh(np.add.outer((job % 3 + 2.0) * x, x)))
-        return file.getvalue()
 
 
 class Saboteur:
@@ -128,7 +43,7 @@ class Saboteur:
         self.random.shuffle(deeds)
         moments = sorted(self.random.sample(range(work.jobs // 20, work.jobs), len(deeds)))
         for deed, moment in zip(deeds, moments, strict=True):
-            until(lambda moment=moment: len(work.accepted) + len(work.faults) >= moment, _PATIENCE)
+            until(lambda moment=moment: len(work.accepted) + len(work.faults) >= moment, PATIENCE)
             time.sleep(self.random.uniform(0.0, 0.1))
             if deed != "service":
                 self.kill_a_worker()
@@ -139,7 +54,7 @@ class Saboteur:
 
     def kill_a_worker(self) -> None:
         """Kill one, if there is one: just after a start of the service there is none."""
-        pids = until(self.service.worker_pids, _PATIENCE)
+        pids = until(self.service.worker_pids, PATIENCE)
         try:
             os.kill(self.random.choice(pids), signal.SIGKILL)
         except ProcessLookupError:
@@ -162,7 +77,7 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
         service.start()
         work = Work(service.url, jobs)
         saboteur = Saboteur(service, seed=jobs)
-        until(lambda: _lives(service.url), _PATIENCE)
+        until(lambda: lives(service.url), PATIENCE)
         threads = work.start()
         saboteur.rage(work, [deed for deed, times in deeds.items() for _ in range(times)])
         for thread in threads:
@@ -175,14 +90,14 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
 
         store = Store(database_url)
         try:
-            until(lambda: _unfinished(store) == 0, _PATIENCE)
+            until(lambda: unfinished(store) == 0, PATIENCE)
             assert service.stop() == 0
-            _age_files(service.folder / "data" / "files")
+            age_files(service.folder / "data" / "files")
             service.start()
             service.ready()
-            _check_meshes(store, work)
-            _check_files(database_url, service.folder / "data" / "files")
-            _check_downloads(service, store)
+            check_meshes(store, work)
+            check_files(database_url, service.folder / "data" / "files")
+            check_downloads(service.url, store)
             assert service.stop() == 0
             until(lambda: not service.left())
         finally:
@@ -193,67 +108,3 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
             assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
         connection.close()
     assert "Traceback" not in service.log
-
-
-def _lives(url: str) -> bool:
-    try:
-        return httpx.get(f"{url}/livez").status_code == 200
-    except httpx.TransportError:
-        return False
-
-
-def _unfinished(store: Store) -> int:
-    census = store.queue.count().meshes
-    return census["queued"] + census["running"]
-
-
-def _check_meshes(store: Store, work: Work) -> None:
-    """One mesh for each job, each with complete events: as many starts as attempts, and one end."""
-    rows = store.meshes.page(limit=10 * work.jobs)
-    assert sorted(row.label or "" for row in rows) == sorted(f"job {job}" for job in range(work.jobs))
-    assert {row.id for row in rows} == {*work.accepted.values()}
-    assert any(row.attempt > 1 for row in rows), "no mesh was begun twice: this proves nothing"
-    for row in rows:
-        events = store.meshes.events(row.id)
-        assert [event.number for event in events] == [*range(1, row.last_event + 1)]
-        assert [event.kind for event in events].count("done") == 1
-        assert (events[-1].kind, events[-1].data["status"]) == ("done", row.status)
-        states = [event.data["status"] for event in events if event.kind == "status"]
-        assert states == ["queued", "running"] * row.attempt
-        if row.status == "failed":
-            assert row.error["type"] == "/problems/worker-lost", row.error
-            assert row.attempt >= 3
-        else:
-            assert row.status == "succeeded"
-
-
-def _check_downloads(service: ServiceProcess, store: Store) -> None:
-    """The file of every successful mesh exists, and matches its ETag."""
-    with httpx.Client(base_url=service.url, timeout=30.0) as http:
-        for row in store.meshes.page(status="succeeded", limit=1000):
-            answer = http.get(f"/v1/meshes/{row.id}/file?format=npz")
-            assert answer.status_code == 200
-            assert answer.headers["ETag"] == f'"{hashlib.sha256(answer.content).hexdigest()}"'
-            with np.load(io.BytesIO(answer.content)) as file:
-                assert file["x"].shape == (8, 8)
-
-
-def _check_files(url: str, folder: Path) -> None:
-    """The files are exactly those that rows name; none is half written."""
-    named = set()
-    database = Database(url, durable=False)
-    with database.read() as connection:
-        for column in (artifacts.c.sha256, samples.c.sha256):
-            named.update(connection.execute(select(column)).scalars())
-        assert connection.execute(select(meshes.c.id).where(meshes.c.owner.is_not(None))).first() is None
-    database.close()
-    until(lambda: {path.name for path in folder.glob("??/*")} == named)
-    # Temporary files and folders from before the start are gone; newer ones may be in use.
-    left = [path for path in (folder / "unfinished").iterdir() if time.time() - path.stat().st_mtime > _HOURS / 2]
-    assert left == []
-
-
-def _age_files(folder: Path) -> None:
-    """Make all files look hours old: the sweep leaves young files, which may still be named."""
-    for path in folder.glob("*/*"):
-        os.utime(path, (time.time() - _HOURS, time.time() - _HOURS))

@@ -50,6 +50,8 @@ def packages(settings: Settings) -> Finding:
         extras.append("postgres")
     if settings.files_url.startswith("s3:"):
         extras.append("s3")
+    if settings.engine == "dask":
+        extras.append("dask")
     if settings.trace_endpoint:
         extras.append("tracing")
     wanted = {str(requirement): requirement for extra in extras for requirement in _requirements(extra)}

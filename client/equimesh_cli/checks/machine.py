@@ -20,8 +20,10 @@ MIN_WORKER_MIB = 128
 _NO_LIMIT = 1 << 60
 
 
-def processors(settings: Settings) -> Finding:
-    """Whether there is a processor for every worker and for each of its threads."""
+def processors(settings: Settings) -> Finding | None:
+    """Whether there is a processor for every worker and for each of its threads; None where a cluster solves."""
+    if not settings.own_workers:
+        return None
     from equimesh.numerics.threads import available_cores
 
     here, allowed = available_cores(), allowed_processors()
@@ -42,10 +44,10 @@ def memory(settings: Settings) -> Finding:
     allowed = allowed_memory()
     where = "machine" if allowed is None or allowed >= present else "container"
     room = (present if allowed is None else min(present, allowed)) // MIB
-    processes = settings.workers + FILE_WORKERS
+    processes = settings.own_workers + FILE_WORKERS
     most, least = settings.most_memory, processes * MIN_WORKER_MIB + SERVICE_MIB
     message = (
-        f"{settings.workers} workers that solve and {FILE_WORKERS} for files may take {settings.memory_limit} MiB "
+        f"{settings.own_workers} workers that solve and {FILE_WORKERS} for files may take {settings.memory_limit} MiB "
         f"each, the service {SERVICE_MIB} MiB: {most} MiB in all; this {where} has {room} MiB"
     )
     if room < least:

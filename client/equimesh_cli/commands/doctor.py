@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from equimesh_cli.checks import installation, machine, reach, storage
+from equimesh_cli.checks import cluster, installation, machine, reach, storage
 from equimesh_cli.checks.findings import Finding, Level, failed
 from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.address import add_url
@@ -46,6 +46,7 @@ HERE: dict[str, Callable[[Settings], Finding | None]] = {
     "database": storage.database,
     "clock": storage.clock,
     "files": storage.files,
+    "cluster": cluster.cluster,
     "port": reach.port,
     "exposure": reach.exposure,
 }

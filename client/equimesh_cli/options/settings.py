@@ -62,6 +62,8 @@ def start_error(settings: Settings, error: OSError) -> str:
 
 
 def _complaint(entry: Any) -> str:
+    if not entry["loc"]:  # of several settings together
+        return str(entry["msg"]).removeprefix("Value error, ")
     name = "_".join(str(part) for part in entry["loc"])
     flag, variable = "--" + name.replace("_", "-"), f"EQUIMESH_{name.upper()}"
     return f"{flag} (or {variable}) = {entry['input']}: {entry['msg']}"

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from anyio import CapacityLimiter, move_on_after, to_thread
 
@@ -21,14 +21,14 @@ _MAX_CHECK_SECONDS = 5.0
 class Readiness:
     """Runs ``checks``, by name. Each returns None, "ok" or a message, and may raise and block.
 
-    ``warn`` returns a sentence about what is wrong but stops no work, or None; it returns at once.
+    Each of ``warn`` returns a sentence about what is wrong but stops no work, or None; it returns at once.
     """
 
     def __init__(
         self,
         checks: Mapping[str, Callable[[], str | None]],
         *,
-        warn: Callable[[], str | None] = lambda: None,
+        warn: Sequence[Callable[[], str | None]] = (),
         timeout: float = _MAX_CHECK_SECONDS,
     ) -> None:
         self._checks = checks
@@ -42,8 +42,7 @@ class Readiness:
 
     def warnings(self) -> list[str]:
         """Sentences about what is wrong but stops no work."""
-        warning = self._warn()
-        return [] if warning is None else [warning]
+        return [warning for warn in self._warn if (warning := warn()) is not None]
 
     async def check(self) -> Mapping[str, str]:
         """The result of each check; simultaneous callers share one run."""

@@ -27,18 +27,23 @@ class Reach:
     storage: Storage
     machine: str
     file: tuple[int, int] | None
-    folder: str
+    folder: str | None  # None for files that are in no folder
 
     @classmethod
-    def of(cls, storage: Storage) -> Reach:
-        """The storage as this process sees it; its folder of files gets a mark."""
+    def of(cls, storage: Storage, *, mark: bool = True) -> Reach:
+        """The storage as this process sees it; with ``mark`` its folder of files gets a mark."""
         file, files = sqlite_file(storage.database_url), storage.files()
         return cls(
             storage=storage,
             machine=_machine(),
             file=None if file is None else _number(file),
-            folder=_marked(files.folder) if isinstance(files, FolderFiles) else "",
+            folder=(_marked if mark else _mark)(files.folder) if isinstance(files, FolderFiles) else None,
         )
+
+    @property
+    def is_marked(self) -> bool:
+        """Whether there is something to recognise: a service has used this storage with a cluster."""
+        return self.folder != "" and (sqlite_file(self.storage.database_url) is None or self.file is not None)
 
     def describe_faults(self) -> str:
         """What this process does not reach, in words; "" where it reaches everything."""
@@ -57,9 +62,7 @@ class Reach:
             return str(error)
         except SQLAlchemyError as error:  # its message may hold the address
             return f"it cannot reach the database of the service ({type(error).__name__})"
-        return (
-            "" if revision == LATEST else f"the database that it reaches has not the tables of the service ({revision})"
-        )
+        return "" if revision == LATEST else "it reaches another database than the service, without its tables"
 
     def _files_fault(self) -> str:
         try:

@@ -44,7 +44,7 @@ async def test_what_does_not_work_is_named_without_its_address(tmp_path: Path) -
     store, files = Store(f"sqlite:///{tmp_path / 'no' / 'such.sqlite3'}"), FolderFiles(tmp_path / "gone")
     app = create_app(Settings(data_dir=tmp_path))
     checks: dict[str, Any] = {"store": store.check, "files": files.check, "engine": lambda: "workers are starting"}
-    app.state.service = SimpleNamespace(readiness=Readiness(checks, warn=lambda: "the clock is wrong"))
+    app.state.service = SimpleNamespace(readiness=Readiness(checks, warn=[lambda: "the clock is wrong", lambda: None]))
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://here") as http:
         answer = await http.get("/readyz")
         assert (await http.head("/readyz")).status_code == answer.status_code == 503

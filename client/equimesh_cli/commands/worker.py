@@ -1,0 +1,71 @@
+"""`equimesh worker`: a worker of a cluster."""
+
+import argparse
+from typing import Any
+
+from equimesh_cli.exits import Exit, NotInstalled, Refused
+from equimesh_cli.options.settings import merged_settings
+from equimesh_cli.parser import add_command
+
+EXAMPLES = """\
+Every option is also an environment variable, as of `equimesh serve`: --workers is EQUIMESH_WORKERS.
+
+examples:
+  equimesh worker --scheduler tcp://host:8786
+  equimesh worker --scheduler tcp://host:8786 --workers 4 --name rack-7
+  EQUIMESH_SCHEDULER=tcp://host:8786 equimesh worker
+
+It waits for the scheduler, and joins again when the scheduler was lost. The service says what it needs to reach.
+
+needs the service and Dask: pip install 'equimesh[service,dask]'
+
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command."""
+    parser = add_command(
+        commands,
+        "worker",
+        help="join a cluster as a worker",
+        description="Solve meshes for a service with the engine dask, until it is stopped.",
+        examples=EXAMPLES,
+    )
+    for name, help_ in (
+        ("scheduler", "address of the scheduler of the cluster, e.g. tcp://host:8786"),
+        ("workers", "processes that solve (one for each processor)"),
+        ("log-level", "least level logged (info)"),
+        ("log-format", "text or json (text)"),
+    ):
+        parser.add_argument(f"--{name}", dest=f"setting_{name.replace('-', '_')}", help=help_)
+    parser.add_argument("--name", help="name of this worker in messages (its machine and process)")
+    parser.add_argument(
+        "--health-port", type=int, default=0, help="port on which GET /health answers while this runs (a free one)"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Be a worker in this process."""
+    given = {
+        name: value
+        for name in ("scheduler", "workers", "log_level", "log_format")
+        if (value := getattr(options, f"setting_{name}")) is not None
+    }
+    try:
+        from equimesh_service.files.privacy import withhold_files
+        from equimesh_service.telemetry import logs
+    except ImportError as error:
+        raise NotInstalled("service", error) from error
+    settings = merged_settings({"engine": "dask", **given})
+    logs.configure(settings.log_level, settings.log_format)
+    try:
+        from equimesh_service.engine.cluster_worker import default_name, run_worker
+    except ImportError as error:
+        raise NotInstalled("dask", error) from error
+    withhold_files()
+    try:
+        run_worker(settings.scheduler, settings.workers, options.name or default_name(), options.health_port)
+    except ValueError as error:  # an address that Dask cannot read
+        raise Refused(f"{settings.scheduler}: {error}") from None
+    return Exit.DONE

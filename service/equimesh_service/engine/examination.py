@@ -1,0 +1,61 @@
+"""An examination of a cluster, without a job: its workers, and what is wrong with each of them for a service."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+from distributed import Client, Worker
+from distributed.system import MEMORY_LIMIT
+
+from equimesh_service.engine.packed_call import PackedCall
+from equimesh_service.engine.versions import describe_difference, versions
+
+MIB = 1024 * 1024
+# The longest wait for the scheduler.
+_MAX_CONNECT_SECONDS = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Examined:
+    """A worker: its name, the jobs that it takes at the same time, the memory of its machine in MiB, and its fault."""
+
+    name: str
+    slots: int = 0
+    memory: int = 0
+    fault: str = ""
+
+
+def examine(scheduler: str, check: PackedCall | None) -> list[Examined]:
+    """All workers of the cluster, each after it called ``check``, which returns its fault; raises OSError without one.
+
+    A ``check`` is left out where it is None.
+    """
+    client: Any = Client(scheduler, timeout=_MAX_CONNECT_SECONDS, set_as_default=False, name="equimesh-doctor")
+    try:
+        known = client.sync(client.scheduler.identity, n_workers=-1)["workers"]
+        answers = client.run(_look_around, check, on_error="return") if known else {}
+    finally:
+        client.close()
+    return [_examined(str(known[address]["name"]), answer) for address, answer in answers.items() if address in known]
+
+
+async def _look_around(check: PackedCall | None, dask_worker: Worker) -> dict[str, Any]:
+    """What a worker says of itself; called on the worker."""
+    return {
+        "versions": versions(),
+        "slots": dask_worker.state.nthreads,
+        "memory": MEMORY_LIMIT // MIB,
+        "fault": "" if check is None else str(await asyncio.to_thread(check)),
+    }
+
+
+def _examined(name: str, answer: Any) -> Examined:
+    if isinstance(answer, ModuleNotFoundError):
+        return Examined(name=name, fault=f"it has no equimesh of this release ({answer})")
+    if isinstance(answer, Exception):
+        return Examined(name=name, fault=f"it does not answer as expected ({type(answer).__name__}: {answer})")
+    different = describe_difference(versions(), answer["versions"])
+    fault = f"it has {different}" if different else answer["fault"]
+    return Examined(name=name, slots=answer["slots"], memory=answer["memory"], fault=fault)

@@ -1,0 +1,122 @@
+"""Jobs arrive while workers, their processes, the scheduler and the service are killed, and nothing is lost."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from equimesh_service.store.store import Store
+from service.clusters import ClusterProcesses, cluster_processes
+from service.conftest import until
+from service.databases import Postgres
+from service.processes import ServiceProcess, children, runs, service_process
+from service.sent_work import Work, age_files, check_downloads, check_files, check_meshes, lives, unfinished
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
+_PATIENCE = 300.0  # seconds; every worker that is started warms up
+
+
+@dataclass
+class Saboteur:
+    """Kills parts while jobs arrive, by a seed, each time after a number of finished jobs, and starts them again."""
+
+    service: ServiceProcess
+    cluster: ClusterProcesses
+    seed: int
+    killed: Counter[str] = field(default_factory=Counter)
+    processes: set[int] = field(default_factory=set)
+
+    def rage(self, store: Store, jobs: int, deeds: list[str]) -> None:
+        """Kill in a random order, spread over the work."""
+        order = random.Random(self.seed)
+        order.shuffle(deeds)
+        for number, deed in enumerate(deeds):
+            done = number * jobs // (2 * len(deeds))
+            until(lambda done=done: store.queue.count().meshes["succeeded"] >= done, _PATIENCE)
+            time.sleep(order.uniform(0.0, 0.3))
+            self._kill(deed, order)
+            self.killed[deed] += 1
+
+    def _kill(self, deed: str, order: random.Random) -> None:
+        self.processes.update(self._pool_processes())
+        if deed == "process":
+            os.kill(order.choice(until(self._pool_processes, _PATIENCE)), signal.SIGKILL)
+        elif deed == "worker":
+            name = order.choice([*self.cluster.workers])
+            self.cluster.kill_worker(name, below=False)  # the processes of its pool end by themselves
+            self.cluster.start_own_worker(name, slots=1)
+        elif deed == "scheduler":
+            self.cluster.kill_scheduler()
+            time.sleep(order.uniform(0.0, 1.0))
+            self.cluster.start_scheduler()
+        else:
+            self.service.kill()
+            self.service.start()
+
+    def _pool_processes(self) -> list[int]:
+        below = [pid for worker in self.cluster.workers.values() for pid in children(worker.pid, deep=False)]
+        return [pid for server in below for pid in children(server, deep=False)]
+
+
+@pytest.mark.parametrize(
+    ("jobs", "workers", "deeds"),
+    [
+        (24, 1, {"process": 1, "worker": 1, "scheduler": 1, "service": 1}),
+        pytest.param(200, 2, {"process": 6, "worker": 3, "scheduler": 2, "service": 2}, marks=pytest.mark.everything),
+    ],
+)
+def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
+    tmp_path: Path, postgres: Postgres, jobs: int, workers: int, deeds: dict[str, int], everything: bool
+) -> None:
+    files = tmp_path / "shared"
+    with (
+        postgres.database() as url,
+        cluster_processes(tmp_path / "cluster") as cluster,
+        service_process(
+            tmp_path / "service",
+            DATABASE_URL=url,
+            FILES_URL=f"file://{files}",
+            ENGINE="dask",
+            SCHEDULER=cluster.scheduler,
+            LEASE="3",
+        ) as service,
+    ):
+        cluster.start_scheduler()
+        for number in range(workers):
+            cluster.start_own_worker(f"worker-{number}", slots=1)
+        service.start()
+        until(lambda: lives(service.url), _PATIENCE)
+        store = Store(url)
+        try:
+            work = Work(service.url, jobs)
+            threads = work.start()
+            saboteur = Saboteur(service, cluster, seed=jobs)
+            saboteur.rage(store, jobs, [deed for deed, times in deeds.items() for _ in range(times)])
+            for thread in threads:
+                thread.join()
+            assert work.faults == []
+            assert len(work.accepted) == jobs
+            assert saboteur.killed == deeds
+            until(lambda: unfinished(store) == 0, _PATIENCE)
+            if everything:  # a start sweeps files away that no mesh names
+                assert service.stop() == 0
+                age_files(files)
+                service.start()
+                service.ready()
+                check_files(url, files)
+            check_meshes(store, work)
+            check_downloads(service.url, store)
+            assert service.stop() == 0
+            cluster.close()
+            until(lambda: not any(runs(pid) for pid in saboteur.processes))
+        finally:
+            store.close()
+    assert "Traceback" not in service.log
