@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -41,17 +42,17 @@ class WindowRows:
         """All rows."""
         return cls(shape=shape, begin=0, first=0, last=shape[0] - 1)
 
-    @property
+    @cached_property
     def cells(self) -> tuple[int, int]:
         """Cells of the whole grid along xi and along eta."""
         return self.shape[0] - 1, self.shape[1] - 1
 
-    @property
+    @cached_property
     def own(self) -> slice:
         """The numbers of the own cells, among those of the whole grid."""
         return slice(self.first * self.cells[1], self.last * self.cells[1])
 
-    @property
+    @cached_property
     def strips(self) -> tuple[tuple[int, int], ...]:
         """The own rows of cells, cut where the grid has its strips: a sum over cells is one of sums over strips.
 

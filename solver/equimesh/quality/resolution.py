@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,6 +31,8 @@ CHECKED_SHIFT = 11
 """The shift of the sample from row to row."""
 MIN_CHECKED_CELLS = 512
 """On at most this many cells the second rule is tried on all."""
+MAX_KEPT_CELLS = 1 << 18
+"""Cells of which the sample is kept, for the next mesh of the size."""
 MAX_ROUNDS = 12
 """Divisions of a cell."""
 MAX_PIECES_PER_CELL = 6
@@ -97,8 +100,20 @@ def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tup
 
 def _on_lattice(cells: WindowCells) -> BoolArray:
     """Whether a cell belongs to the sample, which meets every row and column."""
-    row, column = np.divmod(cells.numbers, cells.columns)
-    return np.asarray((column + CHECKED_SHIFT * row) % CHECKED == 0)
+    numbers, columns = cells.numbers, cells.columns
+    if numbers.size and numbers[-1] - numbers[0] + 1 == numbers.size <= MAX_KEPT_CELLS:
+        return _lattice(int(numbers[0]), numbers.size, columns).copy()
+    return _lattice_of(numbers, columns)
+
+
+@lru_cache(maxsize=4)
+def _lattice(first: int, count: int, columns: int) -> BoolArray:
+    """The same of consecutive cells."""
+    return _lattice_of(np.arange(first, first + count), columns)
+
+
+def _lattice_of(numbers: IntArray, columns: int) -> BoolArray:
+    return np.asarray((numbers + (CHECKED_SHIFT - columns) * (numbers // columns)) % CHECKED == 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,8 @@ from equimesh.numerics.types import Array, BoolArray, IntArray
 
 DIGIT_BITS = 8
 """Bits of a number that are compared at a time."""
+MAX_SENT = 4096
+"""So many values of all processes are sent to all and compared as they are; by one process, any number."""
 COARSE_BITS = 47
 """Bits that a rough comparison leaves out: the last of the 52 that are stored of a number's digits."""
 
@@ -24,14 +26,23 @@ def largest_of(values: Array, count: int, rows: WindowRows) -> IntArray:
     """
     keys = np.abs(values).view(np.uint64)
     chosen, candidates, left = np.zeros(values.size, dtype=np.bool_), np.arange(values.size), count
-    for shift in range(64 - DIGIT_BITS, -1, -DIGIT_BITS):
+    of_all = int(summed(rows.channel, np.array([float(values.size)]))[0])
+    most, shift = MAX_SENT if rows.channel.count > 1 else of_all, 64
+    while of_all > most and shift > 0:
+        shift -= DIGIT_BITS
         digits = ((keys[candidates] >> np.uint64(shift)) & np.uint64((1 << DIGIT_BITS) - 1)).astype(np.int64)
         found = summed(rows.channel, np.bincount(digits, minlength=1 << DIGIT_BITS).astype(float))
         at_least = np.append(np.cumsum(found[::-1])[::-1], 0.0)
         last = int(np.flatnonzero(at_least >= left)[-1])  # the digit of the smallest value that is taken
         chosen[candidates[digits > last]] = True
-        left -= int(at_least[last + 1])
+        left, of_all = left - int(at_least[last + 1]), int(found[last])
         candidates = candidates[digits == last]
+    if of_all <= most:
+        sent = joined(rows.channel, keys[candidates].view(np.float64)).view(np.uint64)
+        smallest = np.partition(sent, of_all - left)[of_all - left]
+        chosen[candidates[keys[candidates] > smallest]] = True
+        left -= int(np.count_nonzero(sent > smallest))
+        candidates = candidates[keys[candidates] == smallest]
     parts = joined(rows.channel, np.array([[float(rows.first), float(candidates.size)]]))
     before = int(parts[parts[:, 0] < rows.first, 1].sum())
     chosen[candidates[: max(0, left - before)]] = True
