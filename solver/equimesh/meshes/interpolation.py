@@ -53,6 +53,23 @@ def rule(coarse: int, fine: int, *, cubic: bool = True) -> Rule:
     return found
 
 
+def rule_on_rows(whole: Rule, rows: tuple[int, int], begin: int) -> Rule:
+    """A rule for some fine rows alone, whose coarse rows are counted from ``begin``."""
+    if (*rows, begin) == (0, whole.first.size, 0):
+        return whole
+    here = slice(*rows)
+    found = Rule(whole.first[here] - np.uint64(begin), np.ascontiguousarray(whole.weights[:, here]))
+    for array in found:
+        array.setflags(write=False)
+    return found
+
+
+def rows_needed(coarse: int, fine: int, rows: tuple[int, int]) -> tuple[int, int]:
+    """The first coarse row that the rules for some fine rows read, and the one after the last."""
+    first = rule(coarse, fine).first
+    return int(first[rows[0]]), int(first[rows[1] - 1]) + WIDTH
+
+
 def _lagrange(at: Array) -> Array:
     """The weights of the cubic through the values at 0, 1, 2 and 3."""
     weights = np.ones((WIDTH, at.size))

@@ -1,25 +1,25 @@
-"""The rows of a grid, cut into strips, and the strips shared out among parts that run at the same time.
+"""The rows of a grid that a process holds, and their strips, shared out among its threads.
 
-A strip is a block of rows whose intermediate arrays stay in the cache. Strips depend on the grid alone. A part has
-consecutive strips. Where a sum runs over all rows, each strip gives its own sum, and these are added in the order of
-the strips. So no result depends on the number of parts, to the last bit.
+A process holds its own rows and one more each way, where there are more. Processes are the parts of a channel; threads
+share what their process holds. Both are cut between strips (:mod:`equimesh.meshes.strips`), which depend on the grid
+alone. The whole grid in one process is the case of one part, which holds all rows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import TypeVar
 
-from equimesh.numerics.communicator import Communicator
+from equimesh.meshes.strips import cuts_of, strips_of
+from equimesh.numerics.channel import ALONE, Channel
+from equimesh.numerics.communicator import Communicator, agree
+from equimesh.numerics.types import Array
 
 T = TypeVar("T")
 
-# Nodes of a strip of rows: its intermediate arrays stay in the cache.
-STRIP_NODES = 32_768
-# Rows of a strip, at least: each strip also reads one row beyond either end.
-MIN_STRIP_ROWS = 16
 # Fewer nodes are not worth a second thread.
 MIN_SHARED_NODES = 16_384
 
@@ -28,7 +28,7 @@ MIN_SHARED_NODES = 16_384
 class Part:
     """The node rows ``first`` to ``last - 1``, and the numbers of the ``strips`` inside.
 
-    Every row of the grid belongs to one part. The first and the last row of the grid are in no strip.
+    Every row belongs to one part. The first and the last row of the grid are in no strip.
     """
 
     first: int
@@ -53,46 +53,123 @@ class Part:
 
 @dataclass(frozen=True)
 class Parts:
-    """All rows of a grid of ``shape`` points.
+    """The rows of a grid of ``shape`` points that this process holds, shared out among its threads.
 
-    ``strips`` are the first row and the row after the last one of each strip.
+    ``own`` are the rows and strips that belong to the process, as numbers of the grid. It holds the rows ``begin`` to
+    ``end - 1``: its arrays begin with row ``begin``. ``parts`` and ``strips`` count the rows of these arrays:
+    ``parts`` are those of the threads, ``strips`` the first row and the row after the last one of each own strip.
     """
 
-    shape: tuple[int, ...]
+    shape: tuple[int, int]
+    own: Part
+    begin: int
+    end: int
     strips: tuple[tuple[int, int], ...]
     parts: tuple[Part, ...]
     communicator: Communicator
 
     @classmethod
-    def of(cls, shape: tuple[int, ...], threads: int = 1) -> Parts:
-        """A part for each of ``threads`` threads, or fewer where the grid is too small to be shared."""
-        return _cut(shape, threads if shape[0] * shape[1] >= MIN_SHARED_NODES else 1)
+    def of(cls, shape: tuple[int, ...], threads: int = 1, channel: Channel = ALONE) -> Parts:
+        """What the part of ``channel`` holds, with a part for each of ``threads`` threads.
+
+        There are fewer where the grid is too small to be shared. Raises :class:`~equimesh.errors.InputError` where it
+        has too few rows for the parts of the channel.
+        """
+        rows, columns = shape
+        threads = threads if rows * columns >= MIN_SHARED_NODES else 1
+        found = _cut((rows, columns), threads, channel.number, channel.count)
+        if channel.count == 1:
+            return found
+        return replace(found, communicator=Communicator(found.communicator.size, channel))
+
+    @property
+    def channel(self) -> Channel:
+        """The way to the other processes."""
+        return self.communicator.channel
+
+    @property
+    def here(self) -> Parts:
+        """The same rows and threads, without the other processes: numbers are those of this process alone."""
+        return self if self.is_whole else replace(self, communicator=Communicator(self.communicator.size))
 
     @property
     def is_whole(self) -> bool:
-        """Whether there is only one part, the whole grid."""
-        return len(self.parts) == 1
+        """Whether this process holds all rows of the grid."""
+        return self.channel.count == 1
+
+    @property
+    def held_shape(self) -> tuple[int, int]:
+        """The shape of the arrays of this process."""
+        return self.end - self.begin, self.shape[1]
+
+    @property
+    def held(self) -> slice:
+        """The rows that this process holds, as numbers of the grid."""
+        return slice(self.begin, self.end)
+
+    @property
+    def cuts(self) -> tuple[int, ...]:
+        """The first row of every process, and the number of rows."""
+        return row_cuts(self.shape, self.channel.count)
 
     def each(self, work: Callable[[Part], T]) -> list[T]:
-        """The results of ``work`` for every part, in the order of the rows."""
+        """The results of ``work`` for the part of every thread, in the order of the rows."""
         return self.communicator.each(lambda k: work(self.parts[k]))
 
     def largest(self, work: Callable[[Part], float]) -> float:
-        """The largest number of a part; NaN where one of them is NaN."""
+        """The largest number of a part, of all processes; NaN where one of them is NaN."""
         return self.communicator.largest(lambda k: work(self.parts[k]))
 
     def smallest(self, work: Callable[[Part], float]) -> float:
-        """The smallest number of a part; NaN where one of them is NaN."""
+        """The smallest number of a part, of all processes; NaN where one of them is NaN."""
         return self.communicator.smallest(lambda k: work(self.parts[k]))
+
+    def agree(self, *numbers: float) -> tuple[float, ...]:
+        """The largest of each number, of all processes; NaN where one of them is NaN."""
+        return numbers if self.is_whole else agree(self.channel, *numbers)
+
+    def fill_halos(self, *held: Array) -> None:
+        """Take the rows next to the own ones from the processes that own them, for arrays of rows that are held.
+
+        Each process sends its first own row to the part before it, and its last one to the part after it.
+        """
+        first, last = self.own.first - self.begin, self.own.last - self.begin
+        before, after = self.channel.number - 1, self.channel.number + 1
+        if before >= 0:
+            self.channel.send(before, "halo", [array[first] for array in held])
+        if after < self.channel.count:
+            self.channel.send(after, "halo", [array[last - 1] for array in held])
+        if before >= 0:
+            for array, row in zip(held, self.channel.receive(before, "halo"), strict=True):
+                array[first - 1] = row
+        if after < self.channel.count:
+            for array, row in zip(held, self.channel.receive(after, "halo"), strict=True):
+                array[last] = row
+
+
+def row_cuts(shape: tuple[int, int], count: int) -> tuple[int, ...]:
+    """The first row of each of ``count`` processes, and the number of rows."""
+    strips = strips_of(shape)
+    if count == 1:
+        return 0, shape[0]
+    return 0, *(strips[cut][0] for cut in cuts_of(len(strips), count)[1:-1]), shape[0]
+
+
+def rows_held(shape: tuple[int, int], count: int) -> list[tuple[int, int]]:
+    """The first row that each of ``count`` processes holds, and the one after the last."""
+    return [(max(first - 1, 0), min(last + 1, shape[0])) for first, last in pairwise(row_cuts(shape, count))]
 
 
 @lru_cache(maxsize=256)
-def _cut(shape: tuple[int, ...], most: int) -> Parts:
-    rows, columns = shape
-    height = max(MIN_STRIP_ROWS, -(-STRIP_NODES // columns))
-    strips = tuple((first, min(first + height, rows - 1)) for first in range(1, rows - 1, height))
-    count = max(1, min(most, len(strips)))
-    ends = [k * len(strips) // count for k in range(count + 1)]
-    firsts = [0, *(strips[end][0] for end in ends[1:-1]), rows]
-    parts = tuple(Part(firsts[k], firsts[k + 1], range(ends[k], ends[k + 1])) for k in range(count))
-    return Parts(shape, strips, parts, Communicator(count))
+def _cut(shape: tuple[int, int], most: int, number: int, count: int) -> Parts:
+    """Part ``number`` of ``count``, shared by at most ``most`` threads."""
+    all_strips, rows = strips_of(shape), row_cuts(shape, count)
+    cuts = cuts_of(len(all_strips), count) if count > 1 else (0, len(all_strips))
+    own = Part(rows[number], rows[number + 1], range(cuts[number], cuts[number + 1]))
+    begin, end = rows_held(shape, count)[number]
+    strips = tuple((first - begin, last - begin) for first, last in all_strips[own.strips.start : own.strips.stop])
+    threads = max(1, min(most, len(strips)))
+    ends = [k * len(strips) // threads for k in range(threads + 1)]
+    firsts = [own.first - begin, *(strips[end][0] for end in ends[1:-1]), own.last - begin]
+    parts = tuple(Part(firsts[k], firsts[k + 1], range(ends[k], ends[k + 1])) for k in range(threads))
+    return Parts(shape, own, begin, end, strips, parts, Communicator(threads))

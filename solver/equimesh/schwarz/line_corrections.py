@@ -14,6 +14,7 @@ from equimesh.numerics.types import Array
 from equimesh.schwarz.holding.on_channel import OnChannel
 from equimesh.schwarz.holding.port import Holding
 from equimesh.schwarz.lines.held_sweep import HeldSweep
+from equimesh.meshes.parts import Parts
 from equimesh.sweeps.contraction import error_left
 from equimesh.sweeps.sweep import Correction, Sweep, memory_needed
 
@@ -63,7 +64,8 @@ class LineCorrections:
         if isinstance(holding, OnChannel):
             self._sweep = HeldSweep(problem, holding)
         else:
-            self._sweep = Sweep(problem.metric, problem.boundary, shape, np.empty(memory_needed(shape)), threads)
+            parts, memory = Parts.of(shape, threads), np.empty(memory_needed(shape))
+            self._sweep = Sweep(problem.metric, problem.boundary, parts, memory)
         self._floor = smallest_move(shape)
 
     def apply(self, mesh: Mesh, count: int, enough: float = 0.0) -> CorrectionResult:

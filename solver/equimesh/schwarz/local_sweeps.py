@@ -10,6 +10,7 @@ from equimesh.equations.newton_solve import NewtonSolution
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_move
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 from equimesh.sweeps.frame import Frame
 from equimesh.sweeps.sweep import Sweep, memory_needed, take_midpoints
@@ -21,9 +22,7 @@ class SubdomainSweeps:
     """Sweeps of line corrections on a window, with their working memory."""
 
     def __init__(self, problem: Problem, shape: tuple[int, int], frame: Frame) -> None:
-        self._sweep = Sweep(
-            problem.metric, problem.boundary, shape, np.empty(memory_needed(shape)), threads=1, frame=frame
-        )
+        self._sweep = Sweep(problem.metric, problem.boundary, Parts.of(shape), np.empty(memory_needed(shape)), frame)
         self._floor = smallest_move(shape)
 
     def solve(
@@ -38,7 +37,7 @@ class SubdomainSweeps:
         x, y, moves = start.x, start.y, [math.inf]
         for count in range(1, most + 1):
             found = self._sweep.correct(x, y, None if rest is None else rest(x, y))
-            _, smallest = self._sweep.guard(x, y, shorten=take_midpoints)
+            smallest = self._sweep.guard(x, y, found, shorten=take_midpoints).smallest
             if not (math.isfinite(found.deviation) and smallest > 0.0):
                 return NewtonSolution(start, count, math.inf, converged=False, swept=True)
             x, y = self._sweep.swap(x, y)

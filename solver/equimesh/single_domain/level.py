@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.folding import smallest_jacobian
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.nested import distance, is_refined, refinement
+from equimesh.meshes.nested import distance_in_rows, is_refined, refinement
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 from equimesh.single_domain.steps import ALGEBRAIC_SHARE, TIGHT_DEVIATION, Step, Steps
@@ -31,47 +33,74 @@ MIN_MOVE_SHARE = 1 / 128
 MIN_JACOBIAN_SHARE = 0.2
 
 
+@dataclass(frozen=True)
+class Solved:
+    """A level that is solved: its last step, and the rows of its mesh that the process holds."""
+
+    step: Step
+    mesh: HeldMesh
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the level."""
+        return self.step.grid
+
+
 @dataclass
 class Level:
-    """The chord iteration on one level: full sweeps near the solution, guarded ones from the uniform mesh."""
+    """The chord iteration on one level: full sweeps near the solution, guarded ones from the uniform mesh.
+
+    The meshes of its steps have the rows that the process holds, ``parts``, which are all rows where there is no other
+    process. All processes make the same steps: they agree on the numbers by which they decide.
+    """
 
     problem: Problem
     label: Step
-    coarse: Step | None
+    coarse: Solved | None
     tight: bool
     memory: Array
-    threads: int
+    parts: Parts
 
     def steps(self) -> Steps:
         """Sweeps; returns the last step, or ``None`` where the iteration does not converge to a valid mesh."""
         metric, shape = self.problem.metric, self.problem.grid.shape
-        sweep = Sweep(metric, self.problem.boundary, shape, self.memory, self.threads)
+        sweep = Sweep(metric, self.problem.boundary, self.parts, self.memory)
         own = x, y = self.label.mesh.x, self.label.mesh.y
         halve, slow, moves = False, 0, [math.inf]
         tolerance, smallest = max(TIGHT_DEVIATION, smallest_residual(metric, shape)), 0.0
         if self.coarse is None:
             smallest = smallest_jacobian(x, y)
         for count in range(1, (MAX_COLD_SWEEPS if self.coarse is None else MAX_SWEEPS) + 1):
-            found = sweep.correct(x, y)
-            taken, smallest = sweep.guard(x, y, halve=halve, floor=self._floor(smallest), min_share=MIN_MOVE_SHARE)
-            if not (math.isfinite(found.deviation) and smallest > 0.0):
+            taken = sweep.guard(
+                x,
+                y,
+                sweep.correct(x, y),
+                halve=halve,
+                floor=self._floor(smallest),
+                min_share=MIN_MOVE_SHARE,
+                measure=None if self.tight else self._gap,
+            )
+            smallest = taken.smallest
+            if not (math.isfinite(taken.deviation) and smallest > 0.0):
                 return None
             x, y = sweep.swap(x, y)
-            moves.append(found.move)
+            moves.append(taken.move)
             contraction = self._contraction(moves)
-            left = error_left(found.move, contraction) if taken == 1.0 else math.inf
+            left = error_left(taken.move, contraction) if taken.share == 1.0 else math.inf
             step = replace(
                 self.label,
                 step=count,
-                residual=found.deviation,
+                residual=taken.deviation,
                 mesh=Mesh(x, y),
                 algebraic_error=left,
                 contraction=contraction,
             )
-            error = math.nan if self.tight else self._discretization(step.mesh)
-            done = found.deviation <= tolerance if self.tight else self._is_near(step, error)
+            error = self._discretization(taken.gap)
+            done = taken.deviation <= tolerance if self.tight else self._is_near(step, error)
             if done:
-                return self._finished(step, own, self._discretization(step.mesh) if self.tight else error)
+                if self.tight:
+                    error = self._discretization(*self.parts.agree(self._gap(x, y)))
+                return self._finished(step, own, error)
             yield step
             slow = slow + 1 if not moves[-1] < MAX_SLOW_CONTRACTION * min(moves[:-1]) else 0
             if slow > MAX_SLOW_SWEEPS and self.coarse is not None:
@@ -88,7 +117,7 @@ class Level:
         """The factor by which the next sweeps reduce the moves: from the last two moves, or from the coarser level."""
         if math.isfinite(moves[-2]) and moves[-2] > 0.0:
             return max(MIN_CONTRACTION, moves[-1] / moves[-2])
-        return 1.0 if self.coarse is None else self.coarse.contraction
+        return 1.0 if self.coarse is None else self.coarse.step.contraction
 
     def _is_near(self, step: Step, error: float) -> bool:
         """Whether the algebraic error is small compared with that of the grid, or enough for a first level."""
@@ -96,19 +125,28 @@ class Level:
             return step.algebraic_error <= MAX_START_ERROR * min(self.problem.grid.d_xi, self.problem.grid.d_eta)
         return math.isfinite(step.algebraic_error) and step.algebraic_error <= ALGEBRAIC_SHARE * error
 
-    def _discretization(self, mesh: Mesh) -> float:
-        """The error of the grid, if of second order: from the difference to the coarser solution."""
-        if self.coarse is None or not is_refined(mesh.grid, self.coarse.grid):
+    def _gap(self, x: Array, y: Array) -> float:
+        """The difference of the own rows to the coarser solution; NaN where it says nothing about the error."""
+        if self.coarse is None or not is_refined(self.problem.grid, self.coarse.grid):
             return math.nan
-        gap = distance(mesh, self.coarse.mesh, self.threads)
-        return gap / (refinement(mesh.grid, self.coarse.grid) - 1.0)
+        here = HeldMesh(self.problem.grid, self.parts.begin, x, y)
+        return distance_in_rows(here, self.coarse.mesh, self.parts)
+
+    def _discretization(self, gap: float) -> float:
+        """The error of the grid, if of second order: from the difference to the coarser solution."""
+        if self.coarse is None or math.isnan(gap):
+            return math.nan
+        return gap / (refinement(self.problem.grid, self.coarse.grid) - 1.0)
 
     def _finished(self, step: Step, own: tuple[Array, Array], error: float) -> Step:
         """The last step, with its mesh outside the working memory."""
         mesh = step.mesh
         if mesh.x is not own[0]:
             moved = mesh.x, mesh.y
-            Parts.of(mesh.x.shape, self.threads).each(lambda part: copy_rows(own, moved, part.rows))
+            self.parts.each(lambda part: copy_rows(own, moved, part.rows))
+            first, last = (row - self.parts.begin for row in self.parts.own.ends)
+            for halo in (slice(0, first), slice(last, None)):
+                copy_rows(own, moved, halo)
             mesh = Mesh(*own)
         return replace(step, mesh=mesh, converged=True, discretization_error=error)
 

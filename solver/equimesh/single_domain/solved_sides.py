@@ -19,6 +19,7 @@ from equimesh.equations.rounding import smallest_residual
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.newton import Solver, newton_iterations
 from equimesh.numerics.types import Array
+from equimesh.sweeps.side_nodes import SideNodes
 from equimesh.sweeps.sides import Sides
 
 # Guarded sweeps of all sides before Newton's method takes over.
@@ -97,7 +98,7 @@ def _swept(problem: Problem, x: Array, y: Array, tolerance: float) -> bool:
     """Sweep the sides in place; whether they are solved."""
     corrections = Sides(problem.metric, problem.boundary, x.shape)
     for _ in range(MAX_SWEEPS):
-        deviation, _, along_eta, along_xi = corrections.moves(x, y)
+        deviation, _, along_eta, along_xi = corrections.moves(SideNodes.of(x, y))
         if deviation <= tolerance:
             return True
         if not math.isfinite(deviation):

@@ -15,6 +15,7 @@ from equimesh.numerics.types import Array
 from equimesh.sweeps.cell_metrics import cell_metrics
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.line_extremes import line_extremes
+from equimesh.sweeps.side_nodes import SideNodes
 from equimesh.sweeps.sides import Sides
 
 # Fewer nodes are not worth a second thread.
@@ -55,7 +56,7 @@ def deviation(
 
     run_on_threads(threads, work)
     with np.errstate(all="ignore"):
-        sides = Sides(metric, boundary, rows.shape).moves(*_with_sides(window))[0]
+        sides = Sides(metric, boundary, rows.shape).moves(_side_nodes(window))[0]
         of_lines = line_extremes(rows.channel, lines)
         xi, check = (0.0, 0.0) if of_lines is None else _largest_of_lines(of_lines[:, 1:-1], rows.shape[0] - 1)
         here = [xi, found[:, 0].max(initial=0.0), found[:, 1].sum() + check]
@@ -72,19 +73,17 @@ def _largest_of_lines(lines: Array, edges: int) -> tuple[float, float]:
     return float((np.maximum(high - mean, mean - low) / mean).max(initial=0.0)), float(sums.sum())
 
 
-def _with_sides(window: MeshWindow) -> tuple[Array, Array]:
-    """x and y of the whole mesh, of which only the sides are known where others hold the rest."""
+def _side_nodes(window: MeshWindow) -> SideNodes:
+    """The sides of the whole mesh, also where others hold some of its rows."""
     rows = window.rows
     x, y = window.nodes(rows.first, rows.last)
     if rows.channel.count == 1:
-        return x, y
+        return SideNodes.of(x, y)
     on_left, on_right = rows.first == 0, rows.first < rows.last == rows.cells[0]
     own = slice(0, rows.last - rows.first + on_right)
     sides = y[np.array([0] * on_left + [-1] * on_right, dtype=np.int64)]
-    at_x, at_y = np.zeros(rows.shape), np.zeros(rows.shape)  # memory is taken for the rows that are written alone
-    at_x[:, [0, -1]] = joined(rows.channel, x[own][:, [0, -1]])
-    at_y[[0, -1]] = joined(rows.channel, sides)
-    return at_x, at_y
+    along_xi = joined(rows.channel, x[own][:, [0, -1]])
+    return SideNodes(joined(rows.channel, sides), np.ascontiguousarray(along_xi.T))
 
 
 @vectorised

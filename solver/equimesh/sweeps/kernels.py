@@ -260,45 +260,6 @@ def move_row(nodes: Nodes, m: Array, i: int, c: int, running: Array, out: Moved)
         )
 
 
-@compiled
-def line_sums(
-    first: Array, sums: Array, rows: IntArray, pushes: Array, lines: Lines, levels: Levels, starts: Array
-) -> float:
-    """Prepare the corrections of the xi-lines strip by strip, from the sums of each strip of rows.
-
-    ``first`` holds the squared metric lengths of the first edges, which belong to lines from node 0, ``sums`` of shape
-    ``(strips, n_eta)`` those summed over the ``rows`` edges of each strip, ``pushes`` of shape ``(2, n_eta)`` ``-2 P``
-    on the left and right side. Fills in ``levels`` and, in ``starts``, the ``running`` of :func:`xi_corrections` for
-    every strip. Returns the largest relative deviation of a first edge.
-    """
-    has_first, rest, beyond = lines.first == 0, lines.rest, lines.beyond
-    mean, shift = levels
-    strips, n_eta = sums.shape
-    edges = beyond[0] + beyond[1]
-    if has_first:
-        edges += 1
-    for k in range(strips):
-        edges += rows[k]
-    deviation = 0.0
-    for j in range(1, n_eta - 1):
-        total = rest[0, j] + rest[1, j]
-        if has_first:
-            total += first[j]
-        for k in range(strips):
-            total += sums[k, j]
-        mean[j], shift[j] = total / edges, (pushes[1, j] - pushes[0, j]) / edges
-        running = pushes[0, j] + rest[0, j] - beyond[0] * (mean[j] - shift[j])
-        if has_first:
-            running += first[j] - mean[j] + shift[j]
-            deviation = max(deviation, abs(first[j] - mean[j]) / mean[j])
-        for k in range(strips):
-            starts[k, j] = running
-            running += sums[k, j] + rows[k] * (shift[j] - mean[j])
-        if total - total != 0.0:
-            deviation = np.inf
-    return deviation
-
-
 @vectorised
 def xi_corrections(nodes: Nodes, strip: Strip, levels: Levels, running: Array, out: Moved, largest: Array) -> None:
     """Add the corrections of the xi-lines to the node rows of a strip in ``out``.

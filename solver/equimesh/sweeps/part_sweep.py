@@ -4,50 +4,29 @@ Between the phases stand the sums along the xi-lines, to which all parts contrib
 own, and writes its own only. The whole grid is the case of one part.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.parts import Part, Parts
-from equimesh.numerics.types import Array, IntArray
+from equimesh.meshes.strips import strips_of
+from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels
 from equimesh.sweeps.cell_metrics import cell_metrics
-from equimesh.sweeps.kernels import Levels, Lines, Moved, Nodes, Strip
+from equimesh.sweeps.kernels import Lines, Moved, Nodes, Strip
+from equimesh.sweeps.line_sums import LineSums
 from equimesh.sweeps.sides import finite_or_infinite
-
-
-class LineSums(NamedTuple):
-    """What the strips contribute to the sums along the xi-lines, and where the lines start in each strip.
-
-    ``strips`` and ``starts`` have the shape ``(strips, n_eta)``, ``rows`` the numbers of edges that each strip adds.
-    ``pushes`` of shape ``(2, n_eta)`` are ``-2 P`` on the left and right side.
-    """
-
-    strips: Array
-    starts: Array
-    rows: IntArray
-    pushes: Array
-    levels: Levels
-
-    @classmethod
-    def of(cls, parts: Parts, summed: int) -> "LineSums":
-        """Memory for the sums of the edges that begin in the rows below ``summed``."""
-        count, n_eta = len(parts.strips), parts.shape[1]
-        rows = np.array([min(last, summed) - first for first, last in parts.strips])
-        levels = Levels(np.ones(n_eta), np.zeros(n_eta))
-        return cls(np.empty((count, n_eta)), np.empty((count, n_eta)), rows, np.zeros((2, n_eta)), levels)
 
 
 class PartSweep:
     """The corrections of one part, with the memory for the metric of its cells."""
 
     def __init__(self, metric: ReferenceMetric, parts: Parts, part: Part, summed: int) -> None:
-        """The xi-edges from rows below ``summed`` belong to the xi-lines."""
-        self._metric, self._last = metric, parts.shape[0] - 1
-        self._strips = [(k, Strip(*parts.strips[k], summed)) for k in part.strips]
+        """The xi-edges from rows of the grid below ``summed`` belong to the xi-lines."""
+        self._metric, self._last = metric, parts.shape[0] - 1 - parts.begin
+        self._first = 1 - parts.begin
+        self._strips = [(k, Strip(*parts.strips[k], summed - parts.begin)) for k in part.strips]
         # As many rows for every part: the machine code of a kernel, and so its rounding, depends on the layout.
-        rows = max((last - first for first, last in parts.strips), default=0)
+        rows = max((last - first for first, last in strips_of(parts.shape)), default=0)
         self._cells = np.empty((3, rows + 1, parts.shape[1] - 1))
 
     def along_eta(
@@ -55,17 +34,18 @@ class PartSweep:
     ) -> float:
         """The first phase: correct the eta-lines, and sum the xi-edges of every strip.
 
-        ``along`` holds the moves of the nodes on the sides along eta (left, right) and along xi (bottom, top). ``u`` is
-        given at all nodes where it is known. Returns the largest relative deviation along the lines.
+        ``along`` holds the moves of the nodes on the sides: along eta (left, right), and along xi (bottom, top) in the
+        rows that are held. ``u`` is given at all nodes where it is known. Returns the largest relative deviation along
+        the lines.
         """
         (x, y), (along_eta, along_xi), largest = nodes, along, 0.0
         for k, strip in self._strips:
             cells, rows = self._cells[:, : strip.last - strip.first + 1], slice(strip.first - 1, strip.last + 1)
             cell_metrics(self._metric, x[rows], y[rows], cells, None if u is None else u[rows])
-            if strip.first == 1:
-                kernels.end_edges(x, y, cells, 0, along_eta[0], sums.pushes[0], out.squares[0])
+            if strip.first == self._first:
+                kernels.end_edges(x, y, cells, 0, along_eta[0], sums.pushes[0], sums.first)
             if strip.last == self._last:
-                kernels.end_edges(x, y, cells, -1, along_eta[1], sums.pushes[1], out.squares[0])
+                kernels.end_edges(x, y, cells, -1, along_eta[1], sums.pushes[1], sums.first)
             found = kernels.eta_corrections(nodes, cells, strip, along_xi, lines, out, sums.strips[k])
             largest = max(largest, finite_or_infinite(found))
         return largest

@@ -7,9 +7,11 @@ import numpy as np
 
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric, Tensor
-from equimesh.numerics.types import Array
+from equimesh.meshes.parts import Parts
+from equimesh.numerics.types import Array, Pair
 from equimesh.sweeps.frame import WHOLE, Frame
 from equimesh.sweeps.kernels import Lines, SidePair, side_moves
+from equimesh.sweeps.side_nodes import SideNodes
 
 
 def finite_or_infinite(number: float) -> float:
@@ -35,21 +37,21 @@ class Sides:
         self.fluxes = np.zeros((2, n_eta - 1)), np.zeros((2, n_xi - 1))
 
     def moves(
-        self, x: Array, y: Array, nodal: Tensor | None = None, rest: tuple[Array, Array] | None = None
+        self, at: SideNodes, nodal: Tensor | None = None, rest: Pair | None = None
     ) -> tuple[float, float, Array, Array]:
         """The largest deviation and move, then the moves along eta (left, right) and along xi (bottom, top).
 
-        The moves have the shapes ``(2, n_eta)`` and ``(2, n_xi)`` and are zero on sides that are not physical.
-        ``nodal`` is u with its gradient at all nodes, where it is known; ``rest`` as in :meth:`Sweep.correct`.
-        :attr:`fluxes` then holds the squared metric lengths of the edges, of shape ``(2, n_eta - 1)`` on the left and
-        right side and ``(2, n_xi - 1)`` on the others.
+        ``at`` are the positions along the sides. The moves have the shapes ``(2, n_eta)`` and ``(2, n_xi)`` and are
+        zero on sides that are not physical. ``nodal`` is u with its gradient at all nodes, where it is known; ``rest``
+        as in :meth:`Sweep.correct`. :attr:`fluxes` then holds the squared metric lengths of the edges, of shape
+        ``(2, n_eta - 1)`` on the left and right side and ``(2, n_xi - 1)`` on the others.
         """
         n_xi, n_eta = self.shape
         moves = np.zeros((2, n_eta)), np.zeros((2, n_xi))
         if self.boundary is Boundary.ORTHOGONAL or not any(map(any, self.frame.physical)):
             return 0.0, 0.0, *moves
         deviation = largest = 0.0
-        for axis, pair in enumerate(self._pairs(x, y, nodal)):
+        for axis, pair in enumerate(self._pairs(at, nodal)):
             lines = self._lines[axis]
             if rest is not None:
                 lines = lines._replace(rest=rest[1 - axis][:, [0, -1]].copy())
@@ -64,10 +66,10 @@ class Sides:
             deviation, largest = max(deviation, finite_or_infinite(found)), max(largest, move)
         return deviation, largest, *moves
 
-    def _pairs(self, x: Array, y: Array, nodal: Tensor | None) -> Iterator[SidePair]:
+    def _pairs(self, at: SideNodes, nodal: Tensor | None) -> Iterator[SidePair]:
         """The left and right side, then the bottom and top one; ``u_n`` is zero where the condition ignores it."""
         n_xi, n_eta = self.shape
-        t_eta, t_xi = y[:: n_xi - 1].copy(), x.T[:: n_eta - 1].copy()
+        t_eta, t_xi = at
         if nodal is None:
             u_eta, u_xi = self._evaluated(t_eta, t_xi)
         else:
@@ -85,26 +87,34 @@ class Sides:
         left_right = (u[:cut].reshape(t_eta.shape), u_s[:cut].reshape(t_eta.shape))
         return left_right, (u[cut:].reshape(t_xi.shape), u_t[cut:].reshape(t_xi.shape))
 
-    def place(
-        self, x: Array, y: Array, along_eta: Array, along_xi: Array, new_x: Array, new_y: Array
-    ) -> tuple[float, float]:
-        """Write the new positions of the nodes of the sides to ``new_x`` and ``new_y``.
+    def place(self, old: Pair, along: Pair, new: Pair, parts: Parts) -> tuple[float, float]:
+        """Write the new positions of the nodes of the sides to ``new``, in the rows that are held.
 
-        Returns the largest move and deviation of the nodes that follow the interior, zero if there are none.
+        ``old`` are the nodes before the sweep, ``along`` the moves along the sides, in full. Returns the largest move
+        and deviation of the own nodes that follow the interior, zero if there are none.
         """
+        (x, y), (new_x, new_y), (along_eta, along_xi) = old, new, along
         change, lag = 0.0, 0.0
-        for axis, (old, q, fixed, moved) in enumerate(
-            ((y, new_y, new_x, along_eta), (x.T, new_x.T, new_y.T, along_xi))
+        for axis, (before, q, fixed, moved) in enumerate(
+            ((y, new_y, new_x, along_eta), (x.T, new_x.T, new_y.T, along_xi[:, parts.held]))
         ):
             for side, (end, one, two) in enumerate(((0, 1, 2), (-1, -2, -3))):
-                fixed[end], q[end] = (x, y.T)[axis][end], old[end] + moved[end]
+                if axis == 0 and not (parts.begin == 0, parts.end == self.shape[0])[side]:
+                    continue
+                fixed[end], q[end] = (x, y.T)[axis][end], before[end] + moved[end]
                 if self.boundary is not Boundary.ORTHOGONAL or not self.frame.physical[axis][side]:
                     continue
-                q[end, 1:-1] = (4 * q[one, 1:-1] - q[two, 1:-1]) / 3
-                change = max(change, float(np.abs(q[end] - old[end]).max()))
-                wanted = (4 * old[one, 1:-1] - old[two, 1:-1]) / 3
-                lag = max(lag, float(np.abs(wanted - old[end, 1:-1]).max()) * (q.shape[1] - 1))
+                inner = slice(1, -1) if axis == 0 else self._between_corners(parts)
+                q[end, inner] = (4 * q[one, inner] - q[two, inner]) / 3
+                change = max(change, float(np.abs(q[end] - before[end]).max()))
+                wanted = (4 * before[one, inner] - before[two, inner]) / 3
+                edges = self.shape[1 - axis] - 1
+                lag = max(lag, float(np.abs(wanted - before[end, inner]).max()) * edges)
         return change, lag
+
+    def _between_corners(self, parts: Parts) -> slice:
+        """The own rows between the first and the last one of the grid, in the arrays of this process."""
+        return slice(max(parts.own.first, 1) - parts.begin, min(parts.own.last, self.shape[0] - 1) - parts.begin)
 
     def _unit_base(self) -> tuple[Array, Array]:
         one = np.array([1.0, 0.0, 1.0])[:, None, None]

@@ -11,6 +11,7 @@ The nodes on the sides move by the same rule, at the same time. The iteration is
 solution, for instance from a coarser grid, or damping.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,11 +21,12 @@ from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.folding import smallest_in_parts
 from equimesh.meshes.parts import Parts
-from equimesh.numerics.types import Array
-from equimesh.sweeps import kernels
+from equimesh.numerics.types import Array, Pair
 from equimesh.sweeps.frame import WHOLE, Frame
 from equimesh.sweeps.kernels import Lines, Moved, Nodes
-from equimesh.sweeps.part_sweep import LineSums, PartSweep
+from equimesh.sweeps.line_sums import LineSums
+from equimesh.sweeps.part_sweep import PartSweep
+from equimesh.sweeps.side_nodes import SideNodes
 from equimesh.sweeps.sides import Sides, finite_or_infinite
 
 # On at most this many nodes u and its gradient are evaluated at all nodes at once, not separately on the sides.
@@ -48,7 +50,7 @@ def take_midpoints(moved: Array, old: Array) -> None:
 
 @dataclass(frozen=True)
 class Correction:
-    """The numbers of one sweep, infinite where something is not a number.
+    """The numbers of one sweep in the rows that the process holds, infinite where something is not a number.
 
     ``deviation`` is the largest relative deviation of a squared metric length from the mean of its line before the
     sweep, ``move`` the largest move of a coordinate.
@@ -58,68 +60,97 @@ class Correction:
     move: float
 
 
+@dataclass(frozen=True)
+class Taken:
+    """The numbers of one sweep that has been guarded, over all rows of the grid.
+
+    ``share`` of the moves remains, and ``smallest`` is the smallest Jacobian then, 0 if halving did not help.
+    ``deviation`` and ``move`` are those of the :class:`Correction`. ``gap`` is what :meth:`Sweep.guard` was told to
+    measure, NaN if nothing.
+    """
+
+    share: float
+    smallest: float
+    deviation: float
+    move: float
+    gap: float
+
+
 class Sweep:
     """Sweeps of line corrections on the whole grid or a window of it, with their working memory.
 
-    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. The ``parts`` of the grid are corrected at the
-    same time, each on its own thread; results do not depend on their number.
+    ``new_x`` and ``new_y`` hold the moved nodes after :meth:`correct`. All arrays have the rows that the process holds.
+    The ``parts`` of these rows are corrected at the same time, each on its own thread. Where other processes hold other
+    rows, each of them sweeps its own ones at the same time. Results do not depend on the numbers of both.
     """
 
     def __init__(
-        self,
-        metric: ReferenceMetric,
-        boundary: Boundary,
-        shape: tuple[int, int],
-        memory: Array,
-        threads: int = 1,
-        frame: Frame = WHOLE,
+        self, metric: ReferenceMetric, boundary: Boundary, parts: Parts, memory: Array, frame: Frame = WHOLE
     ) -> None:
-        """``memory`` is a flat array of at least ``memory_needed(shape)`` numbers."""
-        self.metric, self.boundary, self.shape, self.frame = metric, boundary, shape, frame
-        self.parts = Parts.of(shape, threads)
-        arrays = memory[: memory_needed(shape)].reshape(4, *shape)
+        """``memory`` is a flat array of at least ``memory_needed(parts.held_shape)`` numbers.
+
+        A window with a ``frame`` of its own is a whole grid for :attr:`parts`.
+        """
+        shape, held = parts.shape, parts.held_shape
+        self.metric, self.boundary, self.frame, self.parts = metric, boundary, frame, parts
+        arrays = memory[: memory_needed(held)].reshape(4, *held)
         self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
-        self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *shape)  # single precision is enough
+        self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *held)  # single precision is enough
         summed = frame.span(0, shape[0])[1]
-        self._sweeps = {part: PartSweep(metric, self.parts, part, summed) for part in self.parts.parts}
-        self._sums = LineSums.of(self.parts, summed)
-        none = [np.zeros((2, shape[1 - k])) for k in (0, 1)]
+        self._sweeps = {part: PartSweep(metric, parts, part, summed) for part in parts.parts}
+        self._sums = LineSums(parts, summed)
+        none = np.zeros((2, shape[1])), np.zeros((2, held[0]))
         self._lines = [Lines(*frame.span(k, shape[k]), none[k], frame.beyond[k], none[k]) for k in (0, 1)]
         self._sides = Sides(metric, boundary, shape, frame)
+        # The nodes of the sides before and after a sweep. They are kept where a process does not hold all of them.
+        self._side_nodes: SideNodes | None = None
+        self._moved_side_nodes: SideNodes | None = None
 
-    def correct(
-        self, x: Array, y: Array, rest: tuple[Array, Array] | None = None, push: tuple[Array, Array] | None = None
-    ) -> Correction:
+    def correct(self, x: Array, y: Array, rest: Pair | None = None, push: Pair | None = None) -> Correction:
         """One full correction of the nodes ``x``, ``y``; the result is in ``new_x`` and ``new_y``.
 
         ``rest`` holds the sums of the squared metric lengths of the edges beyond the yielding sides, of shape
         ``(2, n_eta)`` at the two ends of the xi-lines and ``(2, n_xi)`` at those of the eta-lines. ``push``, of the
         same shapes, is what the ends of the lines outside a window add to ``-2 P`` and ``-2 Q``, because they move.
+
+        Where other processes hold other rows, ``x`` and ``y`` have the rows next to the own ones, and so have the moved
+        nodes afterwards; then each sweep begins where :meth:`swap` has left the one before it.
         """
         lines = self._lines
         if rest is not None:
             lines = [k._replace(rest=sums) for k, sums in zip(lines, rest, strict=True)]
         if push is not None:
             lines = [k._replace(push=moves) for k, moves in zip(lines, push, strict=True)]
-        sweeps, sums = self._sweeps, self._sums
+        sweeps, sums, parts = self._sweeps, self._sums, self.parts
         with np.errstate(all="ignore"):
-            nodal = self.metric.u_with_gradient(x, y) if x.size <= MAX_NODES_AT_ONCE else None
-            sides, side_move, *along = self._sides.moves(x, y, nodal, rest)
-            u, pair = None if nodal is None else nodal[0], (along[0], along[1])
+            at_once = parts.is_whole and x.size <= MAX_NODES_AT_ONCE
+            nodal = self.metric.u_with_gradient(x, y) if at_once else None
+            at = self._sides_before(x, y)
+            sides, side_move, *along = self._sides.moves(at, nodal, rest)
+            u, pair = None if nodal is None else nodal[0], (along[0], np.ascontiguousarray(along[1][:, parts.held]))
             nodes, out = Nodes(x, y), Moved(self.new_x, self.new_y, self._along_p, self._squares)
-            eta = self.parts.each(lambda part: sweeps[part].along_eta(nodes, u, pair, lines[1], out, sums))
+            eta = parts.each(lambda part: sweeps[part].along_eta(nodes, u, pair, lines[1], out, sums))
             if push is not None:
                 sums.pushes[:] += push[0]
-            ends = kernels.line_sums(
-                self._squares[0], sums.strips, sums.rows, sums.pushes, lines[0], sums.levels, sums.starts
-            )
-            xi = self.parts.each(lambda part: sweeps[part].along_xi(nodes, out, sums))
-            along_sides, lag = self._sides.place(x, y, *pair, self.new_x, self.new_y)
+            ends = sums.solve(lines[0])
+            xi = parts.each(lambda part: sweeps[part].along_xi(nodes, out, sums))
+            along_sides, lag = self._sides.place((x, y), (along[0], along[1]), (self.new_x, self.new_y), parts)
+        if not parts.is_whole:
+            self._moved_side_nodes = at.moved(*along)
+            parts.fill_halos(self.new_x, self.new_y)
         deviations, moves = zip(*xi, strict=True)
         return Correction(
             finite_or_infinite(max(sides, ends, *eta, *deviations, lag)),
             finite_or_infinite(max(side_move, *moves, along_sides)),
         )
+
+    def _sides_before(self, x: Array, y: Array) -> SideNodes:
+        """The nodes of the sides before a sweep."""
+        if self.parts.is_whole:
+            return SideNodes.of(x, y)
+        if self._side_nodes is None:
+            self._side_nodes = SideNodes.gathered(x, y, self.parts)
+        return self._side_nodes
 
     @property
     def smallest_jacobian(self) -> float:
@@ -130,35 +161,46 @@ class Sweep:
         self,
         x: Array,
         y: Array,
+        found: Correction,
         *,
         halve: bool = False,
         floor: float = 0.0,
         min_share: float = MIN_MOVE_SHARE,
         shorten: Callable[[Array, Array], None] = halve_moves,
-    ) -> tuple[float, float]:
+        measure: Callable[[Array, Array], float] | None = None,
+    ) -> Taken:
         """Halve the moves of the last :meth:`correct` until the smallest Jacobian is above ``floor``.
 
-        ``x`` and ``y`` are the nodes before the sweep. ``halve`` halves at least once. Moves are not
-        reduced below ``min_share``. ``shorten`` halves the moves of one coordinate. Returns the remaining share and the
-        smallest Jacobian, 0 if halving did not help.
+        ``x`` and ``y`` are the nodes before the sweep, ``found`` its numbers. ``halve`` halves at least once. Moves are
+        not reduced below ``min_share``. ``shorten`` halves the moves of one coordinate. ``measure`` gives another
+        number of the moved nodes, of which the largest counts. All processes agree on the result.
         """
-        share, needed = 1.0, halve
+        share, needed, here = 1.0, halve, self.parts.here
         while True:
             if needed:
-                shorten(self.new_x, x)
-                shorten(self.new_y, y)
+                self._shorten(x, y, shorten)
                 share *= 0.5
-            smallest = self.smallest_jacobian
-            if smallest > floor:
-                return share, smallest
+            gap = math.nan if measure is None else measure(self.new_x, self.new_y)
+            smallest = smallest_in_parts(self.new_x, self.new_y, here)
+            deviation, move, negative, gap = self.parts.agree(found.deviation, found.move, -smallest, gap)
+            if -negative > floor:
+                return Taken(share, -negative, deviation, move, gap)
             if 0.5 * share < min_share:
-                return share, 0.0
+                return Taken(share, 0.0, deviation, move, gap)
             needed = True
+
+    def _shorten(self, x: Array, y: Array, shorten: Callable[[Array, Array], None]) -> None:
+        shorten(self.new_x, x)
+        shorten(self.new_y, y)
+        if self._side_nodes is not None and self._moved_side_nodes is not None:
+            for moved, old in zip(self._moved_side_nodes, self._side_nodes, strict=True):
+                shorten(moved, old)
 
     def swap(self, x: Array, y: Array) -> tuple[Array, Array]:
         """The moved nodes; ``x`` and ``y`` are the memory for the next ones."""
         moved = self.new_x, self.new_y
         self.new_x, self.new_y = x, y
+        self._side_nodes = self._moved_side_nodes
         return moved
 
 

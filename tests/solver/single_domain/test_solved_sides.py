@@ -8,11 +8,12 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.single_domain.solved_sides import cut, sampled, straight_start, with_solved_sides
+from equimesh.sweeps.side_nodes import SideNodes
 from equimesh.sweeps.sides import Sides
 
 
 def deviation(case: em.Problem, mesh: em.Mesh) -> float:
-    return Sides(case.metric, case.boundary, mesh.x.shape).moves(mesh.x, mesh.y)[0]
+    return Sides(case.metric, case.boundary, mesh.x.shape).moves(SideNodes.of(mesh.x, mesh.y))[0]
 
 
 @pytest.mark.parametrize("boundary", [em.Boundary.TRACE, em.Boundary.EQUIDISTRIBUTED_1D])

@@ -8,9 +8,9 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.meshes.parts import Parts
-from equimesh.sweeps import kernels
 from equimesh.sweeps.kernels import Lines, Moved, Nodes
-from equimesh.sweeps.part_sweep import LineSums, PartSweep
+from equimesh.sweeps.line_sums import LineSums
+from equimesh.sweeps.part_sweep import PartSweep
 from solver.sweeps.windows import disturbed
 
 SHAPE = (301, 257)
@@ -20,13 +20,13 @@ def swept(mesh: em.Mesh, case: em.Problem, threads: int) -> tuple[Moved, list[fl
     """Both phases on every part, one part after the other; what no part writes stays 7."""
     parts, summed = Parts.of(SHAPE, threads), SHAPE[0] - 1
     x, y, squares = (np.full(SHAPE, 7.0) for _ in range(3))
-    out, sums = Moved(x, y, np.full((2, *SHAPE), 7.0, dtype=np.float32), squares), LineSums.of(parts, summed)
+    out, sums = Moved(x, y, np.full((2, *SHAPE), 7.0, dtype=np.float32), squares), LineSums(parts, summed)
     none = [np.zeros((2, SHAPE[1 - k])) for k in (0, 1)]
     lines = [Lines(0, SHAPE[k] - 1, none[k], (0.0, 0.0), none[k]) for k in (0, 1)]
     nodes, still = Nodes(mesh.x, mesh.y), (np.zeros((2, SHAPE[1])), np.zeros((2, SHAPE[0])))
     sweeps = [PartSweep(case.metric, parts, part, summed) for part in parts.parts]
     found = [sweep.along_eta(nodes, None, still, lines[1], out, sums) for sweep in sweeps]
-    kernels.line_sums(squares[0], sums.strips, sums.rows, sums.pushes, lines[0], sums.levels, sums.starts)
+    sums.solve(lines[0])
     for sweep, part in zip(sweeps, parts.parts, strict=True):
         before = x.copy()
         found += sweep.along_xi(nodes, out, sums)
@@ -45,9 +45,3 @@ def test_parts_do_the_work_of_the_whole_to_the_last_bit(threads: int) -> None:
     assert all(np.array_equal(one, other) for one, other in zip(whole, cut, strict=True))
     assert max(found[:threads]) == deviation
     assert [max(found[threads::2]), max(found[threads + 1 :: 2])] == most
-
-
-def test_a_sum_has_as_many_edges_as_rows_are_summed() -> None:
-    parts = Parts.of(SHAPE, 2)
-    assert LineSums.of(parts, SHAPE[0] - 1).rows.sum() == SHAPE[0] - 2
-    assert LineSums.of(parts, SHAPE[0] - 2).rows.sum() == SHAPE[0] - 3

@@ -8,9 +8,10 @@ import pytest
 import equimesh as em
 from cases import problem
 from equimesh.equations.mesh_equations import Cells
+from equimesh.meshes.parts import Parts
 from equimesh.single_domain import iteration
 from equimesh.sweeps.deviation import deviation
-from equimesh.sweeps.sweep import Sweep, halve_moves, memory_needed, take_midpoints
+from equimesh.sweeps.sweep import Correction, Sweep, halve_moves, memory_needed, take_midpoints
 from solver.sweeps.windows import distance, disturbed, sweep_on
 
 
@@ -79,7 +80,7 @@ def test_what_is_not_a_number_is_no_convergence() -> None:
 def test_a_guarded_sweep_halves_its_moves_until_nothing_folds() -> None:
     """Nodes that overshoot by three cells: a quarter of the move is the first share that is valid."""
     case = problem("ring", 9)
-    sweep = Sweep(case.metric, case.boundary, (9, 9), np.empty(memory_needed((9, 9))))
+    sweep = Sweep(case.metric, case.boundary, Parts.of((9, 9)), np.empty(memory_needed((9, 9))))
     mesh = em.Mesh.uniform(case.grid)
 
     def overshoot(cells: float) -> None:
@@ -87,17 +88,21 @@ def test_a_guarded_sweep_halves_its_moves_until_nothing_folds() -> None:
         sweep.new_x[4, 4] += cells / 8
 
     overshoot(3.0)
-    share, smallest = sweep.guard(mesh.x, mesh.y)
-    assert share == 0.25
-    assert smallest == sweep.smallest_jacobian > 0.0
+    found = Correction(2.0, 3 / 8)
+    taken = sweep.guard(mesh.x, mesh.y, found, measure=lambda x, y: float(x[4, 4] - y[4, 4]))
+    assert taken.share == 0.25
+    assert taken.smallest == sweep.smallest_jacobian > 0.0
+    assert (taken.deviation, taken.move, taken.gap) == (2.0, 3 / 8, 3 / 32)
     assert sweep.new_x[4, 4] == mesh.x[4, 4] + 3 / 32
     overshoot(0.5)
-    assert sweep.guard(mesh.x, mesh.y)[0] == 1.0
-    assert sweep.guard(mesh.x, mesh.y, halve=True)[0] == 0.5
+    assert sweep.guard(mesh.x, mesh.y, found).share == 1.0
+    assert np.isnan(sweep.guard(mesh.x, mesh.y, found).gap)
+    assert sweep.guard(mesh.x, mesh.y, found, halve=True).share == 0.5
     overshoot(1000.0)
-    assert sweep.guard(mesh.x, mesh.y) == (1 / 64, 0.0)
+    least = sweep.guard(mesh.x, mesh.y, found)
+    assert (least.share, least.smallest) == (1 / 64, 0.0)
     overshoot(0.5)
-    assert sweep.guard(mesh.x, mesh.y, floor=1.0)[1] == 0.0, "no share of a move is above this floor"
+    assert sweep.guard(mesh.x, mesh.y, found, floor=1.0).smallest == 0.0, "no share of a move is above this floor"
 
 
 def test_each_way_to_halve_a_move_keeps_its_rounding() -> None:

@@ -9,11 +9,13 @@ import numpy as np
 from equimesh.equations.problem import Problem
 from equimesh.meshes.folding import smallest_jacobian
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array, Pair
 from equimesh.schwarz.holding.on_channel import OnChannel
 from equimesh.schwarz.lines.line_sums import HeldLineSums
 from equimesh.schwarz.window import AXES, ENDS
 from equimesh.sweeps.cell_metrics import cell_metrics
+from equimesh.sweeps.side_nodes import SideNodes
 from equimesh.sweeps.sides import Sides
 from equimesh.sweeps.sweep import Correction, Sweep, memory_needed
 
@@ -31,7 +33,7 @@ class HeldSweep:
         self._sweeps, self._sides = dict[int, Sweep](), dict[int, Sides]()
         for k, window in windows.items():
             frame = window.frame(points)
-            self._sweeps[k] = Sweep(problem.metric, problem.boundary, window.shape, memory, frame=frame)
+            self._sweeps[k] = Sweep(problem.metric, problem.boundary, Parts.of(window.shape), memory, frame)
             self._sides[k] = Sides(problem.metric, problem.boundary, window.shape, frame)
         self._moved = Mesh(np.empty((1, holding.size)), np.empty((1, holding.size)))
         self.smallest_jacobian = np.nan
@@ -77,7 +79,7 @@ class HeldSweep:
         found, moves = dict[int, Pair](), dict[int, Pair]()
         for k in holding.numbers:
             view, shape = holding.view(mesh, k), holding.patches[k].shape
-            *_, along_eta, along_xi = self._sides[k].moves(view.x, view.y, rest=rests[k])
+            *_, along_eta, along_xi = self._sides[k].moves(SideNodes.of(view.x, view.y), rest=rests[k])
             moves[k] = along_eta.copy(), along_xi.copy()
             found[k] = np.zeros((2, shape[1])), np.zeros((2, shape[0]))
         for axis in AXES:

@@ -9,6 +9,7 @@ from equimesh.numerics.types import Array, IntArray
 from equimesh.sweeps import kernels
 from equimesh.sweeps.cell_metrics import cell_metrics
 from equimesh.sweeps.frame import WHOLE, Frame
+from equimesh.sweeps.side_nodes import SideNodes
 from equimesh.sweeps.sides import Sides
 
 # Rows that are summed at a time.
@@ -42,7 +43,7 @@ class Segments:
     def read(self, mesh: Mesh) -> None:
         """Compute the sums of a mesh."""
         run_on_threads(self._threads, lambda worker: self._interior(worker, mesh))
-        self._sides.moves(mesh.x, mesh.y)
+        self._sides.moves(SideNodes.of(mesh.x, mesh.y))
         along_xi, along_eta = self.along
         for side in (0, -1):
             along_xi[:, side] = _pieces(self.edges[1][side], self._cuts[0])

@@ -7,6 +7,7 @@ import pytest
 
 import equimesh as em
 from cases import problem
+from equimesh.meshes.parts import Parts
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.holding.on_channel import OnChannel
 from equimesh.schwarz.lines.held_sweep import HeldSweep
@@ -23,7 +24,7 @@ def test_two_corrections_are_those_of_the_whole_grid(boundary: em.Boundary, doma
     square = problem("tanh20", 26, 21, boundary=boundary)
     case = em.Problem(monitor=square.monitor, grid=square.grid, boundary=boundary, domain=domain)
     start, shape = bent(case, 0.005), square.grid.shape
-    whole = Sweep(case.metric, boundary, shape, np.empty(memory_needed(shape)))
+    whole = Sweep(case.metric, boundary, Parts.of(shape), np.empty(memory_needed(shape)))
     x, y, expected = start.x.copy(), start.y.copy(), []
     for _ in range(2):
         found = whole.correct(x, y)
