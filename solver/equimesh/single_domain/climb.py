@@ -90,8 +90,7 @@ class Climb:
 
     def _keep(self, last: Step) -> None:
         begin = Parts.of(last.grid.shape, 1, self._channel).begin
-        held = HeldMesh(last.grid, begin, *map(np.ascontiguousarray, (last.mesh.x, last.mesh.y)))
-        self.solved = [*self.solved[-1:], Solved(last, held)]
+        self.solved = [*self.solved[-1:], Solved.of(last, begin)]
 
     @property
     def _before(self) -> Solved | None:

@@ -1,7 +1,11 @@
 """One level of the nested iteration: sweeps on one grid, guarded against folds."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_residual
@@ -39,6 +43,12 @@ class Solved:
 
     step: Step
     mesh: HeldMesh
+
+    @classmethod
+    def of(cls, step: Step, begin: int = 0) -> Solved:
+        """The level of a step whose mesh has the rows from ``begin`` on."""
+        mesh = step.mesh
+        return cls(step, HeldMesh(step.grid, begin, np.ascontiguousarray(mesh.x), np.ascontiguousarray(mesh.y)))
 
     @property
     def grid(self) -> Grid:

@@ -1,6 +1,7 @@
 """The solution of a single-domain solve, by equations along mesh lines or by a gradient map."""
 
 from collections.abc import Iterable
+from typing import TypedDict
 
 import numpy as np
 
@@ -21,19 +22,46 @@ from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
 
 
+class Outcome(TypedDict):
+    """What the last step says about a solution, by the names of :class:`~equimesh.solving.solution.Solution`."""
+
+    status: Status
+    newton_steps: int
+    residual: float
+    note: str
+    remedy: str
+    relaxed: tuple[Relaxed, ...]
+    algebraic_error: float | None
+    discretization_error: float | None
+
+
 def solve_single_domain(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Solution:
     """The mesh of a single-domain solve, of the requested equations or of relaxed ones."""
-    step, nested = last_step(problem, initial, options), initial is not Initial.UNIFORM
+    step = last_step(problem, initial, options)
+    return solution_of(step, problem, options, nested=initial is not Initial.UNIFORM)
+
+
+def solution_of(step: Step, problem: Problem, options: SolveOptions, *, nested: bool = True) -> Solution:
+    """The solution that ends with a step."""
     reference = _on_grid(step.mesh, problem)
-    mesh, status = map_mesh(reference, problem.domain), _status(step, options)
-    exact, folded = status is Status.CONVERGED, mesh.is_folded_on(options.threads)
+    mesh = map_mesh(reference, problem.domain)
+    folded = mesh.is_folded_on(options.threads)
     return Solution(
         problem=problem,
         schwarz=None,
         mesh=mesh,
         reference=reference,
-        status=status_unless_folded(status, folded=folded),
         mode=None if map_of(problem.monitor) == "gradient" else options.mode,
+        **outcome(step, problem, allow_relaxed=options.allow_relaxed, folded=folded, nested=nested),
+    )
+
+
+def outcome(step: Step, problem: Problem, *, allow_relaxed: bool, folded: bool, nested: bool = True) -> Outcome:
+    """How a solve ended: its last step, and whether the mesh of the domain is ``folded``."""
+    status = _status(step, allow_relaxed=allow_relaxed)
+    exact = status is Status.CONVERGED
+    return Outcome(
+        status=status_unless_folded(status, folded=folded),
         newton_steps=step.step,
         residual=step.residual,
         note="" if exact else what_was_found(step, problem),
@@ -73,10 +101,10 @@ def _single_domain_remedy(step: Step, problem: Problem, status: Status, *, folde
     return "" if exact else remedies.after_newton(problem, nested=nested, reached=step.strength)
 
 
-def _status(step: Step, options: SolveOptions) -> Status:
+def _status(step: Step, *, allow_relaxed: bool) -> Status:
     if step.is_exact:
         return Status.CONVERGED
-    relaxed = options.allow_relaxed and step.converged and step.strength > 0.0
+    relaxed = allow_relaxed and step.converged and step.strength > 0.0
     return Status.RELAXED if relaxed else Status.NEWTON_FAILED
 
 

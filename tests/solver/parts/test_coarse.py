@@ -1,0 +1,27 @@
+"""The coarse solution."""
+
+from __future__ import annotations
+
+import pytest
+
+import equimesh as em
+from cases import problem
+from equimesh.parts.coarse import coarse_solution
+
+
+def test_the_coarse_grid_is_the_finest_one_below_the_limit() -> None:
+    case = problem("ring", 129)
+    assert coarse_solution(case, max_points=70 * 70).grid.shape == (65, 65)
+    assert coarse_solution(case, max_points=64 * 64).grid.shape == (33, 33)
+    assert coarse_solution(case).grid.shape == (129, 129), "relaxed equations may be solved on this grid"
+
+
+def test_what_has_no_metric_is_refused_with_what_to_take() -> None:
+    u, grid = em.Expression("x*y"), em.Grid(n_xi=33, n_eta=33)
+    for monitor in (em.Auto(u=u), em.LeastError(u=u)):
+        with pytest.raises(em.InputError, match=r"has no metric, and is not solved in parts: take Curvature"):
+            coarse_solution(em.Problem(monitor=monitor, grid=grid))
+    with pytest.raises(em.InputError, match="a gradient map is not solved in parts"):
+        coarse_solution(em.Problem(monitor=em.Weight(rho=em.Expression("1 + x"), map="gradient"), grid=grid))
+    with pytest.raises(em.InputError, match="a bound of the angles is not kept in parts"):
+        coarse_solution(em.Problem(monitor=em.ArcLength(u=u, orthogonality=50.0), grid=grid))

@@ -1,0 +1,51 @@
+"""Solutions in parts, compared with those of one process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.meshes import parts, strips
+from equimesh.parts.coarse import coarse_solution
+from equimesh.parts.in_threads import solve_in_threads
+from equimesh.parts.part_solution import PartSolution
+
+# Of the coarse solution, in place of a million.
+COARSE_POINTS = 65 * 65
+
+
+@pytest.fixture
+def low_strips(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Strips of 16 rows also on small grids, which can then be cut into many parts."""
+    caches = (strips.strips_of, parts._cut)
+    for cache in caches:
+        cache.cache_clear()
+    monkeypatch.setattr(strips, "STRIP_NODES", 1_024)
+    yield
+    for cache in caches:
+        cache.cache_clear()
+
+
+def in_parts(
+    problem: em.Problem, count: int, mode: em.Mode = em.Mode.DISCRETIZATION, points: int = COARSE_POINTS
+) -> list[PartSolution]:
+    """The parts of a solution."""
+    return solve_in_threads(problem, count, coarse_solution(problem, mode=mode, threads=1, max_points=points))
+
+
+def require_equal(found: list[PartSolution], whole: em.Solution) -> None:
+    """The meshes are equal, and so are all numbers of the solve."""
+    for name in ("x", "y"):
+        rows = np.concatenate([getattr(part.mesh, name)[part.mesh.own_rows] for part in found])
+        assert abs(rows - getattr(whole.mesh, name)).max() < 1e-14, name
+        for part in found:
+            held = getattr(whole.reference, name)[part.reference.begin : part.reference.end]
+            assert abs(getattr(part.reference, name) - held).max() < 1e-14, name
+    for part in found:
+        for name in ("status", "newton_steps", "note", "remedy", "relaxed", "mode"):
+            assert repr(getattr(part, name)) == repr(getattr(whole, name)), name
+        for name in ("algebraic_error", "discretization_error"):
+            assert getattr(part, name) == pytest.approx(getattr(whole, name), rel=1e-6), name
