@@ -22,8 +22,9 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.nested import nested_grids
+from equimesh.parts.coarse import CoarseSolution, coarse_solution, most_parts
 from equimesh.parts.part_solution import PartSolution
-from equimesh.parts.solve import CoarseSolution, coarse_solution, most_parts, solve_part
+from equimesh.parts.solve import solve_part
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 
@@ -114,7 +115,7 @@ def _solve(chosen: _Settings, client: Client, parts: int | None) -> PartsRun:
         if number == 0:
             gathering.begin(count)
             shared.append(sent(client, chosen.problem))
-        return shared[-1], sent(client, coarse.for_part(number, count)), chosen.mode, chosen.threads
+        return shared[-1], sent(client, coarse.for_part(number, count)), chosen.threads
 
     shared: list[Any] = []
     options = RunOptions(observe=gathering.add, cancel=chosen.cancel, check_workers=check)
@@ -164,7 +165,7 @@ def coarse_part(channel: Any, problem: Problem, mode: Mode, allow_relaxed: bool,
     )
 
 
-def part_of_solution(channel: Any, problem: Problem, coarse: CoarseSolution, mode: Mode, threads: int) -> PartSolution:
+def part_of_solution(channel: Any, problem: Problem, coarse: CoarseSolution, threads: int) -> PartSolution:
     """One part of the solution of ``problem``. Runs on its worker."""
     report: Callable[[Any], None] = channel.report
-    return solve_part(problem, coarse, channel, mode=mode, threads=threads, observe=report)
+    return solve_part(problem, coarse, channel, threads=threads, observe=report)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,10 +27,12 @@ from equimesh.single_domain.climb import Climb
 from equimesh.single_domain.level import Solved
 from equimesh.single_domain.newton_level import MAX_RELAXED_POINTS
 from equimesh.single_domain.steps import Mode, Step
-from equimesh.solving.options import Event, SolveOptions
+from equimesh.solving.options import SolveOptions
 from equimesh.solving.rounding import is_lost_in_rounding, solution_lost_in_rounding
 from equimesh.solving.single_domain import solution_of
 from equimesh.solving.solution import SolveError
+
+Observer: TypeAlias = Callable[[Step], None]
 
 # Points of the coarse solution, at most: it is computed by one process.
 MAX_COARSE_POINTS = 1025 * 1025
@@ -77,8 +80,7 @@ class CoarseSolution:
     @property
     def most_parts(self) -> int:
         """The largest number of parts into which every finer grid can be cut."""
-        finer = self.grids[self.level + 1 :] or self.grids[-1:]
-        return min(len(strips_of(grid.shape)) for grid in finer)
+        return _most_parts(self.grids, self.level)
 
     def for_part(self, number: int, count: int) -> CoarseSolution:
         """What part ``number`` of ``count`` needs of it: fewer rows, to send less."""
@@ -106,13 +108,23 @@ def _rows_wanted(grids: Sequence[Grid], level: int, number: int, count: int) -> 
     return (min(first[0], second[0]), max(first[1], second[1])), below
 
 
+def most_parts(problem: Problem, max_points: int = MAX_COARSE_POINTS) -> int:
+    """The largest number of parts that the grids of ``problem`` can be cut into, before there is a coarse solution."""
+    grids = nested_grids(problem.grid)
+    return _most_parts(grids, _coarse_level(grids, max_points))
+
+
+def _most_parts(grids: Sequence[Grid], level: int) -> int:
+    return min(len(strips_of(grid.shape)) for grid in grids[level + 1 :] or grids[-1:])
+
+
 def coarse_solution(
     problem: Problem,
     *,
     mode: Mode = Mode.DISCRETIZATION,
     allow_relaxed: bool = True,
     threads: int | None = None,
-    observe: Callable[[Event], None] | None = None,
+    observe: Observer | None = None,
     max_points: int = MAX_COARSE_POINTS,
     square: bool = False,
 ) -> CoarseSolution:
@@ -124,14 +136,14 @@ def coarse_solution(
     ``allow_relaxed`` is false.
     """
     _require_metric(problem)
-    options = SolveOptions(choice(Mode, mode, "mode"), allow_relaxed, thread_count(threads), observe)
+    options = SolveOptions(choice(Mode, mode, "mode"), allow_relaxed, thread_count(threads), None)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         squares, grids = square_grids(problem.grid), nested_grids(problem.grid)
         found = None
         if not square:
-            found = _solved(problem, grids, options, max_points, only_requested=squares != grids)
+            found = _solved(problem, grids, options, max_points, observe, only_requested=squares != grids)
         if found is None:
-            found = _solved(problem, squares, options, max_points, only_requested=False)
+            found = _solved(problem, squares, options, max_points, observe, only_requested=False)
         if found is None:
             raise AssertionError("the last nested grids always have some solution")
         last, here = found.last, problem.on_grid(found.grid)
@@ -142,7 +154,13 @@ def coarse_solution(
 
 
 def _solved(
-    problem: Problem, grids: list[Grid], options: SolveOptions, max_points: int, *, only_requested: bool
+    problem: Problem,
+    grids: list[Grid],
+    options: SolveOptions,
+    max_points: int,
+    observe: Observer | None,
+    *,
+    only_requested: bool,
 ) -> CoarseSolution | None:
     """The levels up to the coarse grid; ``None`` as :meth:`~equimesh.single_domain.climb.Climb.by_sweeps`."""
     level = _coarse_level(grids, max_points)
@@ -162,7 +180,8 @@ def _solved(
                 return None
             last = end.value
             break
-        options.observe(last)
+        if observe is not None:
+            observe(last.snapshot())
     solved = climb.solved if not last.failed else [Solved.of(last)]
     return CoarseSolution(
         grids=tuple(grids),

@@ -14,6 +14,7 @@ SHAPE = (1030, 2100)  # 65 strips
 STRIPS = np.random.default_rng(7).random((65, SHAPE[1]))
 FIRST, LEFT, RIGHT = np.random.default_rng(8).random((3, SHAPE[1]))
 ENDS = SHAPE[0] - 1
+NONE = np.zeros((2, SHAPE[1]))
 
 
 def solved(channel: Channel) -> tuple[LineSums, float, dict[str, Traffic]]:
@@ -25,7 +26,7 @@ def solved(channel: Channel) -> tuple[LineSums, float, dict[str, Traffic]]:
         sums.first[:], sums.pushes[0] = FIRST, LEFT
     if channel.number == channel.count - 1:
         sums.pushes[1] = RIGHT
-    found = sums.solve(Lines(0, ENDS, np.zeros((2, SHAPE[1])), (0.0, 0.0)))
+    found = sums.solve(Lines(0, ENDS, NONE, (0.0, 0.0), NONE))
     return sums, found, counted.taken()
 
 
@@ -71,4 +72,4 @@ def test_a_line_that_is_not_a_number_is_no_convergence() -> None:
     sums.strips[:] = STRIPS
     sums.strips[40, 77] = np.nan
     sums.first[:] = FIRST
-    assert sums.solve(Lines(0, ENDS, np.zeros((2, SHAPE[1])), (0.0, 0.0))) == np.inf
+    assert sums.solve(Lines(0, ENDS, NONE, (0.0, 0.0), NONE)) == np.inf
