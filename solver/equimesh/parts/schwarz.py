@@ -98,13 +98,14 @@ def iterate_part(
     records: list[IterationNumbers] = []
     sent: list[dict[str, Traffic]] = []
     for record, last in iterations_on(holding, problem, settings, mesh, exact, threads=plan.threads, first=first):
-        if kept is not None and record.iteration > 0:
+        done = record.meets(plan.tolerance) or record.iteration >= schwarz.max_iterations
+        if kept is not None and record.iteration > 0 and not done:
             keep(holding, kept, record.iteration, last)
         records.append(record)
         sent.append(holding.channel.taken())
         if observe is not None:
             observe(record)
-        if record.meets(plan.tolerance) or record.iteration >= schwarz.max_iterations:
+        if done:
             break
     return _part(plan, holding, last, records, sent, None if begun is None else first)
 

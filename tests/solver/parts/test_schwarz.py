@@ -110,15 +110,47 @@ def test_after_a_loss_the_iteration_goes_on_from_its_last_iterate(lost: int) -> 
 
 
 def test_without_copies_it_begins_again() -> None:
-    schwarz = em.Schwarz(subdomains=(2, 1), tolerance=None, max_iterations=1)
+    schwarz = em.Schwarz(subdomains=(2, 1), tolerance=None, max_iterations=2)
     found = run(plan(schwarz), 2, [Kept(), Kept()])
-    assert (found[0].resumed, len(found[0].iterations)) == (None, 2)
+    assert (found[0].resumed, len(found[0].iterations)) == (None, 3)
     windows = sum(x.nbytes + y.nbytes for x, y in ((m.x, m.y) for m in plan(schwarz).windows(START, 0, 2).values()))
     assert found[0].sent[1]["kept"].bytes == windows
     assert found[0].sent[0]["kept"].bytes == 0, "the start is known"
+    assert "kept" not in found[0].sent[2], "nothing goes on from the last mesh"
 
 
 def test_newton_steps_of_large_grids_are_refused() -> None:
     fine = problem("tanh20", 513)
     with pytest.raises(em.InputError, match=r"whole meshes of at most 66049 points, and this grid has 263169"):
         SchwarzPlan(problem=fine, schwarz=em.Schwarz(acceleration="newton"), tolerance=None, expected=math.nan)
+
+
+@pytest.mark.parametrize(
+    ("condition", "corrections", "iterations"),
+    [(em.Optimized(), 3, [2, 2, 3, 3, 3]), (em.Classical(), 2, [4, 5, 4, 5, 4])],
+    ids=["optimized", "classical"],
+)
+def test_2_to_32_subdomains_on_up_to_8_parts(
+    condition: em.TransmissionCondition, corrections: int, iterations: list[int]
+) -> None:
+    """The number of iterations does not grow with them where lines are corrected as a whole."""
+    case = problem("tanh20", 129, 17)
+    start, exact = bent(case, 0.002), bent(case, 0.0)
+    for subdomains, expected in zip((2, 4, 8, 16, 32), iterations, strict=True):
+        settings = em.Schwarz(
+            subdomains=(subdomains, 1), overlap=3, transmission=condition, line_correction=corrections, tolerance=1e-8
+        )
+        made = SchwarzPlan(problem=case, schwarz=settings, tolerance=1e-8, expected=math.nan)
+
+        def part(channel: Channel, made: SchwarzPlan = made) -> SchwarzPart:
+            return iterate_part(channel, made, made.windows(start, channel.number, channel.count))
+
+        found = ThreadChannels(min(subdomains, 8)).run(part)
+        assert len(found[0].iterations) - 1 == expected
+        x, y = joined(found)
+        assert max(abs(x - exact.x).max(), abs(y - exact.y).max()) < 1e-8
+        sent = sum(
+            one.bytes for part in found for counts in part.sent for kind, one in counts.items() if kind != "agreed"
+        )
+        said = sum(record.traffic for record in found[0].iterations)
+        assert sent == said if subdomains <= 8 else 0 < sent < said, "neighbours in one part send nothing"
