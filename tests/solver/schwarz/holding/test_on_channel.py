@@ -172,3 +172,20 @@ def test_only_windows_are_held() -> None:
     decomposition = em.Decomposition(grid=CASE.grid, subdomains=(4, 1), overlap=4)
     sizes = ThreadChannels(4).run(lambda channel: OnChannel(channel, decomposition).size)
     assert max(sizes) <= (25 / 4 + 4 + 2) * 17
+
+
+def test_the_sides_of_the_grid_are_closed_wherever_they_are() -> None:
+    decomposition = em.Decomposition(grid=CASE.grid, subdomains=(2, 2), overlap=4)
+    off = em.Mesh(START.x + 1e-9, START.y - 1e-9)
+
+    def close(channel: Channel) -> em.Mesh | None:
+        holding = OnChannel(channel, decomposition)
+        mesh = holding.cut(off)
+        holding.close_sides(mesh)
+        return holding.assembled(mesh, "shown")
+
+    found = ThreadChannels(3).run(close)[0]
+    assert found is not None
+    assert (found.x[0] == 0.0).all() and (found.x[-1] == 1.0).all()  # noqa: PT018
+    assert (found.y[:, 0] == 0.0).all() and (found.y[:, -1] == 1.0).all()  # noqa: PT018
+    assert np.array_equal(found.x[1:-1], off.x[1:-1]), "all other nodes stay"
