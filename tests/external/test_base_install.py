@@ -36,7 +36,18 @@ def test_only_the_base_is_installed(bin_folder: Path) -> None:
     pip = [sys.executable, "-m", "pip", "--python", str(bin_folder / "python")]
     listed = run(*pip, "list", "--format=freeze").lower()
     assert "httpx==" in listed
-    for name in ("scipy", "meshio", "h5py", "fastapi", "pydantic", "sqlalchemy", "matplotlib", "numba"):
+    for name in (
+        "scipy",
+        "meshio",
+        "h5py",
+        "fastapi",
+        "pydantic",
+        "sqlalchemy",
+        "matplotlib",
+        "numba",
+        "dask",
+        "distributed",
+    ):
         assert f"\n{name}==" not in f"\n{listed}"
 
 

@@ -88,9 +88,9 @@ class Project:
     def client(self, url: str = FIRST) -> httpx.Client:
         return httpx.Client(base_url=url, headers={"Authorization": f"Bearer {self.key}"}, timeout=60.0)
 
-    def crash(self, service: str) -> None:
+    def crash(self, service: str, number: int = 1) -> None:
         """Kill the first process of a container from outside, as a crash does; start it if the engine does not."""
-        name = self.container(service)
+        name = f"{self.container(service).removesuffix('1')}{number}"
         os.kill(self.engine.inspect(name)["State"]["Pid"], signal.SIGKILL)
         time.sleep(5.0)
         if not self.engine.inspect(name)["State"]["Running"]:
@@ -99,8 +99,8 @@ class Project:
 
     def down(self) -> None:
         """Remove containers, networks and volumes."""
-        words = ("docker", "compose", "--profile", "replica", "--profile", "monitoring", "down", "--volumes")
-        self.engine.run(*words, cwd=self.folder, code=None)
+        profiles = [word for name in ("replica", "monitoring", "cluster") for word in ("--profile", name)]
+        self.engine.run("docker", "compose", *profiles, "down", "--volumes", cwd=self.folder, code=None)
 
 
 def mesh(number: float) -> dict[str, Any]:
@@ -249,6 +249,42 @@ def test_no_accepted_mesh_is_lost_while_containers_are_killed(project: Project) 
             until(lambda: is_ready(FIRST) and is_ready(SECOND), "both are ready again")
     print(f"{len(load.accepted)} meshes were accepted, {load.refused} requests failed while a container was down")
     check_all_succeed(project, load.accepted)
+
+
+def places(project: Project) -> int:
+    """How many meshes the service may solve at the same time, as it says itself; 0 when it does not answer."""
+    try:
+        with project.client() as http:
+            found = re.search(r'^equimesh_workers\{pool="solve"\} (\d+)', http.get("/metrics").text, re.MULTILINE)
+    except httpx.HTTPError:
+        return 0
+    return int(found[1]) if found else 0
+
+
+def test_no_accepted_mesh_is_lost_while_containers_of_a_cluster_are_killed(project: Project) -> None:
+    settings = project.folder / ".env"
+    before = settings.read_text()
+    try:
+        project.page("deploy.md", "cluster")
+        until(lambda: is_ready(FIRST) and places(project) == 4, "two workers of two processes have joined")
+        for service in ("scheduler", "worker"):
+            told = project.engine.inspect(project.container(service))
+            assert told["HostConfig"]["ReadonlyRootfs"], service
+            assert told["EffectiveCaps"] in (None, []), service
+        with Load(project) as load:
+            for service, number in (("worker", 2), ("scheduler", 1), ("equimesh", 1), ("worker", 1)):
+                until(lambda: is_ready(FIRST) and places(project) == 4, "the cluster is whole")
+                count = len(load.accepted)
+                until(lambda count=count: len(load.accepted) > count + 10, "meshes are requested")  # type: ignore[misc]
+                project.crash(service, number)
+            until(lambda: is_ready(FIRST) and places(project) == 4, "the cluster is whole again")
+        check_all_succeed(project, load.accepted)
+        doctor = project.shell("docker compose exec equimesh equimesh doctor")
+        assert "2 workers solve 4 meshes at the same time" in doctor
+    finally:
+        settings.write_text(before)
+        project.shell("docker compose --profile cluster stop scheduler worker && docker compose up --detach")
+        until(lambda: is_ready(FIRST), "the service solves by itself again")
 
 
 def test_a_backup_is_restored(project: Project) -> None:

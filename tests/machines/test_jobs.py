@@ -107,3 +107,20 @@ def test_requests_that_wait_are_answered_when_their_mesh_is_done(http: httpx.Cli
     for thread in threads:
         thread.join()
     assert [mesh["status"] for mesh in answers] == ["succeeded"] * 8
+
+
+def test_without_the_scheduler_readiness_names_it_and_meshes_wait(
+    cluster: ClusterProcesses, http: httpx.Client
+) -> None:
+    running = ask(http, SLOW)
+    until(lambda: mesh_of(http, running["id"])["status"] == "running")
+    cluster.kill_scheduler()  # the last test: it does not come back
+    until(lambda: mesh_of(http, running["id"])["status"] == "queued")
+    ready = until(lambda: (answer := http.get("/readyz")).status_code == 503 and answer)
+    assert ready.json()["checks"]["engine"].startswith(f"the scheduler at {cluster.scheduler} cannot be reached")
+    assert {name for name, said in ready.json()["checks"].items() if said != "ok"} == {"engine"}
+    waiting = ask(http, small(), Prefer="wait=1")
+    assert (waiting["status"], waiting["attempts"]) == ("queued", 0)
+    assert http.get("/metrics").text.count('equimesh_workers{pool="solve"} 0.0') == 1
+    for one in (running, waiting):
+        assert http.post(one["links"]["cancel"]).json()["status"] == "canceled"

@@ -6,9 +6,11 @@ import subprocess
 import sys
 
 import pytest
+from pydantic import ValidationError
 
 from equimesh.numerics.threads import available_cores
 from equimesh_service import Settings
+from equimesh_service.settings import FILE_WORKERS, SERVICE_MIB
 
 
 @pytest.mark.parametrize("module", ["equimesh_service.settings", "equimesh_service.errors"])
@@ -18,6 +20,14 @@ def test_neither_the_web_framework_nor_the_database_nor_the_solver_is_loaded(mod
     )
     found = subprocess.run([sys.executable, "-c", show], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+def test_the_engine_dask_needs_a_scheduler_and_no_workers_here() -> None:
+    with pytest.raises(ValidationError, match="the engine dask needs a scheduler: give its address"):
+        Settings(engine="dask")
+    settings = Settings(engine="dask", scheduler="tcp://host:8786", workers=8, memory_limit=100)
+    assert (settings.worker_threads, settings.own_workers) == (1, 0)
+    assert settings.most_memory == FILE_WORKERS * 100 + SERVICE_MIB
 
 
 def test_a_single_worker_gets_all_cores_that_the_solver_counts() -> None:

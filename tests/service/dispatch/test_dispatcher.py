@@ -19,7 +19,7 @@ from equimesh_service.admission.intake import Intake
 from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
-from equimesh_service.errors import EngineError
+from equimesh_service.errors import EngineError, SchedulerLostError
 from equimesh_service.store.rows import Claim, Draft, Ending, KeysInQueue, MeshInput, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import until
@@ -172,6 +172,18 @@ def test_a_claim_that_never_reaches_a_worker_goes_back(dispatcher: Dispatcher, s
     story = [event.data for event in store.meshes.events("a")]
     assert [told["status"] for told in story] == ["queued", "running", "queued", "running"]
     assert story[2]["reason"] == "it had not reached a worker"
+
+
+def test_a_lost_scheduler_is_no_loss_of_the_mesh(dispatcher: Dispatcher, store: Store, engine: Patient) -> None:
+    store.meshes.add(NewMesh(id="a", spec=SPEC))
+    dispatcher.wake()
+    for number in range(Rules().max_attempts + 2):
+        until(lambda number=number: len(engine.tasks) == number + 1)
+        engine.tasks[-1].set_exception(SchedulerLostError("gone"))
+    until(lambda: len(engine.tasks) == Rules().max_attempts + 3)
+    assert status(store, "a") == "running"
+    reasons = [event.data.get("reason") for event in store.meshes.events("a") if event.data["status"] == "queued"]
+    assert reasons == [None, *(Rules().max_attempts + 2) * ["the scheduler of the cluster was lost"]]
 
 
 def test_a_draft_is_not_gone_before_it_is_entered(store: Store, engine: Patient) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -19,7 +20,7 @@ from equimesh_service.errors import SchedulerLostError, WorkerLostError
 from service.clusters import ClusterProcesses, cluster_processes
 from service.conftest import until
 from service.engine.check_engine import SECONDS, add, check_engine, expect_closed, own_pid, spin
-from service.processes import runs
+from service.processes import children, free_port, runs
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and kills are Linux's")
 SETTINGS = PoolSettings(memory_limit=128)
@@ -85,6 +86,20 @@ def test_workers_join_and_leave_and_take_their_jobs_with_them(cluster: ClusterPr
         assert left.result(SECONDS) not in [pid, before[1][1]]
     assert isinstance(before[1][0].exception(SECONDS), CancelledError)
     until(lambda: not runs(before[1][1]))  # an engine that is closed leaves no job behind
+
+
+def test_a_job_is_not_begun_again_by_the_worker_that_takes_the_place_of_a_lost_one(tmp_path: Path) -> None:
+    marker = tmp_path / "marker"
+    with cluster_processes(tmp_path / "cluster") as cluster, engine_on(cluster) as engine:
+        cluster.start_scheduler()
+        cluster.start_worker("one", "--worker-port", str(free_port()))  # its nanny starts it again at its address
+        until(lambda: engine.health().ready)
+        first, pid = spinning(engine, marker)
+        (worker,) = [pid for pid in children(cluster.workers["one"].pid, deep=False) if children(pid)]
+        os.kill(worker, signal.SIGKILL)
+        assert isinstance(first.exception(SECONDS), WorkerLostError)
+        assert engine.submit(add, 1, 2).result(SECONDS) == 3
+        assert marker.read_text() == str(pid), "another process has begun it, too"
 
 
 def test_a_lost_scheduler_gives_back_what_runs_and_what_waits_waits(tmp_path: Path) -> None:
