@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from equimesh.numerics.channel import Channel
+from equimesh.numerics.communicator import gather
 from equimesh.numerics.types import Array
 
 TAG = "measure"
@@ -16,13 +17,7 @@ TAG = "measure"
 
 def gathered(channel: Channel, array: Array) -> Sequence[Array]:
     """The arrays of all parts, in their order."""
-    number, count = channel.number, channel.count
-    known, step = [array], 1  # of this part, of the one before it, and so on around
-    while step < count:
-        channel.send((number + step) % count, TAG, known[: count - step])
-        known += channel.receive((number - step) % count, TAG)
-        step *= 2
-    return [known[(number - k) % count] for k in range(count)]
+    return [found for (found,) in gather(channel, TAG, [array])]
 
 
 def joined(channel: Channel, array: Array) -> Array:

@@ -1,50 +1,22 @@
 """The sum, the largest and the smallest of the edges of every xi-line, from processes that hold some of its rows.
 
-Sums are added up a binary tree, which cuts the strips in the middle: they do not depend on the number of processes, to
-the last bit. Each process sends one message, with the sums of a few nodes of the tree.
+Sums are added up the tree of :mod:`equimesh.meshes.strips`: they do not depend on the number of processes, to the last
+bit. Each process sends one message, with the sums of a few nodes of the tree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 
+from equimesh.meshes.strips import Node, nodes_inside
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array
 
 TAG = "lines"
 """The tag of the messages."""
-
-
-class Node(NamedTuple):
-    """The strips ``first`` to ``last - 1``, cut before the strip ``middle``."""
-
-    first: int
-    middle: int
-    last: int
-
-    @classmethod
-    def of(cls, first: int, last: int) -> Node:
-        """The node of these strips."""
-        return cls(first, (first + last) // 2, last)
-
-
-def nodes_inside(strips: int, first: int, last: int) -> list[Node]:
-    """The largest nodes of the tree over ``strips`` strips that lie within these, in their order."""
-    found: list[Node] = []
-
-    def visit(node: Node) -> None:
-        if first <= node.first and node.last <= last:
-            found.append(node)
-        elif node.first < last and first < node.last:
-            visit(Node.of(node.first, node.middle))
-            visit(Node.of(node.middle, node.last))
-
-    visit(Node.of(0, strips))
-    return found
 
 
 def line_extremes(channel: Channel, strips: Array) -> Array | None:
