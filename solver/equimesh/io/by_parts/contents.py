@@ -60,9 +60,9 @@ def check_names(nodes: Iterable[str], cells: Iterable[str]) -> None:
         seen.add(name)
 
 
-def blocks(count: int, width: int) -> Iterator[slice]:
-    """Slices that cover ``count`` rows of ``width`` numbers, each of about ``BLOCK_NUMBERS`` numbers."""
-    step = max(1, BLOCK_NUMBERS // max(1, width))
+def blocks(count: int, width: int, numbers: int | None = None) -> Iterator[slice]:
+    """Slices that cover ``count`` rows of ``width``, each of at most ``numbers``, or ``BLOCK_NUMBERS``, or one row."""
+    step = max(1, (BLOCK_NUMBERS if numbers is None else numbers) // max(1, width))
     return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
 

@@ -15,6 +15,9 @@ from equimesh.io.by_parts.layout import PartedGrid, part_path
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh_part import MeshPart
 
+# Numbers that are read at a time, 16 MB. Rows of a pvts are spread over its file, so that few of them take as long.
+READ_NUMBERS = 1 << 21
+
 
 class Rows(Protocol):
     """The arrays of one format: the rows of the parts, the names of the arrays, and their rows."""
@@ -89,7 +92,7 @@ class PartedMesh:
     def blocks(self, name: str) -> Iterator[tuple[int, npt.NDArray[Any]]]:
         """All rows of an array, some at a time: the number of the first, and the rows."""
         count = self.grid.n_xi - (name in self.cells)
-        for some in blocks(count, self.grid.n_eta):
+        for some in blocks(count, self.grid.n_eta, READ_NUMBERS):
             yield some.start, self.rows(name, some.start, some.stop)
 
     def part(self, number: int) -> MeshPart:

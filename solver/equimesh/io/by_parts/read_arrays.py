@@ -72,7 +72,7 @@ class FlatDatasets:
         with h5py.File(self.path, "r") as file:
             root = file[ROOT]
             if name in ("x", "y"):
-                values = root["Points"][flat, "xy".index(name)]
+                values = root["Points"][flat][:, "xy".index(name)]  # HDF5 takes columns one number at a time
             else:
                 values = root["CellData" if in_cells else "PointData"][name][flat]
         return np.asarray(values).reshape(-1, width)
