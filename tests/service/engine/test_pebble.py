@@ -86,6 +86,7 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
 ELSEWHERE = {
     "_absolute",
     "add_corner",
+    "add_up",
     "at_patch",
     "bend",
     "bump",
@@ -101,10 +102,12 @@ ELSEWHERE = {
     "at_piece",
     "buckets_per_length",
     "gather",
+    "go_down",
     "gradient",
     "holds",
     "largest_ratio",
     "limiter",
+    "line_levels",
     "longer",
     "moments",
     "move_row",
@@ -113,6 +116,7 @@ ELSEWHERE = {
     "slope",
     "slopes_at_piece",
     "solve_blocks",
+    "start_after",
     "walk",
     "within",
 }
