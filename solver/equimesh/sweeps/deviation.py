@@ -12,7 +12,7 @@ from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.gather import joined
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
-from equimesh.sweeps.cell_metrics import cell_metrics
+from equimesh.sweeps.cell_metrics import cell_memory, cell_metrics
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.line_extremes import line_extremes
 from equimesh.sweeps.side_nodes import SideNodes
@@ -50,7 +50,7 @@ def deviation(
                 before = max(first - 1, 0)
                 x, y = window.nodes(before, last)
                 values = None if u is None else u[before - rows.begin : last + 1 - rows.begin]
-                cells = np.empty((3, last - before, n_eta - 1))
+                cells = cell_memory(last - before, n_eta)
                 cell_metrics(metric, x, y, cells, values)
                 strip_deviation(Nodes(x, y), cells, first - before, lines[k], found[k])
 

@@ -11,7 +11,7 @@ from equimesh.meshes.parts import Part, Parts
 from equimesh.meshes.strips import strips_of
 from equimesh.numerics.types import Array
 from equimesh.sweeps import kernels
-from equimesh.sweeps.cell_metrics import cell_metrics
+from equimesh.sweeps.cell_metrics import cell_memory, cell_metrics
 from equimesh.sweeps.kernels import Lines, Moved, Nodes, Strip
 from equimesh.sweeps.line_sums import LineSums
 from equimesh.sweeps.sides import finite_or_infinite
@@ -27,7 +27,7 @@ class PartSweep:
         self._strips = [(k, Strip(*parts.strips[k], summed - parts.begin)) for k in part.strips]
         # As many rows for every part: the machine code of a kernel, and so its rounding, depends on the layout.
         rows = max((last - first for first, last in strips_of(parts.shape)), default=0)
-        self._cells = np.empty((3, rows + 1, parts.shape[1] - 1))
+        self._cells = cell_memory(rows + 1, parts.shape[1])
 
     def along_eta(
         self, nodes: Nodes, u: Array | None, along: tuple[Array, Array], lines: Lines, out: Moved, sums: LineSums

@@ -2,23 +2,113 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
 
 import equimesh as em
-from cases import problem
-from solver.parts.whole import in_parts, low_strips, require_equal
+from equimesh.numerics.channel import ALONE, Channel
+from equimesh.parts.coarse import coarse_solution
+from equimesh.parts.solve import solve_part
+from solver.parts.whole import COARSE_POINTS, in_parts, low_strips, require_equal
 
 __all__ = ["low_strips"]
+
+U = em.Expression("tanh(8*(x + y/2 - 0.75))")
+ANNULUS = em.AnnulusSector(angles=(0, 120))
+
+
+def on(domain: em.Domain, boundary: em.Boundary, monitor: em.Monitor, n_xi: int = 257, n_eta: int = 257) -> em.Problem:
+    return em.Problem(monitor=monitor, grid=em.Grid(n_xi=n_xi, n_eta=n_eta), boundary=boundary, domain=domain)
 
 
 @pytest.mark.usefixtures("low_strips")
 @pytest.mark.parametrize("boundary", [em.Boundary.TRACE, em.Boundary.ORTHOGONAL])
-@pytest.mark.parametrize("domain", [em.Rectangle(), em.AnnulusSector(angles=(0, 120))], ids=["square", "annulus"])
+@pytest.mark.parametrize("domain", [em.Rectangle(), ANNULUS], ids=["square", "annulus"])
 def test_parts_are_equal_to_the_whole(domain: em.Domain, boundary: em.Boundary) -> None:
-    case = problem("tanh20", 257, boundary=boundary, b=0.5)
-    case = em.Problem(monitor=case.monitor, grid=case.grid, boundary=boundary, domain=domain)
+    case = on(domain, boundary, em.ArcLength(u=U, b=0.5))
     for mode in em.Mode:
         whole = em.solve(case, mode=mode, threads=1)
         assert whole.status is em.Status.CONVERGED
         for count in (1, 2, 3, 8):
             require_equal(in_parts(case, count, mode), whole)
+
+
+GENTLE = em.Expression("tanh(2*(x + y/2 - 0.75)) + x*y")
+MONITORS = {
+    "curvature": em.Curvature(u=GENTLE),
+    "smoothed": em.Smoothed(monitor=em.Curvature(u=GENTLE), radius=0.1),
+    "weight": em.Weight(rho=em.Expression("1 + 5*exp(-20*((x - 0.4)**2 + (y - 0.6)**2))")),
+    "intersection": em.Intersection(monitors=(em.Curvature(u=GENTLE), em.Weight(rho=em.Expression("1 + x")))),
+}
+
+
+@pytest.mark.usefixtures("low_strips")
+@pytest.mark.parametrize("name", MONITORS)
+def test_every_monitor_of_a_metric_is_solved_in_parts(name: str) -> None:
+    for boundary, n_xi in ((em.Boundary.TRACE, 129), (em.Boundary.EQUIDISTRIBUTED_1D, 150)):
+        case = on(em.Rectangle(x=(0, 2)), boundary, MONITORS[name], n_xi, 140)
+        whole = em.solve(case, threads=1)
+        assert whole.status is em.Status.CONVERGED
+        for count in (2, 3):
+            require_equal(in_parts(case, count), whole)
+
+
+@pytest.mark.usefixtures("low_strips")
+@pytest.mark.parametrize("count", [2, 4, 8])
+def test_a_sweep_sends_64_bytes_for_every_node_of_a_cut_and_few_messages(count: int) -> None:
+    case = on(em.Rectangle(), em.Boundary.TRACE, em.ArcLength(u=U))
+    found = in_parts(case, count, em.Mode.TIGHT)
+    seen = 0
+    for records in zip(*(part.records for part in found), strict=True):
+        n = records[0].grid.n_eta
+        sent, messages = Counter[str](), 0
+        for record in records:
+            for tag, traffic in record.traffic.items():
+                sent[tag] += traffic.bytes
+            messages = max(messages, sum(traffic.messages for traffic in record.traffic.values()))
+        if records[0].step < 2 or records[0].converged:
+            continue  # the first record of a level has the rows for its guess, and the last one the error
+        seen += 1
+        assert sent["sums"] + sent["starts"] + sent["halo"] == 64 * n * (count - 1)
+        assert sent["push"] == 8 * n
+        assert sent["agree"] <= 64 * count * count.bit_length()
+        assert set(sent) == {"sums", "starts", "halo", "push", "agree"}
+        assert messages <= 2 * count.bit_length() + 5
+    assert seen >= 2
+
+
+@pytest.mark.usefixtures("low_strips")
+def test_a_relaxed_coarse_solution_is_interpolated_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = 33 * 33
+    monkeypatch.setattr("equimesh.single_domain.newton_level.MAX_RELAXED_POINTS", points)
+    monitor = em.ArcLength(u=em.Expression("tanh(200*((x-0.5)**2 + (y-0.5)**2 - 0.09))"), a=1.0, b=0.0)
+    case = on(em.Rectangle(), em.Boundary.TRACE, monitor, 129, 129)
+    whole = em.solve(case, threads=1)
+    assert whole.status is em.Status.RELAXED
+    assert "points" in {one.what for one in whole.relaxed}
+    require_equal(in_parts(case, 3, points=points), whole)
+    with pytest.raises(em.SolveError, match="No valid mesh was found"):
+        coarse_solution(case, allow_relaxed=False, threads=1, max_points=points)
+
+
+@pytest.mark.usefixtures("low_strips")
+def test_a_level_on_which_sweeps_fail_keeps_the_interpolated_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("equimesh.single_domain.newton_level.MAX_RELAXED_POINTS", COARSE_POINTS)
+    case = on(em.Rectangle(), em.Boundary.TRACE, em.ArcLength(u=U))
+    coarse = coarse_solution(case, threads=1, max_points=COARSE_POINTS)
+    monkeypatch.setattr("equimesh.single_domain.level.MAX_SWEEPS", 0)
+    found = solve_part(case, coarse, ALONE)
+    assert found.status is em.Status.RELAXED
+    assert [(one.what, one.reached) for one in found.relaxed] == [("points", 65)]
+    assert not em.Mesh(found.mesh.x, found.mesh.y).is_folded
+
+
+@pytest.mark.usefixtures("low_strips")
+def test_the_observer_gets_every_record() -> None:
+    case, seen = on(em.Rectangle(), em.Boundary.TRACE, em.ArcLength(u=U)), []
+    channel: Channel = ALONE
+    found = solve_part(case, coarse_solution(case, max_points=COARSE_POINTS), channel, observe=seen.append)
+    assert tuple(seen) == found.records
+    assert {record.grid.n_xi for record in seen} == {129, 257}
+    assert seen[-1].converged
