@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import dask.array as da
 import numpy as np
 import pytest
 import zarr
@@ -28,6 +29,7 @@ def test_zarr_reads_one_group(tmp_path: Path, cuts: tuple[int, ...]) -> None:
     np.testing.assert_array_equal(group["xi"][:], np.linspace(0, 1, N_XI))
     np.testing.assert_array_equal(group["eta"][:], np.linspace(0, 1, N_ETA))
     assert group.attrs["sides"] == {"left": {"xi": 0}, "right": {"xi": -1}, "bottom": {"eta": 0}, "top": {"eta": -1}}
+    np.testing.assert_array_equal(da.from_zarr(head, component="u").compute(), ARRAYS["u"])
     assert [*tmp_path.iterdir()] == [head]
     assert "seams" not in {path.name for path in head.iterdir()}
 
