@@ -6,9 +6,12 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import adapt
+import cluster
 import convection
 import least_error
 import least_error_gains
@@ -16,6 +19,7 @@ import least_error_goals
 import numpy as np
 import parted_files
 import pytest
+from distributed import Client, LocalCluster
 from random_functions import KINDS, RandomFunction, random_functions
 
 import equimesh as em
@@ -297,3 +301,35 @@ def test_files_of_parts_are_measured_in_every_format(tmp_path: Path) -> None:
     assert all(math.isfinite(cost.write + cost.head + cost.read) for cost in found)
     assert [*tmp_path.iterdir()] == []
     assert len(parted_files.lines(found)) == 2 + len(found)
+
+
+def test_the_model_of_many_machines_counts_levels_and_messages() -> None:
+    machines = cluster.Machines()
+    one, more = (cluster.model(65537, parts, machines) for parts in (1, 64))
+    assert one["messages"] == 0.0
+    assert more["messages"] > 0.0
+    assert more["GB a part"] == 65 * 65537**2 / 64 / 1e9
+    assert one["work"] == pytest.approx(64 * more["work"])
+    assert more["work"] == pytest.approx(45e-9 * 65537**2 * 4 / 3 / 64, rel=1e-3)
+    assert more["coarse points"] == 1025
+    assert cluster.model(262145, 1000, machines)["coarse points"] == 8193  # a strip of 16 rows for each part, above it
+    assert more["seconds"] == pytest.approx(more["coarse"] + more["work"] + more["messages"] + more["start"])
+    assert more["efficiency"] == pytest.approx(more["work"] / more["seconds"])
+
+
+def test_a_mesh_by_parts_is_written_and_read_back(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """In threads of this process; the benchmark itself takes processes."""
+
+    @contextmanager
+    def threads(workers: int) -> Iterator[Client]:
+        options = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None, "processes": False}
+        with LocalCluster(n_workers=workers, **options) as machines, Client(machines) as client:
+            yield client
+
+    monkeypatch.setattr(cluster, "cluster", threads)
+    monkeypatch.setattr(cluster, "warm_up", lambda *_: None)
+    lines = list(cluster.large(65, 1, "vts", str(tmp_path)))
+    assert lines[0].startswith("65 x 65 = 0 million points in 1 parts: The mesh satisfies")
+    assert "sent: 0.0 MB in 0 messages" in lines[3]
+    assert lines[-1].endswith("equal to the last bit")
+    assert list(tmp_path.iterdir()) == []

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from threading import Event
 from typing import Any
 
 from distributed import Client
@@ -21,12 +21,14 @@ from equimesh.cluster.worker_facts import WorkerFacts, examine_workers
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
+from equimesh.meshes.grid import Grid
 from equimesh.meshes.nested import nested_grids
-from equimesh.parts.coarse import CoarseSolution, coarse_solution, most_parts
+from equimesh.parts.coarse import CoarseSolution, OtherGridsNeededError, coarse_solution, most_parts
 from equimesh.parts.part_solution import PartSolution
 from equimesh.parts.solve import solve_part
 from equimesh.schwarz.settings import Schwarz
-from equimesh.single_domain.steps import Mode
+from equimesh.single_domain.steps import Mode, Step
+from equimesh.solving.options import Event
 
 
 def solve(
@@ -39,7 +41,7 @@ def solve(
     allow_relaxed: bool = True,
     threads: int = 1,
     observe: Callable[[Any], None] | None = None,
-    cancel: Event | None = None,
+    cancel: threading.Event | None = None,
 ) -> Handle:
     """The mesh of ``problem`` in ``parts`` parts, which stay on the workers; equal to :func:`equimesh.solve`.
 
@@ -92,7 +94,7 @@ class _Settings:
     allow_relaxed: bool
     threads: int
     observe: Observer | None
-    cancel: Event | None
+    cancel: threading.Event | None
 
 
 def _checked(problem: object) -> Problem:
@@ -102,50 +104,31 @@ def _checked(problem: object) -> Problem:
 
 
 def _solve(chosen: _Settings, client: Client, parts: int | None) -> PartsRun:
-    """The coarse solution, which the driver keeps, and the parts, which begin with it in every attempt."""
-    count = _count(chosen.problem, check_client(client), parts)
-
-    def check(places: list[WorkerFacts]) -> None:
-        check_memory(chosen.problem.grid, places)
-
-    coarse = _coarse(chosen, client)
-    gathering = Gathering(chosen.observe)
-
-    def arguments(number: int, count: int) -> tuple[Any, ...]:
-        if number == 0:
-            gathering.begin(count)
-            shared.append(sent(client, chosen.problem))
-        return shared[-1], sent(client, coarse.for_part(number, count)), chosen.threads
-
-    shared: list[Any] = []
-    options = RunOptions(observe=gathering.add, cancel=chosen.cancel, check_workers=check)
-    return run_parts(client, part_of_solution, arguments, parts=count, options=options)
+    """The parts, on the nested grids of the problem, or on others where sweeps have no solution on these."""
+    _require_room(chosen.problem, client, parts)
+    try:
+        return _parts(chosen, client, _coarse(chosen, client, square=False), parts)
+    except OtherGridsNeededError:
+        return _parts(chosen, client, _coarse(chosen, client, square=True), parts)
 
 
-def _count(problem: Problem, client: Client, parts: int | None) -> int:
-    """The number of parts, for which the workers have threads and memory; by default one for each worker."""
-    most, workers = most_parts(problem), examine_workers(client)
-    if parts is not None and parts > most:
-        raise InputError(
-            f"parts = {parts}: a grid of {problem.grid} points can be cut into at most {most}: take fewer parts, or a"
-            " finer grid",
-            field="parts",
-        )
-    count = max(1, min(most, len(workers))) if parts is None else parts
+def _require_room(problem: Problem, client: Client, parts: int | None) -> None:
+    """Refuse too many parts, and workers with too few threads or too little memory, before anything is computed."""
+    workers = examine_workers(check_client(client))
     if workers:
+        count = _count(problem.grid, most_parts(problem), len(workers), parts)
         check_memory(problem.grid, place(count, workers))
-    return count
 
 
-def _coarse(chosen: _Settings, client: Client) -> CoarseSolution:
-    """The coarse solution, computed by one worker, so that the driver may be a small machine."""
+def _coarse(chosen: _Settings, client: Client, *, square: bool) -> CoarseSolution:
+    """The coarse solution, computed by one worker, so that the driver may be a small machine; the driver keeps it."""
 
     def observe(_: int, record: Any) -> None:
         if chosen.observe is not None:
             chosen.observe(record)
 
     def arguments(_: int, __: int) -> tuple[Any, ...]:
-        return sent(client, chosen.problem), chosen.mode, chosen.allow_relaxed, chosen.threads
+        return sent(client, chosen.problem), chosen.mode, chosen.allow_relaxed, chosen.threads, square
 
     options = RunOptions(observe=observe, cancel=chosen.cancel)
     run = run_parts(client, coarse_part, arguments, parts=1, options=options)
@@ -153,19 +136,53 @@ def _coarse(chosen: _Settings, client: Client) -> CoarseSolution:
     return found
 
 
-def coarse_part(channel: Any, problem: Problem, mode: Mode, allow_relaxed: bool, threads: int) -> CoarseSolution:
+def _parts(chosen: _Settings, client: Client, coarse: CoarseSolution, parts: int | None) -> PartsRun:
+    """The parts, which begin with the coarse solution in every attempt."""
+    count = _count(chosen.problem.grid, coarse.most_parts, len(client.nthreads()), parts)
+    gathering = Gathering(chosen.observe)
+    shared: list[Any] = []
+
+    def arguments(number: int, count: int) -> tuple[Any, ...]:
+        if number == 0:
+            gathering.begin(count)
+            shared[:] = [sent(client, chosen.problem)]
+        return shared[0], sent(client, coarse.for_part(number, count)), chosen.threads
+
+    def check(places: list[WorkerFacts]) -> None:
+        check_memory(chosen.problem.grid, places)
+
+    options = RunOptions(observe=gathering.add, cancel=chosen.cancel, check_workers=check)
+    return run_parts(client, part_of_solution, arguments, parts=count, options=options)
+
+
+def _count(grid: Grid, most: int, workers: int, parts: int | None) -> int:
+    """The number of parts: by default one for each worker, and not more than the grids can be cut into."""
+    if parts is None:
+        return max(1, min(most, workers))
+    if parts > most:
+        raise InputError(
+            f"parts = {parts}: the grids of a solve with {grid} points can be cut into at most {most}: take 1 to {most}"
+            " parts, or a finer grid",
+            field="parts",
+        )
+    return parts
+
+
+def coarse_part(
+    channel: Any, problem: Problem, mode: Mode, allow_relaxed: bool, threads: int, square: bool
+) -> CoarseSolution:
     """The coarse solution of ``problem``. Runs on a worker."""
     levels = len(nested_grids(problem.grid))
+
+    def observe(event: Event) -> None:
+        if isinstance(event, Step):
+            channel.report(coarse_progress(event, levels))
+
     return coarse_solution(
-        problem,
-        mode=mode,
-        allow_relaxed=allow_relaxed,
-        threads=threads,
-        observe=lambda step: channel.report(coarse_progress(step, levels)),
+        problem, mode=mode, allow_relaxed=allow_relaxed, threads=threads, observe=observe, square=square
     )
 
 
 def part_of_solution(channel: Any, problem: Problem, coarse: CoarseSolution, threads: int) -> PartSolution:
     """One part of the solution of ``problem``. Runs on its worker."""
-    report: Callable[[Any], None] = channel.report
-    return solve_part(problem, coarse, channel, threads=threads, observe=report)
+    return solve_part(problem, coarse, channel, threads=threads, observe=channel.report)

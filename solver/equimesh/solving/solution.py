@@ -180,3 +180,7 @@ class SolveError(EquimeshError):
     def __init__(self, message: str, solution: Solution) -> None:
         super().__init__(message)
         self.solution = solution
+
+    def __reduce__(self) -> tuple[type["SolveError"], tuple[str, Solution]]:
+        """How it is pickled: a worker may raise it, and its caller gets it."""
+        return type(self), (str(self), self.solution)
