@@ -23,6 +23,9 @@ from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Relaxed
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
+from solver.parts.whole import in_parts, low_strips
+
+__all__ = ["low_strips"]
 
 TANH = em.Expression("tanh(20*(x + y/2 - 0.75))")
 PEAK = em.Expression("exp(-5e5*((x - 0.4033)**2 + (y - 0.7077)**2))")
@@ -206,3 +209,18 @@ def test_little_travels() -> None:
 def test_one_mesh_is_large_enough_for_a_sample_of_its_cells() -> None:
     one_of = SAMPLING[-1][0]
     assert 401 * 398 > one_of * MIN_SAMPLED_CELLS > 999 * 69
+
+
+@pytest.mark.usefixtures("low_strips")
+def test_a_solve_in_parts_has_the_certificate_of_the_whole_solve() -> None:
+    problem = em.Problem(monitor=em.ArcLength(u=TANH), grid=em.Grid(n_xi=129, n_eta=65), domain=SECTOR)
+    whole = em.solve(problem)
+    for one in measured(in_parts(problem, 3)):
+        for name, expected in whole.quality.summary().items():
+            assert one.quality.summary()[name] == pytest.approx(expected, rel=1e-9), name
+        found, expected = one.certificate.summary(), whole.certificate.summary()
+        assert found["equation_residual"] == pytest.approx(expected["equation_residual"], rel=1e-3)
+        for name in ("status", "mode", "warnings", "relaxed", "resolved"):
+            assert found[name] == expected[name], name
+        assert found["non_orthogonality"] == pytest.approx(expected["non_orthogonality"], rel=1e-9)
+        assert found["algebraic_error"] == pytest.approx(expected["algebraic_error"], rel=1e-6)
