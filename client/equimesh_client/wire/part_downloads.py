@@ -7,7 +7,8 @@ import io
 import re
 import zipfile
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -17,11 +18,14 @@ from equimesh_client.records.tables import Array
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.deadline import Deadline, Settings
 from equimesh_client.wire.downloads import PartFile
+from equimesh_client.wire.files import write_atomically
 from equimesh_client.wire.flows import Flow
 from equimesh_client.wire.protocol import Call
 
 DEFAULT_FORMAT = "pvts"
 """The format in which the service writes a mesh in parts."""
+TEXTS = ("pvts", "pvtu")
+"""The formats whose heads are texts, with the names of the parts."""
 PIECE_BYTES = 2**20
 """Bytes of a file that are read at once, for its checksum."""
 MAX_DEPTH = 2
@@ -54,11 +58,25 @@ def is_of_parts(path: str | Path, format: str | None) -> bool:
 
 
 def download(mesh_id: str, path: str | Path, format: str | None, settings: Settings, deadline: Deadline) -> Flow[Path]:
-    """Write the head to ``path``, and the parts next to it; returns the path. The format follows from the suffix."""
+    """Write the head to ``path``, and the parts below it; returns the path. The format follows from the suffix.
+
+    The parts of ``mesh.pvts`` and ``mesh.pvtu`` are in the folder ``mesh``, to which their heads refer then. A head of
+    another format refers to a folder with the id of the mesh.
+    """
     path = Path(path)
     if format is None:
         format = next(name for suffix, name in protocol.PART_SUFFIXES.items() if str(path).lower().endswith(suffix))
-    return (yield from download_parts(mesh_id, path.parent, format, settings, deadline, head=path.name))
+    if format not in TEXTS:
+        return (yield from download_parts(mesh_id, path.parent, format, settings, deadline, head=path.name))
+    listed = yield from _listed(mesh_id, path.parent, format, settings, deadline)
+    for part in listed.parts:
+        target = _below(path.parent, part.file.name, folder=path.stem)
+        yield from _save(protocol.part_file(mesh_id, part.number, format), target, part.file, settings, deadline)
+    head = yield from flows.fetch_file(protocol.mesh_file(mesh_id, format), settings, deadline)
+    for part in listed.parts:
+        own = f"{path.stem}/{PurePosixPath(part.file.name).name}"
+        head = head.replace(f"{quoteattr(part.file.name)}".encode(), quoteattr(own).encode())
+    return write_atomically(path, head)
 
 
 def manifest(mesh_id: str, format: str, settings: Settings, deadline: Deadline) -> Flow[Parts]:
@@ -85,17 +103,24 @@ def download_parts(
     Raises :class:`BadArgument` without such a folder, and for a format without a head.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise BadArgument(f"{folder}: there is no such folder")
-    listed = yield from manifest(mesh_id, format, settings, deadline)
-    if listed.head is None:
-        raise BadArgument(f"a mesh in parts has no head in the format {format}: take {DEFAULT_FORMAT}")
+    listed = yield from _listed(mesh_id, folder, format, settings, deadline)
+    assert listed.head is not None
     for part in listed.parts:
         call = protocol.part_file(mesh_id, part.number, format)
         yield from _save(call, _below(folder, part.file.name), part.file, settings, deadline)
     path = folder / head if head is not None else _below(folder, listed.head.name)
     yield from _save(protocol.mesh_file(mesh_id, format), path, listed.head, settings, deadline)
     return path
+
+
+def _listed(mesh_id: str, folder: Path, format: str, settings: Settings, deadline: Deadline) -> Flow[Parts]:
+    """The list of files that are to be written into ``folder``, with a head."""
+    if not folder.is_dir():
+        raise BadArgument(f"{folder}: there is no such folder")
+    listed = yield from manifest(mesh_id, format, settings, deadline)
+    if listed.head is None:
+        raise BadArgument(f"a mesh in parts has no head in the format {format}: take {DEFAULT_FORMAT}")
+    return listed
 
 
 def arrays_of_part(mesh_id: str, number: int, settings: Settings, deadline: Deadline) -> Flow[PartArrays]:
@@ -135,14 +160,15 @@ def _is_there(path: Path, file: FileOfParts) -> bool:
     return digest.hexdigest() == file.sha256
 
 
-def _below(folder: Path, name: str) -> Path:
-    """The file of a ``name`` such as ``mesh/part-0000.vts`` in ``folder``, whose own folder is made.
+def _below(place: Path, name: str, *, folder: str | None = None) -> Path:
+    """The file of a ``name`` such as ``mesh/part-0000.vts`` at a ``place``, whose own folder is made.
 
-    Raises :class:`DownloadDamaged` for a name that leads elsewhere.
+    ``folder`` is the name of that folder, in place of its own one. Raises :class:`DownloadDamaged` for a name that leads
+    elsewhere.
     """
     parts = name.split("/")
     if not 1 <= len(parts) <= MAX_DEPTH or not all(PLAIN.fullmatch(part) for part in parts):
         raise DownloadDamaged(f"{name!r:.80} is not the name of a file of a mesh")
-    path = folder.joinpath(*parts)
+    path = place.joinpath(*parts) if folder is None else place / folder / parts[-1]
     path.parent.mkdir(exist_ok=True)
     return path

@@ -161,7 +161,11 @@ def _describe(handle: Handle) -> dict[str, Any]:
         "traffic": sum(sent.bytes for sent in handle.traffic.values()),
         **dict.fromkeys(unknown),
     }
-    return {"solution": solution, "quality": None, "certificate": None}
+    return {
+        "solution": solution,
+        "quality": handle.quality().summary(),
+        "certificate": handle.certificate.summary(),
+    }
 
 
 def _traffic(handle: Handle) -> dict[str, int]:

@@ -104,7 +104,7 @@ def test_a_mesh_in_parts_is_a_head_with_its_parts(generate: Any, service: Any, t
     assert f"wrote {path}\n" in out
     assert json.loads(service.seen("POST", "meshes")[0].body)["parts"] == 2
     assert path.read_bytes() == b"head"
-    assert [(tmp_path / "m" / f"part-000{k}.vts").read_bytes() for k in range(2)] == [b"first", b"second"]
+    assert [(tmp_path / "mesh" / f"part-000{k}.vts").read_bytes() for k in range(2)] == [b"first", b"second"]
     assert generate("x", "-n", "5", "--parts", "auto", "--quiet")[0] == 0
     assert json.loads(service.seen("POST", "meshes")[-1].body)["parts"] == "auto"
 

@@ -11,7 +11,8 @@ import pytest
 
 from equimesh_client import BadArgument, DownloadDamaged
 
-PARTS = [("m/part-0000.vts", b"first " * 500), ("m/part-0001.vts", b"second " * 500), ("m.pvts", b"<head/>")]
+HEAD = b'<Piece Source="m/part-0000.vts"/><Piece Source="m/part-0001.vts"/>'
+PARTS = [("m/part-0000.vts", b"first " * 500), ("m/part-0001.vts", b"second " * 500), ("m.pvts", HEAD)]
 
 
 @pytest.fixture
@@ -31,7 +32,10 @@ def test_all_files_arrive_under_their_names(mesh: Any, tmp_path: Path) -> None:
 
 def test_the_head_takes_the_name_of_the_download(mesh: Any, tmp_path: Path) -> None:
     assert mesh.download(tmp_path / "mine.pvts") == tmp_path / "mine.pvts"
-    assert files_in(tmp_path) == {**dict(PARTS[:2]), "mine.pvts": PARTS[2][1]}
+    files = {f"mine/{name.partition('/')[2]}": data for name, data in PARTS[:2]}
+    assert files_in(tmp_path) == {**files, "mine.pvts": PARTS[2][1].replace(b"m/part", b"mine/part")}
+    mesh.download(tmp_path / "a & b.pvts")
+    assert b'Source="a &amp; b/part-0000.vts"' in (tmp_path / "a & b.pvts").read_bytes()
 
 
 def test_files_that_are_there_are_not_sent_again(mesh: Any, service: Any, tmp_path: Path) -> None:
