@@ -163,8 +163,8 @@ def _is_there(path: Path, file: FileOfParts) -> bool:
 def _below(place: Path, name: str, *, folder: str | None = None) -> Path:
     """The file of a ``name`` such as ``mesh/part-0000.vts`` at a ``place``, whose own folder is made.
 
-    ``folder`` is the name of that folder, in place of its own one. Raises :class:`DownloadDamaged` for a name that leads
-    elsewhere.
+    ``folder`` is the name of that folder, in place of its own one. Raises :class:`DownloadDamaged` for a name that
+    leads elsewhere.
     """
     parts = name.split("/")
     if not 1 <= len(parts) <= MAX_DEPTH or not all(PLAIN.fullmatch(part) for part in parts):
