@@ -1,0 +1,178 @@
+"""Meshes in parts over HTTP: a service whose cluster computes them, and both of its ways to fail."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from distributed import Client as Cluster
+
+import equimesh as em
+from equimesh.io import read_parts
+from equimesh_client import ArcLength, Client
+from equimesh_service import Settings, running
+from service.clusters import ClusterProcesses, cluster_processes
+from service.conftest import until
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
+U = "tanh(10*(x + y/2 - 0.75))"
+SPEC: dict[str, Any] = {
+    "monitor": {"kind": "arc_length", "u": U},
+    "grid": {"n_xi": 385, "n_eta": 193},
+}
+# A solve of many seconds: of millions of points.
+LONG: dict[str, Any] = {"monitor": {"kind": "curvature", "u": U}, "grid": {"n_xi": 3073, "n_eta": 2049}}
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClusterProcesses]:
+    """A scheduler and two workers."""
+    with cluster_processes(tmp_path_factory.mktemp("cluster")) as cluster:
+        cluster.start_scheduler()
+        for name in ("one", "two"):
+            cluster.start_worker(name, "--no-nanny")
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def url(cluster: ClusterProcesses, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service on the cluster, whose limit of one machine is small."""
+    settings = Settings(
+        data_dir=tmp_path_factory.mktemp("service"),
+        port=0,
+        engine="dask",
+        scheduler=cluster.scheduler,
+        max_points=20_000,
+        max_cluster_points=10_000_000,
+        time_limit=120.0,
+        lease=2.0,
+        log_level="info",
+    )
+    with running(settings) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def http(url: str) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=url, timeout=60.0) as client:
+        yield client
+
+
+def boxes(dask_worker: Any) -> int:
+    """The number of parts that run on a worker."""
+    plugin = dask_worker.plugins.get("equimesh-messages")
+    return 0 if plugin is None else len(plugin.boxes)
+
+
+def running_parts(cluster: ClusterProcesses) -> int:
+    """The number of parts that run on the cluster."""
+    with Cluster(cluster.scheduler, set_as_default=False) as client:
+        return sum(client.run(boxes).values())
+
+
+def kept_results(cluster: ClusterProcesses) -> int:
+    """The number of results that stay on the cluster."""
+    with Cluster(cluster.scheduler, set_as_default=False) as client:
+        return sum(map(len, client.has_what().values()))
+
+
+def ask(http: httpx.Client, spec: dict[str, Any]) -> dict[str, Any]:
+    answer = http.post("/v1/meshes", json=spec)
+    assert answer.status_code in (201, 202), answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def look(http: httpx.Client, mesh: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = http.get(f"/v1/meshes/{mesh['id']}", params={"wait": 1}).json()
+    return found
+
+
+def begun(http: httpx.Client, mesh: dict[str, Any]) -> Any:
+    """Whether its parts are being computed."""
+    progress = look(http, mesh)["progress"]
+    return progress["stage"] == "parts" and progress["parts"] == 2
+
+
+def test_a_mesh_over_the_limit_is_that_of_one_process_in_parts(
+    url: str, cluster: ClusterProcesses, tmp_path: Path
+) -> None:
+    with Client(url) as client:
+        mesh = client.generate(U, (385, 193), monitor=ArcLength(), deadline=120.0)
+        expected = em.solve(
+            em.Problem(
+                monitor=em.ArcLength(u=em.Expression(U)),
+                grid=em.Grid(n_xi=385, n_eta=193),
+            )
+        )
+        for suffix in ("pvts", "pvtu", "vtkhdf"):
+            found = read_parts(mesh.download_parts(tmp_path, suffix))
+            np.testing.assert_allclose(found.rows("x", 0, 385), expected.mesh.x, rtol=0.0, atol=1e-13)
+            np.testing.assert_allclose(found.rows("y", 0, 385), expected.mesh.y, rtol=0.0, atol=1e-13)
+        assert read_parts(mesh.download(tmp_path / "mine.pvts")).cuts == found.cuts
+        part, listed = mesh.part(1), mesh.parts()
+        np.testing.assert_array_equal(part.x, found.rows("x", part.first, 385))
+        assert part.u is not None
+        np.testing.assert_allclose(part.u, np.tanh(10 * (part.x + part.y / 2 - 0.75)), rtol=1e-12)
+        assert (listed.count, listed.grid, listed.parts[-1].last) == (2, (385, 193), 385)
+        assert mesh.certificate is not None
+        assert mesh.certificate.status == str(expected.status) == "converged"
+        said, known = mesh.record["certificate"], expected.certificate.summary()
+        assert said["interpolation_gain"]["l2"] == pytest.approx(known["interpolation_gain"]["l2"], rel=1e-9)
+        assert said["warnings"] == known["warnings"]
+        assert mesh.quality.q_eq.max == pytest.approx(expected.quality.q_eq.max, rel=1e-9)
+        record = mesh.record
+        assert record["parts"]["count"] == 2
+        assert record["parts"]["attempts"] == 1
+        assert record["convergence"]["traffic"] == record["parts"]["bytes"]
+        assert mesh.spec()["parts"] == "auto"
+        again = client.generate(U, (385, 193), monitor=ArcLength())
+        assert again.reused_from == mesh.id
+        assert again.parts().head == listed.head
+    assert until(lambda: kept_results(cluster) == 0)
+
+
+def test_a_head_is_the_answer_where_it_is_requested(http: httpx.Client) -> None:
+    answer = http.post("/v1/meshes?format=pvtu", json={**SPEC, "parts": 2}, headers={"Prefer": "wait=60"})
+    while answer.status_code == 202:  # the wait of a request is 30 s at most
+        answer = http.get(answer.headers["location"] + "/file?format=pvtu", params={"wait": 30})
+    assert answer.status_code in (200, 201), answer.text
+    assert b"PUnstructuredGrid" in answer.content
+
+
+def test_a_cancelled_mesh_leaves_nothing_on_the_workers(http: httpx.Client, cluster: ClusterProcesses) -> None:
+    mesh = ask(http, LONG)
+    until(lambda: begun(http, mesh))
+    assert running_parts(cluster) == 2
+    assert http.post(mesh["links"]["cancel"]).json()["status"] == "canceled"
+    until(lambda: running_parts(cluster) == 0, seconds=10.0)
+    until(lambda: kept_results(cluster) == 0, seconds=10.0)
+
+
+def test_what_the_grid_cannot_have_is_said(http: httpx.Client) -> None:
+    mesh = ask(http, {**SPEC, "parts": 4000})
+    ended = until(lambda: (found := look(http, mesh))["status"] == "failed" and found)
+    assert ended["error"]["type"] == "/problems/invalid-input"
+    assert ended["error"]["errors"][0]["pointer"] == "/parts"
+    refused = http.get(f"{mesh['links']['self']}/parts")
+    assert (refused.status_code, refused.json()["type"]) == (422, "/problems/invalid-input")
+
+
+@pytest.mark.everything
+def test_a_lost_worker_costs_no_mesh(http: httpx.Client, cluster: ClusterProcesses) -> None:
+    mesh = ask(http, {**SPEC, "grid": {"n_xi": 1281, "n_eta": 1025}})
+    until(lambda: look(http, mesh)["status"] != "queued")
+    cluster.kill_worker("two")
+    cluster.start_worker("three", "--no-nanny")
+    deadline = time.monotonic() + 300.0
+    while not (found := look(http, mesh))["finished_at"]:
+        assert time.monotonic() < deadline
+    assert found["status"] == "succeeded", found["error"]
+    manifest = http.get(found["links"]["parts"]).json()
+    assert manifest["parts"][-1]["last"] == 1281
