@@ -53,7 +53,7 @@ def problem(n_xi: int, n_eta: int, u: str = U) -> em.Problem:
 @contextmanager
 def cluster(workers: int) -> Iterator[Client]:
     """A client of ``workers`` processes with one thread each."""
-    options: dict[str, Any] = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None}
+    options: dict[str, Any] = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": ":0"}
     with LocalCluster(n_workers=workers, processes=True, **options) as machines, Client(machines) as client:
         yield client
 

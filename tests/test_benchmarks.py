@@ -322,7 +322,7 @@ def test_a_mesh_by_parts_is_written_and_read_back(monkeypatch: pytest.MonkeyPatc
 
     @contextmanager
     def threads(workers: int) -> Iterator[Client]:
-        options = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None, "processes": False}
+        options = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": ":0", "processes": False}
         with LocalCluster(n_workers=workers, **options) as machines, Client(machines) as client:
             yield client
 
