@@ -6,7 +6,9 @@ import pytest
 
 import equimesh as em
 from cases import problem
-from equimesh.parts.coarse import coarse_solution
+from equimesh.numerics.channel import ALONE
+from equimesh.parts.coarse import OtherGridsNeededError, coarse_solution
+from equimesh.parts.solve import solve_part
 
 
 def test_the_coarse_grid_is_the_finest_one_below_the_limit() -> None:
@@ -25,3 +27,18 @@ def test_what_has_no_metric_is_refused_with_what_to_take() -> None:
         coarse_solution(em.Problem(monitor=em.Weight(rho=em.Expression("1 + x"), map="gradient"), grid=grid))
     with pytest.raises(em.InputError, match="a bound of the angles is not kept in parts"):
         coarse_solution(em.Problem(monitor=em.ArcLength(u=u, orthogonality=50.0), grid=grid))
+
+
+def test_other_grids_are_asked_for_where_sweeps_fail_on_a_grid_of_another_shape(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case = problem("ring", 257, 65, b=0.5)
+    coarse = coarse_solution(case, threads=1, max_points=140 * 40)
+    assert coarse.only_requested
+    assert coarse.grid.shape == (129, 33)
+    square = coarse_solution(case, threads=1, max_points=140 * 70, square=True)
+    assert square.grid.shape == (129, 65)
+    assert not square.only_requested
+    monkeypatch.setattr("equimesh.single_domain.level.MAX_SWEEPS", 0)
+    with pytest.raises(OtherGridsNeededError):
+        solve_part(case, coarse, ALONE)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.sweeps.cell_metrics import cell_metrics
+from equimesh.sweeps.cell_metrics import MARGIN, cell_memory, cell_metrics
 from solver.sweeps.windows import disturbed
 
 
@@ -34,3 +34,15 @@ def test_a_linear_u_has_the_metric_of_the_formula() -> None:
     k = 0.8**2 / (1.0 + 0.5 * 5.0)
     for entry, expected in zip(found, (1.0 + 4.0 * k, 2.0 * k, 1.0 + k), strict=True):
         assert entry == pytest.approx(np.full((5, 4), expected), rel=1e-12)
+
+
+def test_the_memory_of_cells_lies_apart_from_all_other() -> None:
+    cells = cell_memory(3, 9)
+    whole = cells.base
+    while whole.base is not None:
+        whole = whole.base
+    before = (cells.ctypes.data - whole.ctypes.data) // 8
+    after = whole.size - before - cells.size
+    assert cells.shape == (3, 3, 8)
+    assert cells.flags.c_contiguous
+    assert min(before, after) >= MARGIN + 2 * 8
