@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.fields import tiles
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.parts.coarse import coarse_solution
 from equimesh.parts.solve import solve_part
@@ -52,6 +56,39 @@ def test_every_monitor_of_a_metric_is_solved_in_parts(name: str) -> None:
         assert whole.status is em.Status.CONVERGED
         for count in (2, 3):
             require_equal(in_parts(case, count), whole)
+
+
+CURVED = em.Quadrilateral(
+    left=em.Curve.of_expressions("-0.1*sin(pi*t)", "t"),
+    right=em.Curve.of_expressions("1 + 0.1*sin(pi*t)", "t"),
+    bottom=em.Curve.of_expressions("t", "0.2*sin(pi*t)"),
+    top=em.Curve.of_expressions("t", "1 + 0.1*sin(2*pi*t)"),
+)
+AXES = np.linspace(-0.2, 1.2, 60), np.linspace(-0.2, 1.3, 50)
+SAMPLES = np.tanh(3 * (AXES[0][:, None] + AXES[1] / 2 - 0.75))
+
+
+def fields(folder: Path) -> Iterator[em.Field]:
+    """The same u by formula, by samples in memory, and by samples in a file, several tiles of them."""
+    x, y = AXES
+    yield em.Expression("tanh(3*(x + y/2 - 0.75))")
+    yield em.GridSamples(x=x, y=y, values=SAMPLES)
+    np.savez(folder / "u.npz", x=x, y=y, values=SAMPLES)
+    yield em.ChunkedSamples(path=folder / "u.npz")
+
+
+@pytest.mark.usefixtures("low_strips")
+def test_bits_do_not_depend_on_where_u_comes_from_or_how_rows_are_shared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiles, "TILE", 20)
+    boundaries = [em.Boundary.TRACE, em.Boundary.EQUIDISTRIBUTED_1D, em.Boundary.TRACE]
+    for u, boundary in zip(fields(tmp_path), boundaries, strict=True):
+        case = on(CURVED, boundary, em.ArcLength(u=u), 257, 129)
+        whole = em.solve(case, threads=1)
+        assert whole.status is em.Status.CONVERGED
+        for count, threads in ((5, 1), (7, 1), (2, 2)):
+            require_equal(in_parts(case, count, threads=threads), whole)
 
 
 @pytest.mark.usefixtures("low_strips")

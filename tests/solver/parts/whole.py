@@ -9,9 +9,11 @@ import pytest
 
 import equimesh as em
 from equimesh.meshes import parts, strips
+from equimesh.numerics.channel import ThreadChannels
 from equimesh.parts.coarse import coarse_solution
 from equimesh.parts.in_threads import solve_in_threads
 from equimesh.parts.part_solution import PartSolution
+from equimesh.parts.solve import solve_part
 
 # Of the coarse solution, in place of a million.
 COARSE_POINTS = 65 * 65
@@ -30,10 +32,19 @@ def low_strips(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def in_parts(
-    problem: em.Problem, count: int, mode: em.Mode = em.Mode.DISCRETIZATION, points: int = COARSE_POINTS
+    problem: em.Problem,
+    count: int,
+    mode: em.Mode = em.Mode.DISCRETIZATION,
+    points: int = COARSE_POINTS,
+    threads: int = 1,
 ) -> list[PartSolution]:
-    """The parts of a solution."""
-    return solve_in_threads(problem, count, coarse_solution(problem, mode=mode, threads=1, max_points=points))
+    """The parts of a solution, each of which is shared by ``threads`` threads."""
+    coarse = coarse_solution(problem, mode=mode, threads=1, max_points=points)
+    if threads == 1:
+        return solve_in_threads(problem, count, coarse)
+    return ThreadChannels(count).run(
+        lambda channel: solve_part(problem, coarse.for_part(channel.number, count), channel, threads=threads)
+    )
 
 
 def require_equal(found: list[PartSolution], whole: em.Solution) -> None:
