@@ -7,6 +7,7 @@ storage of the service. Where the process is killed, the cluster gives up the pa
 from __future__ import annotations
 
 import logging
+import re
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -34,15 +35,21 @@ if TYPE_CHECKING:
     from equimesh.solving.solution import Solution
 
 _log = logging.getLogger(__name__)
+# What names a worker or a machine in the sentences of the cluster: callers of the service do not get to know addresses.
+_NAMES = (
+    (re.compile(r"(the worker )?\b[a-z]+://[^\s,;()]+"), "a worker"),
+    (re.compile(r"the machine \S+"), "a machine"),
+)
 
 
 def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | None) -> Ending | None:
     """How a mesh in parts ended, finished in the store; None when the attempt was lost meanwhile.
 
     Its files are in the format of all meshes in parts, and in the one that is requested. Raises a problem for what the
-    cluster refuses, and :class:`~equimesh_service.errors.WorkerLostError` where workers with parts were lost.
+    cluster refuses, and :class:`~equimesh_service.errors.WorkerLostError` where workers with parts, or the
+    connection to the scheduler, were lost.
     """
-    from equimesh.cluster import ClusterError, PartsError, WorkersLostError
+    from equimesh.cluster import ClusterError, NoSchedulerError, PartsError, WorkersLostError
 
     began = time.perf_counter()
     reporter = Reporter(None, partial(store.queue.progress, job.claim))
@@ -54,8 +61,11 @@ def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | Non
         outcome = Outcome(error=_problem(error.handle).body())
     except WorkersLostError as error:
         raise WorkerLostError(f"workers with parts of the mesh were lost: {error}") from None
+    except NoSchedulerError as error:  # the next attempt is on another worker
+        raise WorkerLostError(f"a worker lost the cluster: {error}") from None
     except ClusterError as error:
-        raise Problem("cluster-refused", f"{error}.") from None
+        _log.warning("mesh %s: the cluster refuses it: %s", job.claim.mesh_id, error)
+        raise Problem("cluster-refused", f"{_without_addresses(str(error))}.") from None
     if not store.queue.finish(job.claim, outcome):
         return None
     seconds = time.perf_counter() - began
@@ -180,3 +190,9 @@ def _traffic(handle: Handle) -> dict[str, int]:
 def _problem(solution: Solution | Handle) -> Problem:
     detail = solution.note or solution.status.sentence
     return Problem(str(solution.status).replace("_", "-"), detail, remedy=solution.remedy)
+
+
+def _without_addresses(sentence: str) -> str:
+    for name, word in _NAMES:
+        sentence = name.sub(word, sentence)
+    return sentence

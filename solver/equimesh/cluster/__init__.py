@@ -8,7 +8,7 @@ from equimesh_coupling.libraries import library
 library("distributed", install="pip install 'equimesh[dask]'")
 
 from equimesh.cluster.connection import connect  # noqa: E402 - after the check for Dask
-from equimesh.cluster.errors import ClusterError, RunCancelledError, WorkersLostError  # noqa: E402
+from equimesh.cluster.errors import ClusterError, NoSchedulerError, RunCancelledError, WorkersLostError  # noqa: E402
 from equimesh.cluster.handle import Handle, PartsError  # noqa: E402
 from equimesh.cluster.progress import Progress  # noqa: E402
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts  # noqa: E402
@@ -28,6 +28,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "connect",
     # Errors, drawn as a tree in ``equimesh/cluster/errors.py``
     "ClusterError",
+    "NoSchedulerError",
     "PartsError",
     "RunCancelledError",
     "WorkersLostError",

@@ -6,7 +6,7 @@ from typing import Any
 
 from distributed import Client
 
-from equimesh.cluster.errors import ClusterError
+from equimesh.cluster.errors import NoSchedulerError
 from equimesh.errors import InputError
 
 # Seconds within which a scheduler answers; Dask's own default.
@@ -19,14 +19,14 @@ def connect(address: str, *, timeout: float | None = None, security: Any = None)
     """A client of the scheduler at ``address``, such as ``"tcp://host:8786"``; it becomes Dask's default one.
 
     ``security`` is Dask's own: keys and certificates of ``tls://`` addresses; the default is that of Dask's settings.
-    Raises :class:`~equimesh.cluster.errors.ClusterError` where no scheduler answers within ``timeout`` seconds (30),
-    and :class:`~equimesh.errors.InputError` for an address that is none.
+    Raises :class:`~equimesh.cluster.errors.NoSchedulerError` where no scheduler answers within ``timeout`` seconds
+    (30), and :class:`~equimesh.errors.InputError` for an address that is none.
     """
     seconds = CONNECT_SECONDS if timeout is None else timeout
     try:
         return Client(address, timeout=seconds, security=security)
     except (OSError, TimeoutError) as error:
-        raise ClusterError(
+        raise NoSchedulerError(
             f"no scheduler answers at {address} ({_cause(error)}): check the address, or {START}"
         ) from error
     except (ValueError, TypeError) as error:
@@ -40,7 +40,7 @@ def check_client(client: object) -> Client:
     """The client, which is connected and not asynchronous.
 
     Raises :class:`~equimesh.errors.InputError` for something else, and
-    :class:`~equimesh.cluster.errors.ClusterError` for a client that is closed or has lost its scheduler.
+    :class:`~equimesh.cluster.errors.NoSchedulerError` for a client that is closed or has lost its scheduler.
     """
     if not isinstance(client, Client):
         raise InputError(
@@ -54,10 +54,10 @@ def check_client(client: object) -> Client:
     return client
 
 
-def no_scheduler(client: Client) -> ClusterError:
+def no_scheduler(client: Client) -> NoSchedulerError:
     """The error of a client whose scheduler does not answer."""
     address = client.scheduler.address if client.scheduler is not None else "the address of the client"
-    return ClusterError(
+    return NoSchedulerError(
         f"the scheduler at {address} is not connected (status {client.status}): connect again, or {START}"
     )
 

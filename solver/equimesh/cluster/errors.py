@@ -4,6 +4,7 @@
 
     EquimeshError
     └── ClusterError          a cluster does not run what it was given; the message says why, and what to do
+        ├── NoSchedulerError  no scheduler answers, or the connection to it is lost
         ├── PartsError        a mesh in parts is not the requested one; it carries the handle of what there is, and is
         │                     defined in :mod:`equimesh.cluster.handle`
         ├── WorkersLostError  a worker was lost in each attempt, or none is left
@@ -17,6 +18,10 @@ from equimesh.errors import EquimeshError
 
 class ClusterError(EquimeshError):
     """A cluster that does not run what it was given: no scheduler, other versions, too little memory."""
+
+
+class NoSchedulerError(ClusterError):
+    """A scheduler that does not answer, or does not answer any more."""
 
 
 class WorkersLostError(ClusterError):

@@ -14,6 +14,7 @@ def place(count: int, workers: Sequence[WorkerFacts]) -> list[WorkerFacts]:
     All parts of a run have to run at the same time, so a worker takes at most one part for each of its threads. Raises
     :class:`~equimesh.errors.InputError` for more parts than threads, with the largest number.
     """
+    require_count(count)
     threads = sum(worker.threads for worker in workers)
     if not 1 <= count <= threads:
         raise InputError(
@@ -26,3 +27,9 @@ def place(count: int, workers: Sequence[WorkerFacts]) -> list[WorkerFacts]:
         free = [k for k, worker in enumerate(workers) if shares[k] < worker.threads]
         shares[min(free, key=lambda k: shares[k])] += 1
     return [worker for worker, share in zip(workers, shares, strict=True) for _ in range(share)]
+
+
+def require_count(parts: object) -> None:
+    """Raise :class:`~equimesh.errors.InputError` for a number of parts that is no whole number."""
+    if not isinstance(parts, int) or isinstance(parts, bool):
+        raise InputError(f"parts = {parts!r}: a whole number, or None for one on every worker", field="parts")

@@ -16,6 +16,7 @@ from distributed import Client, get_worker
 from equimesh.cluster.handle import Handle
 from equimesh.cluster.inputs import sent
 from equimesh.cluster.memory import check_memory
+from equimesh.cluster.placement import require_count
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts
 from equimesh.cluster.worker_facts import WorkerFacts, examine_workers
 from equimesh.equations.problem import Problem
@@ -129,6 +130,8 @@ def iterate(
 def _count(problem: Problem, client: Client, schwarz: Schwarz, parts: int | None) -> int:
     """The number of parts, for which there are subdomains."""
     most = len(schwarz.decompose(problem.grid).parts)
+    if parts is not None:
+        require_count(parts)
     if parts is not None and parts > most:
         raise InputError(
             f"parts = {parts}: every part needs a subdomain, and there are {most}: take fewer parts, or more"

@@ -13,7 +13,7 @@ from equimesh.cluster.connection import check_client, connect
 from equimesh.cluster.handle import Handle, PartsError
 from equimesh.cluster.inputs import sent
 from equimesh.cluster.memory import check_memory
-from equimesh.cluster.placement import place
+from equimesh.cluster.placement import place, require_count
 from equimesh.cluster.progress import Gathering, Observer, coarse_progress
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts
 from equimesh.cluster.schwarz import SchwarzOptions, iterate
@@ -159,6 +159,7 @@ def _count(grid: Grid, most: int, workers: int, parts: int | None) -> int:
     """The number of parts: by default one for each worker, and not more than the grids can be cut into."""
     if parts is None:
         return max(1, min(most, workers))
+    require_count(parts)
     if parts > most:
         raise InputError(
             f"parts = {parts}: the grids of a solve with {grid} points can be cut into at most {most}: take 1 to {most}"

@@ -28,3 +28,10 @@ def test_more_parts_than_threads_are_refused_with_the_largest_number(count: int)
     with pytest.raises(InputError, match=f"parts = {count}: .* 2 workers have 3 threads .* take 1 to 3 parts") as error:
         place(count, [worker("a", 2), worker("b")])
     assert error.value.field == "parts"
+
+
+@pytest.mark.parametrize("count", [2.5, "3", True])
+def test_parts_that_are_no_whole_number_are_refused(count: object) -> None:
+    with pytest.raises(InputError, match=f"parts = {count!r}: a whole number") as error:
+        place(count, [worker("a", 2), worker("b")])  # type: ignore[arg-type]
+    assert error.value.field == "parts"
