@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 import equimesh as em
 from equimesh.fields import tiles
+from equimesh.meshes.strips import cuts_of, nodes_across, strips_of
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.parts.coarse import coarse_solution
 from equimesh.parts.solve import solve_part
@@ -91,9 +93,18 @@ def test_bits_do_not_depend_on_where_u_comes_from_or_how_rows_are_shared(
             require_equal(in_parts(case, count, threads=threads), whole)
 
 
+def shared_nodes(strips: int, count: int) -> list[tuple[int, int]]:
+    """The owners of the two halves of every node of the tree whose halves begin in different parts."""
+    cuts = cuts_of(strips, count)
+    part_of = [part for part, (first, last) in enumerate(pairwise(cuts)) for _ in range(first, last)]
+    owners = [(part_of[node.first], part_of[node.middle]) for node in nodes_across(strips, cuts)]
+    return [(left, right) for left, right in owners if left != right]
+
+
 @pytest.mark.usefixtures("low_strips")
-@pytest.mark.parametrize("count", [2, 4, 8])
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 8])
 def test_a_sweep_sends_64_bytes_for_every_node_of_a_cut_and_few_messages(count: int) -> None:
+    """For 3 and 5 parts more: the sums and starts of the nodes of the tree that they share."""
     case = on(em.Rectangle(), em.Boundary.TRACE, em.ArcLength(u=U))
     found = in_parts(case, count, em.Mode.TIGHT)
     seen = 0
@@ -107,12 +118,24 @@ def test_a_sweep_sends_64_bytes_for_every_node_of_a_cut_and_few_messages(count: 
         if records[0].step < 2 or records[0].converged:
             continue  # the first record of a level has the rows for its guess, and the last one the error
         seen += 1
-        assert sent["sums"] + sent["starts"] + sent["halo"] == 64 * n * (count - 1)
+        shared = shared_nodes(len(strips_of(records[0].grid.shape)), count)
+        of_a_part = max(sum(part in owners for owners in shared) for part in range(count))
+        assert sent["sums"] + sent["starts"] + sent["halo"] == (48 * (count - 1) + 16 * len(shared)) * n
+        if count.bit_count() == 1:
+            assert (len(shared), of_a_part) == (count - 1, count.bit_length() - 1)
         assert sent["push"] == 8 * n
         assert sent["agree"] <= 64 * count * count.bit_length()
         assert set(sent) == {"sums", "starts", "halo", "push", "agree"}
-        assert messages <= 2 * count.bit_length() + 5
+        assert messages <= of_a_part + count.bit_length() + 5
     assert seen >= 2
+
+
+def test_a_sweep_of_up_to_128_parts_sends_at_most_96_bytes_for_every_node_of_a_cut() -> None:
+    for count in range(2, 129):
+        for strips in (count, 2 * count - 1, 1000, 4096):
+            assert 48 * (count - 1) + 16 * len(shared_nodes(strips, count)) <= 96 * (count - 1)
+    assert len(shared_nodes(4096, 3)) == 5
+    assert len(shared_nodes(4096, 5)) == 10
 
 
 @pytest.mark.usefixtures("low_strips")
