@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 # Bytes that a part takes for each of its points, at its peak: meshes of earlier iterations for the acceleration, memory
 # of the sweeps, and the kept copies.
 BYTES_A_POINT = 500
-# Observers get the meshes of iterations on grids of at most this many points.
-MAX_SHOWN_POINTS = 257 * 257
+# Observers get the meshes of iterations on grids of at most this many points. The scheduler keeps 1000 reports.
+MAX_SHOWN_POINTS = 65 * 65
 
 IterationObserver = Callable[[IterationNumbers], None]
 

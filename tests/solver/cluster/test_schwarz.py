@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dask
 import numpy as np
 import pytest
 from distributed import Client
@@ -10,7 +11,7 @@ import equimesh as em
 from cases import problem
 from dask_processes import DaskProcesses
 from equimesh.cluster import PartsError, SchwarzHandle, solve
-from equimesh.cluster.schwarz import _KEPT
+from equimesh.cluster.schwarz import _KEPT, MAX_SHOWN_POINTS
 from equimesh.schwarz.records import IterationNumbers
 
 CASE = problem("tanh20", 33, 25)
@@ -92,3 +93,8 @@ def test_after_a_worker_was_killed_the_iteration_goes_on_from_its_last_iterate(p
         assert abs(len(handle.iterations) - len(expected.iterations)) <= 3
         x = handle.x.compute(scheduler=processes.client)
         assert abs(x - expected.mesh.x).max() < 1e-5
+
+
+def test_the_reports_that_the_scheduler_keeps_are_small() -> None:
+    kept = dask.config.get("distributed.admin.low-level-log-length")
+    assert kept * 2 * np.dtype(float).itemsize * MAX_SHOWN_POINTS < 100e6
