@@ -131,8 +131,8 @@ def test_a_sweep_sends_64_bytes_for_every_node_of_a_cut_and_few_messages(count: 
 
 
 def test_a_sweep_of_up_to_128_parts_sends_at_most_96_bytes_for_every_node_of_a_cut() -> None:
-    for count in range(2, 129):
-        for strips in (count, 2 * count - 1, 1000, 4096):
+    for count in (2, 3, 5, 7, 9, 17, 33, 65, 128):  # most of them next to a power of two, where it is most
+        for strips in (count, 2 * count - 1, 300):
             assert 48 * (count - 1) + 16 * len(shared_nodes(strips, count)) <= 96 * (count - 1)
     assert len(shared_nodes(4096, 3)) == 5
     assert len(shared_nodes(4096, 5)) == 10
