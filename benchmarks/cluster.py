@@ -171,7 +171,7 @@ def _write_and_read(client: Client, handle: Handle, written: str, folder: str | 
     place = Path(mkdtemp(prefix="equimesh-", dir=folder))
     try:
         started = time.perf_counter()
-        head = handle.write(place / f"mesh{SUFFIXES[written]}")[0]
+        head = handle.write(place / f"mesh{SUFFIXES[written]}", q_eq=False)[0]
         size = sum(path.stat().st_size for path in place.rglob("*") if path.is_file())
         yield f"  written as {written} in {time.perf_counter() - started:.0f} s, {size / 1e9:.2f} GB"
         started = time.perf_counter()

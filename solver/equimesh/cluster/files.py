@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import uuid
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,20 @@ from equimesh.io.by_parts.formats import parted_format
 from equimesh.io.by_parts.shared_folder import leave_probe, require_probe
 from equimesh.io.by_parts.write import remove_parted, write_head, write_part
 from equimesh.meshes.grid import Grid
+from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array
+from equimesh.parts.measures import equidistribution_of_part
 from equimesh.parts.part_solution import PartSolution
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileNames:
+    """The names of the arrays of a mesh in files, besides ``x`` and ``y``."""
+
+    nodes: tuple[str, ...]
+    """Of those at the nodes: ``u``, or nothing."""
+    cells: tuple[str, ...]
+    """Of those of the cells: ``Q_eq``, or nothing."""
 
 
 def write_parts(
@@ -26,14 +39,14 @@ def write_parts(
     futures: Sequence[Future[PartSolution]],
     places: tuple[Grid, Sequence[int], Sequence[str]],
     path: str | os.PathLike[str],
-    names: Sequence[str],
+    names: FileNames,
     format: str | None,
 ) -> tuple[Path, ...]:
     """Write the parts of a mesh, then its head. Returns the files of the head.
 
     ``places`` are the grid, the first row of every part but the first one, and the address of the worker of every part.
-    ``names`` are those of the arrays at the nodes: ``u``, or nothing. Raises :class:`~equimesh.errors.InputError` for
-    an unknown format, and for a folder that not all workers and the caller reach.
+    Raises :class:`~equimesh.errors.InputError` for an unknown format, and for a folder that not all workers and the
+    caller reach.
     """
     grid, cuts, workers = places
     head = Path(path).absolute()
@@ -43,8 +56,8 @@ def write_parts(
     for number, machine in enumerate(client.gather(list(probed.futures))):
         require_probe(head, f"{token}-{number}", machine)
     remove_parted(head, format=kind)
-    run_at(client, write_file_of_part, lambda k, _: (futures[k], str(head), list(names), kind), workers)
-    return write_head(head, grid=grid, cuts=cuts, nodes=names, format=kind)
+    run_at(client, write_file_of_part, lambda k, _: (futures[k], str(head), names, kind), workers)
+    return write_head(head, grid=grid, cuts=cuts, nodes=names.nodes, cells=names.cells, format=kind)
 
 
 def leave_probe_of_part(_: Any, path: str, token: str) -> str:
@@ -52,11 +65,12 @@ def leave_probe_of_part(_: Any, path: str, token: str) -> str:
     return leave_probe(path, token)
 
 
-def write_file_of_part(_: Any, part: PartSolution, path: str, names: list[str], format: str) -> None:
+def write_file_of_part(channel: Channel, part: PartSolution, path: str, names: FileNames, format: str) -> None:
     """Write the file of one part. Runs where the part is; u is evaluated for some rows at a time."""
     field = part.problem.monitor.u
-    nodes: dict[str, NodeValues] = {} if field is None else {name: _Values(field) for name in names}
-    write_part(path, part.mesh, PartData(nodes=nodes), format=format)
+    nodes: dict[str, NodeValues] = {} if field is None else {name: _Values(field) for name in names.nodes}
+    cells = {name: equidistribution_of_part(part, channel) for name in names.cells}
+    write_part(path, part.mesh, PartData(nodes=nodes, cells=cells), format=format)
 
 
 class _Values:

@@ -13,7 +13,7 @@ from distributed import Client
 
 from equimesh.cluster.arrays import array_of, own_u, own_x, own_y
 from equimesh.cluster.errors import ClusterError, WorkersLostError
-from equimesh.cluster.files import write_parts
+from equimesh.cluster.files import FileNames, write_parts
 from equimesh.cluster.measuring import measures_of
 from equimesh.cluster.run import PartsRun, run_at
 from equimesh.cluster.summary import Summary, summary_of, traffic_of
@@ -141,16 +141,17 @@ class Handle:
         """How well the mesh solves the requested equations, as :attr:`equimesh.Solution.certificate` says it."""
         return self._measures().certificate
 
-    def write(self, path: str | os.PathLike[str], *, format: str | None = None) -> tuple[Path, ...]:
-        """Write the mesh, and u where there is one: every worker its part, then the caller the head, which is returned.
+    def write(self, path: str | os.PathLike[str], *, format: str | None = None, q_eq: bool = True) -> tuple[Path, ...]:
+        """Write the mesh, Q_eq, and u where there is one: every worker its part, then the caller the head.
 
+        Returns the files of the head. ``q_eq=False`` leaves Q_eq out, which is measured when it is written.
         The suffix of ``path`` decides on the format, unless ``format`` is a name in
         :data:`~equimesh.io.PARTED_FORMATS`. An older mesh of the same name is replaced. Raises
         :class:`~equimesh.errors.InputError` for an unknown format, and for a folder that not all workers and the caller
         reach by the same name.
         """
         self._require_parts()
-        names = () if self.problem.monitor.u is None else ("u",)
+        names = FileNames(nodes=() if self.problem.monitor.u is None else ("u",), cells=("Q_eq",) if q_eq else ())
         places = self.grid, self.cuts, self.workers
         return write_parts(self._client, self._run.futures, places, path, names, format)
 

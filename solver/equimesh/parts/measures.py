@@ -16,7 +16,7 @@ from equimesh.meshes.mesh_window import MeshWindow, WindowRows
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array
 from equimesh.parts.part_solution import PartSolution
-from equimesh.quality.measures import Quality
+from equimesh.quality.measures import Quality, equidistribution
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.measured_mesh import MeasuredMesh
 
@@ -65,6 +65,15 @@ def measure_part(part: PartSolution, channel: Channel) -> PartMeasures:
             interpolation=errors,
         )
         return PartMeasures(quality=quality.without_cells(), certificate=certificate, q_eq=quality.q_eq.cells)
+
+
+def equidistribution_of_part(part: PartSolution, channel: Channel) -> Array:
+    """Q_eq of the cells of a part, as :func:`measure_part` finds it; every part has to call this.
+
+    It needs about 35 bytes for each point of the part, besides the part itself, and less time than all measures.
+    """
+    mesh = MeshWindow.of_part(part.mesh, channel)
+    return equidistribution(mesh, part.problem.monitor, threads=part.threads)
 
 
 def reference_window(part: MeshPart, reference: HeldMesh, channel: Channel) -> MeshWindow:

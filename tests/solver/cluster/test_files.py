@@ -21,10 +21,18 @@ def test_every_worker_writes_its_part_and_the_caller_the_head(client: Client, tm
         assert handle.write(head)[0] == head
     found = read_parts(head)
     assert found.nodes == ("u",)
+    assert sorted(found.cells) == ["Q_eq", "subdomain"]
     assert found.cuts == (10, 20)
     for array, whole in (("x", solution.mesh.x), ("y", solution.mesh.y), ("u", solution.u)):
         assert np.array_equal(found.rows(array, 0, 33), whole)
+    assert found.rows("Q_eq", 0, 32) == pytest.approx(solution.data().q_eq, rel=1e-12, abs=0)
     assert not list(tmp_path.glob(".equimesh-*"))
+
+
+def test_q_eq_is_left_out_on_request(client: Client, tmp_path: Path) -> None:
+    with handle_on(client, em.solve(PROBLEM), 16) as handle:
+        handle.write(tmp_path / "mesh.pvts", q_eq=False)
+    assert tuple(read_parts(tmp_path / "mesh.pvts").cells) == ("subdomain",)
 
 
 def test_a_folder_that_is_not_there_is_refused(client: Client, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_part import cut
 from equimesh.meshes.mesh_window import WindowRows
 from equimesh.numerics.channel import Channel, Counted, ThreadChannels
-from equimesh.parts.measures import PartMeasures, measure_part
+from equimesh.parts.measures import PartMeasures, equidistribution_of_part, measure_part
 from equimesh.parts.part_solution import PartSolution
 from equimesh.quality.interpolation import MIN_SAMPLED_CELLS, SAMPLING
 from equimesh.single_domain.steps import Mode
@@ -104,6 +104,14 @@ def assert_equal(solution: Solution, count: int) -> None:
         assert repr(one.certificate) == repr(solution.certificate)
     q_eq = np.concatenate([one.q_eq for one in found])
     assert np.array_equal(q_eq, solution.quality.q_eq.cells)
+
+
+@pytest.mark.usefixtures("low_strips")
+def test_q_eq_alone_is_that_of_the_whole_mesh() -> None:
+    solution = solved(em.ArcLength(u=TANH), bent((150, 40)), SECTOR)
+    parts = parts_of(solution, 3)
+    found = ThreadChannels(3).run(lambda channel: equidistribution_of_part(parts[channel.number], channel))
+    assert np.array_equal(np.concatenate(found), solution.quality.q_eq.cells)
 
 
 @pytest.mark.parametrize(
