@@ -7,21 +7,26 @@ from collections.abc import Sequence
 
 from equimesh.cluster.errors import ClusterError
 from equimesh.cluster.worker_facts import WorkerFacts
+from equimesh.equations.problem import Problem
+from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.meshes.grid import Grid
 
 # Bytes that a part takes for each of its points, at its peak.
 BYTES_A_POINT = 65
+# Bytes that the spline through samples in a file takes for each of them.
+BYTES_A_SAMPLE = 8
 # The share of its limit at which a worker of Dask is ended.
 LIMIT_SHARE = 0.95
 GIGABYTE = 1e9
 
 
-def check_memory(grid: Grid, places: Sequence[WorkerFacts], bytes_a_point: int = BYTES_A_POINT) -> None:
-    """Refuse workers without the memory for their parts of ``grid``, which are nearly equal.
+def check_memory(problem: Problem, places: Sequence[WorkerFacts], bytes_a_point: int = BYTES_A_POINT) -> None:
+    """Refuse workers without the memory for their parts of ``problem``, which are nearly equal.
 
     Raises :class:`~equimesh.cluster.errors.ClusterError`, which names the worker or the machine and both numbers.
     """
-    needed = memory_of_part(grid, len(places), bytes_a_point)
+    grid = problem.grid
+    needed = memory_of_part(grid, len(places), bytes_a_point) + memory_of_samples(problem, len(places))
     for worker, parts in Counter(place.address for place in places).items():
         facts = next(place for place in places if place.address == worker)
         if facts.limit and parts * needed > LIMIT_SHARE * facts.limit - facts.used:
@@ -37,6 +42,18 @@ def memory_of_part(grid: Grid, count: int, bytes_a_point: int = BYTES_A_POINT) -
     """Bytes that the largest of ``count`` parts of ``grid`` takes at its peak, beyond what its process has anyway."""
     rows = -(-grid.n_xi // count) + 2
     return bytes_a_point * rows * grid.n_eta
+
+
+def memory_of_samples(problem: Problem, count: int) -> int:
+    """Bytes of the splines that each of ``count`` parts keeps where u is samples in a file: its share of them.
+
+    A part evaluates u in its own share of the domain. It keeps no more than the ``max_bytes`` of the samples.
+    """
+    u = problem.monitor.u
+    if not isinstance(u, ChunkedSamples):
+        return 0
+    n, m = u.shape
+    return min(u.max_bytes, BYTES_A_SAMPLE * n * m // count)
 
 
 def _too_little(what: str, parts: int, needed: int, has: str, grid: Grid) -> ClusterError:

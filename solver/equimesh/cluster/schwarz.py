@@ -116,7 +116,7 @@ def iterate(
         return sent(client, plan), sent(client, windows), name
 
     def check(places: list[WorkerFacts]) -> None:
-        check_memory(problem.grid, places, BYTES_A_POINT)
+        check_memory(problem, places, BYTES_A_POINT)
 
     try:
         chosen = RunOptions(observe=add, cancel=options.cancel, check_workers=check)

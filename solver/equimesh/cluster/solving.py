@@ -117,7 +117,7 @@ def _require_room(problem: Problem, client: Client, parts: int | None) -> None:
     workers = examine_workers(check_client(client))
     if workers:
         count = _count(problem.grid, most_parts(problem), len(workers), parts)
-        check_memory(problem.grid, place(count, workers))
+        check_memory(problem, place(count, workers))
 
 
 def _coarse(chosen: _Settings, client: Client, *, square: bool) -> CoarseSolution:
@@ -149,7 +149,7 @@ def _parts(chosen: _Settings, client: Client, coarse: CoarseSolution, parts: int
         return shared[0], sent(client, coarse.for_part(number, count)), chosen.threads
 
     def check(places: list[WorkerFacts]) -> None:
-        check_memory(chosen.problem.grid, places)
+        check_memory(chosen.problem, places)
 
     options = RunOptions(observe=gathering.add, cancel=chosen.cancel, check_workers=check)
     return run_parts(client, part_of_solution, arguments, parts=count, options=options)

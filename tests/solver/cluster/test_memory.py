@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from equimesh import Grid
+import equimesh as em
 from equimesh.cluster import ClusterError
-from equimesh.cluster.memory import BYTES_A_POINT, check_memory, memory_of_part
+from equimesh.cluster.memory import BYTES_A_POINT, check_memory, memory_of_part, memory_of_samples
 from equimesh.cluster.worker_facts import WorkerFacts
 
-GRID = Grid(n_xi=4001, n_eta=1000)
+GRID = em.Grid(n_xi=4001, n_eta=1000)
+PROBLEM = em.Problem(monitor=em.ArcLength(u=em.Expression("x*y")), grid=GRID)
 NEEDED = BYTES_A_POINT * 1003 * 1000  # of each of four parts
 
 
@@ -27,9 +30,9 @@ def test_a_part_takes_65_bytes_for_each_point_of_its_rows() -> None:
 
 
 def test_workers_with_enough_memory_are_taken() -> None:
-    check_memory(GRID, [worker(name, name) for name in "abcd"])
+    check_memory(PROBLEM, [worker(name, name) for name in "abcd"])
     limit = int((NEEDED + 1000) / 0.95) + 1
-    check_memory(GRID, [worker(name, name, limit=limit, used=1000) for name in "abcd"])
+    check_memory(PROBLEM, [worker(name, name, limit=limit, used=1000) for name in "abcd"])
 
 
 @pytest.mark.parametrize("used", [0, 10_000_000])
@@ -38,14 +41,30 @@ def test_a_limit_that_is_too_low_is_named_with_both_numbers(used: int) -> None:
     left = f"{(0.95 * NEEDED - used) / 1e9:.3g} GB left of its memory limit"
     text = f"the worker tcp://low:1 has {left}, and a part of 4001 x 1000 points take {NEEDED / 1e9:.3g} GB"
     with pytest.raises(ClusterError, match=re.escape(text)):
-        check_memory(GRID, [worker("a", "a"), worker("b", "b"), low, worker("d", "d")])
+        check_memory(PROBLEM, [worker("a", "a"), worker("b", "b"), low, worker("d", "d")])
 
 
 def test_parts_of_one_worker_and_workers_of_one_machine_are_added() -> None:
     one = worker("a", "a", limit=2 * NEEDED)
     with pytest.raises(ClusterError, match="and 2 parts of"):
-        check_memory(GRID, [one, one, worker("c", "c"), worker("d", "d")])
+        check_memory(PROBLEM, [one, one, worker("c", "c"), worker("d", "d")])
     small = [worker(name, "host", free=3 * NEEDED) for name in "abcd"]
-    check_memory(GRID, [*small[:3], worker("d", "other")])
+    check_memory(PROBLEM, [*small[:3], worker("d", "other")])
     with pytest.raises(ClusterError, match=r"the machine host has .* free, and 4 parts of"):
-        check_memory(GRID, small)
+        check_memory(PROBLEM, small)
+
+
+def test_splines_of_samples_in_a_file_are_counted(tmp_path: Path) -> None:
+    x, y = np.linspace(0, 1, 400), np.linspace(0, 1, 300)
+    np.savez(tmp_path / "u.npz", x=x, y=y, values=np.ones((400, 300)) * x[:, None])
+    for max_bytes, each in ((1 << 30, 8 * 400 * 300 // 4), (100_000, 100_000)):
+        u = em.ChunkedSamples(path=tmp_path / "u.npz", max_bytes=max_bytes)
+        problem = em.Problem(monitor=em.ArcLength(u=u), grid=GRID)
+        assert memory_of_samples(problem, 4) == each
+        just_enough = [worker(name, name, free=NEEDED + each) for name in "abcd"]
+        check_memory(problem, just_enough)
+        too_little = [*just_enough[:3], worker("d", "d", free=NEEDED + each - 1)]
+        with pytest.raises(ClusterError, match="the machine d"):
+            check_memory(problem, too_little)
+        check_memory(PROBLEM, too_little)
+    assert memory_of_samples(PROBLEM, 4) == 0
