@@ -71,7 +71,7 @@ class Attempt:
                 self._let_go()
                 done = True
                 return tuple(self._futures)
-            except (OSError, asyncio.CancelledError) as error:
+            except (OSError, asyncio.CancelledError, AttributeError) as error:  # a closed client has no scheduler
                 if self._client.status != "running":
                     raise no_scheduler(self._client) from error
                 raise

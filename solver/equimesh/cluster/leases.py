@@ -6,11 +6,13 @@ Dask does not. The leases are taken in the order of the addresses, so no two run
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
 from distributed import Client, Semaphore
 
+from equimesh.cluster.connection import no_scheduler
 from equimesh.cluster.errors import WorkersLostError
 
 # Seconds between two looks at whether the run was cancelled, and whether the worker that it waits for still exists.
@@ -22,18 +24,29 @@ def leases_of(client: Client, addresses: Sequence[str], check: Callable[[], None
     """The right to run on the workers at ``addresses``, given back at the end.
 
     ``check`` is called while it waits for another run; what it raises ends the waiting. Raises
-    :class:`~equimesh.cluster.errors.WorkersLostError` where a worker is lost meanwhile.
+    :class:`~equimesh.cluster.errors.WorkersLostError` where a worker is lost meanwhile, and
+    :class:`~equimesh.cluster.errors.NoSchedulerError` where the scheduler is.
     """
     with ExitStack() as held:
-        for address in sorted(set(addresses)):
-            lease = _semaphore(client, address)
-            held.callback(_stop_refreshing, client, lease)
-            while not lease.acquire(timeout=LOOK_SECONDS):
-                check()
-                if not client.nthreads(workers=[address]):
-                    raise WorkersLostError(f"the worker {address} was lost", lost=(address,))
-            held.callback(_give_back, client, lease)
+        try:
+            for address in sorted(set(addresses)):
+                _take(client, address, check, held)
+        except (OSError, asyncio.CancelledError, AttributeError) as error:  # a client that has closed has no scheduler
+            if isinstance(error, AttributeError) and client.status == "running":
+                raise
+            raise no_scheduler(client) from error
         yield
+
+
+def _take(client: Client, address: str, check: Callable[[], None], held: ExitStack) -> None:
+    """Wait for the lease of one worker; ``held`` gives it back."""
+    lease = _semaphore(client, address)
+    held.callback(_stop_refreshing, client, lease)
+    while not lease.acquire(timeout=LOOK_SECONDS):
+        check()
+        if not client.nthreads(workers=[address]):
+            raise WorkersLostError(f"the worker {address} was lost", lost=(address,))
+    held.callback(_give_back, client, lease)
 
 
 def _stop_refreshing(client: Client, lease: Semaphore) -> None:

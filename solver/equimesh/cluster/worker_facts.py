@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 PACKAGES = ("equimesh", "numpy", "numba", "dask", "distributed")
 """The packages whose versions have to be the same on all machines."""
+ENDING = ("stopping", "stopped", "closing", "closing_gracefully", "closed", "failed")
+"""The statuses of a worker that ends, in Dask's words."""
+PAUSED = "paused"
+"""The status of a worker that takes no tasks until it has more memory."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,7 @@ class WorkerFacts:
     """One worker of a cluster.
 
     ``identity`` belongs to one process: a worker that was started again at the same address has another one.
-    Memory is in bytes; ``limit`` is 0 where the worker has none.
+    Memory is in bytes; ``limit`` is 0 where the worker has none. ``status`` is Dask's own word.
     """
 
     address: str
@@ -40,6 +44,7 @@ class WorkerFacts:
     limit: int
     used: int
     free: int
+    status: str = "running"
 
 
 def versions() -> dict[str, str]:
@@ -66,14 +71,16 @@ async def examine(dask_worker: Worker) -> WorkerFacts:
         limit=int(dask_worker.memory_manager.memory_limit or 0),
         used=psutil.Process(os.getpid()).memory_info().rss,
         free=psutil.virtual_memory().available,
+        status=dask_worker.status.name,
     )
 
 
 def examine_workers(client: Client, addresses: Collection[str] | None = None) -> list[WorkerFacts]:
     """The facts of all workers of a cluster, or of those at ``addresses``, in the order of their addresses.
 
-    A worker that is lost meanwhile is left out. Raises :class:`~equimesh.cluster.errors.ClusterError` where a worker
-    has no equimesh, or another version of a package.
+    A worker that is lost meanwhile is left out, and so is one that is about to end. Raises
+    :class:`~equimesh.cluster.errors.ClusterError` where a worker has no equimesh, or another version of a package, and
+    where it is paused.
     """
     try:
         alive = sorted(client.nthreads() if addresses is None else client.nthreads(workers=list(addresses)))
@@ -88,7 +95,18 @@ def examine_workers(client: Client, addresses: Collection[str] | None = None) ->
         elif address in left:
             raise _without_equimesh(f"the worker {address}", answer)
     check_versions({one.address: one.versions for one in facts})
-    return facts
+    _require_none_paused(facts)
+    return [one for one in facts if one.status not in ENDING]
+
+
+def _require_none_paused(facts: Collection[WorkerFacts]) -> None:
+    """Refuse workers that take no tasks, by their names: a part would wait for them in vain."""
+    paused = [one.address for one in facts if one.status == PAUSED]
+    if paused:
+        raise ClusterError(
+            f"paused, so that they take no tasks: {', '.join(paused[:3])}{' and others' if len(paused) > 3 else ''}."
+            " Dask pauses a worker at 80 % of its memory limit: free its memory, raise its limit, or start it again"
+        )
 
 
 def examine_scheduler(client: Client) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 
 import pytest
-from distributed import Client
+from distributed import Client, LocalCluster
 
-from equimesh.cluster import RunCancelledError, WorkersLostError
+from equimesh.cluster import NoSchedulerError, RunCancelledError, WorkersLostError
 from equimesh.cluster.leases import leases_of
 
 
@@ -66,3 +66,19 @@ def test_a_worker_that_is_lost_is_not_waited_for(client: Client) -> None:
         leases_of(client, ["tcp://127.0.0.1:9"], nothing),
     ):
         pass
+
+
+def test_a_scheduler_that_is_lost_meanwhile_is_said() -> None:
+    options = {"dashboard_address": ":0", "processes": False, "threads_per_worker": 1, "memory_limit": 0}
+    with (
+        LocalCluster(n_workers=1, **options) as cluster,
+        Client(cluster, set_as_default=False, timeout=1) as one,
+        Client(cluster, set_as_default=False, timeout=1) as other,
+    ):
+        (a,) = one.nthreads()
+        with (
+            leases_of(other, [a], nothing),
+            pytest.raises(NoSchedulerError, match="is not connected"),
+            leases_of(one, [a], cluster.close),
+        ):
+            pass

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from distributed import Client
+from distributed import Client, Status, Worker
 
 from equimesh.cluster import ClusterError
 from equimesh.cluster import worker_facts as module
@@ -57,3 +57,20 @@ def test_a_worker_without_equimesh_is_refused_by_name(client: Client, monkeypatc
     with pytest.raises(ClusterError, match=r"has no equimesh .*No module named.*: install equimesh\[dask\]==") as error:
         examine_workers(client)
     assert any(address in str(error.value) for address in client.nthreads())
+
+
+def test_a_worker_that_takes_no_tasks_is_refused_by_name_and_one_that_ends_is_left_out(client: Client) -> None:
+    def become(status: Status, dask_worker: Worker) -> None:
+        dask_worker.status = status
+
+    first, *others = sorted(client.nthreads())
+    try:
+        client.run(become, Status.paused, workers=[first])
+        with pytest.raises(ClusterError, match=f"paused, so that they take no tasks: {first}. Dask pauses"):
+            examine_workers(client)
+        assert [one.address for one in examine_workers(client, others)] == others
+        client.run(become, Status.closing_gracefully, workers=[first])
+        assert [one.address for one in examine_workers(client)] == others
+    finally:
+        client.run(become, Status.running, workers=[first])
+    assert [one.status for one in examine_workers(client)] == ["running"] * 3
