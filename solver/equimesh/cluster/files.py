@@ -16,7 +16,7 @@ from equimesh.fields.field import Field
 from equimesh.io.by_parts.contents import NodeValues, PartData
 from equimesh.io.by_parts.formats import parted_format
 from equimesh.io.by_parts.shared_folder import leave_probe, require_probe
-from equimesh.io.by_parts.write import remove_parted, write_head, write_part
+from equimesh.io.by_parts.write import remove_parted, require_folder, write_head, write_part
 from equimesh.meshes.grid import Grid
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.types import Array
@@ -51,6 +51,7 @@ def write_parts(
     grid, cuts, workers = places
     head = Path(path).absolute()
     kind = parted_format(head, format).name
+    require_folder(head)
     token = uuid.uuid4().hex
     probed = run_at(client, leave_probe_of_part, lambda k, _: (str(head), f"{token}-{k}"), workers)
     for number, machine in enumerate(client.gather(list(probed.futures))):

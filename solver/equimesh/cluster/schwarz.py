@@ -15,7 +15,7 @@ from distributed import Client, get_worker
 
 from equimesh.cluster.handle import Handle
 from equimesh.cluster.inputs import sent
-from equimesh.cluster.memory import check_memory
+from equimesh.cluster.memory import check_memory, equal_rows
 from equimesh.cluster.placement import require_count
 from equimesh.cluster.run import PartsRun, RunOptions, run_parts
 from equimesh.cluster.worker_facts import WorkerFacts, examine_workers
@@ -116,7 +116,7 @@ def iterate(
         return sent(client, plan), sent(client, windows), name
 
     def check(places: list[WorkerFacts]) -> None:
-        check_memory(problem, places, BYTES_A_POINT)
+        check_memory(problem, places, BYTES_A_POINT, equal_rows(problem.grid, len(places)))
 
     try:
         chosen = RunOptions(observe=add, cancel=options.cancel, check_workers=check)

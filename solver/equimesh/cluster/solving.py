@@ -23,7 +23,8 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.nested import nested_grids
-from equimesh.parts.coarse import CoarseSolution, OtherGridsNeededError, coarse_solution, most_parts
+from equimesh.numerics.threads import thread_count
+from equimesh.parts.coarse import CoarseSolution, OtherGridsNeededError, coarse_solution, most_parts, require_metric
 from equimesh.parts.part_solution import PartSolution
 from equimesh.parts.solve import solve_part
 from equimesh.schwarz.settings import Schwarz
@@ -64,10 +65,12 @@ def solve(
         problem=_checked(problem),
         mode=choice(Mode, mode, "mode"),
         allow_relaxed=allow_relaxed,
-        threads=threads,
-        observe=observe,
+        threads=_threads(threads),
+        observe=_observer(observe),
         cancel=cancel,
     )
+    if schwarz is None:
+        require_metric(problem)
     own = isinstance(client, str)
     connected = connect(client) if isinstance(client, str) else client
     try:
@@ -101,6 +104,19 @@ def _checked(problem: object) -> Problem:
     if not isinstance(problem, Problem):
         raise InputError(f"problem = {str(problem)[:40]!r} is no problem: give em.Problem(...)", field="problem")
     return problem
+
+
+def _threads(threads: object) -> int:
+    """The threads of a part; the cores of this machine do not say how many a worker has."""
+    if threads is None:
+        raise InputError("threads = None: a whole number, of the threads that share each part", field="threads")
+    return thread_count(threads)  # type: ignore[arg-type]
+
+
+def _observer(observe: object) -> Callable[[Any], None] | None:
+    if observe is not None and not callable(observe):
+        raise InputError(f"observe = {str(observe)[:40]!r} is no function: give one of a Progress", field="observe")
+    return observe
 
 
 def _solve(chosen: _Settings, client: Client, parts: int | None) -> PartsRun:

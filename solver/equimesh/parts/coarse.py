@@ -135,7 +135,7 @@ def coarse_solution(
     :class:`~equimesh.solving.solution.SolveError` where the coarse grid has no solution, or only a relaxed one and
     ``allow_relaxed`` is false.
     """
-    _require_metric(problem)
+    require_metric(problem)
     options = SolveOptions(choice(Mode, mode, "mode"), allow_relaxed, thread_count(threads), None)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         squares, grids = square_grids(problem.grid), nested_grids(problem.grid)
@@ -202,8 +202,11 @@ def _coarse_level(grids: list[Grid], max_points: int) -> int:
     return max([level for level, grid in enumerate(grids[:-1]) if grid.points <= max_points], default=0)
 
 
-def _require_metric(problem: Problem) -> None:
-    """Refuse monitors whose meshes are not those of equations along mesh lines, with what to take instead."""
+def require_metric(problem: Problem) -> None:
+    """Refuse monitors whose meshes are not those of equations along mesh lines, with what to take instead.
+
+    Raises :class:`~equimesh.errors.InputError`.
+    """
     monitor, field = problem.monitor, "monitor"
     if isinstance(monitor, Auto | LeastError | NodalSolution):
         kind = {Auto: "auto", LeastError: "least_error", NodalSolution: "nodal_solution"}[type(monitor)]

@@ -10,12 +10,12 @@ import pytest
 
 import equimesh as em
 from equimesh.cluster import ClusterError
-from equimesh.cluster.memory import BYTES_A_POINT, check_memory, memory_of_part, memory_of_samples
+from equimesh.cluster.memory import BYTES_A_POINT, check_memory, equal_rows, memory_of_samples, rows_of_parts
 from equimesh.cluster.worker_facts import WorkerFacts
 
-GRID = em.Grid(n_xi=4001, n_eta=1000)
+GRID = em.Grid(n_xi=4098, n_eta=1024)
 PROBLEM = em.Problem(monitor=em.ArcLength(u=em.Expression("x*y")), grid=GRID)
-NEEDED = BYTES_A_POINT * 1003 * 1000  # of each of four parts
+NEEDED = BYTES_A_POINT * 1026 * 1024  # of each of four parts
 
 
 def worker(address: str, host: str, *, limit: int = 0, used: int = 0, free: int = 10 * NEEDED) -> WorkerFacts:
@@ -24,9 +24,24 @@ def worker(address: str, host: str, *, limit: int = 0, used: int = 0, free: int 
     )
 
 
-def test_a_part_takes_65_bytes_for_each_point_of_its_rows() -> None:
-    assert memory_of_part(GRID, 4) == NEEDED
-    assert memory_of_part(GRID, 1) == 65 * 4003 * 1000
+def test_rows_are_those_that_the_parts_hold() -> None:
+    assert rows_of_parts(GRID, 4) == [1026] * 4
+    assert rows_of_parts(GRID, 1) == [4098]
+    assert max(rows_of_parts(em.Grid(n_xi=1154, n_eta=256), 8)) == 258
+    assert equal_rows(em.Grid(n_xi=1154, n_eta=256), 8) == [147] * 8
+
+
+def test_the_part_with_most_rows_needs_most_memory() -> None:
+    grid = em.Grid(n_xi=1154, n_eta=256)
+    problem = em.Problem(monitor=PROBLEM.monitor, grid=grid)
+    needs = [BYTES_A_POINT * 256 * rows for rows in rows_of_parts(grid, 8)]
+    enough = [worker(str(k), str(k), free=need) for k, need in enumerate(needs)]
+    check_memory(problem, enough)
+    most = needs.index(max(needs))
+    enough[most] = worker("most", "most", free=max(needs) - 1)
+    with pytest.raises(ClusterError, match="the machine most"):
+        check_memory(problem, enough)
+    check_memory(problem, enough, rows=equal_rows(em.Grid(n_xi=577, n_eta=256), 8))
 
 
 def test_workers_with_enough_memory_are_taken() -> None:
@@ -39,7 +54,7 @@ def test_workers_with_enough_memory_are_taken() -> None:
 def test_a_limit_that_is_too_low_is_named_with_both_numbers(used: int) -> None:
     low = worker("tcp://low:1", "c", limit=NEEDED, used=used)
     left = f"{(0.95 * NEEDED - used) / 1e9:.3g} GB left of its memory limit"
-    text = f"the worker tcp://low:1 has {left}, and a part of 4001 x 1000 points take {NEEDED / 1e9:.3g} GB"
+    text = f"the worker tcp://low:1 has {left}, and a part of 4098 x 1024 points take {NEEDED / 1e9:.3g} GB"
     with pytest.raises(ClusterError, match=re.escape(text)):
         check_memory(PROBLEM, [worker("a", "a"), worker("b", "b"), low, worker("d", "d")])
 

@@ -230,3 +230,20 @@ def test_a_driver_that_is_killed_leaves_nothing_and_its_workers_are_free_again(
     require_nothing_left(processes.client)
     with connect(processes.address) as client:
         assert len(run_parts(client, lambda channel: channel.number, lambda *_: (), parts=2).futures) == 2
+
+
+@pytest.mark.parametrize(
+    ("field", "change"),
+    [
+        ("threads", {"threads": 0}),
+        ("threads", {"threads": "x"}),
+        ("threads", {"threads": None}),
+        ("observe", {"observe": 7}),
+        ("monitor", {"problem": em.Problem(monitor=em.Auto(u=em.Expression("x*y")), grid=SMALL.grid)}),
+        ("monitor", {"problem": em.Problem(monitor=em.LeastError(u=em.Expression("x*y")), grid=SMALL.grid)}),
+    ],
+)
+def test_bad_arguments_are_refused_before_a_scheduler_is_asked(field: str, change: dict[str, Any]) -> None:
+    with pytest.raises(em.InputError) as error:
+        solve(**{"problem": SMALL, "client": "tcp://127.0.0.1:9", **change})
+    assert error.value.field == field

@@ -32,7 +32,7 @@ def write_part(
     kind, head = parted_format(path, format), Path(path)
     contents = PartData() if data is None else data
     contents.check(part)
-    _require_folder(head)
+    require_folder(head)
     if kind.name == "zarr":
         from equimesh.io.by_parts import zarr_parts
 
@@ -67,7 +67,7 @@ def write_head(
     kind, head = parted_format(path, format), Path(path)
     parted = PartedGrid.of(grid, cuts)
     check_names(nodes, cells)
-    _require_folder(head)
+    require_folder(head)
     if kind.name == "zarr":
         from equimesh.io.by_parts import zarr_parts
 
@@ -148,7 +148,8 @@ def _write_head_file(
             vtkhdf.write_head(file, head, *described)
 
 
-def _require_folder(head: Path) -> None:
+def require_folder(head: Path) -> None:
+    """Raise :class:`~equimesh.errors.InputError` where the folder of a head is not on this machine."""
     if not head.parent.is_dir():
         raise InputError(
             f"there is no folder {head.parent} on this machine: make it, or choose one that all workers reach",
