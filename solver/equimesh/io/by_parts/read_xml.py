@@ -1,6 +1,7 @@
 """Rows of meshes in parts in VTK's XML files with raw appended data: the files are mapped into memory."""
 
 import xml.etree.ElementTree as ET
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,7 +54,7 @@ class Piece:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class XmlParts:
+class XmlParts(ABC):
     """The arrays of several pieces, each of which holds the first row of the next one, too."""
 
     parted: PartedGrid
@@ -84,13 +85,13 @@ class XmlParts:
             return self.in_rows(piece.array("Points", "Points", (*shape, 3)))[:, :, "xy".index(name)]
         return self.in_rows(piece.array("PointData", name, shape))
 
+    @abstractmethod
     def shape(self, rows: int, columns: int) -> tuple[int, int]:
         """The shape of an array in the file."""
-        raise NotImplementedError
 
+    @abstractmethod
     def in_rows(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """An array of the file with xi first."""
-        raise NotImplementedError
 
 
 class StructuredParts(XmlParts):
