@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import threading
+import weakref
+from collections.abc import Sequence
+from itertools import count
 from typing import Any
 
-from distributed import Client
+from distributed import Client, Future
 
 from equimesh.cluster.errors import NoSchedulerError
 from equimesh.errors import InputError
@@ -52,6 +56,22 @@ def check_client(client: object) -> Client:
     if client.status != "running":
         raise no_scheduler(client)
     return client
+
+
+def close_after(client: Client, futures: Sequence[Future[Any]]) -> None:
+    """Close ``client`` when nobody refers to any of ``futures``: they are its last use.
+
+    It is closed in a thread of its own, as the last reference may end in any thread, that of the client included.
+    """
+    gone = count(1)
+
+    def one_is_gone() -> None:
+        if next(gone) == number and client.status not in ("closing", "closed"):
+            threading.Thread(target=client.close, daemon=True).start()
+
+    number = len(futures)
+    for future in futures:
+        weakref.finalize(future, one_is_gone).atexit = False
 
 
 def no_scheduler(client: Client) -> NoSchedulerError:

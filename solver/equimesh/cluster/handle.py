@@ -12,6 +12,7 @@ from typing import Any
 from distributed import Client
 
 from equimesh.cluster.arrays import array_of, own_u, own_x, own_y
+from equimesh.cluster.connection import close_after
 from equimesh.cluster.errors import ClusterError, WorkersLostError
 from equimesh.cluster.files import FileNames, write_parts
 from equimesh.cluster.measuring import measures_of
@@ -31,7 +32,10 @@ class Handle:
     """The mesh of a problem, in parts that stay on the workers which computed them.
 
     It is a context manager: at its end nothing of the solve is left on the workers. The same holds after
-    :meth:`close`, and when nobody refers to it any more.
+    :meth:`close`, and when nobody refers to it or its arrays any more. A client that was made for it is closed then.
+
+    ``quality``, ``certificate``, ``write`` and ``each`` run on all its workers. Each waits, without a time limit, until
+    no other solve or handle runs on them.
     """
 
     def __init__(self, problem: Problem, client: Client, run: PartsRun, *, own_client: bool) -> None:
@@ -40,6 +44,8 @@ class Handle:
         futures = [client.submit(summary_of, future, pure=False) for future in run.futures]
         self._summaries: list[Summary] = client.gather(futures)
         self._measured: PartMeasures | None = None
+        if own_client:
+            close_after(client, run.futures)
 
     def __repr__(self) -> str:
         return f"<Handle: {self.grid} points, {self.status}, {self.count} parts>"
@@ -132,13 +138,16 @@ class Handle:
     def quality(self) -> Quality:
         """All quality measures of the mesh, those of :attr:`equimesh.Solution.quality`: every part measures its cells.
 
-        Values of single cells are not in it.
+        Values of single cells are not in it. It waits while another solve runs on the workers.
         """
         return self._measures().quality
 
     @property
     def certificate(self) -> Certificate:
-        """How well the mesh solves the requested equations, as :attr:`equimesh.Solution.certificate` says it."""
+        """How well the mesh solves the requested equations, as :attr:`equimesh.Solution.certificate` says it.
+
+        It is measured with the quality. It waits while another solve runs on the workers.
+        """
         return self._measures().certificate
 
     def write(self, path: str | os.PathLike[str], *, format: str | None = None, q_eq: bool = True) -> tuple[Path, ...]:
@@ -146,7 +155,8 @@ class Handle:
 
         Returns the files of the head. ``q_eq=False`` leaves Q_eq out, which is measured when it is written.
         The suffix of ``path`` decides on the format, unless ``format`` is a name in
-        :data:`~equimesh.io.PARTED_FORMATS`. An older mesh of the same name is replaced. Raises
+        :data:`~equimesh.io.PARTED_FORMATS`. An older mesh of the same name is removed before
+        the first part is written. It waits while another solve runs on the workers. Raises
         :class:`~equimesh.errors.InputError` for an unknown format, and for a folder that not all workers and the caller
         reach by the same name.
         """
@@ -158,8 +168,8 @@ class Handle:
     def each(self, function: Callable[..., Any], *arguments: Any) -> list[Any]:
         """The results of ``function(channel, part, *arguments)``, called for every part on the worker that holds it.
 
-        ``part`` is a :class:`~equimesh.parts.part_solution.PartSolution`; the results should be small. Raises what the
-        function raises.
+        ``part`` is a :class:`~equimesh.parts.part_solution.PartSolution`; the results should be small. It
+        waits while another solve runs on the workers. Raises what the function raises.
         """
         self._require_parts()
         run = run_at(self._client, function, lambda k, _: (self._run.futures[k], *arguments), self.workers)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import socket
+import time
 
 import pytest
 from distributed import Client
 
 from equimesh import InputError
 from equimesh.cluster import ClusterError, connect
-from equimesh.cluster.connection import check_client
+from equimesh.cluster.connection import check_client, close_after
 
 
 def test_an_address_without_a_scheduler_is_named_with_what_to_start() -> None:
@@ -34,3 +36,19 @@ def test_a_connected_client_is_taken_and_others_are_refused(client: Client) -> N
         check_client(other)
     with pytest.raises(ClusterError, match=r"is not connected \(status closed\)"):
         check_client(other)
+
+
+def test_a_client_is_closed_when_the_last_of_its_futures_is_gone(client: Client) -> None:
+    own = Client(client.scheduler.address, set_as_default=False)
+    first, last = own.scatter([1, 2], hash=False)
+    close_after(own, [first, last])
+    del first
+    gc.collect()
+    assert own.status == "running"
+    assert last.result() == 2
+    del last
+    gc.collect()
+    latest = time.monotonic() + 30.0
+    while own.status != "closed":
+        assert time.monotonic() < latest
+        time.sleep(0.02)

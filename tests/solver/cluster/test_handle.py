@@ -13,7 +13,8 @@ from distributed import Client
 import equimesh as em
 from dask_processes import DaskProcesses
 from equimesh.cluster import ClusterError, WorkersLostError
-from meshes_on_workers import PROBLEM, handle_on
+from equimesh.cluster.handle import Handle
+from meshes_on_workers import PROBLEM, handle_on, parts_on
 
 
 def data_on(client: Client) -> list[Any]:
@@ -62,6 +63,19 @@ def test_nothing_is_left_of_a_handle_that_nobody_has(client: Client) -> None:
     assert len(data_on(client)) == 2
     del handle
     gc.collect()
+    require_no_data(client)
+
+
+def test_a_client_of_its_own_is_closed_with_a_handle_that_nobody_has(client: Client) -> None:
+    own = Client(client.scheduler.address, set_as_default=False)
+    handle = Handle(PROBLEM, own, parts_on(own, em.solve(PROBLEM), 16), own_client=True)
+    assert handle.count == 2
+    del handle
+    gc.collect()
+    latest = time.monotonic() + 30.0
+    while own.status != "closed":
+        assert time.monotonic() < latest
+        time.sleep(0.02)
     require_no_data(client)
 
 
