@@ -69,7 +69,7 @@ class Saboteur:
 @pytest.mark.parametrize(
     ("jobs", "workers", "deeds"),
     [
-        (24, 1, {"process": 1, "worker": 1, "scheduler": 1, "service": 1}),
+        (8, 1, {"process": 1, "worker": 1, "scheduler": 1, "service": 1}),
         pytest.param(200, 2, {"process": 6, "worker": 3, "scheduler": 2, "service": 2}, marks=pytest.mark.everything),
     ],
 )
