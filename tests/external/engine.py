@@ -44,7 +44,7 @@ BUILD = "--isolation=chroot --network=host --format=docker --volume=/etc/ssl/cer
 DOCKER = """\
 #!{python}
 # `docker` of the documentation, by Podman.
-import os, subprocess, sys
+import os, subprocess, sys, time
 words = sys.argv[1:]
 if words[:1] == ["compose"]:
     words = ["-T" if word == "--no-TTY" else word for word in words[1:]]
@@ -52,6 +52,13 @@ if words[:1] == ["compose"]:
         if word in ("run", "exec") and "-T" not in words:  # docker finds out whether there is a terminal
             words.insert(number + 1, "-T")
             break
+    if words[:1] == ["run"]:  # podman-compose does not wait for `service_healthy` with a Podman before 4.6
+        subprocess.run(["podman-compose", "up", "--detach", "database"], stdout=sys.stderr)
+        check = ["podman", "healthcheck", "run", os.path.basename(os.getcwd()) + "_database_1"]
+        for _ in range(120):
+            if subprocess.run(check, stdout=subprocess.DEVNULL).returncode == 0:
+                break
+            time.sleep(1.0)
     os.execvp("podman-compose", ["podman-compose", "--podman-build-args={build}", *words])
 if words[:1] == ["build"]:
     words[1:1] = "{build}".split()
