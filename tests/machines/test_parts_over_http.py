@@ -11,9 +11,9 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from distributed import Client as Cluster
 
 import equimesh as em
+from equimesh.cluster import connect
 from equimesh.io import read_parts
 from equimesh_client import ArcLength, Client
 from equimesh_service import Settings, running
@@ -72,13 +72,13 @@ def boxes(dask_worker: Any) -> int:
 
 def running_parts(cluster: ClusterProcesses) -> int:
     """The number of parts that run on the cluster."""
-    with Cluster(cluster.scheduler, set_as_default=False) as client:
+    with connect(cluster.scheduler) as client:
         return sum(client.run(boxes).values())
 
 
 def kept_results(cluster: ClusterProcesses) -> int:
     """The number of results that stay on the cluster."""
-    with Cluster(cluster.scheduler, set_as_default=False) as client:
+    with connect(cluster.scheduler) as client:
         return sum(map(len, client.has_what().values()))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import count
 from typing import Any
 
@@ -15,6 +16,8 @@ from equimesh.errors import InputError
 
 # Seconds within which a scheduler answers; Dask's own default.
 CONNECT_SECONDS = 30.0
+# Clients that are made, at most, before their assertion is taken for a scheduler that does not answer.
+MAX_GREETINGS = 3
 START = "start one with `dask scheduler`, and workers with `dask worker ADDRESS`"
 """What to do where there is no scheduler."""
 
@@ -28,8 +31,8 @@ def connect(address: str, *, timeout: float | None = None, security: Any = None)
     """
     seconds = CONNECT_SECONDS if timeout is None else timeout
     try:
-        return Client(address, timeout=seconds, security=security)
-    except (OSError, TimeoutError) as error:
+        return _greeted(address, seconds, security)
+    except (OSError, TimeoutError, AssertionError) as error:
         raise NoSchedulerError(
             f"no scheduler answers at {address} ({_cause(error)}): check the address, or {START}"
         ) from error
@@ -38,6 +41,17 @@ def connect(address: str, *, timeout: float | None = None, security: Any = None)
             f"client = {address!r} is no address of a scheduler ({_cause(error)}): give 'tcp://host:8786'",
             field="client",
         ) from error
+
+
+def _greeted(address: str, seconds: float, security: Any) -> Client:
+    """A client that the scheduler has answered.
+
+    A client of Dask fails by an assertion where the answer comes together with another message. It is made anew then.
+    """
+    for _ in range(MAX_GREETINGS - 1):
+        with suppress(AssertionError):
+            return Client(address, timeout=seconds, security=security)
+    return Client(address, timeout=seconds, security=security)
 
 
 def check_client(client: object) -> Client:

@@ -10,7 +10,7 @@ import pytest
 from distributed import Client
 
 from equimesh import InputError
-from equimesh.cluster import ClusterError, connect
+from equimesh.cluster import ClusterError, connect, connection
 from equimesh.cluster.connection import check_client, close_after
 
 
@@ -20,6 +20,24 @@ def test_an_address_without_a_scheduler_is_named_with_what_to_start() -> None:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
         with pytest.raises(ClusterError, match=f"no scheduler answers at {address} .*start one with `dask scheduler`"):
             connect(address, timeout=0.2)
+
+
+@pytest.mark.parametrize("faults", [2, 3])
+def test_a_greeting_that_comes_with_another_message_is_repeated(monkeypatch: pytest.MonkeyPatch, faults: int) -> None:
+    made = list[str]()
+
+    def client(address: str, **_: object) -> str:
+        made.append(address)
+        assert len(made) > faults
+        return "client"
+
+    monkeypatch.setattr(connection, "Client", client)
+    if faults == 2:
+        assert connect("tcp://here:1") == "client"
+    else:
+        with pytest.raises(ClusterError, match="no scheduler answers"):
+            connect("tcp://here:1")
+    assert len(made) == 3
 
 
 def test_what_is_no_address_is_refused() -> None:
