@@ -7,7 +7,7 @@ alone. The whole grid in one process is the case of one part, which holds all ro
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -157,7 +157,12 @@ def row_cuts(shape: tuple[int, int], count: int) -> tuple[int, ...]:
 
 def rows_held(shape: tuple[int, int], count: int) -> list[tuple[int, int]]:
     """The first row that each of ``count`` processes holds, and the one after the last."""
-    return [(max(first - 1, 0), min(last + 1, shape[0])) for first, last in pairwise(row_cuts(shape, count))]
+    return with_halos(row_cuts(shape, count))
+
+
+def with_halos(cuts: Sequence[int]) -> list[tuple[int, int]]:
+    """The rows between ``cuts``, of which the last is the number of rows, and one more each way where there is one."""
+    return [(max(first - 1, 0), min(last + 1, cuts[-1])) for first, last in pairwise(cuts)]
 
 
 @lru_cache(maxsize=256)

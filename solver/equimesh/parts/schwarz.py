@@ -15,7 +15,7 @@ from equimesh.numerics.channel import Channel, Traffic
 from equimesh.parts.part_solution import PartSolution
 from equimesh.schwarz.holding.kept import Kept, keep, resumed
 from equimesh.schwarz.holding.on_channel import GHOSTS, OnChannel, holder
-from equimesh.schwarz.holding.rows import row_cuts, rows_of
+from equimesh.schwarz.holding.rows import cuts_of_rows, rows_of
 from equimesh.schwarz.iteration import iterations_on
 from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
@@ -119,7 +119,7 @@ def _part(
     first: int | None,
 ) -> SchwarzPart:
     """The result of a part, from its windows of the last mesh."""
-    problem, number, cuts = plan.problem, holding.channel.number, row_cuts(holding)
+    problem, number, cuts = plan.problem, holding.channel.number, cuts_of_rows(holding)
     reference = rows_of(holding, mesh)
     end = ending_of(
         problem,

@@ -1,16 +1,15 @@
 """The rows of a merged mesh: windows become strips of rows, one for each part, at the end of an iteration."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from equimesh.meshes.held_mesh import HeldMesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.parts import with_halos
 from equimesh.schwarz.holding.on_channel import OnChannel
 from equimesh.schwarz.holding.places import common, moved
 
 
-def row_cuts(holding: OnChannel) -> list[int]:
+def cuts_of_rows(holding: OnChannel) -> list[int]:
     """The first row of every part, and the number of rows: of strips those that their part owns, else near equal."""
     n_xi, count = holding.decomposition.grid.n_xi, holding.channel.count
     if holding.decomposition.subdomains[1] > 1:
@@ -21,8 +20,8 @@ def row_cuts(holding: OnChannel) -> list[int]:
 
 def rows_of(holding: OnChannel, mesh: Mesh) -> HeldMesh:
     """The rows of this part of a merged mesh, and one more each way."""
-    grid, cuts = holding.decomposition.grid, row_cuts(holding)
-    spans = [(max(first - 1, 0), min(last + 1, grid.n_xi)) for first, last in pairwise(cuts)]
+    grid, cuts = holding.decomposition.grid, cuts_of_rows(holding)
+    spans = with_halos(cuts)
     begin, end = spans[holding.channel.number]
     x, y = np.empty((2, end - begin, grid.n_eta))
     for k, window in enumerate(holding.patches):

@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.schwarz.holding.on_channel import OnChannel
-from equimesh.schwarz.holding.rows import row_cuts, rows_of
+from equimesh.schwarz.holding.rows import cuts_of_rows, rows_of
 
 GRID = em.Grid(n_xi=20, n_eta=13)
 
@@ -20,7 +20,7 @@ def test_every_part_has_its_rows_and_one_more_each_way(subdomains: tuple[int, in
 
     def rows(channel: Channel) -> tuple[list[int], dict[str, int]]:
         holding = OnChannel(channel, decomposition)
-        held, cuts = rows_of(holding, holding.cut(mesh)), row_cuts(holding)
+        held, cuts = rows_of(holding, holding.cut(mesh)), cuts_of_rows(holding)
         number = channel.number
         assert (held.begin, held.end) == (max(cuts[number] - 1, 0), min(cuts[number + 1] + 1, 20))
         assert np.array_equal(held.x, mesh.x[held.begin : held.end])
