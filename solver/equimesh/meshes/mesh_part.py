@@ -48,11 +48,6 @@ class MeshPart:
         return slice(0, self.last - self.first)
 
     @property
-    def own_points(self) -> int:
-        """The number of nodes of this part; over all parts the sum is ``grid.points``."""
-        return (self.last - self.first) * self.grid.n_eta
-
-    @property
     def cell_rows(self) -> tuple[int, int]:
         """The first cell row of the part, and the one after its last, as numbers of the grid."""
         return self.first, self.first + self.x.shape[0] - 1

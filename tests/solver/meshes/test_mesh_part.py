@@ -19,7 +19,7 @@ def test_parts_together_are_the_mesh() -> None:
     assert all(part.count == 4 and part.grid == MESH.grid for part in parts)
     assert np.array_equal(np.concatenate([part.x[part.own_rows] for part in parts]), MESH.x)
     assert np.array_equal(np.concatenate([part.y[part.own_rows] for part in parts]), MESH.y)
-    assert sum(part.own_points for part in parts) == MESH.grid.points
+    assert sum(part.last - part.first for part in parts) == MESH.grid.n_xi
     assert [part.is_last for part in parts] == [False, False, False, True]
 
 
