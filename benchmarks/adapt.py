@@ -107,9 +107,9 @@ def main() -> None:
     parser.add_argument("--supg", action="store_true", help="compare the two SUPG parameters")
     parser.add_argument("--write", action="store_true", help="write both tables into the pages of the docs")
     options = parser.parse_args()
-    tables = [] if options.supg else [("adapt.md", "loop", loop_rows, options.only or [*ALL])]
+    tables = [] if options.supg else [("how-to/adapt.md", "loop", loop_rows, options.only or [*ALL])]
     if options.supg or options.write:
-        tables.append(("supg.md", "supg", supg_rows, options.only or STREAMS))
+        tables.append(("how-to/supg.md", "supg", supg_rows, options.only or STREAMS))
     for page, mark, table, names in tables:
         rows = []
         for row in table(names, options.points, options.rounds):

@@ -2,7 +2,7 @@
 
 apt-get install openfoam; pip install fipy
 python benchmarks/finite_volumes.py --functions paper ring20 --points 33 65
-python benchmarks/finite_volumes.py --write      # all of it, into docs/finite-volumes.md
+python benchmarks/finite_volumes.py --write      # all of it, into docs/how-to/finite-volumes.md
 
 FiPy may be that of another Python: ``--fipy /path/to/python``.
 """
@@ -21,7 +21,7 @@ import finite_volumes_cases as cases
 import equimesh as em
 from equimesh.meshes.mesh import Mesh
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "finite-volumes.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "how-to" / "finite-volumes.md"
 BEGIN, END = "<!-- written by benchmarks/finite_volumes.py -->\n", "<!-- end -->\n"
 TUNED = ("paper", "ring20", "tanh60", "wave30", "gauss", "layers")
 """The functions on which the candidates were chosen most."""
@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--functions", nargs="+", choices=tuple(FUNCTIONS), default=tuple(FUNCTIONS))
     parser.add_argument("--points", nargs="+", type=int, default=(33, 65, 129))
     parser.add_argument("--fipy", metavar="PYTHON", default=sys.executable, help="a Python that has FiPy")
-    parser.add_argument("--write", action="store_true", help="into docs/finite-volumes.md")
+    parser.add_argument("--write", action="store_true", help="into docs/how-to/finite-volumes.md")
     options = parser.parse_args()
     if shutil.which("electrostaticFoam") is None:
         raise SystemExit("OpenFOAM is missing: apt-get install openfoam")

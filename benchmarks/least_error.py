@@ -2,7 +2,7 @@
 
 pip install mmgpy gmsh        # optional
 python benchmarks/least_error.py --functions paper ring20 --parts gains costs
-python benchmarks/least_error.py --write      # all of it, into docs/benchmarks.md
+python benchmarks/least_error.py --write      # all of it, into docs/background/benchmarks.md
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ import equimesh as em
 from equimesh_cli.benchmark import budget, peers
 from equimesh_cli.benchmark.rows import Row, lines
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "background" / "benchmarks.md"
 HEADING = "## Least error"
 WIDTH = 120
 """Of a line of the page."""
@@ -132,7 +132,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=12, help="of the random functions")
     parser.add_argument("--count", type=int, default=200, help="random functions")
     parser.add_argument("--parts", nargs="+", choices=list(TEXTS), default=list(TEXTS))
-    parser.add_argument("--write", action="store_true", help="write the section of docs/benchmarks.md")
+    parser.add_argument("--write", action="store_true", help="write the section of docs/background/benchmarks.md")
     options = parser.parse_args()
     printed = [HEADING, "", INTRODUCTION.rstrip()]
     print("\n".join(printed), flush=True)

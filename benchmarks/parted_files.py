@@ -4,7 +4,7 @@
 
 The mesh has u at its nodes, and in its cells the number of the part. Times are those of this process, its threads
 included; the parts are written one after the other. ``read`` is the time of reading x, y and u row by row.
-docs/formats.md quotes the table.
+docs/reference/formats.md quotes the table.
 """
 
 from __future__ import annotations

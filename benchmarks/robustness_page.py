@@ -1,4 +1,6 @@
-"""The page docs/robustness.md from the results of benchmarks/robustness.py, which are in benchmarks/robustness.json.
+"""The page docs/background/robustness.md from the results of benchmarks/robustness.py.
+
+These are in benchmarks/robustness.json.
 
 python benchmarks/robustness_page.py writes the page.
 """
@@ -16,7 +18,7 @@ from functions import FUNCTIONS
 Result: TypeAlias = dict[str, Any]
 
 ROOT = Path(__file__).resolve().parent.parent
-DATA, PAGE = ROOT / "benchmarks" / "robustness.json", ROOT / "docs" / "robustness.md"
+DATA, PAGE = ROOT / "benchmarks" / "robustness.json", ROOT / "docs" / "background" / "robustness.md"
 SUCCEEDED = ("converged", "relaxed")
 MILD_B, LIGHT = 0.05, 0.03
 WORST = 12
@@ -28,7 +30,7 @@ INTRODUCTION = """\
 {cells} solves with the arc-length monitor and otherwise default settings, each on one thread.
 `benchmarks/robustness.py` runs them and writes this page; the numbers are in `benchmarks/robustness.json`.
 The method was developed on these functions, so the counts are not those of functions that it has not seen:
-those are [elsewhere](which-monitor.md#functions-that-nobody-tuned-to).
+those are [elsewhere](../how-to/which-monitor.md#functions-that-nobody-tuned-to).
 {missing}\
 All of them are of one run of this release.
 
@@ -36,10 +38,10 @@ All of them are of one run of this release.
 """
 
 HONESTY = """
-"`a` reached" allows a [cross-line term](relaxed.md#what-a-weight-costs): the mesh adapts to the whole monitor, but its
-equations also make its lines straighter. The weight says how much: 0.01 costs a few percent of the gain of the mesh,
-0.1 up to 40 %, and 3 often most of it. "Without any relaxation" is the strict count: the requested equations are solved
-to the accuracy of the grid. The relaxations, in numbers of solves:
+"`a` reached" allows a [cross-line term](../how-to/relaxed.md#what-a-weight-costs): the mesh adapts to the whole
+monitor, but its equations also make its lines straighter. The weight says how much: 0.01 costs a few percent of the
+gain of the mesh, 0.1 up to 40 %, and 3 often most of it. "Without any relaxation" is the strict count: the requested
+equations are solved to the accuracy of the grid. The relaxations, in numbers of solves:
 """
 
 READING = """

@@ -1,6 +1,6 @@
 """The three ways to a mesh over functions that are hard: least error, Schwarz iteration, and what auto chooses.
 
-Every cell is one solve with default settings and one thread. They are a section of docs/robustness.md, which
+Every cell is one solve with default settings and one thread. They are a section of docs/background/robustness.md, which
 benchmarks/robustness_page.py writes from benchmarks/robustness_ways.json.
 
     python benchmarks/robustness_ways.py --points 33 65 129 --write

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Removes from an environment what the service never loads; the Dockerfile runs it. docs/deploy.md has the sizes.
+# Removes from an environment what the service never loads; the Dockerfile runs it. docs/how-to/deploy.md has the sizes.
 # slim.sh ENVIRONMENT
 set -eu
 packages=$(echo "$1"/lib/python3*/site-packages)

@@ -25,7 +25,7 @@ CENTRE = np.array([[0.5], [0.5]])
 
 
 def supg_parameter(mesh: skfem.MeshQuad) -> np.ndarray:
-    """tau of every cell, shape (cells, 1): docs/supg.md says why the thickness of the cell has to bound it."""
+    """tau of every cell, shape (cells, 1): docs/how-to/supg.md says why the thickness of the cell has to bound it."""
     basis = skfem.Basis(mesh, skfem.ElementQuad1(), quadrature=(CENTRE, np.ones(1)))
     speed = np.hypot(*B)
     length = 2 * speed / sum(abs(B[0] * shape[0].grad[0] + B[1] * shape[0].grad[1]) for shape in basis.basis)

@@ -34,7 +34,7 @@ PROBLEMS = {  # u, eps, b, c
 
 
 def supg_parameter(mesh, b, eps):
-    """tau of every cell, shape (cells, 1): docs/supg.md says why the thickness of the cell has to bound it."""
+    """tau of every cell, shape (cells, 1): docs/how-to/supg.md says why the thickness of the cell has to bound it."""
     speed = np.hypot(*b)
     if speed == 0.0:
         return np.zeros((mesh.nelements, 1))

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Gives the service a role that owns the schema `equimesh` of the database `equimesh`, and nothing else. PostgreSQL's
-# image runs it as its superuser when it makes a new volume. docs/upgrade.md runs it on the volume of release 0.2,
+# image runs it as its superuser when it makes a new volume. docs/how-to/upgrade.md runs it on the volume of release 0.2,
 # whose tables it moves into the schema. It may be run again.
 set -eu
 psql --username postgres --dbname equimesh --set ON_ERROR_STOP=1 --no-psqlrc --quiet \

@@ -19,7 +19,7 @@ def alerts() -> dict[str, str]:
 
 
 def test_every_alert_is_explained() -> None:
-    page = (ROOT / "docs/observe.md").read_text().replace("\\|", "|")
+    page = (ROOT / "docs/how-to/observe.md").read_text().replace("\\|", "|")
     for name, expression in alerts().items():
         assert f"`{expression}`" in page, name
     assert any(expression.startswith("absent(up{") for expression in alerts().values())

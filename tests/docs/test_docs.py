@@ -58,7 +58,9 @@ LANGUAGES = {"python", "sh", "py", "shell", "text", "json"}
 
 
 def page(name: str) -> str:
-    return PAGES[f"docs/{name}.md"].read_text()
+    """The text of the page of this name, in whichever folder of the docs it is."""
+    (found,) = (path for path in PAGES.values() if path.stem == name)
+    return found.read_text()
 
 
 def blocks(text: str) -> list[tuple[str, str]]:
@@ -265,7 +267,7 @@ def test_every_choice_is_documented() -> None:
             assert f"`{kind}`" in page(name), (name, kind)
     for choice in (*Ordering, *Acceleration, *LocalSolver, *LineData, *Initial, *CELLS):
         assert f"`{choice}`" in page("cli"), choice
-    for name in ("http", "cli", "choose-settings", "choosing-a-transmission-condition"):
+    for name in ("http", "cli", "choose-settings", "choose-a-transmission-condition"):
         assert all(f"`{kind}`" in page(name) for kind in schwarz_spec.TRANSMISSION_USES), name
 
 

@@ -240,7 +240,7 @@ def test_the_default_iteration_converges_where_the_papers_kinds_hardly_do(run: R
 @pytest.mark.everything  # a table of many runs
 def test_line_sums_make_iterations_independent_of_the_number_of_strips(run: Run, tmp_path: Path) -> None:
     said = run("13")
-    page = (ROOT / "docs" / "schwarz-in-pictures.md").read_text()
+    page = (ROOT / "docs" / "background" / "schwarz-in-pictures.md").read_text()
     for data in ("local data", "line sums"):
         counts = re.findall(rf"{data}, \d strips .* (\d+)$", said, flags=re.MULTILINE)
         assert len(counts) == 3
@@ -251,7 +251,7 @@ def test_line_sums_make_iterations_independent_of_the_number_of_strips(run: Run,
 def test_the_page_has_the_counts_of_its_script(run: Run, tmp_path: Path) -> None:
     said, page = (
         {tuple(line.split(" | ")[:2]): line.strip(" |").split(" | ") for line in text.splitlines() if " | " in line}
-        for text in (run("14"), (ROOT / "docs" / "schwarz-in-pictures.md").read_text())
+        for text in (run("14"), (ROOT / "docs" / "background" / "schwarz-in-pictures.md").read_text())
     )
     assert len(said) == 1 + 6
     places = [page["| condition", "u"].index(cut) for cut in said["| condition", "u"][-2:]]
@@ -305,7 +305,7 @@ def test_moving_meshes_have_the_errors_of_the_page(run: Run, tmp_path: Path, num
     if number == "20":
         pytest.importorskip("skfem")
     numbers = NUMBER.findall(run(number))
-    told = (ROOT / "docs" / "moving-meshes.md").read_text()
+    told = (ROOT / "docs" / "how-to" / "moving-meshes.md").read_text()
     first = numbers[:2] if number != "20" else [numbers[0][:6], numbers[3][:6]]
     for found in first:
         assert found[:6] in told or f"{float(found):.1e}".replace("e-0", "e-") in told

@@ -137,6 +137,6 @@ class Engine:
 
 def documented(page: str, mark: str) -> str:
     """The commands of a page under a mark; ``<!-- containers: start -->`` marks "start"."""
-    text = (ROOT / "docs" / page).read_text()
+    text = (ROOT / "docs" / "how-to" / page).read_text()
     (code,) = re.findall(rf"<!-- containers: {mark} -->\n```shell\n(.*?)```", text, re.DOTALL)
     return str(code)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 MIRROR = "http://deb.debian.org/debian"
 POLICY = "#!/bin/sh\nexit 101\n"  # no package starts a service while it is installed
-# What PostgreSQL's image does at its start, as far as the compose file and docs/deploy.md use it.
+# What PostgreSQL's image does at its start, as far as the compose file and docs/how-to/deploy.md use it.
 POSTGRES_START = """\
 #!/bin/sh
 set -eu

@@ -1,4 +1,4 @@
-"""Containers, really run: what docs/deploy.md, observe.md, back-up.md and upgrade.md say for compose, line by line.
+"""Containers, really run: what deploy.md, observe.md, back-up.md and upgrade.md say for compose, line by line.
 
 ``python -m pytest --everything -s tests/external/test_containers.py`` as root, with Podman in the place of Docker and
 stand-ins for the base images. It takes about 20 minutes the first time; stand-ins and layers are kept in

@@ -1,4 +1,4 @@
-"""The commands of docs/back-up.md, on a busy service and on PostgreSQL: lost data is restored."""
+"""The commands of docs/how-to/back-up.md, on a busy service and on PostgreSQL: lost data is restored."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from service.conftest import small
 from service.databases import Postgres
 from service.store.first_release import FIRST
 
-PAGE = (Path(__file__).parents[2] / "docs" / "back-up.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "how-to" / "back-up.md").read_text()
 
 
 def documented(mark: str) -> str:

@@ -254,14 +254,14 @@ def test_compose_gives_its_workers_the_memory_that_they_may_take(monkeypatch: py
     monkeypatch.setattr(machine, "allowed_memory", lambda: mebibytes(limits["memory"]) * machine.MIB)
     monkeypatch.setattr(os, "sysconf", {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 1 << 24}.__getitem__)
     assert machine.memory(settings).level is Level.OK
-    page = (ROOT / "docs/deploy.md").read_text()
+    page = (ROOT / "docs/how-to/deploy.md").read_text()
     names = re.findall(r"^EQUIMESH_(WORKERS)=(\d+)$", page, re.MULTILINE)
     larger = Settings(memory_limit=settings.memory_limit, **{name.lower(): number for name, number in names})
     assert f"MEMORY={larger.most_memory + int(scratch)}m" in page
 
 
 def test_the_unit_gives_its_workers_the_memory_that_they_may_take() -> None:
-    (options,) = re.findall(r"equimesh config --env (.*) >", (ROOT / "docs/deploy.md").read_text())
+    (options,) = re.findall(r"equimesh config --env (.*) >", (ROOT / "docs/how-to/deploy.md").read_text())
     given = {name.replace("-", "_"): value for name, value in re.findall(r"--([a-z-]+) (\d+)", options)}
     assert f"MemoryMax={Settings(**given).most_memory // 1024}G" in unit()
     assert "OOMPolicy=continue" in unit().splitlines()  # the end of one worker must not be that of the service
@@ -404,7 +404,7 @@ def container(environment: dict[str, str]) -> Iterator[None]:
 
 def documented(page: str, beginning: str) -> list[str]:
     """The command of a page that begins so, without the part for compose."""
-    text = (ROOT / "docs" / page).read_text()
+    text = (ROOT / "docs" / "how-to" / page).read_text()
     (line,) = re.findall(rf"^docker compose run --rm equimesh ({re.escape(beginning)}.*)$", text, re.MULTILINE)
     return shlex.split(line)
 

@@ -327,13 +327,13 @@ def test_words_of_the_command_line_and_defaults_that_its_help_names(command: str
 
 
 def test_defaults_that_the_page_of_the_command_line_names() -> None:
-    rows = re.findall(r"^\| (`[^|]+`) \| ([^|]*) \|", (DOCS / "cli.md").read_text(), re.MULTILINE)
+    rows = re.findall(r"^\| (`[^|]+`) \| ([^|]*) \|", (DOCS / "reference" / "cli.md").read_text(), re.MULTILINE)
     named = {flag: default.strip("`") for flags, default in rows for flag in re.findall(r"`(-[\w-]+)", flags)}
     assert {flag: named[flag] for flag in DEFAULTS} == {flag: str(default) for flag, default in DEFAULTS.items()}
 
 
 def test_words_and_defaults_of_the_page_on_the_interface() -> None:
-    page = (DOCS / "http.md").read_text()
+    page = (DOCS / "reference" / "http.md").read_text()
     spec = page.split("## The spec")[1].split("## POST")[0]
     shown = json.loads(re.findall(r"```json\n(.*?)```", spec, re.DOTALL)[0])
     assert shown.keys() == MeshSpec.model_fields.keys()
@@ -357,7 +357,7 @@ def test_words_and_defaults_of_the_page_on_the_interface() -> None:
 
 
 def test_defaults_that_the_page_on_python_names() -> None:
-    page = (DOCS / "python.md").read_text()
+    page = (DOCS / "reference" / "python.md").read_text()
     found = 0
     for name, arguments in re.findall(
         r"`(Auto|LeastError|Target|ArcLength|Curvature|Rectangle|AnnulusSector)\(([^`]*)\)`", page

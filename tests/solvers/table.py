@@ -10,7 +10,7 @@ from solvers import records
 from solvers.records import Record
 
 STORED = Path(__file__).with_name("consumers.json")
-PAGE = Path(__file__).parents[2] / "docs" / "use-in-your-solver.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-in-your-solver.md"
 BEGIN, END = "<!-- consumers: begin -->", "<!-- consumers: end -->"
 MESHES = ("square quads", "square triangles", "annulus quads", "annulus triangles")
 # The format whose files have another suffix than its name.

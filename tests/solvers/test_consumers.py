@@ -34,7 +34,7 @@ NAMES = {
     "meshio": "meshio",
 }
 FORMATS = ("msh", "vtu", "vtk", "xdmf", "mesh", "su2", "vts", "foam.zip")
-PAGE = ROOT / "docs" / "use-in-your-solver.md"
+PAGE = ROOT / "docs" / "how-to" / "use-in-your-solver.md"
 SIZE = 33
 # Their sections of the page have code that works on a mesh.
 DOCUMENTED = ("fipy", "mfem", "ngsolve", "sfepy", "pyvista")

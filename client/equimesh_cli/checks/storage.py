@@ -75,11 +75,13 @@ def database(settings: Settings) -> Finding:
         return ok(f"{kind}: it answers and is empty; the first start creates its tables")
     if revision != LATEST:
         message = f"{kind}: it has revision {revision}; the next start upgrades it to {LATEST}"
-        return warning(message, "back it up first, see docs/upgrade.md")
+        return warning(message, "back it up first, see docs/how-to/upgrade.md")
     with open_inspection(settings) as inspection:
         fault = inspection.fault()
     if fault is not None:
-        return failed(f"{kind}: the database is damaged ({fault})", "restore the last backup, see docs/back-up.md")
+        return failed(
+            f"{kind}: the database is damaged ({fault})", "restore the last backup, see docs/how-to/back-up.md"
+        )
     return ok(f"{kind}: revision {revision}, the one of this release")
 
 
@@ -132,7 +134,9 @@ def stored_files(settings: Settings) -> Finding | None:
     damaged = sorted(name for name, size in named.items() if present.get(name, size) != size)
     if lost or damaged:
         message = f"of {len(named)} files in the database {len(lost)} are missing and {len(damaged)} are damaged"
-        return failed(f"{message}, first {(lost or damaged)[0]}", "copy them from the last backup, see docs/back-up.md")
+        return failed(
+            f"{message}, first {(lost or damaged)[0]}", "copy them from the last backup, see docs/how-to/back-up.md"
+        )
     return ok(f"all {len(named)} files in the database exist")
 
 

@@ -261,7 +261,9 @@ def families() -> dict[str, tuple[str, set[str]]]:
 
 
 def test_the_document_lists_all_metrics() -> None:
-    rows = re.findall(r"^\| `(equimesh_\w+)` \| (\w+)[^|]*\|([^|]*)\|", (ROOT / "docs/observe.md").read_text(), re.M)
+    rows = re.findall(
+        r"^\| `(equimesh_\w+)` \| (\w+)[^|]*\|([^|]*)\|", (ROOT / "docs/how-to/observe.md").read_text(), re.M
+    )
     told = {name: (kind, set(re.findall(r"`(\w+)`", labels.partition(":")[0]))) for name, kind, labels in rows}
     assert told == {name: shape for name, shape in families().items() if name.startswith("equimesh_")}
 
@@ -273,10 +275,10 @@ def queries() -> Iterator[tuple[str, str]]:
             yield panel["title"], target["expr"]
     for rule in yaml.safe_load((ROOT / "deploy/alerts.yml").read_text())["groups"][0]["rules"]:
         yield rule["alert"], rule["expr"]
-    page = (ROOT / "docs/observe.md").read_text()
+    page = (ROOT / "docs/how-to/observe.md").read_text()
     for cells in re.findall(r"^\| [^|]* \| `((?:[^`|]|\\\|)*(?:equimesh|process)_(?:[^`|]|\\\|)*)` \| ", page, re.M):
         if " " in cells:
-            yield "docs/observe.md", cells.replace("\\|", "|")
+            yield "docs/how-to/observe.md", cells.replace("\\|", "|")
 
 
 def test_queries_name_only_what_there_is() -> None:
@@ -286,7 +288,7 @@ def test_queries_name_only_what_there_is() -> None:
         known.update({name + part: labels | ({"le"} if part == "_bucket" else set()) for part in parts})
     seen = list(queries())
     assert len(seen) > 30
-    assert sum(where == "docs/observe.md" for where, _ in seen) >= 5
+    assert sum(where == "docs/how-to/observe.md" for where, _ in seen) >= 5
     for where, query in seen:
         plain = re.sub(r'"[^"]*"', '""', query)
         names = set(re.findall(r"\b(?:equimesh|process)_\w+", plain))
@@ -300,6 +302,6 @@ def test_queries_name_only_what_there_is() -> None:
 
 def test_the_alerts_of_the_document_are_the_rules() -> None:
     rules = {re.sub(r"\s+", " ", query) for where, query in queries() if where.startswith("Equimesh")}
-    told = {query for where, query in queries() if where == "docs/observe.md"}
+    told = {query for where, query in queries() if where == "docs/how-to/observe.md"}
     assert told <= rules
     assert all('up{job="equimesh"}' in rule for rule in rules - told)  # whether Prometheus finds the services at all
