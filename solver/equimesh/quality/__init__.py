@@ -1,5 +1,6 @@
 """How good a mesh is: measures of its cells, and how well it interpolates u."""
 
+from equimesh.quality.comparison import ComparedMesh, UniformComparison, compare_with_uniform
 from equimesh.quality.measures import (
     Measure,
     Quality,
@@ -9,4 +10,14 @@ from equimesh.quality.measures import (
     shape_regularity,
 )
 
-__all__ = ["Measure", "Quality", "alignment", "equidistribution", "measure", "shape_regularity"]
+__all__ = [
+    "ComparedMesh",
+    "Measure",
+    "Quality",
+    "UniformComparison",
+    "alignment",
+    "compare_with_uniform",
+    "equidistribution",
+    "measure",
+    "shape_regularity",
+]

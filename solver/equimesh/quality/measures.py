@@ -151,10 +151,10 @@ def measure_all(
     """
     with np.errstate(all="ignore"):
         cells, u, tally = BilinearCells(mesh), monitor.u, None
-        rule = CellPoints.gauss(_gauss_points(cells, gauss))
+        rule = CellPoints.gauss(gauss_points(cells, gauss))
         numbers = sample(cells.rows) if gauss is None else None
         if u is not None and kind == "quad" and cells.all_valid and numbers is None:
-            tally = ErrorTally.of(cells, u, _error_rule(cells, gauss), nodal=nodal)
+            tally = ErrorTally.of(cells, u, error_rule(cells, gauss), nodal=nodal)
         survey = Survey.of(cells, monitor, rule, tally=tally, threads=threads)
         if u is None:
             errors = None
@@ -163,9 +163,9 @@ def measure_all(
             errors = triangle_errors(cells.window, u, plain)
         else:
             there = _uniform_cells(cells.window, uniform, domain, numbers)
-            error_rule = _error_rule(cells, gauss)
-            here = norms_of(tally) if tally else norms(cells, u, error_rule, numbers, nodal=nodal, threads=threads)
-            errors = compared(cells, here, norms(there, u, error_rule, numbers, threads=threads))
+            errors_by = error_rule(cells, gauss)
+            here = norms_of(tally) if tally else norms(cells, u, errors_by, numbers, nodal=nodal, threads=threads)
+            errors = compared(cells, here, norms(there, u, errors_by, numbers, threads=threads))
         return _quality(cells, monitor, rule, survey, errors)
 
 
@@ -221,7 +221,7 @@ def equidistribution(mesh: Mesh | MeshWindow, monitor: Monitor, *, gauss: int | 
     """
     with np.errstate(all="ignore"):
         cells = BilinearCells(mesh)
-        rule = CellPoints.gauss(_gauss_points(cells, gauss))
+        rule = CellPoints.gauss(gauss_points(cells, gauss))
         found = Survey.of(cells, monitor, rule, threads=threads).q_eq
         return np.reshape(found, (-1, cells.shape[1]))
 
@@ -251,17 +251,19 @@ def shape_regularity(mesh: Mesh) -> Array:
 def _cells_of(mesh: Mesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
     with np.errstate(all="ignore"):
         cells = BilinearCells(mesh)
-        rule = CellPoints.gauss(_gauss_points(cells, gauss))
+        rule = CellPoints.gauss(gauss_points(cells, gauss))
         quality = _quality(cells, monitor, rule, Survey.of(cells, monitor, rule), None)
         return np.asarray(getattr(quality, name).cells)
 
 
-def _gauss_points(cells: BilinearCells, gauss: int | None) -> int:
+def gauss_points(cells: BilinearCells, gauss: int | None = None) -> int:
+    """The Gauss points per direction and cell for a mesh of this size, unless ``gauss`` gives them."""
     return gauss or next((points for most, points in GAUSS_POINTS if cells.count <= most), GAUSS_POINTS_BEYOND)
 
 
-def _error_rule(cells: BilinearCells, gauss: int | None) -> ErrorRule:
-    points = _gauss_points(cells, gauss)
+def error_rule(cells: BilinearCells, gauss: int | None = None) -> ErrorRule:
+    """The quadrature of interpolation errors on a mesh of this size, with ``gauss`` points if they are given."""
+    points = gauss_points(cells, gauss)
     is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
     return ErrorRule.lean() if is_lean else ErrorRule.gauss(points)
 
@@ -286,4 +288,4 @@ def measure_interpolation(
     numbers = sample(cells.rows) if gauss is None else None
     with np.errstate(all="ignore"):
         plain = _uniform_cells(cells.window, uniform, UNIT_SQUARE, numbers)
-        return errors_of(cells, plain, u, _error_rule(cells, gauss), numbers)
+        return errors_of(cells, plain, u, error_rule(cells, gauss), numbers)

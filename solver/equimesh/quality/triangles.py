@@ -63,13 +63,26 @@ def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
     return Pieces(corners[:, which, cell].reshape(8, -1), cells.values[which, cell])
 
 
+def squared_errors(cells: BilinearCells, u: Field) -> Array:
+    """The integral of the squared error over the two triangles of every own cell, shape ``(cells,)``."""
+    chosen = WindowCells.of(cells.rows)
+    pieces = Pieces.of(cells, chosen.numbers, _values(cells, u, chosen))
+    (squares, _), _, _ = _leanly(halves(pieces, _corner_cuts(cells.rows)), u)
+    return np.asarray(squares.reshape(-1, 2).sum(axis=1))
+
+
+def _values(cells: BilinearCells, u: Field, chosen: WindowCells) -> Array:
+    """u at the corners of the ``chosen`` cells, shape ``(4, cells)``."""
+    corners = cells.corners(chosen.numbers)
+    return u.evaluate(corners[:4], corners[4:])[0]
+
+
 def _norms(cells: BilinearCells, u: Field) -> Norms:
     if not cells.all_valid:
         return Norms(math.inf, math.inf, math.nan)
     numbers = sample(cells.rows)
     chosen = WindowCells.of(cells.rows, numbers)
-    corners = cells.corners(chosen.numbers)
-    (values,) = u.evaluate(corners[:4], corners[4:])
+    values = _values(cells, u, chosen)
     # of a sample the four cells at the corners, if they are in it at all, change nothing that could be seen
     through = _corner_cuts(cells.rows) if numbers is None else ANYWHERE
     triangles = halves(Pieces.of(cells, chosen.numbers, values), through)

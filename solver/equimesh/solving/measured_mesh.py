@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from equimesh.equations.problem import Problem
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.types import Array
+from equimesh.quality.comparison import UniformComparison, compare_with_uniform
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality, measure_all
@@ -42,11 +44,21 @@ class MeasuredMesh:
 
     def quality(self) -> Quality:
         """All quality measures."""
-        monitor = self.problem.monitor
-        kind: Literal["quad", "triangle"] = monitor.cells if isinstance(monitor, LeastError) else "quad"
-        return measure_all(
-            self.mesh, monitor, domain=self.problem.domain, kind=kind, nodal=self.u(), threads=self.threads
+        monitor, domain = self.problem.monitor, self.problem.domain
+        return measure_all(self.mesh, monitor, domain=domain, kind=self._cells, nodal=self.u(), threads=self.threads)
+
+    def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
+        """The whole ``mesh``, of these ``errors``, next to the uniform mesh of its size."""
+        monitor, domain = self.problem.monitor, self.problem.domain
+        return compare_with_uniform(
+            mesh, monitor, domain=domain, kind=self._cells, interpolation=errors, threads=self.threads
         )
+
+    @property
+    def _cells(self) -> Literal["quad", "triangle"]:
+        """The cells on which u is interpolated."""
+        monitor = self.problem.monitor
+        return monitor.cells if isinstance(monitor, LeastError) else "quad"
 
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""

@@ -13,6 +13,7 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.numerics.types import Array
+from equimesh.quality.comparison import UniformComparison
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality
@@ -96,6 +97,11 @@ class Solution:
         On triangles where a least-error monitor asks for them, else on quadrilaterals.
         """
         return self.quality.interpolation_error
+
+    @cached_property
+    def against_uniform(self) -> UniformComparison:
+        """The mesh next to the uniform mesh of its size: u, Q_eq and the error of every cell on both."""
+        return self._measured.against_uniform(self.mesh, self.interpolation)
 
     @cached_property
     def u(self) -> Array | None:

@@ -1,0 +1,112 @@
+"""A mesh and the uniform mesh of its size: what both are worth, cell by cell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.fields.field import Field
+from equimesh.meshes.mesh import Mesh
+from equimesh.monitors.monitor import Monitor
+from equimesh.numerics.types import Array
+from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.interpolation import InterpolationErrors
+from equimesh.quality.measures import error_rule, gauss_points
+from equimesh.quality.survey import Survey
+from equimesh.quality.tally import ErrorTally
+from equimesh.quality.triangles import squared_errors
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedMesh:
+    """One of two meshes that are compared, with what is measured of its cells."""
+
+    mesh: Mesh
+    """The mesh of the domain."""
+    q_eq: Array
+    """Equidistribution of every cell, 1 best, of shape ``(n_xi - 1, n_eta - 1)``; infinite on a folded cell."""
+    u: Array | None
+    """u at the nodes, of shape ``(n_xi, n_eta)``; ``None`` where there is no u."""
+    error: Array | None
+    """Root mean square of ``u - u_h`` over every cell, in the unit of u, of shape ``(n_xi - 1, n_eta - 1)``.
+
+    u_h is the interpolant that :class:`~equimesh.quality.interpolation.InterpolationErrors` are measured of. The sum of
+    its squares times the areas of the cells is the square of the L2 error, where that is resolved. Infinite on a folded
+    mesh; ``None`` where there is no u.
+    """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UniformComparison:
+    """A mesh next to the uniform mesh of the same domain and size."""
+
+    adapted: ComparedMesh
+    """The mesh itself."""
+    uniform: ComparedMesh
+    """The image of the uniform mesh of the unit square."""
+    interpolation: InterpolationErrors | None
+    """The errors on both meshes, and their ratios, the gains; ``None`` where there is no u."""
+
+    @property
+    def gain(self) -> float | None:
+        """How many times smaller the L2 error is than on the uniform mesh; below 1 it is larger.
+
+        It is the best estimate where the error is not resolved; ``None`` where there is no u or no valid mesh.
+        """
+        errors = self.interpolation
+        if errors is None or not math.isfinite(errors.l2):
+            return None
+        return errors.estimated_gain("l2")
+
+
+def compare_with_uniform(
+    mesh: Mesh,
+    monitor: Monitor,
+    *,
+    domain: Domain = UNIT_SQUARE,
+    kind: Literal["quad", "triangle"] = "quad",
+    interpolation: InterpolationErrors | None = None,
+    threads: int = 1,
+) -> UniformComparison:
+    """``mesh`` next to the uniform mesh of ``domain``, which must be valid, at the cost of measuring both.
+
+    ``monitor`` must be bound to the domain. u is interpolated on cells of this ``kind``. ``interpolation`` are the
+    errors of the whole mesh, which :func:`~equimesh.quality.measures.measure` finds. ``threads`` share the cells.
+    """
+    uniform = map_mesh(Mesh.uniform(mesh.grid), domain)
+    return UniformComparison(
+        adapted=_measured(mesh, monitor, kind, threads),
+        uniform=_measured(uniform, monitor, kind, threads),
+        interpolation=interpolation,
+    )
+
+
+def _measured(mesh: Mesh, monitor: Monitor, kind: Literal["quad", "triangle"], threads: int) -> ComparedMesh:
+    with np.errstate(all="ignore"):
+        cells, u = BilinearCells(mesh), monitor.u
+        nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
+        tally = None
+        if u is not None and kind == "quad" and cells.all_valid:
+            tally = ErrorTally.of(cells, u, error_rule(cells), nodal=nodal)
+        survey = Survey.of(cells, monitor, CellPoints.gauss(gauss_points(cells)), tally=tally, threads=threads)
+        return ComparedMesh(
+            mesh=mesh, q_eq=survey.q_eq.reshape(cells.shape), u=nodal, error=_root_mean_squares(cells, u, tally)
+        )
+
+
+def _root_mean_squares(cells: BilinearCells, u: Field | None, tally: ErrorTally | None) -> Array | None:
+    """The error of every cell; ``tally`` has those at the inner points of its rule, ``None`` for triangles."""
+    if u is None:
+        return None
+    if not cells.all_valid:
+        return np.full(cells.shape, np.inf)
+    if tally is None:
+        squares = squared_errors(cells, u)
+    else:
+        tally.add_edges()
+        squares = tally.sums[0]
+    return np.asarray(np.sqrt(squares / cells.area).reshape(cells.shape))
