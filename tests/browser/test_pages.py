@@ -58,22 +58,3 @@ def test_the_interactive_documentation_works_offline(url: str, rendered: Callabl
 def test_the_front_page_leads_to_the_documentation(url: str, rendered: Callable[[str], str]) -> None:
     document = rendered(f"{url}/")
     assert 'href="docs"' in document
-    assert "curl" in document
-
-
-def test_the_playground_makes_a_mesh(url: str, rendered: Callable[[str], str]) -> None:
-    document = rendered(f"{url}/#u=tanh(20*(x+y/2-0.75))&n=17")
-    mesh = httpx.get(f"{url}/v1/meshes?label=playground").json()["items"][0]
-    assert mesh["grid"] == {"n_xi": 17, "n_eta": 17}
-    assert f"{mesh['quality']['q_eq']['max']:.3f}" in document
-    assert '<img id="picture" alt="The mesh" src="blob:' in document
-    assert '<section id="result">' in document
-
-
-def test_the_playground_says_where_an_expression_is_wrong(url: str, tmp_path: Path) -> None:
-    document = visit(f"{url}/#u=sin(x*&n=17", tmp_path).document
-    complaint = document.split('<pre id="complaint" role="alert">')[1].split("</pre>")[0].splitlines()
-    assert complaint[0] == "sin(x*"
-    assert complaint[1].strip() == "^"
-    assert complaint[2] == "something is missing after '*'"
-    assert '<section id="result" hidden="">' in document

@@ -1,4 +1,4 @@
-"""The pages for people: a front page with a playground, the documentation, and the files that these load.
+"""The pages for people: the documentation of the interface, explanations of problems, and the files that these load.
 
 Pages, scripts and styles are files in ``assets``. Addresses in them are relative, so that they work under any path of a
 proxy.
@@ -9,7 +9,7 @@ from functools import cache
 from html import escape
 from importlib.resources import files
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 from starlette.responses import Response
 
@@ -26,21 +26,13 @@ _OURS = "equimesh_service.api.assets"
 _SWAGGER = "fastapi_swagger.resources"
 _ASSETS = {
     "docs.js": (_OURS, "text/javascript"),
-    "front.css": (_OURS, "text/css"),
-    "playground.js": (_OURS, "text/javascript"),
+    "problem.css": (_OURS, "text/css"),
     "swagger-ui-bundle.js": (_SWAGGER, "text/javascript"),
     "swagger-ui.css": (_SWAGGER, "text/css"),
     "favicon-32x32.png": (_SWAGGER, "image/png"),
 }
-_FRONT_POLICY = page_policy(pictures="'self' blob:")
+_PROBLEM_POLICY = page_policy(pictures="'self'")
 _DOCS_POLICY = page_policy(pictures="'self' data:")
-
-
-@router.api_route("/", methods=_METHODS)
-async def front(request: Request) -> HTMLResponse:
-    """The front page."""
-    page = _read("front.html").decode().replace("BASE", escape(str(request.base_url).rstrip("/")))
-    return HTMLResponse(page, headers={"Content-Security-Policy": _FRONT_POLICY})
 
 
 @router.api_route("/docs", methods=_METHODS)
@@ -64,7 +56,7 @@ def problem_page(kind: Kind, headers: Mapping[str, str]) -> HTMLResponse:
     page = _read("problem.html").decode()
     for word, value in {**values, "REMEDY": escape(kind.remedy), "OTHERS": others}.items():
         page = page.replace(word, value)
-    return HTMLResponse(page, headers={"Content-Security-Policy": _FRONT_POLICY, **headers})
+    return HTMLResponse(page, headers={"Content-Security-Policy": _PROBLEM_POLICY, **headers})
 
 
 @cache

@@ -48,7 +48,7 @@ def test_the_document_is_well_formed(document: dict[str, Any]) -> None:
 
 
 def test_every_route_is_described(document: dict[str, Any]) -> None:
-    pages = {"/docs", "/", "/docs/assets/{name}", "/openapi.json"}
+    pages = {"/docs", "/", "/workbench/{path}", "/docs/assets/{name}", "/openapi.json"}
     asked = {
         "/v1/meshes", "/v1/meshes/{id}", "/v1/meshes/{id}/events", "/v1/meshes/{id}/cancel", "/v1/meshes/{id}/file",
         "/v1/meshes/{id}/quality", "/v1/meshes/{id}/convergence", "/v1/meshes/{id}/plot", "/v1/meshes/{id}/spec",

@@ -1,4 +1,4 @@
-"""The pages need no network, and the command on the front page works."""
+"""The pages need no network."""
 
 from __future__ import annotations
 
@@ -16,22 +16,14 @@ def test_the_pages_load_nothing_from_elsewhere(http: httpx.Client) -> None:
         assert links
         for link in links:
             assert "//" not in link, link
+            if link == "site" or link.startswith("#"):  # the site is there when it was built
+                continue
             assert http.get("/" + link.lstrip("/")).status_code == 200, link
     assert "SwaggerUIBundle" in http.get("/docs/assets/swagger-ui-bundle.js").text
 
 
-def test_the_command_on_the_front_page_works(http: httpx.Client, url: str) -> None:
-    page = http.get("/").text
-    body = re.search(r"-d '(.*?)'", page)
-    assert body is not None
-    assert f"curl '{url}/v1/meshes?format=vtu'" in page
-    headers = {"Content-Type": "application/json", "Prefer": "wait=30"}
-    answer = http.post("/v1/meshes?format=vtu", content=body.group(1), headers=headers)
-    assert (answer.status_code, answer.content[:5]) == (201, b"<?xml")
-
-
 def test_head_is_answered_as_get_on_every_page(http: httpx.Client) -> None:
-    for page in ("/", "/docs", "/docs/assets/front.css", "/openapi.json", "/problems/invalid-input", "/livez"):
+    for page in ("/", "/docs", "/docs/assets/problem.css", "/workbench/main.js", "/openapi.json", "/problems/invalid-input", "/livez"):
         whole, head = http.get(page), http.head(page)
         assert (head.status_code, head.content) == (200, b""), page
         assert head.headers["content-type"] == whole.headers["content-type"], page

@@ -1,0 +1,81 @@
+// The state as the part of an address after "#", so that a link shows what was seen.
+
+import { START } from "./store.js";
+
+const SHORT_KINDS = new Set(["auto", "least_error", "arc_length", "curvature"]);
+// Longer addresses are cut off by some programs; samples inside a spec would make them.
+const LONGEST = 30000;
+
+/**
+ * The state that an address tells, or `START` where it tells nothing that can be read.
+ *
+ * Two forms are read: `#spec=<JSON>&view=<JSON>&sliders=<JSON>`, and the short one, `#u=tanh(30*(x-y))&n=49`, which may
+ * have `monitor`, too.
+ *
+ * @param {string} hash such as `location.hash`
+ */
+export function stateOf(hash) {
+  // In an expression "+" is a sum, not a space.
+  const words = new URLSearchParams(hash.slice(1).replaceAll("+", "%2B"));
+  const view = { ...START.view, ...object(words.get("view")) };
+  const spec = object(words.get("spec"));
+  if (spec) return { spec, view, samples: null, sliders: object(words.get("sliders")) ?? {} };
+  if (!words.has("u")) return { ...START, view };
+  const monitor = { u: { expression: words.get("u") } };
+  if (SHORT_KINDS.has(words.get("monitor"))) monitor.kind = words.get("monitor");
+  const points = Number.parseInt(words.get("n") ?? "65", 10) || 65;
+  return { spec: { monitor, grid: { n_xi: points, n_eta: points } }, view, samples: null, sliders: {} };
+}
+
+/**
+ * The part of an address after and with "#" that tells this state; "" for that of a page without one.
+ *
+ * @param {object} state
+ */
+export function hashOf(state) {
+  const words = [];
+  const view = Object.fromEntries(Object.entries(state.view).filter(([name, value]) => START.view[name] !== value));
+  if (state.spec !== START.spec) words.push(["spec", state.spec]);
+  if (Object.keys(view).length) words.push(["view", view]);
+  if (state.sliders !== START.sliders && Object.keys(state.sliders).length) words.push(["sliders", state.sliders]);
+  const hash = words.map(([name, value]) => `${name}=${encoded(value)}`).join("&");
+  return hash && hash.length < LONGEST ? `#${hash}` : "";
+}
+
+/**
+ * Keep the address of the page equal to the state, without new entries in the history, and follow an address that the
+ * visitor enters.
+ *
+ * @param {object} store
+ */
+export function followAddress(store) {
+  let written = location.hash;
+  store.subscribe((state) => {
+    const hash = hashOf(state);
+    if (hash === written) return;
+    written = hash;
+    history.replaceState(null, "", hash || location.pathname + location.search);
+  });
+  addEventListener("hashchange", () => {
+    if (location.hash === written) return;
+    written = location.hash;
+    store.update(stateOf(location.hash));
+  });
+}
+
+function object(text) {
+  if (!text) return null;
+  try {
+    const value = JSON.parse(text);
+    return value && typeof value === "object" && !Array.isArray(value) ? value : null;
+  } catch {
+    return null;
+  }
+}
+
+// As few escapes as an address allows, so that a link can be read.
+function encoded(value) {
+  return encodeURIComponent(JSON.stringify(value)).replaceAll(/%(7B|7D|22|3A|2C|5B|5D|28|29|2A|2F)/g, (code) =>
+    code === "%22" ? code : decodeURIComponent(code),
+  );
+}

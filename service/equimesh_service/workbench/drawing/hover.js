@@ -1,0 +1,99 @@
+// The numbers of one cell: of that under the pointer, or of that to which the arrow keys went.
+
+import { element } from "../dom.js";
+import { amount } from "../words.js";
+import { areaOf, blended, cellAt, cornersOf } from "./nodes.js";
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+// Cells that an arrow key with Shift goes.
+const STRIDE = 8;
+
+/**
+ * Show the numbers of the cell under the pointer, or of the one that the keys have reached.
+ *
+ * @param {object} self the stage
+ * @param {object} app
+ */
+export function followCells(self, app) {
+  const { stage, overlay } = self;
+  const tip = stage.querySelector("#tip");
+  const marks = element("g", {});
+  overlay.append(marks);
+  let cell = null;
+  let pane = null; // the pane under the pointer; null while keys move
+
+  function show() {
+    const mesh = self.mesh;
+    tip.hidden = !cell || !mesh;
+    marks.replaceChildren();
+    if (tip.hidden) return;
+    cell = cell.map((number, k) => Math.min(mesh.shape[k] - 2, Math.max(0, number)));
+    for (const [k, each] of self.panes.entries()) {
+      const corners = cornersOf(blended(mesh, each.blend), mesh.shape, cell).map((point) => self.toPane(point, k));
+      const points = corners.map((corner) => corner.join(",")).join(" ");
+      marks.append(element("polygon", { points, class: "halo" }), element("polygon", { points, class: "cell" }));
+    }
+    tip.textContent = textOf(app.drawing, mesh, cell, pane ?? self.panes.at(-1));
+    place();
+  }
+
+  function place() {
+    const number = pane ? self.panes.indexOf(pane) : self.panes.length - 1;
+    const k = Math.max(0, number);
+    const corners = cornersOf(blended(self.mesh, self.panes[k].blend), self.mesh.shape, cell);
+    const pixels = corners.map((point) => self.toPane(point, k));
+    const [right, left] = [Math.max(...pixels.map(([x]) => x)), Math.min(...pixels.map(([x]) => x))];
+    const top = Math.min(...pixels.map(([, y]) => y));
+    const fits = right + 12 + tip.offsetWidth < stage.clientWidth;
+    tip.style.left = `${Math.max(4, fits ? right + 12 : left - 12 - tip.offsetWidth)}px`;
+    tip.style.top = `${Math.max(4, Math.min(stage.clientHeight - tip.offsetHeight - 4, top))}px`;
+  }
+
+  stage.addEventListener("pointermove", (event) => {
+    if (event.buttons || !self.mesh || !self.panes.length) return;
+    const bounds = stage.getBoundingClientRect();
+    const pixel = [event.clientX - bounds.left - stage.clientLeft, event.clientY - bounds.top - stage.clientTop];
+    const [found, inside] = self.paneAt(pixel);
+    const next = cellAt(blended(self.mesh, found.blend), self.mesh.shape, self.camera.toDomain(inside));
+    if (String(next) === String(cell) && found === pane) return;
+    [cell, pane] = [next, found];
+    show();
+  });
+  stage.addEventListener("pointerleave", () => {
+    cell = null;
+    show();
+  });
+  stage.addEventListener("blur", () => {
+    cell = null;
+    show();
+  });
+  stage.addEventListener("keydown", (event) => {
+    const arrow = ARROWS[event.key];
+    if (!self.mesh || (!arrow && event.key !== "Escape")) return;
+    event.preventDefault();
+    pane = null;
+    const start = self.mesh.shape.map((number) => Math.floor(number / 2) - 1);
+    const stride = event.shiftKey ? STRIDE : 1;
+    cell = arrow ? (cell ? cell.map((number, k) => number + stride * arrow[k]) : start) : null;
+    show();
+    if (cell) app.announce(tip.textContent.replaceAll("\n", ", "));
+  });
+  self.on(() => cell && show());
+}
+
+function textOf({ arrays }, mesh, [i, j], { blend }) {
+  const nodes = blended(mesh, blend);
+  const corners = cornersOf(nodes, mesh.shape, [i, j]);
+  const middle = [0, 1].map((k) => corners.reduce((sum, corner) => sum + corner[k], 0) / 4);
+  const isUniform = blend < 0.5;
+  const k = i * (mesh.shape[1] - 1) + j;
+  const of = (name) => arrays[isUniform ? `uniform_${name}` : name]?.data;
+  const size = Math.sqrt(areaOf(corners));
+  const lines = [`cell ${i + 1}, ${j + 1} at (${amount(middle[0])}, ${amount(middle[1])})`, `size ${amount(size)}`];
+  const u = of("u");
+  const first = i * mesh.shape[1] + j;
+  if (u) lines.push(`u ${amount((u[first] + u[first + 1] + u[first + mesh.shape[1]] + u[first + mesh.shape[1] + 1]) / 4)}`);
+  if (of("error")) lines.push(`error ${amount(of("error")[k])}`);
+  if (of("q_eq")) lines.push(`Q_eq ${amount(of("q_eq")[k])}`);
+  return lines.join("\n");
+}

@@ -1,0 +1,162 @@
+// The figure: the renderer, the camera, the cell under the pointer, and what is drawn over the mesh.
+
+import { element } from "../dom.js";
+import { boxOf, createCamera } from "./camera.js";
+import { tableOf } from "./colours.js";
+import { followGestures } from "./gestures.js";
+import { followCells } from "./hover.js";
+import { meshOf } from "./nodes.js";
+import { createRenderer } from "./renderer.js";
+import { placesOf, valuesOf } from "./values.js";
+
+// The space between two panes, in pixels.
+const GAP = 10;
+// Pixels of the canvas for each of the page: more are not seen, and cost time.
+const MOST_RATIO = 2;
+
+/**
+ * The stage, `app.canvas`.
+ *
+ * `overlay` is an SVG over the mesh, in pixels of the stage, in which panels may draw; `toPane(point, k)` and
+ * `toDomain(pixel)` convert between points of the domain and pixels of the stage.  `redraw()` draws with the next
+ * frame.  `on(listener)` is called after each frame.  `frames` counts them.
+ *
+ * @param {HTMLElement} stage
+ * @param {object} app
+ */
+export function createStage(stage, app) {
+  const canvas = stage.querySelector("canvas");
+  const overlay = stage.querySelector("svg");
+  const renderer = createRenderer(canvas, { isPlain: new URLSearchParams(location.search).has("plain") });
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const listeners = new Set();
+  const self = {
+    stage,
+    overlay,
+    renderer,
+    camera: createCamera(),
+    mesh: null,
+    coloured: null,
+    table: null,
+    panes: [],
+    frames: 0,
+    isDark: () => dark.matches,
+    redraw,
+    colour,
+    on(listener) {
+      listeners.add(listener);
+      return () => listeners.delete(listener);
+    },
+    /** The pane [pane, pixel in the pane] under a pixel of the stage. */
+    paneAt([px, py]) {
+      const found = self.panes.find((pane) => px < pane.left + pane.width + GAP / 2 && py < pane.top + pane.height + GAP / 2);
+      const pane = found ?? self.panes.at(-1);
+      return [pane, [px - pane.left, py - pane.top]];
+    },
+    toPane(point, k = self.panes.length - 1) {
+      const [px, py] = self.camera.toPane(point);
+      return [px + self.panes[k].left, py + self.panes[k].top];
+    },
+    toDomain: (pixel) => self.camera.toDomain(self.paneAt(pixel)[1]),
+    /** Draw at once, as before a picture of the canvas is taken. */
+    drawNow: draw,
+  };
+  let isScheduled = false;
+
+  function redraw() {
+    if (isScheduled) return;
+    isScheduled = true;
+    requestAnimationFrame(draw);
+  }
+
+  function draw() {
+    isScheduled = false;
+    const { view } = app.store.get();
+    arrange(self, view);
+    const ratio = canvas.width / Math.max(1, stage.clientWidth);
+    renderer.draw(self.panes, self.camera, { ratio, lines: view.lines, ink: null });
+    self.frames += 1;
+    stage.classList.toggle("zoomed", self.camera.zoom > 1);
+    for (const listener of listeners) listener();
+  }
+
+  function resize() {
+    const ratio = Math.min(MOST_RATIO, devicePixelRatio || 1);
+    canvas.width = Math.max(1, Math.round(stage.clientWidth * ratio));
+    canvas.height = Math.max(1, Math.round(stage.clientHeight * ratio));
+    draw();
+  }
+
+  function colour() {
+    if (!self.mesh) return;
+    self.coloured = valuesOf(app.drawing, self.mesh, app.store.get().view.colour);
+    self.table = tableOf(self.coloured.name, dark.matches);
+    renderer.setColours({ table: self.table, ...placesOf(self.coloured, self.mesh.shape) });
+    redraw();
+  }
+
+  app.on("drawing", (drawing) => {
+    const mesh = meshOf(drawing);
+    if (!mesh) return;
+    self.mesh = mesh;
+    renderer.setNodes(mesh);
+    self.camera.setBox(boxOf([mesh.x, mesh.y], [mesh.uniformX, mesh.uniformY]));
+    colour();
+    stage.dataset.points = mesh.shape.join(" ");
+    stage.dataset.quick = String(Boolean(drawing.isQuick));
+  });
+  app.on("busy", (isBusy) => stage.classList.toggle("busy", isBusy));
+  app.store.subscribe((state, before) => {
+    if (state.view.colour !== before.view.colour) colour();
+    else if (state.view !== before.view) redraw();
+  });
+  dark.addEventListener("change", colour);
+  new ResizeObserver(resize).observe(stage);
+  followGestures(self);
+  followCells(self, app);
+  followCaptions(self, app, stage.querySelector("#captions"));
+  return self;
+}
+
+// One pane, or one for each mesh: next to each other or below each other, whichever shows them larger.
+function arrange(self, view) {
+  const { clientWidth: width, clientHeight: height } = self.stage;
+  if (view.layout !== "pair") {
+    self.camera.resize(width, height);
+    self.panes = [{ left: 0, top: 0, width, height, blend: view.blend }];
+    return;
+  }
+  const [half, low] = [(width - GAP) / 2, (height - GAP) / 2];
+  self.camera.resize(half, height);
+  const aside = self.camera.scale;
+  self.camera.resize(width, low);
+  if (aside >= self.camera.scale) {
+    self.camera.resize(half, height);
+    const places = [0, half + GAP];
+    self.panes = places.map((left, k) => ({ left, top: 0, width: half, height, blend: k * view.blend }));
+  } else {
+    self.panes = [0, low + GAP].map((top, k) => ({ left: 0, top, width, height: low, blend: k * view.blend }));
+  }
+}
+
+// What each pane shows, in its corner.
+function followCaptions(self, app, place) {
+  let shown = "";
+  self.on(() => {
+    const texts = app.drawing ? self.panes.map((pane) => captionOf(pane)) : [];
+    const key = JSON.stringify([texts, self.panes]);
+    if (key === shown) return;
+    shown = key;
+    place.replaceChildren(
+      ...texts.map((text, k) =>
+        element("span", { style: { left: `${self.panes[k].left + 8}px`, top: `${self.panes[k].top + 8}px` } }, text),
+      ),
+    );
+  });
+}
+
+function captionOf({ blend }) {
+  if (blend === 0) return element("b", {}, "uniform");
+  if (blend === 1) return element("b", {}, "adapted");
+  return element("b", {}, `${Math.round(100 * blend)} % of the way`);
+}

@@ -1,0 +1,121 @@
+// From a change of the state to the next drawing: one request at a time, and answers in the order of the changes.
+
+// Kinds that compare candidates or descend: they take longer than one may wait while typing.
+const SLOW_KINDS = new Set([undefined, "auto", "least_error"]);
+// The most points of a side of a quick look.
+const QUICK_POINTS = 65;
+// Averages the metric of a quick look, so that it nearly always converges at once; in units of the domain's extent.
+const QUICK_SMOOTHING = 0.03;
+// Milliseconds without a change until a slow mesh is requested: while typing, no work of the service is wasted.
+const PAUSE = 220;
+// Milliseconds after which a change ends the request before it, in place of waiting for its answer.
+const PATIENCE = 150;
+
+/**
+ * Requests a preview after every change of the spec or the samples.
+ *
+ * While one answer is awaited, further changes wait, and only the last of them is requested next.  A request that takes
+ * long is given up as soon as there is a change.  Kinds of monitors that are slow get a quick look first.
+ *
+ * @param {object} app with `store`, `service`, and `emit(name, value)`
+ */
+export function createLive(app) {
+  const { store, service } = app;
+  let wanted = null; // the change that is not requested yet
+  let flight = null; // the request that is not answered yet
+  let slowTimer = 0;
+  let isPaused = false;
+
+  function change(state) {
+    clearTimeout(slowTimer);
+    wanted = { state, changed: performance.now() };
+    if (isPaused) return;
+    if (flight && (flight.isSlow || performance.now() - flight.began > PATIENCE)) flight.controller.abort();
+    if (!flight || flight.controller.signal.aborted) next();
+  }
+
+  function next() {
+    if (!wanted) return;
+    const { state, changed } = wanted;
+    wanted = null;
+    const quick = quickSpec(state.spec);
+    if (!quick) {
+      fly(state, state.spec, { changed, isQuick: false });
+      return;
+    }
+    fly(state, quick, { changed, isQuick: true });
+    slowTimer = setTimeout(() => slow(state), PAUSE);
+  }
+
+  // The requested mesh, after its quick look; a change in between has ended the timer.
+  function slow(state) {
+    if (flight) slowTimer = setTimeout(() => slow(state), 30);
+    else if (!wanted) fly(state, state.spec, { changed: performance.now(), isQuick: false, isSlow: true });
+  }
+
+  async function fly(state, spec, { changed, isQuick, isSlow = false }) {
+    const mine = { controller: new AbortController(), began: performance.now(), isSlow };
+    flight = mine;
+    app.emit("busy", true);
+    const samples = state.samples?.file ?? null;
+    try {
+      const drawing = await service.preview(spec, { samples, signal: mine.controller.signal });
+      if (flight !== mine) return;
+      app.emit("problem", drawing.document.error ?? null);
+      app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
+    } catch (error) {
+      if (flight !== mine || error.name === "AbortError") return;
+      // The requested mesh will tell what is wrong with it; its quick look need not exist.
+      if (!isQuick || isFaultOf(error)) {
+        if (isQuick) clearTimeout(slowTimer);
+        app.emit("problem", error.problem ?? { title: "The page failed", detail: error.message });
+      }
+    } finally {
+      if (flight === mine) {
+        flight = null;
+        app.emit("busy", slowTimer !== 0 && isQuick);
+        if (wanted && !isPaused) next();
+      }
+    }
+  }
+
+  store.subscribe((state, before) => {
+    if (state.spec !== before.spec || state.samples !== before.samples) change(state);
+  });
+
+  return {
+    /** Request the preview of the state as it is. */
+    refresh: () => change(store.get()),
+    /** While paused, changes request nothing; another panel shows its own drawings. */
+    pause(value) {
+      isPaused = value;
+      if (!value && wanted) next();
+    },
+    /** How long the page waits before it requests a slow mesh, in milliseconds. */
+    PAUSE,
+  };
+}
+
+/**
+ * The spec of a quick look at a mesh that takes long; null where the mesh itself is quick.
+ *
+ * It is a smoothed curvature mesh of at most 65 points a side.
+ *
+ * @param {object} spec
+ */
+export function quickSpec(spec) {
+  const { monitor = {}, grid = {}, domain } = spec;
+  if (!SLOW_KINDS.has(monitor.kind) || !monitor.u) return null;
+  const shrink = Math.max(1, (grid.n_xi ?? 64) / QUICK_POINTS, (grid.n_eta ?? 64) / QUICK_POINTS);
+  const points = (number) => Math.max(4, Math.round((number ?? 64) / shrink));
+  const quick = {
+    monitor: { kind: "curvature", u: monitor.u, norm: monitor.norm ?? "l2", smoothing: QUICK_SMOOTHING },
+    grid: { n_xi: points(grid.n_xi), n_eta: points(grid.n_eta) },
+  };
+  return domain ? { ...quick, domain } : quick;
+}
+
+// Bad input is wrong for the requested mesh, too.
+function isFaultOf(error) {
+  return !error.problem || error.problem.status === 0 || (error.problem.errors ?? []).length > 0 || error.problem.status === 401;
+}

@@ -1,0 +1,151 @@
+// How the mesh is looked at: colours with their legend, uniform or adapted, zoom, and pictures of what is seen.
+
+import { COLOURS } from "../drawing/colours.js";
+import { pngOf, svgOf } from "../drawing/picture.js";
+import { isThere } from "../drawing/values.js";
+import { element, freshId, select } from "../dom.js";
+import { amount } from "../words.js";
+
+// Milliseconds in which the nodes go from the uniform to the adapted mesh.
+const JOURNEY = 1400;
+
+/**
+ * The panel of the view.
+ *
+ * @param {HTMLElement} section
+ * @param {object} app
+ */
+export function create(section, app) {
+  const { store, canvas } = app;
+  const setView = (view) => store.update({ view });
+  const choices = Object.entries(COLOURS).map(([value, { text }]) => ({ value, text }));
+  const colour = select(choices, store.get().view.colour, (value) => setView({ colour: value }));
+  colour.id = freshId("colour");
+  const lines = element("input", { type: "checkbox", id: freshId("lines"), onchange: () => setView({ lines: lines.checked }) });
+  const pair = element("button", { type: "button", onclick: () => setView({ layout: "pair" }) }, "side by side");
+  const single = element("button", { type: "button", onclick: () => setView({ layout: "single" }) }, "one mesh");
+  const legend = createLegend(app);
+  section.append(
+    element(
+      "div",
+      { class: "view" },
+      element("div", { class: "row" }, element("label", { for: colour.id }, "Colour by"), colour),
+      legend.node,
+      element(
+        "div",
+        { class: "row" },
+        element("span", { class: "group", role: "group", "aria-label": "Layout" }, pair, single),
+        element("label", { for: lines.id, class: "row" }, lines, "lines"),
+      ),
+      createBlend(app, setView),
+    ),
+    element("div", { class: "row tools" }, zoomButtons(canvas), pictureButtons(app)),
+  );
+
+  function show({ view }) {
+    colour.value = view.colour;
+    lines.checked = view.lines;
+    pair.setAttribute("aria-pressed", String(view.layout === "pair"));
+    single.setAttribute("aria-pressed", String(view.layout !== "pair"));
+    legend.show();
+  }
+
+  app.on("drawing", (drawing) => {
+    for (const option of colour.options) option.disabled = !isThere(drawing, option.value);
+    legend.show();
+  });
+  store.subscribe(show);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => legend.show());
+  show(store.get());
+}
+
+function createLegend(app) {
+  const bar = element("canvas", { width: 256, height: 1, "aria-hidden": "true" });
+  const [low, middle, high] = [0, 1, 2].map(() => element("span"));
+  const what = element("span");
+  const node = element("div", { class: "legend" }, what, bar, element("div", { class: "ends" }, low, middle, high));
+
+  function show() {
+    const { coloured, table } = app.canvas;
+    if (!coloured || !table) return;
+    const { name, scale } = coloured;
+    const isContinuous = Boolean(COLOURS[name].map);
+    bar.hidden = !isContinuous;
+    what.textContent = COLOURS[name].unit;
+    const ends = isContinuous ? [scale.low, scale.middle, scale.high].map(amount) : ["", "", ""];
+    [low, middle, high].forEach((each, k) => (each.textContent = ends[k]));
+    bar.getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(table), 256, 1), 0, 0);
+  }
+  return { node, show };
+}
+
+// The slider between both meshes, and a button that lets the nodes go.
+function createBlend(app, setView) {
+  const { store } = app;
+  const id = freshId("blend");
+  const slider = element("input", { type: "range", id, min: 0, max: 1, step: 0.01 });
+  const play = element("button", { type: "button", onclick: () => travel() }, "Move the nodes");
+  let journey = 0;
+
+  function travel() {
+    cancelAnimationFrame(journey);
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      setView({ blend: store.get().view.blend < 0.5 ? 1 : 0 });
+      return;
+    }
+    const began = performance.now();
+    const step = (now) => {
+      const share = Math.min(1, Math.max(0, (now - began) / JOURNEY));
+      setView({ blend: share * share * (3 - 2 * share) });
+      if (share < 1) journey = requestAnimationFrame(step);
+    };
+    journey = requestAnimationFrame(step);
+  }
+
+  function show({ view }) {
+    slider.value = view.blend;
+    slider.setAttribute("aria-valuetext", `${Math.round(100 * view.blend)} % of the way to the adapted mesh`);
+  }
+  slider.addEventListener("input", () => {
+    cancelAnimationFrame(journey);
+    setView({ blend: Number(slider.value) });
+  });
+  store.subscribe(show);
+  show(store.get());
+  return element(
+    "div",
+    { class: "blend" },
+    element("label", { for: id }, "uniform"),
+    slider,
+    element("span", { "aria-hidden": "true" }, "adapted"),
+    play,
+  );
+}
+
+function zoomButtons(canvas) {
+  const button = (text, label, onclick) => element("button", { type: "button", "aria-label": label, onclick }, text);
+  return element(
+    "span",
+    { class: "group", role: "group", "aria-label": "Zoom" },
+    button("+", "Zoom in", () => canvas.zoomBy(1.5)),
+    button("−", "Zoom out", () => canvas.zoomBy(1 / 1.5)),
+    button("whole", "Show the whole domain", () => canvas.reset()),
+  );
+}
+
+function pictureButtons(app) {
+  const save = (format, make) =>
+    element(
+      "button",
+      { type: "button", onclick: async () => app.drawing && download(await make(app), `mesh.${format}`) },
+      `Save ${format.toUpperCase()}`,
+    );
+  return element("span", { class: "row" }, save("svg", svgOf), save("png", pngOf));
+}
+
+/** Give a Blob to the visitor as a file. */
+export function download(blob, name) {
+  const link = element("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
