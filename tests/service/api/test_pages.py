@@ -23,7 +23,8 @@ def test_the_pages_load_nothing_from_elsewhere(http: httpx.Client) -> None:
 
 
 def test_head_is_answered_as_get_on_every_page(http: httpx.Client) -> None:
-    for page in ("/", "/docs", "/docs/assets/problem.css", "/workbench/main.js", "/openapi.json", "/problems/invalid-input", "/livez"):
+    assets = ("/docs/assets/problem.css", "/workbench/main.js")
+    for page in ("/", "/docs", *assets, "/openapi.json", "/problems/invalid-input", "/livez"):
         whole, head = http.get(page), http.head(page)
         assert (head.status_code, head.content) == (200, b""), page
         assert head.headers["content-type"] == whole.headers["content-type"], page
