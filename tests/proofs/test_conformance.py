@@ -181,7 +181,7 @@ def test_files_in_every_format(client: Any, tmp_path: Path) -> None:
 def test_pictures(client: Any, tmp_path: Path) -> None:
     mesh = client.generate(PAPER, 12, **TABLE_1)
     assert mesh.plot()._repr_svg_().lstrip().startswith("<?xml")
-    for kind in ("mesh", "quality", "convergence"):
+    for kind in ("mesh", "quality", "convergence", "comparison"):
         assert mesh.plot(tmp_path / f"{kind}.png", kind)._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(InvalidInput):
         mesh.plot(kind="nothing")

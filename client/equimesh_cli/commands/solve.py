@@ -125,12 +125,14 @@ def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
         files.append(str(options.output))
     if options.plot is not None:
         try:
-            from equimesh.plot import convergence, meshes
+            from equimesh.plot import comparison, convergence, meshes
         except ImportError as error:
             raise Refused("--plot needs matplotlib: pip install 'equimesh[plot]'") from error
         match options.plot_kind:
             case "convergence":
                 convergence.draw_convergence(solution.convergence(), options.plot)
+            case "comparison":
+                comparison.draw_comparison(solution.against_uniform, options.plot)
             case "quality":
                 meshes.draw_quality(solution.data(), options.plot)
             case _:

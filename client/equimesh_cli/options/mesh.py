@@ -32,7 +32,7 @@ MESH_SUFFIXES = (".vtu", ".vtk", ".vts", ".xdmf", ".xdmf.zip", ".msh", ".mesh", 
 OUTPUT = ".vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case"
 PART_SUFFIXES = (".pvts", ".pvtu", ".vtkhdf")
 PLOT_SUFFIXES = (".png", ".svg")
-PLOT_KINDS = ("mesh", "quality", "convergence")
+PLOT_KINDS = ("mesh", "quality", "convergence", "comparison")
 
 
 def add_mesh_options(parser: argparse.ArgumentParser) -> None:

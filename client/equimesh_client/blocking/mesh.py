@@ -198,8 +198,8 @@ class Mesh(Coupled, MeshState):
     ) -> Plot:
         """A picture drawn by the service, written to ``path`` if given. A notebook shows it.
 
-        ``kind`` is ``"mesh"``, ``"quality"`` or ``"convergence"``. The format is svg, unless the suffix or ``format``
-        is png.
+        ``kind`` is ``"mesh"``, ``"quality"``, ``"convergence"`` or ``"comparison"``: the mesh next to the uniform one,
+        with the error of each cell. The format is svg, unless the suffix or ``format`` is png.
         """
         format, settings = plot_format(path, format), self._session.settings
         flow = flows.request(protocol.mesh_plot(self.id, kind, format), settings, settings.deadline(deadline))

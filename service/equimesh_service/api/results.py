@@ -1,7 +1,7 @@
 """Routes of results: the mesh file, its quality, its convergence, pictures."""
 
 import json
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
@@ -28,6 +28,9 @@ from equimesh_service.worker.names import ARRAYS, CONVERGENCE, PICTURES, plot_na
 from equimesh_service.worker.part_formats import HEADED, WRITTEN
 
 router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"], responses=KEY_PROBLEMS)
+
+PlotKind: TypeAlias = Literal["mesh", "convergence", "quality", "comparison"]
+"""What a picture shows: the kinds of :data:`equimesh_service.worker.names.PLOTS`."""
 
 _TEXT = {"type": "string"}
 _FILES: dict[int | str, dict[str, Any]] = {
@@ -155,10 +158,13 @@ async def get_plot(
     request: Request,
     service: ServiceDependency,
     caller: Reader,
-    kind: Annotated[Literal["mesh", "convergence", "quality"], Query(description="What to draw.")] = "mesh",
+    kind: Annotated[PlotKind, Query(description="What to draw.")] = "mesh",
     format: Annotated[Literal["svg", "png"] | None, Query(description="It takes precedence over Accept.")] = None,
 ) -> Response:
-    """The mesh with its subdomains, its cells coloured by Q_eq, or the history of a Schwarz iteration or a descent."""
+    """The mesh with its subdomains, its cells coloured by Q_eq, or the history of a Schwarz iteration or a descent.
+
+    A comparison is the mesh next to the uniform mesh of its size: cells coloured by the error of u, and the gain.
+    """
     name = format or choose_offer(request.headers.get("accept"), PICTURES)
     if name is None:
         raise Problem("not-acceptable", f"Pictures are {', '.join(PICTURES.values())}.")

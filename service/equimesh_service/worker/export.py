@@ -17,6 +17,7 @@ from equimesh_service.problems.storage import storage_faults
 from equimesh_service.store.rows import Artifact
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
+from equimesh_service.worker.comparison import compare
 from equimesh_service.worker.convergence import NO_ITERATIONS
 from equimesh_service.worker.job import Export
 from equimesh_service.worker.names import CONVERGENCE, MESH, part_name
@@ -75,6 +76,12 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
 
             kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
             draw_convergence(json.loads(source(CONVERGENCE).read_bytes()) if kept else NO_ITERATIONS, path)
+        case ["plot", "comparison", _]:
+            from equimesh.plot.comparison import draw_comparison
+
+            mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
+            row = store.meshes.get(task.mesh_id)
+            draw_comparison(compare(mesh, problem, ((row and row.result) or {}).get("certificate")), path)
         case ["plot", kind, _]:
             from equimesh.plot.meshes import draw_mesh, draw_quality
 
@@ -84,14 +91,17 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             else:
                 draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
         case _:
-            mesh_input = store.meshes.get_input(task.mesh_id)
-            if mesh_input is None:
-                raise Problem("not-found", "The mesh is gone.")
-            mesh = load_npz(source(MESH)).mesh
-            problem = build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
+            mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
             uniform = map_mesh(equimesh.Mesh.uniform(mesh.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
+
+
+def _problem(task: Export, store: Store, files: Files, sources: ExitStack) -> equimesh.Problem:
+    mesh_input = store.meshes.get_input(task.mesh_id)
+    if mesh_input is None:
+        raise Problem("not-found", "The mesh is gone.")
+    return build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
 
 
 def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:

@@ -7,7 +7,7 @@ CONVERGENCE = "convergence"
 # The quality of each cell.
 ARRAYS = "quality:arrays"
 # The kinds of pictures.
-PLOTS = ("mesh", "convergence", "quality")
+PLOTS = ("mesh", "convergence", "quality", "comparison")
 # The media types of pictures, by their formats.
 PICTURES = {"svg": "image/svg+xml", "png": "image/png"}
 

@@ -1,5 +1,6 @@
 """Pictures of meshes and of convergence."""
 
+from equimesh.plot.comparison import draw_comparison
 from equimesh.plot.convergence import draw_convergence, draw_histories
 from equimesh.plot.figure import COLOURS, MARKERS, figure_file, iteration_axis, semilog
 from equimesh.plot.meshes import SINGLE_COLOUR, draw_decomposition, draw_mesh, draw_quality, draw_surface
@@ -8,6 +9,7 @@ __all__ = [
     "COLOURS",
     "MARKERS",
     "SINGLE_COLOUR",
+    "draw_comparison",
     "draw_convergence",
     "draw_decomposition",
     "draw_histories",

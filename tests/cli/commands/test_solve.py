@@ -65,7 +65,10 @@ def test_solve_writes_what_generate_would(capsys: pytest.CaptureFixture[str], tm
 def test_solve_minimises_the_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     words = "--monitor least-error --norm h1 --distortion 0.3 --smoothness 0.5 -n 17 --cells triangle --threads 1"
-    assert main(["solve", "tanh(20*(x-y))", *words.split(), "-o", str(tmp_path / "m.vtu")]) == 0
+    picture = f"--plot {tmp_path / 'pair.svg'} --plot-kind comparison"
+    files = ["-o", str(tmp_path / "m.vtu"), *picture.split()]
+    assert main(["solve", "tanh(20*(x-y))", *words.split(), *files]) == 0
+    assert "times smaller, with the same 17 × 17 points" in (tmp_path / "pair.svg").read_text()
     out = capsys.readouterr().out
     assert "certificate: completed" in out
     assert "equation residual" not in out

@@ -98,12 +98,15 @@ def test_convergence_as_json_and_csv(http: httpx.Client, finished: dict[str, Any
     assert len(rows) == 1 + 2 * len(convergence["iterations"])
 
 
-@pytest.mark.parametrize("kind", ["mesh", "convergence", "quality"])
+@pytest.mark.parametrize("kind", ["mesh", "convergence", "quality", "comparison"])
 def test_pictures(http: httpx.Client, finished: dict[str, Any], kind: str) -> None:
     svg = http.get(finished["links"]["plot"], params={"kind": kind})
     assert svg.headers["content-type"].startswith("image/svg+xml")
     assert ET.fromstring(svg.content).tag.endswith("svg")
     assert (b"mismatch of the subdomains" in svg.content) == (kind == "convergence")
+    gain = finished["certificate"]["interpolation_gain"]["l2"]
+    told = f"error {gain:.3g} times smaller" if gain > 1 else f"error {1 / gain:.3g} times larger"
+    assert (told.encode() in svg.content) == (kind == "comparison")
     png = http.get(finished["links"]["plot"], params={"kind": kind}, headers={"Accept": "image/png"})
     assert (png.status_code, png.content[:4]) == (200, b"\x89PNG")
 

@@ -12,6 +12,7 @@ import numpy as np
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
+from equimesh.plot.comparison import draw_comparison
 from equimesh.plot.convergence import draw_convergence, draw_histories
 from equimesh.plot.meshes import (
     SUBDOMAIN_COLOURS,
@@ -20,6 +21,8 @@ from equimesh.plot.meshes import (
     draw_quality,
     draw_surface,
 )
+from equimesh.quality.comparison import ComparedMesh, UniformComparison
+from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.schwarz.decomposition import Decomposition
 
 RED, BLUE = SUBDOMAIN_COLOURS[:2]
@@ -66,6 +69,19 @@ def convergence(count: int, *, errors: bool = True, subdomains: int = 2) -> dict
     }
 
 
+def compared(gain: float | None = 13.125, n_xi: int = 12, n_eta: int = 10) -> UniformComparison:
+    """Two meshes with made-up errors, each of another size; without a u where there is no gain."""
+    data = result(strips(n_xi, n_eta))
+    uniform = Mesh.uniform(data.mesh.grid)
+    error = np.full(data.q_eq.shape, 1e-2) if gain else None
+
+    def part(mesh: Mesh, size: float) -> ComparedMesh:
+        return ComparedMesh(mesh=mesh, q_eq=data.q_eq, u=data.u, error=None if error is None else size * error)
+
+    errors = InterpolationErrors(l2=1.0, l2_uniform=gain, h1=1.0, h1_uniform=1.0) if gain else None
+    return UniformComparison(adapted=part(data.mesh, 0.1), uniform=part(uniform, 1.0), interpolation=errors)
+
+
 def texts(path: Path) -> str:
     """All text of an SVG: matplotlib keeps it as comments beside the outlines."""
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
@@ -84,6 +100,7 @@ DRAWINGS: dict[str, Callable[[Path], None]] = {
     "decomposition": lambda path: draw_decomposition(strips(), path),
     "quality": lambda path: draw_quality(result(strips()), path),
     "surface": lambda path: draw_surface(result(strips()), path),
+    "comparison": lambda path: draw_comparison(compared(), path),
     "convergence": lambda path: draw_convergence(convergence(8), path),
     "histories": lambda path: draw_histories({"one": [1, 0.1], "two": [1, 0.2]}, path, title="Two"),
 }
