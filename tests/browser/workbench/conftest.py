@@ -1,0 +1,73 @@
+"""One browser for all tests of the workbench; each test has a page of its own, which may not complain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+
+from programs import browser as browser_program
+
+# WebGL2 in software: no test depends on the graphics of a machine.
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+LAPTOP = {"width": 1366, "height": 768}
+# A browser reports every answer that is no success; wrong input is a 422, and the page shows it.
+OF_WRONG_INPUT = "status of 422"
+# A test is stopped after this many milliseconds without what it waits for, far more than a busy machine takes.
+PATIENCE = 60_000
+
+
+class Complaints(list[str]):
+    """What a page wrote as errors to the console; a test lists those that it ``expected``, by a part of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.expected: list[str] = []
+
+    def unexpected(self) -> list[str]:
+        known = [OF_WRONG_INPUT, *self.expected]
+        return [each for each in self if not any(part in each for part in known)]
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(chromium: Browser, page_url: str) -> Iterator[Callable[..., Page]]:
+    """Opens pages of the workbench: ``visit("/#u=x", viewport=…)``; fails on errors in the console, and on CSP reports.
+
+    Other keywords are those of a context of Playwright. ``page.complaints`` lists the errors so far.
+    """
+    contexts: list[BrowserContext] = []
+    all_complaints: list[Complaints] = []
+
+    def open_page(path: str = "/", **options: Any) -> Page:
+        context = chromium.new_context(**{"viewport": LAPTOP, **options})
+        contexts.append(context)
+        context.set_default_timeout(PATIENCE)
+        page = context.new_page()
+        complaints = Complaints()
+        all_complaints.append(complaints)
+        page.complaints = complaints  # type: ignore[attr-defined]
+        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(page_url + path)
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert [each for complaints in all_complaints for each in complaints.unexpected()] == []
+
+
+@pytest.fixture
+def page(visit: Callable[..., Page]) -> Page:
+    """The workbench with a small mesh that is solved in a moment."""
+    return visit("/#u=tanh(20*(x-y))&n=17&monitor=arc_length")
