@@ -6,14 +6,24 @@ import { createLive } from "./live.js";
 import { createService } from "./service.js";
 import { createStore } from "./store.js";
 import * as functionPanel from "./panels/function.js";
+import * as iterationPanel from "./panels/iteration.js";
 import * as numbersPanel from "./panels/numbers.js";
+import * as samplesPanel from "./panels/samples.js";
+import * as sketchPanel from "./panels/sketch.js";
+import * as timePanel from "./panels/time.js";
 import * as viewPanel from "./panels/view.js";
+import * as workPanel from "./panels/work.js";
 
 // In the order of the page; a name is that of the section `panel-<name>`.
 const PANELS = {
   function: functionPanel,
   view: viewPanel,
   numbers: numbersPanel,
+  iteration: iterationPanel,
+  time: timePanel,
+  samples: samplesPanel,
+  sketch: sketchPanel,
+  work: workPanel,
 };
 // Milliseconds without another announcement until a screen reader is told the last one.
 const SETTLED = 700;
