@@ -56,8 +56,9 @@ from equimesh.sequences.pursuit import Earlier
 from equimesh.sequences.sequence import Sequence
 from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.single_domain.steps import Mode, Step
+from equimesh.solving.announcer import Event
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
-from equimesh.solving.options import Event, Initial
+from equimesh.solving.options import Initial
 from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status

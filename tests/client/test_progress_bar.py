@@ -4,27 +4,42 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_client.progress_bar import Watch
+from equimesh_client.progress_bar import Bar, Watch
 
-RECORD = {"status": "running", "progress": {"stage": "newton", "iteration": 3, "residual": 1.5e-4, "fraction": 0.5}}
+RECORD = {
+    "status": "running",
+    "progress": {
+        "stage": "single_domain",
+        "phase": "sweeping the 65 x 65 grid",
+        "iteration": 3,
+        "residual": 1.5e-4,
+        "fraction": 0.5,
+    },
+}
 
 
-def test_it_shows_stage_figures_and_percentage(capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_shows_percentage_phase_and_figures(capsys: pytest.CaptureFixture[str]) -> None:
     with Watch(True) as watch:
         watch.update(RECORD)
         watch.update({"status": "succeeded", "progress": {"stage": "done"}})
     shown = capsys.readouterr().err
-    for words in ("newton", " 50%", "iteration 3", "residual 1.5e-04", "done", "100%"):
+    for words in (" 50%", "sweeping the 65 x 65 grid, residual 1.5e-04", "done", "100%"):
         assert words in shown, words
 
 
 def test_of_a_descent_it_shows_the_gain(capsys: pytest.CaptureFixture[str]) -> None:
-    descent = {"stage": "least_error", "iteration": 4, "residual": None, "gain": 3.26, "fraction": 0.25}
+    descent = {
+        "stage": "least_error",
+        "phase": "descending, step 4 of 45",
+        "iteration": 4,
+        "residual": None,
+        "gain": 3.26,
+        "fraction": 0.25,
+    }
     with Watch(True) as watch:
         watch.update({"status": "running", "progress": descent})
     shown = capsys.readouterr().err
-    assert "least_error" in shown
-    assert "step 4, error 3.3 times smaller" in shown
+    assert "descending, step 4 of 45, error 3.3 times smaller" in shown
     assert "residual" not in shown
 
 
@@ -42,4 +57,23 @@ def test_it_never_runs_backwards(capsys: pytest.CaptureFixture[str]) -> None:
     with Watch(True) as watch:
         watch.update(RECORD)
         watch.update({**RECORD, "progress": {"fraction": 0.1}})
-    assert capsys.readouterr().err.rstrip().split("\r")[-1].split("|")[0].endswith(" 50%")
+    assert capsys.readouterr().err.rstrip().split("\r")[-1].split("|")[0] == " 50% "
+
+
+def test_where_nobody_knows_the_work_ahead_it_shows_no_percentage(capsys: pytest.CaptureFixture[str]) -> None:
+    with Watch(True) as watch:
+        watch.update({"status": "queued", "progress": {"stage": "queued", "fraction": 0.0}})
+        watch.update({"status": "running", "progress": {"phase": "relaxing, step 12", "fraction": None}})
+    shown = capsys.readouterr().err
+    assert "queued" in shown
+    assert "relaxing, step 12" in shown
+    assert "%" not in shown
+
+
+def test_a_long_phase_is_cut_to_the_width_of_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with Bar(True) as bar:
+        bar._line.ncols = 80
+        bar.show(0.5, "comparing monitors, 2 of 4: " + 20 * "word ")
+    lines = capsys.readouterr().err.split("\r")
+    assert max(map(len, lines)) <= 80
+    assert any("word" in line and line.endswith("…") for line in lines)

@@ -81,7 +81,7 @@ def test_readiness_and_metrics_count_the_places_of_the_cluster(http: httpx.Clien
 
 def test_progress_is_told_and_a_cancelled_mesh_ends_within_a_second(http: httpx.Client) -> None:
     mesh = ask(http, SLOW)
-    until(lambda: mesh_of(http, mesh["id"])["progress"]["fraction"] > 0)
+    until(lambda: mesh_of(http, mesh["id"])["progress"]["phase"])
     assert http.post(mesh["links"]["cancel"]).json()["status"] == "canceled"
     # Its process takes the next mesh: there are two, and three meshes that do not end by themselves.
     slow = [ask(http, SLOW) for _ in range(2)]

@@ -138,7 +138,7 @@ def test_a_cancel_between_claim_and_submission_is_seen(tmp_path: Path) -> None:
 def test_a_worker_killed_during_a_real_solve(http: httpx.Client) -> None:
     spec = {**SLOW, "grid": {"n_xi": 24, "n_eta": 24}, "schwarz": {**SLOW["schwarz"], "max_iterations": 20}}
     mesh = http.post("/v1/meshes", json=spec).json()
-    until(lambda: http.get(mesh["links"]["self"]).json()["progress"]["fraction"] > 0)
+    until(lambda: http.get(mesh["links"]["self"]).json()["progress"]["phase"])
     busiest = max(children(os.getpid()), key=_cpu_seconds)
     os.kill(busiest, signal.SIGKILL)
     final = until(lambda: (m := http.get(mesh["links"]["self"] + "?wait=5").json())["finished_at"] and m)
@@ -241,7 +241,7 @@ def test_a_killed_service_goes_on_where_it_was(tmp_path: Path) -> None:
         service.ready()
         with httpx.Client(base_url=service.url, timeout=60.0) as http:
             mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
-            until(lambda: http.get(mesh).json()["progress"]["fraction"] > 0)
+            until(lambda: http.get(mesh).json()["progress"]["phase"])
             workers = service.worker_pids()
             service.kill()
             until(lambda: not any(runs(pid) for pid in workers))  # nobody computes for a dead service
@@ -260,7 +260,7 @@ def test_a_stop_answers_everybody_and_hands_back_what_was_computed(tmp_path: Pat
             big = f"{made}?format=su2"
             assert len(http.get(big).content) > 6_000_000  # more than the 4 MB that a connection buffers
             mesh = http.post("/v1/meshes", json=SLOW).json()["links"]["self"]
-            until(lambda: http.get(mesh).json()["progress"]["fraction"] > 0)
+            until(lambda: http.get(mesh).json()["progress"]["phase"])
         answers: dict[str, tuple[int, float]] = {}
 
         def follow(path: str) -> None:
@@ -325,9 +325,7 @@ def test_a_factorisation_is_ended_by_a_cancel(http: httpx.Client, settings: Sett
     url = f"{http.base_url}/v1/meshes"
     thread.start()
     mesh = until(lambda: http.get("/v1/meshes?status=running").json()["items"])[0]["links"]["self"]
-    until(
-        lambda: http.get(mesh).json()["progress"]["fraction"] > 0
-    )  # a worker has it; one that was replaced warms up first
+    until(lambda: http.get(mesh).json()["progress"]["phase"])  # a worker has it; one that was replaced warms up first
     time.sleep(0.5)
     workers = [pid for pid in children(os.getpid()) if runs(pid)]
     began = time.monotonic()

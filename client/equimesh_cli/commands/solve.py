@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 BYTES_PER_POINT = 600
 """Memory of a solve and its quality measures, measured at 1025 x 1025 points."""
+SOLVE_SHARE = 0.8
+"""The share of the solve in the whole work, about."""
+MEASURED_SHARE = 0.9
+"""The share of the whole work that is done when the files are written."""
 EXAMPLES = """\
 examples:
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
@@ -66,11 +70,13 @@ def run(options: argparse.Namespace) -> int:
     try:
         with announce_compiling(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
             solution = build(options).solve(threads=options.threads, observe=observer)
+            observer.measuring()
             quality = solution.quality.summary()
+            observer.writing()
+            files = _write(options, solution)
     except em.SolveError as error:
         _report_failure(options, error.solution)
         raise
-    files = _write(options, solution)
     certificate, convergence = solution.certificate.summary(), solution.convergence()
     if options.json:
         _print_json(solution, files, certificate=certificate, quality=quality, convergence=convergence)
@@ -145,24 +151,34 @@ class Observer:
     """Shows every step of a solve in one line, on a terminal only; a context manager."""
 
     def __init__(self, *, shown: bool) -> None:
-        from tqdm import tqdm
+        from equimesh_client.progress_bar import Bar
 
-        self._line = tqdm(bar_format="{desc} {elapsed}", disable=None if shown else True, leave=False)
+        self._bar = Bar(None if shown else False)
 
     def __call__(self, event: Event) -> None:
         from equimesh import Descent, Iteration
 
         if isinstance(event, Iteration):
-            text = f"Schwarz iteration {event.iteration}, change {event.change:.1e}"
+            number = f"change {event.change:.1e}"
         elif isinstance(event, Descent):
             gain = f", {event.gain:.1f} times smaller than on the uniform mesh" if event.gain else ""
-            text = f"step {event.step} on {event.grid}, error {event.error:.1e}{gain}"
+            number = f"error {event.error:.1e}{gain}"
         else:
-            text = f"step {event.step} on {event.grid}, residual {event.residual:.1e}"
-        self._line.set_description_str(text)
+            number = f"residual {event.residual:.1e}"
+        done = None if event.fraction is None else SOLVE_SHARE * event.fraction
+        self._bar.show(done, f"{event.phase}, {number}")
+
+    def measuring(self) -> None:
+        """Show that the solve is over."""
+        self._bar.show(SOLVE_SHARE, "measuring the quality")
+
+    def writing(self) -> None:
+        """Show that the quality is known."""
+        self._bar.show(MEASURED_SHARE, "writing the files")
 
     def __enter__(self) -> Observer:
+        self._bar.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._line.close()
+        self._bar.__exit__()

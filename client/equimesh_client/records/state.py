@@ -13,8 +13,9 @@ FINISHED = frozenset({"succeeded", "failed", "canceled"})
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """The progress of a mesh: ``stage`` in a word, ``fraction`` from 0 to 1, and the latest numbers.
+    """The progress of a mesh: its ``stage``, the ``phase`` in words, ``fraction`` from 0 to 1, and the latest numbers.
 
+    ``fraction`` is None where the service does not know how much work is ahead.
     ``gain`` is that of a descent: how many times smaller the error is than on the uniform mesh. It has no ``residual``.
     """
 
@@ -22,20 +23,23 @@ class Progress:
     iteration: int | None = None
     residual: float | None = None
     gain: float | None = None
-    fraction: float = 0.0
+    fraction: float | None = 0.0
+    phase: str = ""
 
 
 def progress_of(record: Mapping[str, Any]) -> Progress:
     """The progress of a mesh resource; of a finished one the fraction is 1."""
     progress = record.get("progress")
     progress = progress if isinstance(progress, dict) else {}
-    fraction = 1.0 if record.get("status") == "succeeded" else real_or_nan(progress.get("fraction"))
+    given = 1.0 if record.get("status") == "succeeded" else progress.get("fraction", 0.0)
+    fraction = real_or_nan(given)
     return Progress(
         stage=str(progress.get("stage") or record.get("status") or ""),
         iteration=progress["iteration"] if isinstance(progress.get("iteration"), int) else None,
         residual=None if progress.get("residual") is None else real_or_nan(progress["residual"]),
         gain=None if progress.get("gain") is None else real_or_nan(progress["gain"]),
-        fraction=0.0 if math.isnan(fraction) else min(1.0, max(0.0, fraction)),
+        fraction=None if math.isnan(fraction) else min(1.0, max(0.0, fraction)),
+        phase=str(progress.get("phase") or ""),
     )
 
 

@@ -44,10 +44,15 @@ class Progress(BaseModel):
 
     model_config = ConfigDict(extra="allow")
 
-    stage: str = Field(description="queued, least_error, start, single_domain, schwarz, parts, writing, done.")
+    stage: str = Field(
+        description="queued, least_error, start, single_domain, schwarz, parts, writing, measuring, done."
+    )
+    phase: str | None = Field(None, description="What is being done, in words; null before and after the work.")
     iteration: int | None = Field(None, description="Step of descent, Newton step, or Schwarz iteration.")
     residual: float | None = Field(None, description="Relative to the mean flux; null for a descent.")
-    fraction: float = Field(0.0, description="Estimated part of the work that is done, 0 to 1.")
+    fraction: float | None = Field(
+        0.0, description="Estimated part of the work that is done, 0 to 1; null where it is not known."
+    )
 
 
 class ConvergenceSummary(BaseModel):

@@ -159,7 +159,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
     reporter.writing()
     with tracing.span("write"), ExitStack() as stack:
         output = Output(files, stack, in_threads=solution.problem.grid.points >= MIN_POINTS_FOR_THREADS)
-        result = _write(work, (solution, step), output, stopwatch)
+        result = _write(work, (solution, step), output, (reporter, stopwatch))
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
         failure = None if solution.status.succeeded else _problem(solution)
@@ -242,7 +242,7 @@ def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[equimesh.So
     spec = work.spec
     with translate_errors():
         if work.start is None:
-            return spec.solve(began=reporter.begin_grid, threads=threads, observe=reporter, check=False), None
+            return spec.solve(threads=threads, observe=reporter, check=False), None
         step = work.start.take(spec, {"threads": threads, "observe": reporter, "check": False})
     return step.solution, step if step.status.succeeded else None
 
@@ -251,10 +251,10 @@ def _write(
     work: _Work,
     computed: tuple[equimesh.Solution, equimesh.SequenceStep | None],
     output: Output,
-    stopwatch: Stopwatch,
+    watching: tuple[Reporter, Stopwatch],
 ) -> dict[str, Any]:
     """Begin to write all files; returns what the mesh says of its solution, measured meanwhile."""
-    solution, step = computed
+    (solution, step), (reporter, stopwatch) = computed, watching
     if work.spec.schwarz is not None or solution.descent:
         output.json(CONVERGENCE, solution.convergence())
     quality = None
@@ -269,6 +269,7 @@ def _write(
             write = partial(write_mesh, data=data, format=requested, cells=cells)
             output.write(file_name(requested, cells), f".{requested}", write)
         stopwatch.lap("file")
+        reporter.measuring()
         quality = solution.quality.summary()
     certificate = solution.certificate.summary() if step is None else certificate_of(step)
     result = {"solution": _summary(solution), "quality": quality, "certificate": certificate}

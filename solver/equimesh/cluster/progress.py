@@ -9,6 +9,7 @@ from typing import TypeAlias
 from equimesh.meshes.grid import Grid
 from equimesh.parts.part_solution import PartStep
 from equimesh.single_domain.steps import Step
+from equimesh.solving.courses import approach, level_share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +18,8 @@ class Progress:
 
     ``level`` counts from 0 to ``levels - 1``, the requested grid. The coarse levels are solved by one worker, so
     ``parts`` is 1 there and nothing is sent. ``messages`` and ``bytes`` are those that all parts sent since the record
-    before. ``attempt`` is 2 or 3 after workers were lost; the parts then begin again.
+    before. ``attempt`` is 2 or 3 after workers were lost; the parts then begin again. ``fraction`` is the share of the
+    work that is done, 0 to 1, or None where it is not known, and ``phase`` says what is being done.
     """
 
     level: int
@@ -29,14 +31,33 @@ class Progress:
     messages: int = 0
     bytes: int = 0
     attempt: int = 1
+    fraction: float | None = None
+    phase: str = ""
 
+
+USUAL_SWEEPS = 6
+"""Sweeps that a grid usually takes."""
 
 Observer: TypeAlias = Callable[[Progress], None]
 
 
 def coarse_progress(step: Step, levels: int) -> Progress:
     """The record of a step on a level that one worker solves; ``levels`` are those of the whole solve."""
-    return Progress(level=step.level, levels=levels, grid=step.grid, step=step.step, residual=step.residual)
+    is_relaxed = not step.relaxation.is_none
+    return Progress(
+        level=step.level,
+        levels=levels,
+        grid=step.grid,
+        step=step.step,
+        residual=step.residual,
+        fraction=None if is_relaxed else _share(step.level, levels, step.step),
+        phase=f"relaxing, step {step.step}" if is_relaxed else f"sweeping the {step.grid} grid",
+    )
+
+
+def _share(level: int, levels: int, step: int) -> float:
+    """The share of all grids that is done after a sweep on one of them."""
+    return level_share(level, levels, approach(step, USUAL_SWEEPS))
 
 
 class Gathering:
@@ -44,7 +65,7 @@ class Gathering:
 
     def __init__(self, observe: Observer | None) -> None:
         self._observe = observe
-        self._count, self._attempt = 0, 0
+        self._count, self._attempt, self._done = 0, 0, 0.0
         self._waiting: dict[int, list[PartStep]] = {}
 
     def begin(self, count: int) -> None:
@@ -61,7 +82,9 @@ class Gathering:
         """Observe the records of all parts as one."""
         if self._observe is None:
             return
-        first, sent = records[0], [traffic for record in records for traffic in record.traffic.values()]
+        first = records[0]
+        self._done = max(self._done, _share(first.level, first.levels, first.step))
+        sent = [traffic for record in records for traffic in record.traffic.values()]
         self._observe(
             Progress(
                 level=first.level,
@@ -73,5 +96,7 @@ class Gathering:
                 messages=sum(traffic.messages for traffic in sent),
                 bytes=sum(traffic.bytes for traffic in sent),
                 attempt=self._attempt,
+                fraction=self._done,
+                phase=f"sweeping the {first.grid} grid in {self._count} parts",
             )
         )

@@ -29,6 +29,7 @@ from equimesh.schwarz.holding.kept import Kept
 from equimesh.schwarz.records import Iteration, IterationNumbers
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
+from equimesh.solving.courses import Iterating
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.schwarz import schwarz_reference, schwarz_start
 
@@ -102,10 +103,13 @@ def iterate(
     count = _count(problem, client, schwarz, options.parts)
     plan, start, exact = _planned(problem, schwarz, options)
     name, records = uuid.uuid4().hex, list[IterationNumbers]()
+    course = Iterating(plan.tolerance, schwarz.max_iterations)
 
     def add(number: int, report: dict[str, Any]) -> None:
         if number == 0:
             record = _record(problem, report)
+            share, phase = course.look(record)
+            record = replace(record, fraction=share, phase=phase)
             del records[record.iteration :]
             records.append(record)
             if options.observe is not None:

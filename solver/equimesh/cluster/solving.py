@@ -29,7 +29,7 @@ from equimesh.parts.part_solution import PartSolution
 from equimesh.parts.solve import solve_part
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode, Step
-from equimesh.solving.options import Event
+from equimesh.solving.announcer import Event
 
 
 def solve(

@@ -111,20 +111,14 @@ class LeastErrorSolve:
             yield from self._continue(start, levels)
             return
         if coarse is None:
-            coarse = yield from self._coarse(levels[: _compared(levels) + 2], None, uniform_only=uniform_only)
+            coarse = yield from self._coarse(levels[: last_compared(levels) + 2], None, uniform_only=uniform_only)
         elif coarse.level.is_finest:
             yield coarse.record
         yield from self._climb(coarse.way, levels[coarse.level.number + 1 :], coarse)
 
-    def coarse(self, level: Level) -> Reached:
-        """The end of the descent on one of the nested grids."""
-        steps = self._coarse(nested_levels(self.grid)[: level.number + 1], None, uniform_only=False)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                reached: Reached = end.value
-                return reached
+    def coarse(self, level: Level) -> Generator[Descent, None, Reached]:
+        """The records of the descent to one of the nested grids; returns its end."""
+        return self._coarse(nested_levels(self.grid)[: level.number + 1], None, uniform_only=False)
 
     def _continue(self, start: Mesh, levels: list[Level]) -> Iterator[Descent]:
         """The records of the steps from a given mesh."""
@@ -141,7 +135,7 @@ class LeastErrorSolve:
         self, levels: list[Level], start: Mesh | None, *, uniform_only: bool
     ) -> Generator[Descent, None, Reached]:
         """The descents from all starts, up to the last of the ``levels`` for the best of them."""
-        last = _compared(levels)
+        last = last_compared(levels)
         coarse, fine = levels[: last + 1], levels[last + 1 :]
         reached = []
         if start is not None:
@@ -294,6 +288,6 @@ class LeastErrorSolve:
         )
 
 
-def _compared(levels: list[Level]) -> int:
+def last_compared(levels: list[Level]) -> int:
     """The number of the finest level up to which the descents from all starts run."""
     return max((level.number for level in levels if level.grid.points <= MAX_COMPARED_POINTS), default=0)

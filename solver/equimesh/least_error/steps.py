@@ -36,6 +36,10 @@ class Descent:
     """The mesh of the reference square."""
     start: str
     """The first mesh of the way: ``"uniform"``, ``"rectilinear"`` or ``"given"``."""
+    fraction: float | None = None
+    """For observers: the share of the work of the whole solve that is done, 0 to 1; ``None`` where it is not known."""
+    phase: str = ""
+    """For observers: what is being done, in words."""
 
     def numbers(self) -> dict[str, Any]:
         """The record without the mesh, as plain Python data, ready for JSON."""

@@ -110,6 +110,10 @@ class IterationNumbers:
 
     Neither ``work`` nor ``traffic`` counts them.
     """
+    fraction: float | None = None
+    """For observers: the share of the work of the whole solve that is done, 0 to 1; ``None`` where it is not known."""
+    phase: str = ""
+    """For observers: what is being done, in words."""
 
     def meets(self, tolerance: float | None) -> bool:
         """Whether the error is known to be at most ``tolerance``, or what rounding leaves where that is more.

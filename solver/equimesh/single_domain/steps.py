@@ -6,7 +6,7 @@ import math
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
@@ -64,8 +64,12 @@ class Step:
     """The coarser grid on which the equations were solved, where ``grid`` was too fine for relaxed ones."""
     contraction: float = 1.0
     """The factor by which sweeps reduce their moves, 1 where not known."""
+    fraction: float | None = None
+    """For observers: the share of the work of the whole solve that is done, 0 to 1; ``None`` where it is not known."""
+    phase: str = ""
+    """For observers: what is being done, in words."""
 
-    def snapshot(self) -> Step:
+    def snapshot(self) -> Self:
         """The step with its own copy of the mesh, which later sweeps of the level would overwrite."""
         if self.converged or self.failed:
             return self

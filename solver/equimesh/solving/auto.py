@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.inputs import finite_or_none
-from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.iteration import LeastErrorSolve, Reached, last_compared
 from equimesh.least_error.levels import Level, nested_levels
+from equimesh.least_error.steps import Descent
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
@@ -24,11 +25,15 @@ from equimesh.quality.measures import measure_interpolation
 from equimesh.single_domain.iteration import single_domain_steps
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.certificate import Candidate
+from equimesh.solving.courses import Descending, descent_work
+from equimesh.solving.options import SolveOptions
 
 MAX_COARSE_POINTS = 40 * 40
 """Points, at most, of the grid on which candidates are compared."""
 LEAST_ERROR_SETTINGS = ((0.5, 1.0), (0.5, 0.1))
 """``distortion`` and ``smoothness`` of the least-error candidates; the first are the defaults."""
+DESCENT_WORK = 4.0
+"""The work of a least-error candidate over that of one that equidistributes a metric, about."""
 SMOOTHING = 0.02
 """Radius of the smoothed curvature candidate, in units of the domain's shorter extent."""
 
@@ -82,18 +87,20 @@ class Choice:
         return None if best is None or best is self.chosen else replace(self, chosen=best)
 
 
-def choose_monitor(problem: Problem, *, metrics_only: bool, threads: int) -> Choice:
+def choose_monitor(problem: Problem, options: SolveOptions, *, metrics_only: bool) -> Choice:
     """The best of the monitors that stand for an :class:`~equimesh.monitors.auto.Auto`, by the error on a coarse grid.
 
-    ``metrics_only`` leaves out least error, which subdomains cannot solve.
+    ``metrics_only`` leaves out least error, which subdomains cannot solve. ``options`` are those of the comparison.
     """
     auto = problem.monitor
     if not isinstance(auto, Auto):
         raise TypeError("only an Auto monitor is chosen")
     level = coarse_level(problem.grid)
-    tried = [] if metrics_only else [_descended(problem, auto, level, pair, threads) for pair in LEAST_ERROR_SETTINGS]
-    coarse = replace(problem, grid=level.grid)
-    tried += [_equidistributed(coarse, kind, settings, monitor, threads) for kind, settings, monitor in _metrics(auto)]
+    coarse, metrics = replace(problem, grid=level.grid), list(_metrics(auto))
+    weights = [] if metrics_only else list(LEAST_ERROR_SETTINGS)
+    parts = _parts(options, [DESCENT_WORK] * len(weights) + [1.0] * len(metrics))
+    tried = [_descended(problem, auto, level, pair, next(parts)) for pair in weights]
+    tried += [_equidistributed(coarse, kind, given, monitor, next(parts)) for kind, given, monitor in metrics]
     tried.sort(key=lambda one: -one.gain(auto.norm))
     return Choice(tried=tuple(tried), chosen=tried[0])
 
@@ -111,20 +118,52 @@ def _metrics(auto: Auto) -> Iterator[tuple[str, dict[str, Any], Monitor]]:
     yield "arc_length", {}, ArcLength(u=auto.u, orthogonality=auto.orthogonality)
 
 
-def _descended(problem: Problem, auto: Auto, level: Level, weights: tuple[float, float], threads: int) -> Tried:
+def comparison_share(grid: Grid) -> float:
+    """The share of the comparison in the whole work, if the mesh is one of least error afterwards."""
+    levels, level = nested_levels(grid), coarse_level(grid)
+    compared = last_compared(levels)
+    first = len(LEAST_ERROR_SETTINGS) * descent_work(levels[: level.number + 1], 2, compared)
+    return first / (first + descent_work(levels[level.number + 1 :], 1, compared))
+
+
+def _parts(options: SolveOptions, works: list[float]) -> Iterator[SolveOptions]:
+    """The parts of the comparison, one for each candidate."""
+    for number, work in enumerate(works):
+        before = sum(works[:number])
+        words = f"comparing monitors, {number + 1} of {len(works)}"
+        yield options.part(before / sum(works), (before + work) / sum(works), words)
+
+
+def _descended(
+    problem: Problem, auto: Auto, level: Level, weights: tuple[float, float], options: SolveOptions
+) -> Tried:
     """The candidate that minimises the error."""
     settings = {"norm": auto.norm, "distortion": weights[0], "smoothness": weights[1]}
     monitor = auto.least_error(*weights).on(problem.domain)
-    solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=threads)
-    reached = solve.coarse(level)
+    solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
+    levels = nested_levels(problem.grid)[: level.number + 1]
+    reached = _end_of(solve.coarse(level), options.part(course=Descending(levels, 2, last_compared(levels))))
     errors = _errors(replace(problem, grid=level.grid), reached.record.mesh)
     return Tried(kind="least_error", settings=settings, monitor=monitor, errors=errors, coarse=reached)
 
 
-def _equidistributed(coarse: Problem, kind: str, settings: Mapping[str, Any], monitor: Monitor, threads: int) -> Tried:
+def _end_of(steps: Generator[Descent, None, Reached], options: SolveOptions) -> Reached:
+    """The end of a descent, after all steps were reported to the observer."""
+    while True:
+        try:
+            options.observe(next(steps))
+        except StopIteration as end:
+            reached: Reached = end.value
+            return reached
+
+
+def _equidistributed(
+    coarse: Problem, kind: str, settings: Mapping[str, Any], monitor: Monitor, options: SolveOptions
+) -> Tried:
     """A candidate that equidistributes a metric, without a mesh where only relaxed equations have one."""
     problem, found = replace(coarse, monitor=monitor), None
-    for step in single_domain_steps(problem, mode=Mode.DISCRETIZATION, threads=threads):
+    for step in single_domain_steps(problem, mode=Mode.DISCRETIZATION, threads=options.threads):
+        options.observe(step)
         if step.relaxation.cross_line > 0.0:
             found = None
             break

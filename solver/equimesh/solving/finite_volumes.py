@@ -7,7 +7,7 @@ best ones are solved and measured on finer grids up to the requested one, togeth
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -29,6 +29,7 @@ from equimesh.quality.checks import check_cells
 from equimesh.quality.faces import measure_faces
 from equimesh.solving.auto import coarse_level
 from equimesh.solving.certificate import Candidate
+from equimesh.solving.options import SolveOptions
 from equimesh.solving.orthogonality import bounded, is_within
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
@@ -60,7 +61,7 @@ NO_SOURCE = (
 UNIFORM = "No candidate has a smaller error at cell centres than the uniform mesh, which this is."
 """The note of a uniform mesh."""
 
-Solve: TypeAlias = Callable[[Problem], Solution]
+Solve: TypeAlias = Callable[[Problem, SolveOptions], Solution]
 """Solves a problem without a look at the bound of its angles."""
 
 
@@ -91,7 +92,9 @@ class Tried:
         )
 
 
-def solve_for_finite_volumes(problem: Problem, solve: Solve, final: Solve | None = None) -> Solution:
+def solve_for_finite_volumes(
+    problem: Problem, options: SolveOptions, solve: Solve, final: Solve | None = None
+) -> Solution:
     """The mesh of the candidate with the smallest error of a cell-centred code; the uniform mesh where none is better.
 
     ``solve`` gives meshes of single-domain and least-error solves. ``final``, where it is given, those of a Schwarz
@@ -108,9 +111,11 @@ def solve_for_finite_volumes(problem: Problem, solve: Solve, final: Solve | None
     uniform = _uniform(first, auto)
     if uniform.error == math.inf:
         raise InputError(NO_SOURCE, field="monitor.for")
+    candidates = list(_candidates(auto, metrics_only=final is not None))
+    solves = _Solves(options, _rounds(len(candidates), [first, *finer], problem))
     tried = [
-        _on_coarse_grid(replace(first, monitor=monitor), kind, settings, solve)
-        for kind, settings, monitor in _candidates(auto, metrics_only=final is not None)
+        _on_coarse_grid(replace(first, monitor=monitor), kind, settings, solves.next(solve))
+        for kind, settings, monitor in candidates
     ]
     tried = sorted([uniform, *tried], key=Tried.rank)
     plain, rest = uniform.error, list[Candidate]()
@@ -120,19 +125,70 @@ def solve_for_finite_volumes(problem: Problem, solve: Solve, final: Solve | None
         rest = [one.candidate(plain) for one in tried if one.kind != "uniform" and one not in kept] + rest
         uniform = _uniform(here, auto)
         plain = uniform.error
-        tried = sorted([uniform, *(_on_fine_grid(here, one, solve) for one in kept)], key=Tried.rank)
+        solves.begin(number + 1)
+        tried = sorted([uniform, *(_on_fine_grid(here, one, solves.next(solve)) for one in kept)], key=Tried.rank)
     comparison = [one.candidate(plain, chosen=one is tried[0]) for one in tried] + rest
-    return replace(_end(problem, tried[0], auto, solve, final), comparison=tuple(comparison))
+    solves.begin(len(finer) + 1)
+    return replace(_end(problem, tried[0], auto, solves.next(final or solve), final), comparison=tuple(comparison))
 
 
-def _end(problem: Problem, chosen: Tried, auto: Auto, solve: Solve, final: Solve | None) -> Solution:
+@dataclass(frozen=True, kw_only=True)
+class _Round:
+    """The solves of at most ``count`` candidates on one grid."""
+
+    grid: Grid
+    count: int
+
+    @property
+    def work(self) -> float:
+        """The work of all of them, by their points."""
+        return float(self.grid.points * self.count)
+
+
+def _rounds(candidates: int, grids: Sequence[Problem], problem: Problem) -> list[_Round]:
+    """The rounds of solves on the measured grids, and the solve on the requested one where it is finer."""
+    counts = [candidates, *[SEMIFINALISTS] * (len(grids) - 2), FINALISTS][: len(grids)]
+    rounds = [_Round(grid=here.grid, count=min(count, candidates)) for here, count in zip(grids, counts, strict=True)]
+    return [*rounds, _Round(grid=problem.grid, count=1)] if grids[-1].grid != problem.grid else rounds
+
+
+class _Solves:
+    """The solves of all candidates, each as a part of the whole work."""
+
+    def __init__(self, options: SolveOptions, rounds: list[_Round]) -> None:
+        self._options, self._rounds = options, rounds
+        self._round, self._number = 0, 0
+
+    def begin(self, number: int) -> None:
+        """Begin a round."""
+        self._round, self._number = number, 0
+
+    def next(self, solve: Solve) -> Callable[[Problem], Solution]:
+        """The function that solves the next candidate of this round."""
+        part = self._part()
+        self._number += 1
+        return lambda problem: solve(problem, part)
+
+    def _part(self) -> SolveOptions:
+        """The part of the next candidate."""
+        if self._round >= len(self._rounds):
+            return self._options.part(None)
+        here, total = self._rounds[self._round], sum(one.work for one in self._rounds)
+        before = sum(one.work for one in self._rounds[: self._round]) + self._number * here.grid.points
+        words = f"candidate {self._number + 1} of {here.count}"
+        return self._options.part(before / total, min(1.0, (before + here.grid.points) / total), words)
+
+
+def _end(
+    problem: Problem, chosen: Tried, auto: Auto, solve: Callable[[Problem], Solution], final: Solve | None
+) -> Solution:
     """The solution of the best candidate on the requested grid, or of the uniform mesh where that turns out better."""
     is_measured = problem.grid.points <= MAX_MEASURED_POINTS
     if chosen.kind == "uniform":
         return _uniform(problem, auto, is_measured=False).solution
     if final is None and is_measured:
         return chosen.solution
-    chosen = _on_fine_grid(problem, chosen, final or solve, is_measured=is_measured)
+    chosen = _on_fine_grid(problem, chosen, solve, is_measured=is_measured)
     uniform = _uniform(problem, auto, is_measured=is_measured)
     is_better = chosen.error < math.inf and chosen.rank() <= uniform.rank()
     return chosen.solution if is_better else uniform.solution
@@ -172,7 +228,9 @@ def _candidates(auto: Auto, *, metrics_only: bool) -> Iterator[tuple[str, dict[s
         yield "arc_length", {"smoothing": radius}, Smoothed(monitor=arc_length, radius=radius)
 
 
-def _on_coarse_grid(problem: Problem, kind: str, settings: Mapping[str, Any], solve: Solve) -> Tried:
+def _on_coarse_grid(
+    problem: Problem, kind: str, settings: Mapping[str, Any], solve: Callable[[Problem], Solution]
+) -> Tried:
     """The candidate on the coarse grid; it cannot be used where an angle is larger than the bound there."""
     solution = solve(problem)
     usable = solution.status.succeeded and is_within(solution) and _passes(solution)
@@ -180,7 +238,9 @@ def _on_coarse_grid(problem: Problem, kind: str, settings: Mapping[str, Any], so
     return Tried(kind=kind, settings=settings, monitor=problem.monitor, solution=solution, error=error)
 
 
-def _on_fine_grid(problem: Problem, one: Tried, solve: Solve, *, is_measured: bool = True) -> Tried:
+def _on_fine_grid(
+    problem: Problem, one: Tried, solve: Callable[[Problem], Solution], *, is_measured: bool = True
+) -> Tried:
     """The candidate on a finer grid, weakened until its angles are within the bound."""
     solution = bounded(solve(replace(problem, monitor=one.monitor)), solve)
     if not (solution.status.succeeded and _passes(solution)):

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
-from equimesh.least_error.iteration import LeastErrorSolve, Reached
+from equimesh.least_error.iteration import LeastErrorSolve, Reached, last_compared
+from equimesh.least_error.levels import nested_levels
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import LeastError
+from equimesh.solving.courses import Descending
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
@@ -35,18 +37,28 @@ def solve_least_error(
     # Straight lines are found anew: a given mesh need not have any.
     start = initial if isinstance(initial, Mesh) and not problem.monitor.rectilinear else None
     records: list[Descent] = []
+    telling = options.part(course=_course(problem, start, initial, coarse))
     steps = solve.steps(start, uniform_only=initial is Initial.UNIFORM, coarse=coarse)
-    found = _finish(problem, steps, options, records)
+    found = _finish(problem, steps, telling, records)
     if start is not None:
         found = _or_given(found, start, problem.monitor.norm)
     if is_no_worse(found, problem.monitor.norm):
         return found
     for other in _others(solve, records[-1]):
-        again = _finish(problem, other, options, records)
+        telling = options.part(None, doing="another way", course=_course(problem, None, initial, None))
+        again = _finish(problem, other, telling, records)
         if is_no_worse(again, problem.monitor.norm):
             return again
     uniform = Mesh.uniform(problem.grid)
     return replace(found, mesh=map_mesh(uniform, problem.domain), reference=uniform, note=NO_BETTER)
+
+
+def _course(problem: Problem, start: Mesh | None, initial: Initial | Mesh, coarse: Reached | None) -> Descending:
+    """The course of a descent, by its starts and by the grids that are done before."""
+    levels = nested_levels(problem.grid)
+    compared = last_compared(levels if start is None else levels[:-1])
+    starts = 1 if start is not None or coarse is not None or initial is Initial.UNIFORM else 2
+    return Descending(levels[0 if coarse is None else coarse.level.number + 1 :], starts, compared)
 
 
 def _others(solve: LeastErrorSolve, last: Descent) -> Iterator[Iterator[Descent]]:
@@ -83,8 +95,7 @@ def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, r
     """The solution at the end of a descent, whose steps are added to the ``records``."""
     first = len(records)
     for record in steps:
-        options.observe(record)
-        records.append(record)
+        records.append(options.observe(record))
     reference = Mesh.of_unit_square(records[-1].mesh.x, records[-1].mesh.y)
     mesh = map_mesh(reference, problem.domain)
     return Solution(

@@ -1,18 +1,15 @@
 """Options of one solve that do not belong to its problem."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from enum import StrEnum
-from typing import TypeAlias, TypedDict
+from typing import TypedDict, TypeVar
 
-from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
-from equimesh.schwarz.records import Iteration
-from equimesh.single_domain.steps import Mode, Step
+from equimesh.single_domain.steps import Mode
+from equimesh.solving.announcer import Announcer, Course, Event, Observer
 
-Event: TypeAlias = Step | Iteration | Descent
-Observer: TypeAlias = Callable[[Event], None]
+_E = TypeVar("_E", bound=Event)
 
 
 class Initial(StrEnum):
@@ -39,7 +36,8 @@ class SolveArguments(TypedDict, total=False):
     """How many threads share the work on large grids; the mesh does not depend on it. Default: None, one a core."""
     observe: Observer | None
     """Called with every step of a single-domain solve, also that of a nested start, with every Schwarz iteration, and
-    with every step of descent. Default: None.
+    with every step of descent; with an ``Auto`` monitor also of the candidates on coarse grids. Every record has
+    ``fraction``, the share of the work that is done, and ``phase``, what is being done in words. Default: None.
     """
     check: bool
     """Whether a solve without the requested mesh raises. Default: True. With False, its status reports the failure."""
@@ -79,10 +77,15 @@ class SolveOptions:
     """Whether a mesh of relaxed equations is a success."""
     threads: int
     """How many threads share the work."""
-    observer: Observer | None
+    observer: Announcer | None
     """Called with every step and iteration."""
 
-    def observe(self, event: Event) -> None:
-        """Hand a record to the observer, if there is one. The observer may keep it: nothing changes it later."""
-        if self.observer is not None:
-            self.observer(event.snapshot() if isinstance(event, Step) else event)
+    def observe(self, event: _E) -> _E:
+        """Hand a record to the observer, if there is one; returns the record with what the observer was told."""
+        return event if self.observer is None else self.observer.announce(event)
+
+    def part(
+        self, begin: float | None = 0.0, end: float | None = 1.0, doing: str = "", course: Course | None = None
+    ) -> "SolveOptions":
+        """The options for a part of the work, as :meth:`~equimesh.solving.announcer.Announcer.part`."""
+        return self if self.observer is None else replace(self, observer=self.observer.part(begin, end, doing, course))

@@ -14,10 +14,11 @@ from equimesh.schwarz.records import Iteration
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain import iteration
 from equimesh.single_domain.steps import ALGEBRAIC_SHARE, Mode, Step
+from equimesh.solving.courses import Iterating, Sweeping
 from equimesh.solving.estimates import safe_discretization_error
 from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.schwarz_ending import ending_of
-from equimesh.solving.single_domain import last_of, last_step, solve_single_domain, what_was_found
+from equimesh.solving.single_domain import last_of_newton, last_step, solve_single_domain, what_was_found
 from equimesh.solving.solution import Solution
 
 # On grids of at most this many points, the reference for the errors of a Schwarz iteration is solved to rounding.
@@ -27,14 +28,15 @@ MAX_POLISHED_POINTS = 129 * 129
 def solve_by_schwarz(problem: Problem, schwarz: Schwarz, initial: Initial | Mesh, options: SolveOptions) -> Solution:
     """The mesh of a Schwarz iteration; where it stalls for good and may fall back, of a single-domain solve."""
     schwarz.decompose(problem.grid)  # refuse what does not fit before any work is done
-    start, tolerance, expected = schwarz_start(problem, schwarz, initial, options)
-    reference = schwarz_reference(problem, options) if schwarz.compare_single_domain else None
+    start, tolerance, expected = schwarz_start(problem, schwarz, initial, options.part(None, doing="for the start"))
+    comparing = options.part(None, doing="to compare")
+    reference = schwarz_reference(problem, comparing) if schwarz.compare_single_domain else None
     exact = reference.mesh if reference is not None and reference.is_exact else None
     records: list[Iteration] = []
     settings = replace(schwarz, tolerance=tolerance)
+    iterating = options.part(course=Iterating(tolerance, schwarz.max_iterations))
     for record in schwarz_iterations(problem, settings, start, exact, threads=options.threads):
-        records.append(record)
-        options.observe(record)
+        records.append(iterating.observe(record))
         if record.meets(tolerance) or record.iteration >= schwarz.max_iterations:
             break
     note = ""
@@ -66,7 +68,8 @@ def schwarz_start(
 
 def _rescued(failed: Solution, options: SolveOptions) -> Solution:
     """A single-domain solve in place of a Schwarz iteration that stalled for good."""
-    single = solve_single_domain(failed.problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
+    telling = options.part(None, doing="without subdomains")
+    single = solve_single_domain(failed.problem, Initial.NESTED, replace(telling, mode=Mode.TIGHT))
     last = failed.iterations[-1]
     stuck = ", ".join(str(r.subdomain) for r in last.subdomains if r.stalled)
     where = f" in subdomain {stuck}" if stuck else ""
@@ -86,7 +89,7 @@ def schwarz_reference(problem: Problem, options: SolveOptions) -> Step:
     """The single-domain solution against which errors are measured: to rounding, if the grid is small enough."""
     step = last_step(problem, Initial.NESTED, replace(options, mode=Mode.TIGHT))
     if step.is_exact and problem.grid.points <= MAX_POLISHED_POINTS:
-        return last_of(iteration.single_domain_steps(problem, step.mesh), options.observe)
+        return last_of_newton(problem, step.mesh, options)
     return step
 
 
@@ -109,9 +112,9 @@ def _nested_start(problem: Problem, options: SolveOptions) -> tuple[Mesh, float]
 
 def _solved_on(grid: Grid, problem: Problem, options: SolveOptions) -> list[Step]:
     """The last two levels of a single-domain solve on another grid."""
-    solved: list[Step] = []
+    solved, telling = list[Step](), options.part(course=Sweeping(mode=options.mode))
     for step in iteration.single_domain_steps(replace(problem, grid=grid), mode=options.mode, threads=options.threads):
-        options.observe(step)
+        telling.observe(step)
         if step.converged or step.failed:
             solved = [*solved[-1:], step]
     return solved

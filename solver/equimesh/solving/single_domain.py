@@ -13,11 +13,12 @@ from equimesh.meshes.nested import prolong
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.monitor import map_of
 from equimesh.single_domain import iteration
-from equimesh.single_domain.steps import Step
+from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving import remedies
 from equimesh.solving.certificate import Relaxed
+from equimesh.solving.courses import Sweeping
 from equimesh.solving.estimates import safe_algebraic_error, safe_discretization_error
-from equimesh.solving.options import Initial, Observer, SolveOptions
+from equimesh.solving.options import Initial, SolveOptions
 from equimesh.solving.solution import Solution, status_unless_folded
 from equimesh.solving.status import Status
 
@@ -75,20 +76,27 @@ def outcome(step: Step, problem: Problem, *, allow_relaxed: bool, folded: bool, 
 def last_step(problem: Problem, initial: Initial | Mesh, options: SolveOptions) -> Step:
     """The last step of a single-domain solve from its ``initial`` mesh, on which a gradient map does not depend."""
     if map_of(problem.monitor) == "gradient":
-        return last_of(gradient_map_steps(problem), options.observe)
+        return last_of(gradient_map_steps(problem), options, Sweeping(doing="solving for the map"))
     if isinstance(initial, Mesh):
-        return last_of(iteration.steps_from(problem, initial, threads=options.threads), options.observe)
-    start = Mesh.uniform(problem.grid) if initial is Initial.UNIFORM else None
-    return last_of(
-        iteration.single_domain_steps(problem, start, mode=options.mode, threads=options.threads), options.observe
-    )
+        steps = iteration.steps_from(problem, initial, threads=options.threads)
+        return last_of(steps, options, Sweeping(mode=Mode.TIGHT))
+    if initial is Initial.UNIFORM:
+        return last_of_newton(problem, Mesh.uniform(problem.grid), options)
+    steps = iteration.single_domain_steps(problem, mode=options.mode, threads=options.threads)
+    return last_of(steps, options, Sweeping(mode=options.mode))
 
 
-def last_of(steps: Iterable[Step], observe: Observer) -> Step:
+def last_of_newton(problem: Problem, start: Mesh, options: SolveOptions) -> Step:
+    """The last step of Newton's method from a mesh of the problem's grid."""
+    steps = iteration.single_domain_steps(problem, start, mode=options.mode, threads=options.threads)
+    return last_of(steps, options, Sweeping(doing="Newton's method"))
+
+
+def last_of(steps: Iterable[Step], options: SolveOptions, course: Sweeping) -> Step:
     """The last step, after all steps were reported to the observer."""
-    step = None
+    step, telling = None, options.part(course=course)
     for step in steps:
-        observe(step)
+        telling.observe(step)
     if step is None:
         raise AssertionError("a single-domain solve yields at least its start")
     return step

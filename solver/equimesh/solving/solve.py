@@ -20,7 +20,8 @@ from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
-from equimesh.solving.auto import choose_monitor
+from equimesh.solving.announcer import Announcer
+from equimesh.solving.auto import choose_monitor, comparison_share
 from equimesh.solving.finite_volumes import solve_for_finite_volumes
 from equimesh.solving.least_error import is_no_worse, solve_least_error
 from equimesh.solving.nodal_solution import solve_round
@@ -63,7 +64,7 @@ def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[So
         mode=choice(Mode, arguments["mode"], "mode"),
         allow_relaxed=arguments["allow_relaxed"],
         threads=thread_count(arguments["threads"]),
-        observer=arguments["observe"],
+        observer=Announcer.of(arguments["observe"]),
     )
     _check_start(problem, initial)
     require_possible(problem)
@@ -90,19 +91,22 @@ def _solve_chosen(
         raise TypeError("only an Auto monitor is chosen")
     if auto.purpose == "finite_volume":
 
-        def single(candidate: Problem) -> Solution:
-            return _solve_once(candidate, None, Initial.NESTED, options)
+        def single(candidate: Problem, part: SolveOptions) -> Solution:
+            return _solve_once(candidate, None, Initial.NESTED, part)
 
-        def final(candidate: Problem) -> Solution:
-            return _solve_once(candidate, schwarz, initial, options)
+        def final(candidate: Problem, part: SolveOptions) -> Solution:
+            return _solve_once(candidate, schwarz, initial, part)
 
-        return solve_for_finite_volumes(problem, single, None if schwarz is None else final)
+        return solve_for_finite_volumes(problem, options, single, None if schwarz is None else final)
     if isinstance(initial, Mesh) and schwarz is None:  # the mesh before was chosen, or is as good a start as any
         return _solve(replace(problem, monitor=auto.least_error()), None, initial, options)
-    choice, solution = choose_monitor(problem, metrics_only=schwarz is not None, threads=options.threads), None
+    share = comparison_share(problem.grid) if schwarz is None else None
+    choice = choose_monitor(problem, options.part(0.0, share), metrics_only=schwarz is not None)
+    solution, rest = None, options.part(share if schwarz is None else 0.0)
     while solution is None or not is_no_worse(solution, auto.norm):
         chosen = replace(problem, monitor=choice.chosen.monitor)
-        solution = _solve(chosen, schwarz, initial, options, choice.chosen.coarse)
+        solution = _solve(chosen, schwarz, initial, rest, choice.chosen.coarse)
+        rest = options.part(None, doing="another monitor")
         solution = replace(solution, comparison=choice.comparison)
         if choice.least_error is None:
             break
@@ -120,7 +124,8 @@ def _solve(
     """The solution by the way that belongs to the monitor and the settings, within the bound of its angles."""
 
     def again(weaker: Problem) -> Solution:
-        return _solve_once(weaker, schwarz, Initial.NESTED if isinstance(initial, Mesh) else initial, options)
+        telling = options.part(None, doing="for smaller angles")
+        return _solve_once(weaker, schwarz, Initial.NESTED if isinstance(initial, Mesh) else initial, telling)
 
     return bounded(_solve_once(problem, schwarz, initial, options, coarse), again)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, Unpack
 
 import numpy as np
@@ -17,6 +17,7 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.monitor import Monitor
+from equimesh.solving.announcer import Announcer
 from equimesh.solving.certificate import Aim
 from equimesh.solving.options import SolveArguments
 from equimesh.solving.solution import Solution
@@ -110,7 +111,7 @@ def solve_to(
     """
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
-    search = _Search(target, _problem(target, monitor, domain, boundary), began, options)
+    search = _Search(target, _problem(target, monitor, domain, boundary), began, options, _Work.of(options))
     tried = [search.at(min(FIRST_CELLS, target.largest_cells(domain)), math.nan)]
     if not tried[0].solution.status.succeeded:
         return tried[0].solution
@@ -133,7 +134,8 @@ def require_reachable(
     target: Target, *, monitor: Monitor, domain: Domain = UNIT_SQUARE, boundary: Boundary = Boundary.TRACE
 ) -> None:
     """Raise what :func:`solve_to` raises for a target out of reach, at the cost of the solve on the first grid."""
-    search = _Search(target, _problem(target, monitor, domain, boundary), None, {"threads": 1, "check": False})
+    problem = _problem(target, monitor, domain, boundary)
+    search = _Search(target, problem, None, {"threads": 1, "check": False}, _Work(None))
     first = search.at(min(FIRST_CELLS, target.largest_cells(domain)), math.nan)
     if first.solution.status.succeeded and first.error > target.error:
         search.next_cells(first)
@@ -150,6 +152,29 @@ class _Tried:
     predicted: float
 
 
+@dataclass
+class _Work:
+    """The work of all solves of a target: that on the second grid is expected, further ones are not."""
+
+    announcer: Announcer | None
+    grids: list[Grid] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, options: SolveArguments) -> _Work:
+        """The work that the observer of the options is told."""
+        return cls(Announcer.of(options.get("observe")))
+
+    def begin(self, grid: Grid) -> Announcer | None:
+        """The observer of the solve on the next grid."""
+        self.grids.append(grid)
+        if self.announcer is None:
+            return None
+        words, share = f"grid {len(self.grids)} for the target", None
+        if len(self.grids) == 2:
+            share = self.grids[0].points / (self.grids[0].points + grid.points)
+        return self.announcer.part(share, 1.0, words)
+
+
 @dataclass(frozen=True)
 class _Search:
     """The search for the grid of a target."""
@@ -158,13 +183,15 @@ class _Search:
     problem: Problem
     began: Callable[[Grid], None] | None
     options: SolveArguments
+    work: _Work
 
     def at(self, cells: float, predicted: float) -> _Tried:
         """The solution on about ``cells`` a side."""
         grid = self.target.grid(self.problem.domain, cells)
         if self.began is not None:
             self.began(grid)
-        solution = solve(replace(self.problem, grid=grid), **self.options)
+        options: SolveArguments = {**self.options, "observe": self.work.begin(grid)}
+        solution = solve(replace(self.problem, grid=grid), **options)
         errors = solution.interpolation
         error = math.nan if errors is None else {"l2": errors.l2, "h1": errors.h1}[self.target.norm]
         return _Tried(cells=_cells_of(grid), grid=grid, solution=solution, error=error, predicted=predicted)

@@ -91,17 +91,23 @@ def test_the_line_of_progress_tells_the_gain_of_a_descent() -> None:
     pytest.importorskip("scipy")
     import equimesh
 
-    said: list[str] = []
+    said: list[tuple[float | None, str]] = []
     with Observer(shown=False) as observer:
-        observer._line.set_description_str = said.append  # type: ignore[method-assign, assignment]
+        observer._bar.show = lambda share, words: said.append((share, words))  # type: ignore[method-assign]
         mesh = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
         observer(
             equimesh.Descent(
                 level=0, levels=2, grid=mesh.grid, step=3, steps=20, error=0.1, gain=4.25, distortion=0.0,
-                min_jacobian=1.0, mesh=mesh, start="uniform",
+                min_jacobian=1.0, mesh=mesh, start="uniform", fraction=0.5, phase="descending, step 3 of 20",
             )
         )  # fmt: skip
-    assert said == ["step 3 on 9 x 9, error 1.0e-01, 4.2 times smaller than on the uniform mesh"]
+        observer.measuring()
+        observer.writing()
+    assert said == [
+        (0.4, "descending, step 3 of 20, error 1.0e-01, 4.2 times smaller than on the uniform mesh"),
+        (0.8, "measuring the quality"),
+        (0.9, "writing the files"),
+    ]
 
 
 def test_solve_knows_every_monitor_and_domain(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -139,7 +139,9 @@ def test_events_stream_to_the_end(http: httpx.Client) -> None:
     assert kinds[0] == "status"
     assert "progress" in kinds
     assert kinds[-1] == "done"
-    fractions = [json.loads(event["data"])["fraction"] for event in events if event["event"] == "progress"]
+    told = [json.loads(event["data"]) for event in events if event["event"] == "progress"]
+    assert all(progress["phase"] for progress in told)
+    fractions = [progress["fraction"] for progress in told if progress["fraction"] is not None]
     assert fractions == sorted(fractions)
     assert json.loads(events[-1]["data"]) == {"status": "succeeded"}
     with http.stream("GET", mesh["links"]["events"], headers={"Last-Event-ID": "2"}) as stream:

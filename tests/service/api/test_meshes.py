@@ -80,7 +80,7 @@ def test_a_key_makes_a_request_act_once(http: httpx.Client) -> None:
 
 def test_cancel_while_running_ends_every_wait(http: httpx.Client) -> None:
     mesh = post(http, SLOW).json()
-    until(lambda: http.get(mesh["links"]["self"]).json()["progress"]["fraction"] > 0)
+    until(lambda: http.get(mesh["links"]["self"]).json()["progress"]["phase"])
     waiter: list[dict[str, Any]] = []
     thread = threading.Thread(target=lambda: waiter.append(http.get(mesh["links"]["self"] + "?wait=30").json()))
     thread.start()

@@ -150,7 +150,7 @@ def ticks(pid: int) -> int:
 def test_a_killed_worker_is_lost_and_its_mesh_tried_again(http: httpx.Client, watch: Watch) -> None:
     links = http.post("/v1/meshes", json=SLOW).json()["links"]
     try:
-        until(lambda: http.get(links["self"]).json()["progress"]["fraction"] > 0)
+        until(lambda: http.get(links["self"]).json()["progress"]["phase"])
         kill_the_worker(watch)
         until(lambda: watch.moved("equimesh_mesh_attempts_total") == 2)
         assert watch.moved("equimesh_mesh_retries_total") == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -27,6 +28,7 @@ def told_by(schwarz: equimesh.Schwarz | None, interval: float) -> list[Mapping[s
     reporter = Reporter(schwarz, tell, interval=interval)
     equimesh.solve(PROBLEM, schwarz, observe=reporter, check=False)
     reporter.writing()
+    reporter.measuring()
     return told
 
 
@@ -41,11 +43,14 @@ def told_by(schwarz: equimesh.Schwarz | None, interval: float) -> list[Mapping[s
 )
 def test_the_fraction_grows_to_nearly_one(schwarz: equimesh.Schwarz | None) -> None:
     told = told_by(schwarz, interval=0.0)
-    fractions = [row["fraction"] for row in told]
+    fractions = [row["fraction"] for row in told if row["fraction"] is not None]
     assert fractions == sorted(fractions)
-    assert 0.0 <= fractions[0] < fractions[-1] == 0.95
+    assert 0.0 <= fractions[0] < fractions[-1] == 0.9
+    assert [row["phase"] for row in told[-2:]] == ["writing the files", "measuring the quality"]
     stages = list(dict.fromkeys(row["stage"] for row in told))
-    assert stages == (["single_domain", "writing"] if schwarz is None else ["start", "schwarz", "writing"])
+    assert stages == (
+        ["single_domain", "writing", "measuring"] if schwarz is None else ["start", "schwarz", "writing", "measuring"]
+    )
 
 
 def test_sweeps_of_parts_tell_their_level_and_the_number_of_parts() -> None:
@@ -53,14 +58,15 @@ def test_sweeps_of_parts_tell_their_level_and_the_number_of_parts() -> None:
     reporter = Reporter(None, lambda row: told.append(row) is None, interval=0.0)
     for level, step in itertools.product((2, 3), (1, 2, 9)):
         grid = equimesh.Grid(n_xi=2**level + 1, n_eta=9)
-        reporter.part(Progress(level=level, levels=4, grid=grid, step=step, residual=0.5, parts=3))
+        share, phase = (level + step / 10) / 4, f"sweeping the {grid} grid in 3 parts"
+        reporter.part(
+            Progress(level=level, levels=4, grid=grid, step=step, residual=0.5, parts=3, fraction=share, phase=phase)
+        )
     reporter.writing()
     assert {(row["stage"], row["parts"]) for row in told[:-1]} == {("parts", 3)}
     assert (told[0]["level"], told[0]["levels"], told[0]["grid"], told[0]["iteration"]) == (2, 4, [5, 9], 1)
-    fractions = [row["fraction"] for row in told]
-    assert fractions == sorted(fractions)
-    assert fractions[2] == pytest.approx(0.25 * 0.95, abs=1e-4)  # three of four levels are a quarter of the work
-    assert fractions[-2:] == [0.95, 0.95]
+    assert told[0]["phase"] == "sweeping the 5 x 9 grid in 3 parts"
+    assert [row["fraction"] for row in told] == [0.42, 0.44, 0.58, 0.62, 0.64, 0.78, 0.8]
 
 
 def test_a_descent_tells_its_grid_its_error_and_its_gain() -> None:
@@ -73,29 +79,24 @@ def test_a_descent_tells_its_grid_its_error_and_its_gain() -> None:
     assert {row["stage"] for row in told[:-1]} == {"least_error"}
     fractions = [row["fraction"] for row in told]
     assert fractions == sorted(fractions)
-    assert 0.0 <= fractions[0] < fractions[-1] == 0.95
+    assert 0.0 <= fractions[0] < fractions[-1] == 0.8
     for row, record in zip(told, solution.descent, strict=False):
         assert row["residual"] is None
+        assert row["phase"].startswith("descending, step ") or row["phase"] == "writing the files"
         assert (row["iteration"], row["grid"], row["level"]) == (record["step"], record["grid"], record["level"])
         assert (row["error"], row["gain"]) == (record["error"], record["gain"])
 
 
-def test_every_grid_of_a_target_has_its_share() -> None:
+def test_a_report_without_a_share_has_no_fraction_and_later_ones_do_not_fall() -> None:
     told: list[Mapping[str, Any]] = []
     reporter = Reporter(None, lambda row: told.append(row) is None, interval=0.0)
-    ends = []
-
-    def began(grid: equimesh.Grid) -> None:
-        ends.append(told[-1]["fraction"] if told else 0.0)
-        reporter.begin_grid(grid)
-
-    target = equimesh.Target(error=2e-4)
-    equimesh.solve_to(target, monitor=equimesh.LeastError(u=U), began=began, observe=reporter, threads=1)
-    fractions = [row["fraction"] for row in told]
-    assert fractions == sorted(fractions)
-    assert ends[0] == 0.0
-    assert 0.05 < ends[1] <= 0.095
-    assert fractions[-1] > 0.5
+    step = equimesh.Step(
+        level=0, levels=1, grid=PROBLEM.grid, step=1, residual=0.5, mesh=equimesh.Mesh.uniform(PROBLEM.grid)
+    )
+    for fraction, phase in ((0.5, "sweeping"), (None, "relaxing, step 1"), (0.25, "sweeping")):
+        reporter(replace(step, fraction=fraction, phase=phase))
+    assert [row["fraction"] for row in told] == [0.4, None, 0.4]
+    assert told[1]["phase"] == "relaxing, step 1"
 
 
 def test_nothing_is_told_of_a_solve_that_is_over_in_no_time() -> None:
@@ -109,7 +110,7 @@ def test_little_is_told_in_little_time(monkeypatch: pytest.MonkeyPatch) -> None:
     schwarz = equimesh.Schwarz(overlap=2, tolerance=None, max_iterations=20)
     every, some = told_by(schwarz, interval=1.0), told_by(schwarz, interval=4.0)
     assert 2 < len(some) <= len(every) * 0.6
-    assert some[-1]["stage"] == "writing"
+    assert some[-1]["stage"] == "measuring"
 
 
 def test_a_lost_attempt_ends_the_solve() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 import equimesh as em
 from equimesh.solving.auto import choose_monitor, coarse_level
+from equimesh.solving.options import SolveOptions
 
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
 METRICS = ["arc_length", "curvature"]
@@ -61,4 +62,4 @@ def test_grids_with_few_points_have_a_choice(shape: tuple[int, int]) -> None:
 def test_only_auto_is_chosen() -> None:
     other = em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9))
     with pytest.raises(TypeError, match="Auto"):
-        choose_monitor(other, metrics_only=False, threads=1)
+        choose_monitor(other, SolveOptions(em.Mode.DISCRETIZATION, True, 1, None), metrics_only=False)

@@ -160,5 +160,5 @@ def test_a_given_mesh_that_descent_does_not_better_is_kept(monkeypatch: pytest.M
 
 
 def uniform_record(solve: least_error.LeastErrorSolve) -> Descent:
-    coarse = solve.coarse(nested_levels(solve.grid)[0])
-    return replace(coarse.record, mesh=em.Mesh.uniform(solve.grid), grid=solve.grid)
+    *_, last = solve.coarse(nested_levels(solve.grid)[0])
+    return replace(last, mesh=em.Mesh.uniform(solve.grid), grid=solve.grid)

@@ -93,3 +93,17 @@ def test_a_target_needs_a_function_and_no_mesh() -> None:
         em.solve_to(target, monitor=em.Weight(rho=PAPER))
     with pytest.raises(em.InputError, match="no mesh to start from"):
         em.solve_to(target, monitor=MONITOR, initial=em.Mesh.uniform(em.Grid(n_xi=33, n_eta=33)))
+
+
+def test_the_second_grid_begins_where_the_first_has_ended() -> None:
+    told: list[em.Event] = []
+    target = em.Target(error=2e-4)
+    u = em.Expression("(1-exp(15*(x-1)))*sin(pi*y)")
+    solution = em.solve_to(target, monitor=em.LeastError(u=u), observe=told.append, threads=1)
+    first = [event for event in told if event.phase.startswith("grid 1 for the target: ")]
+    second = [event.fraction for event in told if event.phase.startswith("grid 2 for the target: ")]
+    assert {event.fraction for event in first} == {None}  # how large the second grid is, is not known yet
+    known = [share for share in second if share is not None]
+    assert known == sorted(known)
+    assert known[0] >= 33 * 33 / (33 * 33 + solution.problem.grid.points) / 2
+    assert known[-1] > 0.5
