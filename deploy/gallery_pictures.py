@@ -1,0 +1,58 @@
+"""Draws the small pictures of the gallery: writes the nodes of twelve coarse meshes, and u there, for the page to draw.
+
+    .venv/bin/python deploy/gallery_pictures.py
+
+Run it after a change of `service/equimesh_service/workbench/gallery.json`. A test compares the file with the solver.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import equimesh as em
+from equimesh import specs
+
+FOLDER = Path(__file__).parents[1] / "service" / "equimesh_service" / "workbench"
+PICTURES = FOLDER / "gallery_pictures.json"
+COARSER = 3  # the grids of the problems are this many times finer
+SIZE = 240  # whole numbers of coordinates on the longer side of the box
+SHADES = 9  # u goes from 0 to this
+
+
+def problems() -> list[dict[str, Any]]:
+    """The problems of the gallery."""
+    found: list[dict[str, Any]] = json.loads((FOLDER / "gallery.json").read_text())["problems"]
+    return found
+
+
+def solve(problem: dict[str, Any]) -> em.Solution:
+    """The mesh of a problem on a coarse grid."""
+    grid = {name: number // COARSER + 1 for name, number in problem["spec"]["grid"].items()}
+    return specs.build({**problem["spec"], "grid": grid}).solve()
+
+
+def picture(solution: em.Solution) -> dict[str, Any]:
+    """The ``shape`` and ``size`` of a picture, the coordinates of its ``nodes`` from the top, and ``u`` there as digits."""
+    mesh = solution.mesh
+    u = solution.data().u
+    assert u is not None
+    low = np.array([mesh.x.min(), mesh.y.min()])
+    high = np.array([mesh.x.max(), mesh.y.max()])
+    scale = SIZE / (high - low).max()
+    x, y = (mesh.x - low[0]) * scale, (high[1] - mesh.y) * scale
+    shades = np.rint((u - u.min()) / np.ptp(u) * SHADES).astype(int)
+    return {
+        "shape": list(mesh.x.shape),
+        "size": np.ceil((high - low) * scale).astype(int).tolist(),
+        "nodes": np.rint(np.stack([x, y], axis=-1)).astype(int).ravel().tolist(),
+        "u": "".join(map(str, shades.ravel())),
+    }
+
+
+if __name__ == "__main__":
+    drawn = {problem["name"]: picture(solve(problem)) for problem in problems()}
+    lines = [f"  {json.dumps(name)}: {json.dumps(one, separators=(',', ':'))}" for name, one in drawn.items()]
+    PICTURES.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    print(f"wrote {PICTURES.name}: {PICTURES.stat().st_size} bytes")
