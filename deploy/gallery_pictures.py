@@ -34,7 +34,7 @@ def solve(problem: dict[str, Any]) -> em.Solution:
 
 
 def picture(solution: em.Solution) -> dict[str, Any]:
-    """The ``shape`` and ``size`` of a picture, the coordinates of its ``nodes`` from the top, and ``u`` there as digits."""
+    """A picture: its ``shape`` and ``size``, coordinates of ``nodes`` from the top, and ``u`` there as digits."""
     mesh = solution.mesh
     u = solution.data().u
     assert u is not None

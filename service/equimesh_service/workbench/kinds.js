@@ -60,7 +60,7 @@ export const SETTINGS = {
     optional: true,
     min: 0,
     max: 90,
-    placeholder: "no bound",
+    placeholder: "none",
     help: "Degrees between the normal of a face and the line of its two cell centres.",
   },
 };

@@ -5,10 +5,17 @@ import { createStage } from "./drawing/stage.js";
 import { createLive } from "./live.js";
 import { createService } from "./service.js";
 import { createStore } from "./store.js";
+import * as domainPanel from "./panels/domain.js";
+import * as downloadsPanel from "./panels/downloads.js";
 import * as functionPanel from "./panels/function.js";
+import * as galleryPanel from "./panels/gallery.js";
+import * as gridPanel from "./panels/grid.js";
 import * as iterationPanel from "./panels/iteration.js";
+import * as keyPanel from "./panels/key.js";
+import * as monitorPanel from "./panels/monitor.js";
 import * as numbersPanel from "./panels/numbers.js";
 import * as samplesPanel from "./panels/samples.js";
+import * as schwarzPanel from "./panels/schwarz.js";
 import * as sketchPanel from "./panels/sketch.js";
 import * as timePanel from "./panels/time.js";
 import * as viewPanel from "./panels/view.js";
@@ -19,11 +26,18 @@ const PANELS = {
   function: functionPanel,
   view: viewPanel,
   numbers: numbersPanel,
+  gallery: galleryPanel,
+  monitor: monitorPanel,
+  domain: domainPanel,
+  grid: gridPanel,
+  schwarz: schwarzPanel,
   iteration: iterationPanel,
   time: timePanel,
   samples: samplesPanel,
   sketch: sketchPanel,
+  downloads: downloadsPanel,
   work: workPanel,
+  key: keyPanel,
 };
 // Milliseconds without another announcement until a screen reader is told the last one.
 const SETTLED = 700;

@@ -89,7 +89,7 @@ function sideOf(name, points, frame) {
   if (!points.length) return [];
   const placed = points.map(frame.to);
   const [x, y] = middleOf(placed);
-  const [dx, dy] = { bottom: [0, 15], top: [0, -8], left: [-6, 4], right: [6, 4] }[name];
+  const [dx, dy] = { bottom: [0, 19], top: [0, -11], left: [-10, 4], right: [10, 4] }[name];
   const anchor = { left: "end", right: "start" }[name] ?? "middle";
   return [
     element("polyline", { class: `side ${name}`, points: placed.map((point) => point.map((value) => value.toFixed(1)).join(",")).join(" ") }),
