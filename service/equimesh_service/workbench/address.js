@@ -3,6 +3,8 @@
 import { START } from "./store.js";
 
 const SHORT_KINDS = new Set(["auto", "least_error", "arc_length", "curvature"]);
+// Milliseconds between two changes of the address: browsers refuse to change it hundreds of times in a row.
+const PAUSE = 250;
 // Longer addresses are cut off by some programs; samples inside a spec would make them.
 const LONGEST = 30000;
 
@@ -50,11 +52,16 @@ export function hashOf(state) {
  */
 export function followAddress(store) {
   let written = location.hash;
-  store.subscribe((state) => {
-    const hash = hashOf(state);
+  let timer = 0;
+  function write() {
+    timer = 0;
+    const hash = hashOf(store.get());
     if (hash === written) return;
     written = hash;
     history.replaceState(null, "", hash || location.pathname + location.search);
+  }
+  store.subscribe(() => {
+    timer ||= setTimeout(write, PAUSE);
   });
   addEventListener("hashchange", () => {
     if (location.hash === written) return;

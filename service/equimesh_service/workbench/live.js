@@ -4,8 +4,12 @@
 const SLOW_KINDS = new Set([undefined, "auto", "least_error"]);
 // The most points of a side of a quick look.
 const QUICK_POINTS = 65;
+// Meshes of more points get a quick look, whatever their kind.
+const MOST_POINTS = 129 * 129;
 // Averages the metric of a quick look, so that it nearly always converges at once; in units of the domain's extent.
-const QUICK_SMOOTHING = 0.03;
+const QUICK_SMOOTHING = 0.02;
+// Milliseconds of an answer from which meshes of the same kind get a quick look, too.
+const SLOW = 250;
 // Milliseconds without a change until a slow mesh is requested: while typing, no work of the service is wasted.
 const PAUSE = 220;
 // Milliseconds after which a change ends the request before it, in place of waiting for its answer.
@@ -15,7 +19,7 @@ const PATIENCE = 150;
  * Requests a preview after every change of the spec or the samples.
  *
  * While one answer is awaited, further changes wait, and only the last of them is requested next.  A request that takes
- * long is given up as soon as there is a change.  Kinds of monitors that are slow get a quick look first.
+ * long is given up as soon as there is a change.  Meshes that are slow get a quick look first.
  *
  * @param {object} app with `store`, `service`, and `emit(name, value)`
  */
@@ -25,6 +29,7 @@ export function createLive(app) {
   let flight = null; // the request that is not answered yet
   let slowTimer = 0;
   let isPaused = false;
+  const slowKinds = new Set(); // those whose last answer took long
 
   function change(state) {
     clearTimeout(slowTimer);
@@ -39,7 +44,7 @@ export function createLive(app) {
     const { state, changed } = wanted;
     wanted = null;
     const quick = quickSpec(state.spec);
-    if (!quick) {
+    if (!quick || !isSlowSpec(state.spec, slowKinds)) {
       fly(state, state.spec, { changed, isQuick: false });
       return;
     }
@@ -61,6 +66,7 @@ export function createLive(app) {
     try {
       const drawing = await service.preview(spec, { samples, signal: mine.controller.signal });
       if (flight !== mine) return;
+      if (!isQuick) slowKinds[performance.now() - mine.began > SLOW ? "add" : "delete"](kindOf(spec));
       app.emit("problem", drawing.document.error ?? null);
       app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
     } catch (error) {
@@ -96,20 +102,34 @@ export function createLive(app) {
   };
 }
 
+function pointsOf({ n_xi: n = 64, n_eta: m = 64 } = {}) {
+  return n * m;
+}
+
+function kindOf({ monitor, schwarz }) {
+  return `${monitor?.kind} ${Boolean(schwarz)}`;
+}
+
+function isSlowSpec(spec, slowKinds) {
+  const isLarge = pointsOf(spec.grid) > MOST_POINTS;
+  return SLOW_KINDS.has(spec.monitor?.kind) || slowKinds.has(kindOf(spec)) || isLarge || Boolean(spec.target);
+}
+
 /**
- * The spec of a quick look at a mesh that takes long; null where the mesh itself is quick.
+ * The spec of a quick look at a mesh that takes long; null where u is not known, or the mesh is one itself.
  *
- * It is a smoothed curvature mesh of at most 65 points a side.
+ * It is a smoothed arc-length mesh of at most 65 points a side: of all monitors the one that converges soonest.
  *
  * @param {object} spec
  */
 export function quickSpec(spec) {
-  const { monitor = {}, grid = {}, domain } = spec;
-  if (!SLOW_KINDS.has(monitor.kind) || !monitor.u) return null;
+  const { monitor = {}, grid = {}, domain, schwarz } = spec;
+  if (!monitor.u || monitor.kind === "nodal_solution") return null;
+  if (monitor.kind === "arc_length" && !schwarz && pointsOf(grid) <= QUICK_POINTS ** 2) return null;
   const shrink = Math.max(1, (grid.n_xi ?? 64) / QUICK_POINTS, (grid.n_eta ?? 64) / QUICK_POINTS);
   const points = (number) => Math.max(4, Math.round((number ?? 64) / shrink));
   const quick = {
-    monitor: { kind: "curvature", u: monitor.u, norm: monitor.norm ?? "l2", smoothing: QUICK_SMOOTHING },
+    monitor: { kind: "arc_length", u: monitor.u, smoothing: QUICK_SMOOTHING },
     grid: { n_xi: points(grid.n_xi), n_eta: points(grid.n_eta) },
   };
   return domain ? { ...quick, domain } : quick;

@@ -9,12 +9,14 @@ const MAPS = {
 // The colours of subdomains, after Okabe and Ito; they repeat.
 const SUBDOMAINS = "0072b2 e69f00 009e73 cc79a7 56b4e9 d55e00 f0e442 8c8c8c".split(" ").map(rgbOf);
 const STEPS = 256;
-// Scales of errors and sizes show this many decades below the largest value.
+// A logarithmic scale shows this many decades below the largest value.
 const DECADES = 3;
+// The share of the map of errors that is used: its darkest colours hide the lines.
+const LEAST_DARK = 0.16;
 
 /** What a mesh can be coloured by: the arrays that it needs, in words, and how values become colours. */
 export const COLOURS = {
-  error: { text: "interpolation error", map: "magma", scale: "log", unit: "error of u in a cell" },
+  error: { text: "interpolation error", map: "magma", scale: "root", unit: "interpolation error of u in a cell" },
   u: { text: "u", map: "viridis", scale: "linear", unit: "u" },
   q_eq: { text: "Q_eq", map: "PuOr", scale: "balanced", unit: "Q_eq, 1 where a cell has its equal share" },
   size: { text: "cell size", map: "viridis", scale: "log", unit: "side of a square of the same area" },
@@ -25,8 +27,8 @@ export const COLOURS = {
 /**
  * A scale for all values, those of both meshes: `{low, high, scale, place(value)}`, with `place` from 0 to 1.
  *
- * "log" shows three decades below the largest value, "balanced" is logarithmic about 1, "linear" from the smallest to
- * the largest value.
+ * "log" shows three decades below the largest value, "balanced" is logarithmic about 1, "linear" goes from the smallest
+ * to the largest value, "root" from 0 to the largest value by square roots, so that small values are told apart.
  *
  * @param {string} scale
  * @param {ArrayLike<number>[]} arrays
@@ -44,6 +46,10 @@ export function scaleOf(scale, arrays) {
     if (!(high > 0)) return linear(0, 1);
     low = Math.max(low, high * 10 ** -DECADES);
     return logarithmic(Math.min(low, high / 2), high);
+  }
+  if (scale === "root") {
+    const place = (value) => Math.sqrt(Math.max(0, value) / (high > 0 ? high : 1));
+    return { low: 0, high, middle: high / 4, place };
   }
   if (scale === "balanced") {
     const far = Math.min(100, Math.max(1.5, high, low > 0 ? 1 / low : 1));
@@ -73,9 +79,10 @@ export function tableOf(name, isDark) {
   const table = new Uint8Array(4 * STEPS);
   const { map } = COLOURS[name];
   const stops = map ? MAPS[map].split(" ").map(rgbOf) : null;
-  if (map === "magma" && !isDark) stops.reverse();
+  const isReversed = map === "magma" && !isDark;
   for (let k = 0; k < STEPS; k += 1) {
-    const colour = stops ? between(stops, k / (STEPS - 1)) : classColour(name, k, isDark);
+    const place = k / (STEPS - 1);
+    const colour = stops ? between(stops, isReversed ? 1 - (1 - LEAST_DARK) * place : place) : classColour(name, k, isDark);
     table.set([...colour, 255], 4 * k);
   }
   return table;

@@ -9,8 +9,9 @@ import { meshOf } from "./nodes.js";
 import { createRenderer } from "./renderer.js";
 import { placesOf, valuesOf } from "./values.js";
 
-// The space between two panes, in pixels.
+// The space between two panes, and over each for its caption, in pixels.
 const GAP = 10;
+const CAPTION = 30;
 // Pixels of the canvas for each of the page: more are not seen, and cost time.
 const MOST_RATIO = 2;
 
@@ -40,6 +41,8 @@ export function createStage(stage, app) {
     table: null,
     panes: [],
     frames: 0,
+    /** A blend that is drawn in place of that of the view, while nodes travel; else null. */
+    journey: null,
     isDark: () => dark.matches,
     redraw,
     colour,
@@ -121,21 +124,23 @@ export function createStage(stage, app) {
 // One pane, or one for each mesh: next to each other or below each other, whichever shows them larger.
 function arrange(self, view) {
   const { clientWidth: width, clientHeight: height } = self.stage;
+  const blend = self.journey ?? view.blend;
   if (view.layout !== "pair") {
-    self.camera.resize(width, height);
-    self.panes = [{ left: 0, top: 0, width, height, blend: view.blend }];
+    self.camera.resize(width, height - CAPTION);
+    self.panes = [{ left: 0, top: CAPTION, width, height: height - CAPTION, blend }];
     return;
   }
-  const [half, low] = [(width - GAP) / 2, (height - GAP) / 2];
-  self.camera.resize(half, height);
+  const [half, high, low] = [(width - GAP) / 2, height - CAPTION, height / 2 - CAPTION];
+  self.camera.resize(half, high);
   const aside = self.camera.scale;
   self.camera.resize(width, low);
   if (aside >= self.camera.scale) {
-    self.camera.resize(half, height);
+    self.camera.resize(half, high);
     const places = [0, half + GAP];
-    self.panes = places.map((left, k) => ({ left, top: 0, width: half, height, blend: k * view.blend }));
+    self.panes = places.map((left, k) => ({ left, top: CAPTION, width: half, height: high, blend: k * blend }));
   } else {
-    self.panes = [0, low + GAP].map((top, k) => ({ left: 0, top, width, height: low, blend: k * view.blend }));
+    const places = [CAPTION, height / 2 + CAPTION];
+    self.panes = places.map((top, k) => ({ left: 0, top, width, height: low, blend: k * blend }));
   }
 }
 
@@ -149,10 +154,14 @@ function followCaptions(self, app, place) {
     shown = key;
     place.replaceChildren(
       ...texts.map((text, k) =>
-        element("span", { style: { left: `${self.panes[k].left + 8}px`, top: `${self.panes[k].top + 8}px` } }, text),
+        element("span", { style: placeOf(self.panes[k]) }, text),
       ),
     );
   });
+}
+
+function placeOf({ left, top, width }) {
+  return { left: `${left}px`, top: `${top - CAPTION}px`, width: `${width}px` };
 }
 
 function captionOf({ blend }) {

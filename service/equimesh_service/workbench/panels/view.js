@@ -37,10 +37,10 @@ export function create(section, app) {
         element("span", { class: "group", role: "group", "aria-label": "Layout" }, pair, single),
         element("label", { for: lines.id, class: "row" }, lines, "lines"),
       ),
-      createBlend(app, setView),
+      element("div", { class: "row wide" }, createBlend(app, setView), pictureButtons(app)),
     ),
-    element("div", { class: "row tools" }, zoomButtons(canvas), pictureButtons(app)),
   );
+  canvas.stage.after(zoomButtons(canvas));
 
   function show({ view }) {
     colour.value = view.colour;
@@ -81,7 +81,7 @@ function createLegend(app) {
 
 // The slider between both meshes, and a button that lets the nodes go.
 function createBlend(app, setView) {
-  const { store } = app;
+  const { store, canvas } = app;
   const id = freshId("blend");
   const slider = element("input", { type: "range", id, min: 0, max: 1, step: 0.01 });
   const play = element("button", { type: "button", onclick: () => travel() }, "Move the nodes");
@@ -96,20 +96,26 @@ function createBlend(app, setView) {
     const began = performance.now();
     const step = (now) => {
       const share = Math.min(1, Math.max(0, (now - began) / JOURNEY));
-      setView({ blend: share * share * (3 - 2 * share) });
+      canvas.journey = share * share * (3 - 2 * share);
+      slider.value = canvas.journey;
+      canvas.redraw();
       if (share < 1) journey = requestAnimationFrame(step);
+      else stop(1);
     };
     journey = requestAnimationFrame(step);
+  }
+
+  function stop(blend) {
+    cancelAnimationFrame(journey);
+    canvas.journey = null;
+    setView({ blend });
   }
 
   function show({ view }) {
     slider.value = view.blend;
     slider.setAttribute("aria-valuetext", `${Math.round(100 * view.blend)} % of the way to the adapted mesh`);
   }
-  slider.addEventListener("input", () => {
-    cancelAnimationFrame(journey);
-    setView({ blend: Number(slider.value) });
-  });
+  slider.addEventListener("input", () => stop(Number(slider.value)));
   store.subscribe(show);
   show(store.get());
   return element(
@@ -126,7 +132,7 @@ function zoomButtons(canvas) {
   const button = (text, label, onclick) => element("button", { type: "button", "aria-label": label, onclick }, text);
   return element(
     "span",
-    { class: "group", role: "group", "aria-label": "Zoom" },
+    { class: "group zoom", role: "group", "aria-label": "Zoom" },
     button("+", "Zoom in", () => canvas.zoomBy(1.5)),
     button("−", "Zoom out", () => canvas.zoomBy(1 / 1.5)),
     button("whole", "Show the whole domain", () => canvas.reset()),
