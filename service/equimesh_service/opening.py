@@ -10,6 +10,8 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Callers
 from equimesh_service.admission.intake import Intake
+from equimesh_service.admission.preview_admission import PreviewAdmission
+from equimesh_service.admission.previews import Previews
 from equimesh_service.admission.quotas import Quotas
 from equimesh_service.dispatch.check_threads import CheckThreads
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
@@ -39,6 +41,7 @@ _log = logging.getLogger(__name__)
 PRELOAD = (
     "equimesh_service.worker.solve",
     "equimesh_service.worker.export",
+    "equimesh_service.worker.preview",
     "equimesh_service.assembly.samples",
     "equimesh.plot.meshes",
     "matplotlib.backends.backend_agg",
@@ -92,6 +95,7 @@ def open_service(settings: Settings, metrics: Metrics | None = None) -> Service:
         callers=Callers(store.keys),
         quotas=quotas,
         intake=Intake(settings, store, admission, dispatcher, wakeups, quotas),
+        previews=Previews(settings, storage, PreviewAdmission.of(admission), check_threads, engine, dispatcher.line),
         lock=lock,
         check_threads=check_threads,
         metrics=metrics,

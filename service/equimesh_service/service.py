@@ -14,6 +14,7 @@ from starlette.concurrency import run_in_threadpool
 from equimesh_service.admission.admit import Admission
 from equimesh_service.admission.callers import Caller, Callers
 from equimesh_service.admission.intake import Intake
+from equimesh_service.admission.previews import Previews
 from equimesh_service.admission.quotas import Quotas
 from equimesh_service.dispatch.check_threads import Checked, CheckThreads
 from equimesh_service.dispatch.dispatcher import Dispatcher
@@ -53,6 +54,7 @@ class Service:
     callers: Callers
     quotas: Quotas
     intake: Intake
+    previews: Previews
     lock: TextIOWrapper | None
     check_threads: CheckThreads
     metrics: Metrics

@@ -44,10 +44,12 @@ class Settings(BaseSettings):
         0, ge=0, le=64, description="Threads of one worker; 0: the processors divided among the workers."
     )
     time_limit: float = Field(300.0, gt=0, description="Seconds that one mesh may take before it fails.")
+    preview_seconds: float = Field(10.0, gt=0, description="Seconds that one preview may take before it is stopped.")
     memory_limit: int = Field(
         4096, ge=16, description="MiB that one worker may allocate on top of what it needs to start."
     )
     max_points: int = Field(300_000, ge=16, description="Most points n_xi * n_eta of a mesh that one machine computes.")
+    max_preview_points: int = Field(70_000, ge=16, description="Most points n_xi * n_eta of a preview.")
     max_cluster_points: int = Field(
         300_000_000,
         ge=0,

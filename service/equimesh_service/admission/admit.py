@@ -12,7 +12,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.limits import Limits
@@ -80,6 +80,8 @@ class Admitted:
 @dataclass(frozen=True)
 class Admission:
     """Checks requests against the settings, and stores the samples that come with them."""
+
+    product: ClassVar[str] = "a mesh of this service"  # what has the limits, for messages
 
     settings: Settings
     store: Store
@@ -266,20 +268,24 @@ class Admission:
     def _check_target(self, checked: CheckedSpec) -> None:
         most, asked = self.settings.max_points, checked.canonical["target"]["max_points"]
         if asked > most:
-            raise problem_at("/target/max_points", f"a mesh of this service has at most {most} points")
+            raise problem_at("/target/max_points", f"{self.product} has at most {most} points")
 
     def _check_grid(self, grid: GridSpec, *, whole: bool) -> None:
         most = self.settings.max_points if whole else self.settings.max_cluster_points
-        more = "" if self.settings.has_cluster else "; a service with a cluster (EQUIMESH_ENGINE=dask) takes more"
+        more = self._way_to_more
         # One direction at a time first: then the message names the direction that is far too large.
         for name, points in (("n_xi", grid.n_xi), ("n_eta", grid.n_eta)):
             if points > most // 4:
-                message = f"too many points: a mesh of this service has at most {most} in all{more}"
+                message = f"too many points: {self.product} has at most {most} in all{more}"
                 raise problem_at(f"/grid/{name}", message)
         points = grid.n_xi * grid.n_eta
         if grid.n_xi > 0 and points > most:
-            message = f"{points} points; a mesh of this service has at most {most}: lower n_xi or n_eta{more}"
+            message = f"{points} points; {self.product} has at most {most}: lower n_xi or n_eta{more}"
             raise problem_at("/grid", message)
+
+    @property
+    def _way_to_more(self) -> str:
+        return "" if self.settings.has_cluster else "; a service with a cluster (EQUIMESH_ENGINE=dask) takes more"
 
     def _check_schwarz(self, schwarz: SchwarzSpec, grid: GridSpec) -> None:
         most = self.settings

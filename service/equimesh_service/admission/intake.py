@@ -1,6 +1,5 @@
 """What becomes of an admitted mesh: it enters the queue, goes straight to a worker, or reuses an earlier mesh."""
 
-import asyncio
 import secrets
 import time
 from collections.abc import Iterator
@@ -87,9 +86,8 @@ class Intake:
         if repeated is not None:  # a repeated request adds no work
             log_context.current().mesh_id = repeated
             return AcceptedMesh(repeated)
-        reserved = seconds > 0 and self.dispatcher.line.reserve(caller.key_id, caller.share)
-        if not reserved:
-            reserved = seconds > 0 and await self._stand_in_line(caller, min(seconds, MAX_LINE_SECONDS))
+        line, longest = self.dispatcher.line, min(seconds, MAX_LINE_SECONDS)
+        reserved = seconds > 0 and await line.obtain(caller.key_id, caller.share, longest)
         stopwatch.lap("store")
         lease = self.dispatcher.lease if reserved else None
         if lease is not None and step is None and admitted.built is not None and not admitted.is_in_parts:
@@ -185,19 +183,6 @@ class Intake:
             return None
         with refusals():
             return await run_in_threadpool(self.store.meshes.find_repeated, new.key_id, key, fingerprint)
-
-    async def _stand_in_line(self, caller: Caller, seconds: float) -> bool:
-        """Wait until a worker is reserved; False when none becomes free in time."""
-        turn, reserved = self.dispatcher.line.join(caller.key_id, caller.share), False
-        try:
-            async with asyncio.timeout(seconds):
-                reserved = await asyncio.shield(asyncio.wrap_future(turn))
-        except TimeoutError:
-            pass
-        finally:
-            if not reserved:
-                self.dispatcher.line.leave(turn)
-        return reserved
 
     async def _add(
         self,

@@ -15,7 +15,18 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from equimesh_service.api import checks, events, mesh_parts, meshes, pages, results, samples, sequences, workbench
+from equimesh_service.api import (
+    checks,
+    events,
+    mesh_parts,
+    meshes,
+    pages,
+    previews,
+    results,
+    samples,
+    sequences,
+    workbench,
+)
 from equimesh_service.api import operations as operations_api
 from equimesh_service.api.middleware import Observation
 from equimesh_service.api.resources import MeshEvents, ProblemDetails
@@ -77,7 +88,19 @@ def create_app(settings: Settings) -> FastAPI:
         redoc_url=None,
         swagger_ui_oauth2_redirect_url=None,
     )
-    routes = (meshes, events, results, mesh_parts, sequences, samples, checks, operations_api, workbench, pages)
+    routes = (
+        meshes,
+        previews,
+        events,
+        results,
+        mesh_parts,
+        sequences,
+        samples,
+        checks,
+        operations_api,
+        workbench,
+        pages,
+    )
     for part in routes:
         app.include_router(part.router)
     for kind in (Problem, RequestValidationError, HTTPException):

@@ -90,6 +90,8 @@ async def capabilities(service: ServiceDependency) -> dict[str, Any]:
         "limits": {
             "max_points": settings.max_points,
             "max_cluster_points": settings.max_cluster_points if settings.has_cluster else 0,
+            "max_preview_points": min(settings.max_points, settings.max_preview_points),
+            "preview_seconds": settings.preview_seconds,
             "max_body": settings.max_body,
             "max_samples": settings.max_samples,
             "max_subdomains": settings.max_subdomains,

@@ -18,13 +18,14 @@ from equimesh_service.api.mesh_files import (
     parts_of,
     send_artifact,
 )
+from equimesh_service.api.mesh_requests import NPZ
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
 from equimesh_service.problems.problem import Problem
 from equimesh_service.service import Service
 from equimesh_service.store.rows import Artifact, MeshRow
 from equimesh_service.wire.negotiation import choose_offer
 from equimesh_service.worker.convergence import NO_ITERATIONS, ConvergenceHistory, table
-from equimesh_service.worker.names import ARRAYS, CONVERGENCE, PICTURES, plot_name
+from equimesh_service.worker.names import ARRAYS, CONVERGENCE, DRAWING, PICTURES, plot_name
 from equimesh_service.worker.part_formats import HEADED, WRITTEN
 
 router = APIRouter(prefix="/v1/meshes/{id}", tags=["results"], responses=KEY_PROBLEMS)
@@ -174,6 +175,25 @@ async def get_plot(
     _check_whole(row, "picture")
     artifact = await service.artifact(id, plot_name(kind, name))
     return await send_artifact(request, service, artifact, PICTURES[name])
+
+
+@router.get(
+    "/drawing",
+    summary="All that is needed to draw the mesh",
+    operation_id="getMeshDrawing",
+    response_class=Response,
+    responses={200: {"content": {NPZ: {}}}, **problems(404, 410, 406, 409, 422, 503)},
+)
+async def get_drawing(id: str, request: Request, service: ServiceDependency, caller: Reader) -> Response:
+    """The npz that `POST /v1/previews` answers with, of a mesh that the service keeps; without frames.
+
+    It is made on the first request, then stored. Of a failed solve it draws the partial mesh.
+    """
+    row = await service.mesh(id, caller)
+    if row.result is None or row.result.get("quality") is None:
+        check_done(row, partial=False)
+    _check_whole(row, "drawing")
+    return await send_artifact(request, service, await service.artifact(id, DRAWING), NPZ)
 
 
 def _choose_format(request: Request, row: MeshRow) -> str:

@@ -1,9 +1,11 @@
 """The line for a worker: the reserved workers, and the requests that wait for one."""
 
+import asyncio
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
+from typing import Any
 
 from equimesh_service.dispatch.turns import Contender, KeyedLine, Turns
 from equimesh_service.engine.port import Engine
@@ -25,6 +27,7 @@ class WorkerLine:
         self.lock = threading.RLock()  # reentrant: a task may end while it is submitted
         self.queue_is_empty = False  # as far as this service knows
         self._reserved = 0
+        self._others: dict[Future[Any], str] = {}  # tasks that are no meshes and have a worker, with their keys
         self._turns = Turns()
         self._line = KeyedLine[Future[bool]]()
         self._is_turn_of_line = True  # for a key that waits in the line and in the queue
@@ -49,10 +52,11 @@ class WorkerLine:
 
         None when a request in the line got the worker, or when nobody waits and the worker is free again.
         """
-        in_line = self._line.contenders(queue.running)
+        running = Counter(self._others.values())
+        running.update(queue.running)
+        in_line = self._line.contenders(running)
         in_queue = [
-            Contender(key_id=key_id, share=share, running=queue.running.get(key_id, 0))
-            for key_id, share in queue.shares.items()
+            Contender(key_id=key_id, share=share, running=running[key_id]) for key_id, share in queue.shares.items()
         ]
         if not in_line and not in_queue:
             self._reserved -= 1
@@ -79,6 +83,34 @@ class WorkerLine:
             self.call_next()
         self._wake()
 
+    def occupy(self, task: Future[Any], key_id: str = "") -> None:
+        """Let a task that is no mesh have the reserved worker until it ends."""
+        with self.lock:
+            self._reserved -= 1
+            self._others[task] = key_id
+        task.add_done_callback(self._free)
+
+    def _free(self, task: Future[Any]) -> None:
+        with self.lock:
+            del self._others[task]
+            self.call_next()
+        self._wake()
+
+    async def obtain(self, key_id: str = "", share: int = 1, seconds: float = 0.0) -> bool:
+        """Reserve a worker, after a wait of at most ``seconds`` in the line; False when none becomes free in time."""
+        if self.reserve(key_id, share):
+            return True
+        turn, reserved = self.join(key_id, share), False
+        try:
+            async with asyncio.timeout(seconds):
+                reserved = await asyncio.shield(asyncio.wrap_future(turn))
+        except TimeoutError:
+            pass
+        finally:
+            if not reserved:
+                self.leave(turn)
+        return reserved
+
     def join(self, key_id: str = "", share: int = 1) -> Future[bool]:
         """Wait for a worker: True when one is reserved, False when the line is too long, or the service stops."""
         turn: Future[bool] = Future()
@@ -103,7 +135,7 @@ class WorkerLine:
     def call_next(self) -> None:
         """Reserve free workers for the first in the line, unless meshes wait in the queue; called under the lock."""
         while self._line and self.queue_is_empty and self._take_free_worker():
-            first = self._turns.first(self._line.contenders(Counter(self._running())))
+            first = self._turns.first(self._line.contenders(Counter(self._all_running())))
             self._turns.start(first.key_id, first.share)
             self._line.pop(first.key_id).set_result(True)
 
@@ -116,6 +148,11 @@ class WorkerLine:
 
     def _take_free_worker(self) -> bool:
         health = self._engine.health()
-        free = health.ready and sum(1 for _ in self._running()) + self._reserved < health.workers
+        free = health.ready and sum(1 for _ in self._all_running()) + self._reserved < health.workers
         self._reserved += free
         return free
+
+    def _all_running(self) -> Iterator[str]:
+        """The key of each task that a worker has."""
+        yield from self._running()
+        yield from self._others.values()

@@ -78,6 +78,7 @@ KINDS: Mapping[str, Kind] = {
         Kind("rate-limited", 429, "Rate limit exceeded", "Try again after the Retry-After time."),
         Kind("internal-error", 500, "Internal error", "Report it, with the request that caused it."),
         Kind("unavailable", 503, "Service unavailable", "Try again; /readyz says what is wrong."),
+        Kind("workers-busy", 503, "Workers busy", "Try again, or request the mesh itself, which waits in the queue."),
         Kind(
             "storage-full",
             507,

@@ -156,6 +156,11 @@ class CheckedSpec:
             return self
         return replace(self, canonical={**self.canonical, "parts": "auto"})
 
+    def whole(self) -> CheckedSpec:
+        """The spec of the same points that one machine computes, in no parts."""
+        spec = self.spec.model_copy(update={"parts": None})
+        return replace(self, spec=spec, canonical={**self.canonical, "parts": None})
+
     def with_limit(self, max_points: int) -> CheckedSpec:
         """The spec whose target, if it has one, says how many points its grid may have on this service."""
         target = self.canonical["target"]

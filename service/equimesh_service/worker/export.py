@@ -1,6 +1,7 @@
 """Files of a finished mesh that a worker writes on request: other formats, pictures, arrays of quality."""
 
 import json
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -14,16 +15,17 @@ from equimesh_service.assembly.problem import build
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
-from equimesh_service.store.rows import Artifact
+from equimesh_service.store.rows import Artifact, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
 from equimesh_service.worker.comparison import compare
 from equimesh_service.worker.convergence import NO_ITERATIONS
 from equimesh_service.worker.job import Export
-from equimesh_service.worker.names import CONVERGENCE, MESH, part_name
+from equimesh_service.worker.names import CONVERGENCE, DRAWING, MESH, part_name
 from equimesh_service.worker.part_files import PartsLayout, convert_part_file, write_head_file
 from equimesh_service.worker.part_formats import PART_FORMATS, WRITTEN
 from equimesh_service.worker.solve import open_store, samples_of
+from equimesh_service.worker.stored_drawing import draw_mesh_row
 
 
 def export(task: Export) -> Artifact | None:
@@ -52,6 +54,8 @@ def _suffix(name: str) -> str:
             return f".{format}"
         case ["part", format, _]:
             return PART_FORMATS[format].suffix
+        case [name] if name == DRAWING:
+            return ".npz"
         case ["head", format]:
             return PART_FORMATS[format].head_suffix
         case _:
@@ -90,6 +94,8 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
                 draw_quality(data, path)
             else:
                 draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
+        case [name] if name == DRAWING:
+            path.write_bytes(_drawing(task, store, files, sources, source))
         case _:
             mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
             uniform = map_mesh(equimesh.Mesh.uniform(mesh.grid), problem.domain)
@@ -98,10 +104,25 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
 
 
 def _problem(task: Export, store: Store, files: Files, sources: ExitStack) -> equimesh.Problem:
+    mesh_input = _input(task, store)
+    return build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
+
+
+def _drawing(task: Export, store: Store, files: Files, sources: ExitStack, source: Callable[[str], Path]) -> bytes:
+    row, mesh_input = store.meshes.get(task.mesh_id), _input(task, store)
+    if row is None or row.result is None:
+        raise Problem("not-found", "The mesh is gone.")
+    kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
+    convergence = json.loads(source(CONVERGENCE).read_bytes()) if kept else None
+    find = samples_of(mesh_input, files, sources)
+    return draw_mesh_row(row, mesh_input.spec, convergence, load_npz(source(MESH)).mesh, find)
+
+
+def _input(task: Export, store: Store) -> MeshInput:
     mesh_input = store.meshes.get_input(task.mesh_id)
     if mesh_input is None:
         raise Problem("not-found", "The mesh is gone.")
-    return build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
+    return mesh_input
 
 
 def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:

@@ -6,6 +6,8 @@ MESH = "mesh"
 CONVERGENCE = "convergence"
 # The quality of each cell.
 ARRAYS = "quality:arrays"
+# All that a page needs to draw the mesh.
+DRAWING = "drawing"
 # The kinds of pictures.
 PLOTS = ("mesh", "convergence", "quality", "comparison")
 # The media types of pictures, by their formats.

@@ -32,6 +32,7 @@ from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import Reporter
+from equimesh_service.worker.solution_summary import problem_of, summary_of
 from equimesh_service.worker.step import StepStart, certificate_of, moves_of
 
 _log = logging.getLogger(__name__)
@@ -97,7 +98,7 @@ def warm_up() -> None:
         grid = equimesh.Grid(n_xi=points, n_eta=points)
         problem = equimesh.Problem(monitor=monitor, grid=grid, domain=domain)
         solution = equimesh.solve(problem, settings, threads=1, check=False)
-        solution.data(), solution.certificate, solution.quality
+        solution.data(), solution.certificate, solution.quality, solution.against_uniform
         problem.monitor.weakened(0.5).metric(solution.mesh.x, solution.mesh.y)
     adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
@@ -162,7 +163,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
         result = _write(work, (solution, step), output, (reporter, stopwatch))
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
-        failure = None if solution.status.succeeded else _problem(solution)
+        failure = None if solution.status.succeeded else problem_of(solution)
         outcome = Outcome(
             error=None if failure is None else failure.body(),
             result=result,
@@ -272,45 +273,10 @@ def _write(
         reporter.measuring()
         quality = solution.quality.summary()
     certificate = solution.certificate.summary() if step is None else certificate_of(step)
-    result = {"solution": _summary(solution), "quality": quality, "certificate": certificate}
+    result = {"solution": summary_of(solution), "quality": quality, "certificate": certificate}
     if step is not None:
         result["step"] = moves_of(step)
     stopwatch.lap("quality")
     if work.spec.target is None:
         return result
     return {**result, "grid": [*solution.problem.grid.shape]}
-
-
-def _problem(solution: equimesh.Solution) -> Problem:
-    download = "" if solution.mesh.is_folded else " The partial mesh downloads with ?partial=true."
-    detail = solution.note or solution.status.sentence  # the title of the problem already tells the status
-    if _is_refused(solution):
-        detail = f"A relaxed mesh was found, and refused because allow_relaxed is false. {detail}"
-    return Problem(str(solution.status).replace("_", "-"), detail, remedy=solution.remedy + download)
-
-
-def _is_refused(solution: equimesh.Solution) -> bool:
-    """Whether a mesh of relaxed equations was found that ``allow_relaxed`` would make a success."""
-    failed, relaxed = solution.status is equimesh.Status.NEWTON_FAILED, solution.relaxed
-    return failed and bool(relaxed) and all(part.reached > 0.0 for part in relaxed)
-
-
-def _summary(solution: equimesh.Solution) -> dict[str, Any]:
-    convergence = solution.convergence()
-    iterations = convergence["iterations"]
-    last = iterations[-1] if iterations else {}
-    return {
-        "status": str(solution.status),
-        "message": solution.message,
-        "newton_steps": solution.newton_steps,
-        "residual": solution.residual if solution.residual < float("inf") else None,
-        "iterations": max(len(iterations) - 1, 0),
-        "transmission": last.get("transmission"),
-        "work": sum(record["work"] for record in iterations) if iterations else None,
-        "traffic": sum(record["traffic"] for record in iterations) if iterations else None,
-        "max_q_eq": last.get("max_q_eq"),
-        "change": last.get("change"),
-        "error": last.get("error"),
-        "rate": convergence["rate"],
-        "predicted_rate": convergence["predicted_rate"],
-    }

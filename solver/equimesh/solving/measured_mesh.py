@@ -12,7 +12,7 @@ from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.monitors.least_error import LeastError
-from equimesh.monitors.monitor import map_of
+from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.types import Array
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
@@ -23,6 +23,11 @@ from equimesh.solving.certificate import Relaxed
 from equimesh.solving.mesh_warnings import about_faces, warnings
 from equimesh.solving.status import Status
 from equimesh.sweeps.deviation import deviation
+
+
+def interpolated_cells(monitor: Monitor) -> Literal["quad", "triangle"]:
+    """The cells on which u is interpolated: triangles where a least-error monitor asks for them."""
+    return monitor.cells if isinstance(monitor, LeastError) else "quad"
 
 
 def _unknown() -> Array | None:
@@ -45,20 +50,16 @@ class MeasuredMesh:
     def quality(self) -> Quality:
         """All quality measures."""
         monitor, domain = self.problem.monitor, self.problem.domain
-        return measure_all(self.mesh, monitor, domain=domain, kind=self._cells, nodal=self.u(), threads=self.threads)
+        return measure_all(
+            self.mesh, monitor, domain=domain, kind=interpolated_cells(monitor), nodal=self.u(), threads=self.threads
+        )
 
     def against_uniform(self, mesh: Mesh, errors: InterpolationErrors | None) -> UniformComparison:
         """The whole ``mesh``, of these ``errors``, next to the uniform mesh of its size."""
         monitor, domain = self.problem.monitor, self.problem.domain
         return compare_with_uniform(
-            mesh, monitor, domain=domain, kind=self._cells, interpolation=errors, threads=self.threads
+            mesh, monitor, domain=domain, kind=interpolated_cells(monitor), interpolation=errors, threads=self.threads
         )
-
-    @property
-    def _cells(self) -> Literal["quad", "triangle"]:
-        """The cells on which u is interpolated."""
-        monitor = self.problem.monitor
-        return monitor.cells if isinstance(monitor, LeastError) else "quad"
 
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""

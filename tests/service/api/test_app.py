@@ -51,8 +51,8 @@ def test_every_route_is_described(document: dict[str, Any]) -> None:
     pages = {"/docs", "/", "/workbench/{path}", "/docs/assets/{name}", "/openapi.json"}
     asked = {
         "/v1/meshes", "/v1/meshes/{id}", "/v1/meshes/{id}/events", "/v1/meshes/{id}/cancel", "/v1/meshes/{id}/file",
-        "/v1/meshes/{id}/quality", "/v1/meshes/{id}/convergence", "/v1/meshes/{id}/plot", "/v1/meshes/{id}/spec",
-            "/v1/meshes/{id}/parts", "/v1/meshes/{id}/parts/{number}",
+        "/v1/meshes/{id}/quality", "/v1/meshes/{id}/convergence", "/v1/meshes/{id}/plot", "/v1/meshes/{id}/drawing",
+        "/v1/meshes/{id}/spec", "/v1/meshes/{id}/parts", "/v1/meshes/{id}/parts/{number}", "/v1/previews",
         "/v1/sequences", "/v1/sequences/{id}", "/v1/sequences/{id}/steps",
         "/v1/samples", "/v1/samples/{id}", "/v1/expressions/check", "/v1/capabilities", "/livez", "/readyz",
         "/problems/{name}", "/metrics",

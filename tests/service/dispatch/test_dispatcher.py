@@ -9,17 +9,14 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from equimesh_service.admission.callers import ANYONE
-from equimesh_service.admission.intake import Intake
 from equimesh_service.dispatch import dispatcher as dispatcher_module
 from equimesh_service.dispatch.dispatcher import Dispatcher, Rules
 from equimesh_service.engine.port import Health
-from equimesh_service.errors import EngineError, SchedulerLostError
+from equimesh_service.errors import EngineError, SchedulerLostError, WorkerLostError
 from equimesh_service.store.rows import Claim, Draft, Ending, KeysInQueue, MeshInput, NewMesh
 from equimesh_service.store.store import Store
 from service.conftest import until
@@ -339,10 +336,28 @@ def test_a_line_has_an_end_and_ends_with_the_service(store: Store, engine: Patie
 def test_who_stands_in_line_too_long_goes_into_the_queue(dispatcher: Dispatcher) -> None:
     until(dispatcher.line.reserve)
     until(dispatcher.line.reserve)
-    intake: Any = SimpleNamespace(dispatcher=dispatcher)
-    assert asyncio.run(Intake._stand_in_line(intake, ANYONE, 0.05)) is False
+    assert asyncio.run(dispatcher.line.obtain(seconds=0.05)) is False
     threading.Timer(0.05, dispatcher.line.release).start()
-    assert asyncio.run(Intake._stand_in_line(intake, ANYONE, 60.0)) is True
+    assert asyncio.run(dispatcher.line.obtain(seconds=60.0)) is True
     assert not dispatcher.line.reserve()  # nobody is left in the line, and no worker was lost
     dispatcher.line.release()
     until(dispatcher.line.reserve)
+
+
+def test_a_task_that_is_no_mesh_has_its_worker_until_it_ends(dispatcher: Dispatcher) -> None:
+    """Also where it fails; and its key counts as one with a running task."""
+    line, tasks = dispatcher.line, [Future[Any]() for _ in range(2)]
+    for task in tasks:
+        until(line.reserve)
+        line.occupy(task, "a")
+    assert not line.reserve("a")
+    waiting = {key: line.join(key) for key in ("a", "b")}
+    tasks[0].set_exception(WorkerLostError("it died"))
+    assert waiting["b"].result(5.0) is True
+    assert not waiting["a"].done()
+    tasks[1].set_result(b"")
+    assert waiting["a"].result(5.0) is True
+    assert not line.reserve()
+    for _ in waiting:
+        line.release()
+    until(line.reserve)

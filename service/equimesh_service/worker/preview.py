@@ -1,0 +1,112 @@
+"""A preview: one mesh that is solved to be looked at, and not kept."""
+
+import io
+import logging
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import equimesh
+from equimesh.specs.spec import BuiltSpec
+from equimesh_service.assembly.problem import Samples, check, translate_errors
+from equimesh_service.files.port import Files
+from equimesh_service.problems.problem import Problem
+from equimesh_service.problems.storage import storage_faults
+from equimesh_service.telemetry import log_context
+from equimesh_service.worker.drawing import arrays_of, document_of, pack
+from equimesh_service.worker.frames import Frames
+from equimesh_service.worker.job import Storage
+from equimesh_service.worker.solution_summary import problem_of, summary_of
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preview:
+    """The task of a worker: a canonical spec, and the samples that it names.
+
+    ``stored`` are the SHA-256 of files of samples, and ``sent`` the bytes of those that came with the request, both by
+    the ids of the samples. ``built`` is the problem of the spec where it is known. With ``frames`` the drawing has the
+    meshes of a Schwarz iteration.
+    """
+
+    spec: Mapping[str, Any]
+    storage: Storage
+    built: BuiltSpec | None = None
+    stored: Mapping[str, str]
+    sent: Mapping[str, bytes]
+    frames: bool = False
+    threads: int = 1
+    request_id: str = ""
+
+
+def draw_preview(preview: Preview) -> bytes:
+    """The drawing of a mesh, as the bytes of an npz; nothing is stored.
+
+    Raises a 422 problem for a spec that cannot be solved, and a 409 problem when its samples are gone.
+    """
+    with log_context.enter(log_context.LogContext(request_id=preview.request_id)):
+        try:
+            with storage_faults():
+                return _draw(preview)
+        except Problem:
+            raise
+        except Exception as error:
+            _log.error("a preview broke", exc_info=error)  # only the worker knows where
+            raise
+
+
+def _draw(preview: Preview) -> bytes:
+    spec = preview.built or _build(preview)
+    frames = Frames(spec.problem.grid.points) if preview.frames and spec.schwarz is not None else None
+    began = time.perf_counter()
+    with translate_errors():
+        solution = spec.solve(threads=preview.threads, observe=frames or _ignore, check=False)
+    solved = time.perf_counter()
+    compared, failure = solution.against_uniform, None
+    if not solution.status.succeeded:
+        failure = problem_of(solution, is_kept=False).body()
+    document = document_of(
+        preview.spec,
+        {
+            "solution": summary_of(solution),
+            "certificate": solution.certificate.summary(),
+            "quality": None if solution.mesh.is_folded else solution.quality.summary(),
+        },
+        error=failure,
+        convergence=solution.convergence() if solution.schwarz is not None or solution.descent else None,
+        schwarz=solution.schwarz,
+        grid=solution.problem.grid,
+    )
+    arrays = arrays_of(compared, is_folded=solution.mesh.is_folded)
+    document["seconds"] = {"solve": solved - began, "measure": time.perf_counter() - solved}
+    if frames is not None:
+        arrays |= frames.arrays()
+        document["frames"] = frames.numbers
+    return pack(document, arrays)
+
+
+def _build(preview: Preview) -> BuiltSpec:
+    with ExitStack() as stack:
+        samples = {name: _arrays(content) for name, content in preview.sent.items()}
+        return check(preview.spec, {**samples, **_stored(preview, preview.storage.files(), stack)})
+
+
+def _stored(preview: Preview, files: Files, stack: ExitStack) -> dict[str, Samples]:
+    try:
+        return {name: stack.enter_context(files.local(sha256)) for name, sha256 in preview.stored.items()}
+    except FileNotFoundError:
+        raise Problem("conflict", "The samples were deleted at this moment; upload them again.") from None
+
+
+def _arrays(content: bytes) -> Mapping[str, Any]:
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _ignore(event: equimesh.Event) -> None:
+    """Do nothing with an event of the solver."""

@@ -1,0 +1,83 @@
+"""What a certificate says, in sentences for people."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal, TypedDict
+
+from equimesh import Relaxed
+
+# A mesh is called as good as the uniform one when the two errors differ by less than this share.
+MIN_DIFFERENCE = 0.005
+# Ratios up to this one are said in percent.
+MAX_PERCENT_RATIO = 1.1
+# The names of errors by their norms.
+ERRORS = {"l2": "The error", "h1": "The error of the gradient"}
+
+
+class Sentence(TypedDict):
+    """One sentence. Its tone is ``good`` or ``bad`` for the worth of the mesh, and ``note`` for everything else."""
+
+    tone: Literal["good", "bad", "note"]
+    text: str
+
+
+def sentences_of(
+    certificate: Mapping[str, Any], norm: str = "l2", error: Mapping[str, Any] | None = None
+) -> list[Sentence]:
+    """Why the solve failed, what the mesh is worth, and every relaxation and warning of its certificate.
+
+    The worth is that in ``norm``, ``"l2"`` or ``"h1"``; ``error`` is the problem of a failed solve.
+    """
+    return [*_about_failure(error), *_about_gain(certificate, norm), *_about_request(certificate), *_notes(certificate)]
+
+
+def _about_failure(error: Mapping[str, Any] | None) -> Iterator[Sentence]:
+    if error is not None:
+        yield {"tone": "bad", "text": f"{error['title']}. {error['detail']} {error['remedy']}"}
+
+
+def _about_gain(certificate: Mapping[str, Any], norm: str) -> Iterator[Sentence]:
+    gains = certificate["interpolation_gain"]
+    if gains is None:
+        yield {"tone": "note", "text": "There is no u, so no interpolation error is measured."}
+        return
+    gain = gains[norm]
+    if not gain:
+        return  # a warning or the failure says why it is not known
+    if abs(gain - 1.0) < MIN_DIFFERENCE:
+        yield {"tone": "note", "text": f"{ERRORS[norm]} is that of the uniform mesh."}
+    elif gain > 1.0:
+        yield {"tone": "good", "text": f"{ERRORS[norm]} is {_factor(gain, 'smaller')} than on a uniform mesh."}
+    else:
+        yield {"tone": "bad", "text": f"{ERRORS[norm]} is {_factor(1.0 / gain, 'larger')} than on a uniform mesh."}
+
+
+def _factor(ratio: float, word: str) -> str:
+    """How much ``smaller`` or ``larger`` a number is than another one, ``ratio`` times or by some percent."""
+    if ratio < MAX_PERCENT_RATIO:
+        percent = 100.0 * (ratio - 1.0) if word == "larger" else 100.0 * (1.0 - 1.0 / ratio)
+        return f"{percent:.2g} % {word}"
+    return f"{ratio:.2g} times {word}" if ratio < 9.95 else f"{ratio:.0f} times {word}"
+
+
+def _about_request(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
+    """Whether a requested error was reached, and which monitor was chosen."""
+    target = certificate.get("target")
+    if target is not None:
+        (n_xi, n_eta), requested, reached = target["grid"], target["error"], target["reached"]
+        is_reached = reached <= requested
+        text = f"An error of {requested:.2g} was requested, and {n_xi} x {n_eta} points have {reached:.2g}."
+        yield {"tone": "good" if is_reached else "bad", "text": text}
+    chosen = next((one for one in certificate.get("comparison", ()) if one["chosen"]), None)
+    if chosen is not None and chosen["kind"] != "nodal_solution":
+        yield {"tone": "note", "text": f"Of the monitors that were compared, {chosen['kind']} has the smallest error."}
+
+
+def _notes(certificate: Mapping[str, Any]) -> Iterator[Sentence]:
+    """Relaxations that no warning names, and the warnings."""
+    warnings = certificate["warnings"]
+    for entry in certificate["relaxed"]:
+        relaxed = str(Relaxed(**entry))
+        if not any(relaxed in warning for warning in warnings):
+            yield {"tone": "note", "text": f"Relaxed: {relaxed}."}
+    for warning in warnings:
+        yield {"tone": "note", "text": warning}

@@ -1,0 +1,227 @@
+"""Previews over HTTP: the drawing of a mesh that is solved at once, and of which nothing is kept."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh_service import Settings
+from service.conftest import SLOW, small, until
+from service.guarded import Guarded
+from service.requests import CURVED, FRONT, WAIT, npz, post, solved
+
+NODES = {"x", "y", "u"}
+CELLS = {"q_eq", "error"}
+MULTIPART = {
+    "samples": ("u.csv", b"x,y,u\n" + b"".join(b"%d,%d,%d\n" % (x, y, x * x + y) for x in range(9) for y in range(9)))
+}
+
+
+def drawn(answer: httpx.Response) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The arrays of a drawing without its document, and the document."""
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["content-type"] == "application/x-npz"
+    with np.load(io.BytesIO(answer.content), allow_pickle=False) as archive:
+        arrays = dict(archive)
+    return arrays, json.loads(arrays.pop("document").tobytes())
+
+
+def preview(http: httpx.Client, spec: dict[str, Any], **query: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    return drawn(http.post("/v1/previews", json=spec, params=query))
+
+
+@pytest.mark.parametrize(
+    "spec", [FRONT, small(domain=CURVED), small(monitor={"u": "tanh(9*(x - y))"}, cells="triangle")]
+)
+def test_a_drawing_has_the_mesh_and_the_uniform_one_of_its_size(http: httpx.Client, spec: dict[str, Any]) -> None:
+    arrays, document = preview(http, spec)
+    solution = em.specs.build(spec).solve()
+    compared, n = solution.against_uniform, solution.problem.grid.shape
+    cells = (n[0] - 1, n[1] - 1)
+    assert {name: values.shape for name, values in arrays.items()} == {
+        prefix + name: n if name in NODES else cells for prefix in ("", "uniform_") for name in NODES | CELLS
+    }
+    for prefix, mesh in (("", compared.adapted), ("uniform_", compared.uniform)):
+        assert arrays[f"{prefix}x"] == pytest.approx(mesh.mesh.x, abs=1e-12)
+        assert arrays[f"{prefix}y"] == pytest.approx(mesh.mesh.y, abs=1e-12)
+        for name in ("u", *CELLS):
+            assert arrays[prefix + name].dtype == np.float32
+            assert arrays[prefix + name] == pytest.approx(getattr(mesh, name), rel=1e-5, abs=1e-6)
+    certificate, quality = solution.certificate.summary(), solution.quality.summary()
+    assert document["certificate"].keys() == certificate.keys()
+    assert document["certificate"]["interpolation_gain"] == pytest.approx(certificate["interpolation_gain"])
+    assert document["quality"]["q_eq"] == pytest.approx(quality["q_eq"])
+    assert (document["status"], document["error"], document["subdomains"]) == ("succeeded", None, None)
+
+
+def test_a_drawing_says_what_the_resource_of_the_mesh_says(http: httpx.Client) -> None:
+    spec = small(schwarz={"overlap": 3, "ordering": "alternating"}, label="looked at")
+    (arrays, document), mesh = preview(http, spec), solved(http, spec)
+    assert document["spec"] == http.get(mesh["links"]["spec"]).json()
+    assert document["solution"]["status"] == mesh["convergence"]["status"]
+    assert document["convergence"] == http.get(mesh["links"]["convergence"]).json()
+    assert document["ordering"] == "alternating"
+    assert document["subdomains"] == [{"xi": [0, 5], "eta": [0, 8]}, {"xi": [3, 7], "eta": [0, 8]}]
+    stored, kept = drawn(http.get(f"/v1/meshes/{mesh['id']}/drawing"))
+    assert all(np.array_equal(stored[name], arrays[name]) for name in arrays.keys() | stored.keys())
+    assert {**kept, "seconds": None} == {**document, "seconds": None}
+
+
+def test_the_drawing_of_a_chosen_monitor_is_that_of_its_preview(http: httpx.Client) -> None:
+    """Q_eq is that of the monitor which was chosen."""
+    spec = small(monitor={"u": "tanh(9*(x - y))"})
+    (arrays, _), mesh = preview(http, spec), solved(http, spec)
+    answer = http.get(f"/v1/meshes/{mesh['id']}/drawing")
+    stored, _ = drawn(answer)
+    assert all(np.array_equal(stored[name], arrays[name]) for name in arrays.keys() | stored.keys())
+    again = http.get(f"/v1/meshes/{mesh['id']}/drawing", headers={"If-None-Match": answer.headers["etag"]})
+    assert again.status_code == 304
+
+
+def test_the_frames_are_the_meshes_of_the_iteration(http: httpx.Client) -> None:
+    spec = small(schwarz={"transmission": {"kind": "classical"}, "overlap": 2})
+    arrays, document = preview(http, spec, frames=True)
+    records = document["convergence"]["iterations"]
+    assert document["frames"] == [record["iteration"] for record in records] == list(range(len(records)))
+    assert arrays["frames_x"].shape == arrays["frames_y"].shape == (len(records), 8, 9)
+    assert np.array_equal(arrays["frames_x"][-1], arrays["x"].astype(np.float32))
+    moves = [max(np.abs(np.diff(arrays[name], axis=0)[k]).max() for name in ("frames_x", "frames_y")) for k in range(3)]
+    assert moves == pytest.approx([record["change"] for record in records[1:4]], abs=1e-6)
+    for arrays, document in (preview(http, spec), preview(http, small(), frames=True)):
+        assert document["frames"] is None
+        assert "frames_x" not in arrays
+
+
+def test_a_solve_that_fails_is_drawn_and_says_why(http: httpx.Client) -> None:
+    schwarz = {"transmission": {"kind": "classical"}, "max_iterations": 2, "tolerance": 1e-10, "fallback": False}
+    arrays, document = preview(http, small(schwarz=schwarz))
+    assert (document["status"], document["error"]["type"]) == ("failed", "/problems/not-converged")
+    assert "download" not in document["error"]["remedy"]
+    assert arrays["x"].shape == (8, 9)
+    first = document["sentences"][0]
+    assert first["tone"] == "bad"
+    assert document["error"]["detail"] in first["text"]
+
+
+@pytest.mark.parametrize("kind", ["arc_length", "curvature"])  # checked by the service, and by the worker
+def test_a_wrong_expression_is_refused_at_its_column(http: httpx.Client, kind: str) -> None:
+    more = {} if kind == "arc_length" else {"smoothing": 0.1}
+    answer = http.post("/v1/previews", json=small(monitor={"kind": kind, "u": "sqrt(x - 2)", **more}))
+    assert answer.status_code == 422
+    (entry,) = answer.json()["errors"]
+    assert entry["pointer"] == "/monitor/u"
+    assert entry["position"]["column"] == 1
+
+
+def test_larger_meshes_have_to_be_requested(http: httpx.Client, settings: Settings) -> None:
+    limit = http.get("/v1/capabilities").json()["limits"]["max_preview_points"]
+    assert limit == min(settings.max_points, settings.max_preview_points) == 20_000
+    for grid, pointer in (({"n_xi": 200, "n_eta": 101}, "/grid"), ({"n_xi": 10**6, "n_eta": 4}, "/grid/n_xi")):
+        answer = http.post("/v1/previews", json=small(grid=grid))
+        assert answer.status_code == 422
+        (entry,) = answer.json()["errors"]
+        assert entry["pointer"] == pointer
+        assert "a preview has at most 20000" in entry["message"]
+        assert "POST /v1/meshes" in entry["message"]
+
+
+def test_a_target_has_a_preview(http: httpx.Client) -> None:
+    spec = {"monitor": {"u": "x*x + y"}, "target": {"norm": "l2", "error": 0.01}}
+    arrays, document = preview(http, spec)
+    assert list(arrays["x"].shape) == document["certificate"]["target"]["grid"]
+    assert any("0.01 was requested" in sentence["text"] for sentence in document["sentences"])
+    too_much = http.post("/v1/previews", json={**spec, "target": {"norm": "l2", "error": 0.01, "max_points": 10**6}})
+    assert too_much.json()["errors"][0]["pointer"] == "/target/max_points"
+
+
+def test_a_weight_is_drawn_without_u(http: httpx.Client) -> None:
+    arrays, document = preview(http, small(monitor={"kind": "weight", "rho": "1 + x"}))
+    assert {*arrays} == {prefix + name for prefix in ("", "uniform_") for name in ("x", "y", "q_eq")}
+    assert document["sentences"][0]["tone"] == "note"
+
+
+def test_nothing_is_kept(http: httpx.Client, settings: Settings) -> None:
+    """Neither meshes nor samples nor files, also of samples that the service reads in a worker."""
+
+    def state() -> tuple[Any, set[str]]:
+        newest = http.get("/v1/meshes", params={"limit": 1}).json()["items"]
+        return newest, {path.name for path in settings.data_dir.rglob("*") if "sqlite" not in path.name}
+
+    uploaded = {"kind": "arc_length", "u": {"samples": "upload"}}
+    spec = {
+        "monitor": uploaded,
+        "domain": {"kind": "rectangle", "x": [0, 8], "y": [0, 8]},
+        "grid": {"n_xi": 9, "n_eta": 9},
+    }
+    axis = np.linspace(0.0, 8.0, 9)
+    values = np.add.outer(axis**2, axis)
+    before = state()
+    by_csv, document = drawn(http.post("/v1/previews", files=MULTIPART, data={"spec": json.dumps(spec)}))
+    by_npz, _ = drawn(
+        http.post(
+            "/v1/previews",
+            content=npz(spec=json.dumps(spec), x=axis, y=axis, values=values),
+            headers={"Content-Type": "application/x-npz"},
+        )
+    )
+    long = {"x": [0, 8], "y": [0, 8], "values": [[0, 8], [64, 72]]}
+    padded = json.dumps({**spec, "monitor": {**uploaded, "u": {"grid": long}}}) + " " * 300_000
+    assert http.post("/v1/previews", content=padded, headers={"Content-Type": "application/json"}).status_code == 200
+    name = document["spec"]["monitor"]["u"]["samples"]
+    assert http.get(f"/v1/samples/{name}").status_code == 404
+    assert state() == before
+    mesh = solved(
+        http,
+        {
+            **spec,
+            "monitor": {**uploaded, "u": {"grid": {"x": axis.tolist(), "y": axis.tolist(), "values": values.tolist()}}},
+        },
+    )
+    points, _ = drawn(http.get(f"/v1/meshes/{mesh['id']}/drawing"))
+    assert np.array_equal(points["x"], by_npz["x"])
+    assert by_csv["u"] == pytest.approx(by_npz["u"], abs=0.5)  # scattered samples are interpolated in another way
+
+
+def test_stored_samples_are_found_and_missing_ones_are_refused(http: httpx.Client) -> None:
+    stored = http.post("/v1/samples", files=MULTIPART).json()["id"]
+    spec = small(
+        monitor={"kind": "arc_length", "u": {"samples": stored}}, domain={"kind": "rectangle", "x": [0, 8], "y": [0, 8]}
+    )
+    arrays, _ = preview(http, spec)
+    assert arrays["u"].max() == pytest.approx(72.0, rel=1e-3)
+    missing = http.post("/v1/previews", json=small(monitor={"kind": "arc_length", "u": {"samples": "s-0"}}))
+    assert (missing.status_code, missing.json()["errors"][0]["pointer"]) == (422, "/monitor/u/samples")
+
+
+def test_busy_workers_are_said_so_and_are_free_afterwards(http: httpx.Client) -> None:
+    meshes = [post(http, SLOW).json() for _ in range(2)]
+    for mesh in meshes:
+        until(lambda mesh=mesh: http.get(mesh["links"]["self"]).json()["status"] == "running")
+    answer = http.post("/v1/previews", json=small())
+    assert (answer.status_code, answer.json()["type"]) == (503, "/problems/workers-busy")
+    assert answer.headers["retry-after"] == "1"
+    for mesh in meshes:
+        http.delete(mesh["links"]["self"])
+    until(lambda: http.post("/v1/previews", json=small()).status_code == 200)
+    assert http.post("/v1/meshes", json=small(), headers=WAIT).json()["status"] == "succeeded"
+
+
+def test_a_mesh_that_is_not_finished_has_no_drawing(http: httpx.Client) -> None:
+    mesh = post(http, SLOW).json()
+    answer = http.get(f"/v1/meshes/{mesh['id']}/drawing")
+    assert answer.json()["type"] == "/problems/not-finished"
+    http.delete(mesh["links"]["self"])
+
+
+def test_previews_need_the_right_to_request_meshes(guarded_service: Guarded) -> None:
+    statuses = {}
+    for scopes in ((), ("read",), ("write",)):
+        with guarded_service.client(*scopes) as client:
+            statuses[scopes] = client.post("/v1/previews", json=small()).status_code
+    assert statuses == {(): 401, ("read",): 403, ("write",): 200}
