@@ -1,4 +1,4 @@
-"""The pictures in the README and in docs/: a mesh along a wave, the paper's mesh, and three ways to converge.
+"""The pictures in the README and in docs/: what a mesh is worth, the paper's mesh, and three ways to converge.
 
 pip install 'equimesh[solver,plot]'
 python 10_pictures_of_the_docs.py --output ../docs/images
@@ -10,9 +10,10 @@ from pathlib import Path
 from PIL import Image
 
 import equimesh as em
-from equimesh.plot import draw_histories, draw_mesh
+from equimesh.plot import draw_comparison, draw_histories, draw_mesh
 
 WAVE = "tanh(50*(y - 0.5 - 0.25*sin(2*pi*x)))"
+FRONT = "tanh(40*(y - 0.5 - 0.1*sin(2*pi*x)))"
 PAPER = "(1 - exp(15*(x - 1))) * sin(pi*y)"
 
 
@@ -37,6 +38,8 @@ def paper(n: int, overlap: int, transmission: em.TransmissionCondition) -> em.So
 
 def main(output: Path) -> None:
     draw_mesh(em.solve(problem(WAVE, 65, em.Boundary.TRACE)).data(), output / "wave.png")
+    best = em.Problem(monitor=em.Auto(u=em.Expression(FRONT)), grid=em.Grid(n_xi=33, n_eta=33))
+    draw_comparison(em.solve(best).against_uniform, output / "uniform-and-adapted.png")
     mesh = paper(18, 4, em.LinearRobin(p=2.3))
     draw_mesh(mesh.data(), output / "paper-mesh.png", decomposition=mesh.decomposition)
     methods = {
@@ -50,9 +53,9 @@ def main(output: Path) -> None:
         histories[name] = [record.error for record in records if record.error > 1e-12]
     title = "Error against the single-domain mesh, 2 points of overlap"
     draw_histories(histories, output / "three-methods.png", title=title, ylabel="largest error of a node")
-    for name in ("wave", "paper-mesh", "three-methods"):
+    for name, colours in {"wave": 24, "uniform-and-adapted": 96, "paper-mesh": 24, "three-methods": 24}.items():
         path = output / f"{name}.png"
-        Image.open(path).convert("RGB").quantize(24).save(path, optimize=True)  # a quarter of the bytes
+        Image.open(path).convert("RGB").quantize(colours).save(path, optimize=True)  # a quarter of the bytes
         print(f"wrote {path}, {path.stat().st_size / 1000:.0f} kB")
 
 

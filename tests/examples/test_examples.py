@@ -297,6 +297,19 @@ def test_loops_gain_on_seven_problems(run: Run, tmp_path: Path) -> None:
     check_picture(tmp_path / "adapt-problems.png")
 
 
+@pytest.mark.everything  # a period of meshes; tests/docs/test_readme_numbers.py computes some of them again
+def test_a_front_in_time_is_the_moving_picture_of_the_readme(run: Run, tmp_path: Path) -> None:
+    said, readme = run("21"), (ROOT / "README.md").read_text()
+    (gains,) = re.findall(r"error (\S+ to \S+) times smaller than on the uniform mesh", said)
+    assert f"the error is {gains} times smaller" in readme
+    new, kept = ((folder / "front-in-time.svg").read_text() for folder in (tmp_path, ROOT / "docs" / "images"))
+    assert 4e4 < len(kept) < 6e5
+    assert kept.count("<animate ") == 2
+    assert re.sub(r"-?\d+", "", new).replace(" ", "") == re.sub(r"-?\d+", "", kept).replace(" ", "")
+    places = [np.array([int(n) for n in re.findall(r"-?\d+", text)]) for text in (new, kept)]
+    assert abs(places[0] - places[1]).max() <= 1  # rounding
+
+
 @pytest.mark.everything  # many steps in time; tests/loops runs a few
 @pytest.mark.parametrize(
     ("number", "picture"), [("18", "rotating-disc"), ("19", "burgers-shock"), ("20", "allen-cahn")]

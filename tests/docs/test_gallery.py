@@ -1,0 +1,102 @@
+"""The gallery: its code makes its pictures, solves the problems of the workbench, and its links open them there."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh import specs
+from equimesh.domains.domain import map_mesh
+
+imread = pytest.importorskip("matplotlib.image").imread
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "gallery.md").read_text()
+KEPT = ROOT / "docs" / "images" / "gallery"
+PROBLEMS = json.loads((ROOT / "service" / "equimesh_service" / "workbench" / "gallery.json").read_text())["problems"]
+NAMES = [problem["name"] for problem in PROBLEMS]
+SECTION = re.compile(
+    r"^## (?P<title>.+)\n\n(?P<sentence>.+)\n\n!\[(?P<alt>.+)\]\(images/gallery/(?P<name>[\w-]+)\.png\)\n\n"
+    r"```py\n(?P<code>(?:.*\n)+?)```\n\n\[Open it in the workbench\]\(http://127\.0\.0\.1:8000/#(?P<hash>\S+)\)$",
+    re.MULTILINE,
+)
+SECTIONS = {match["name"]: match for match in SECTION.finditer(PAGE)}
+MAX_BYTES = 1_500_000
+"""Of all pictures together."""
+MAX_LINES = 13
+"""Of the code of a picture."""
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """The folder of the pictures that the code of the page draws, and what the script says of each."""
+    example = runpy.run_path(str(ROOT / "examples" / "22_gallery.py"))
+    folder = tmp_path_factory.mktemp("gallery")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return folder, {name: example["draw"](name, code) for name, code in example["blocks"]().items()}
+
+
+def coarse(path: Path) -> np.ndarray:
+    """The picture in squares of 30 pixels."""
+    image = imread(path)[..., :3]
+    down, across = (size // 30 for size in image.shape[:2])
+    return image[: 30 * down, : 30 * across].reshape(down, 30, across, 30, 3).mean(axis=(1, 3))
+
+
+def test_the_page_has_the_problems_of_the_workbench_in_their_order() -> None:
+    assert [*SECTIONS] == NAMES
+    assert PAGE.count("\n## ") == len(NAMES)
+    for problem in PROBLEMS:
+        section = SECTIONS[problem["name"]]
+        assert (section["title"], section["sentence"]) == (problem["title"], problem["sentence"])
+        assert len(section["code"].splitlines()) <= MAX_LINES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_code_of_a_picture_draws_it(name: str, drawn: tuple[Path, dict[str, str]]) -> None:
+    folder, told = drawn
+    new, kept = coarse(folder / f"{name}.png"), coarse(KEPT / f"{name}.png")
+    assert new.shape == kept.shape
+    assert abs(new - kept).max() < 0.12, "make it again with examples/22_gallery.py"
+    gain = re.search(r"error (\S+) times smaller", told[name])
+    assert gain is not None
+    assert SECTIONS[name]["alt"].endswith(f"the error is {gain[1]} times smaller")
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=NAMES)
+def test_the_code_of_a_picture_solves_the_problem_of_the_workbench(problem: dict[str, Any]) -> None:
+    code = SECTIONS[problem["name"]]["code"].partition("solution = ")[0]
+    names: dict[str, Any] = {}
+    exec(compile(code, problem["name"], "exec"), names)
+    mine, its = names["problem"], specs.build(problem["spec"]).problem
+    assert (mine.grid, mine.boundary, type(mine.monitor)) == (its.grid, its.boundary, type(its.monitor))
+    meshes = [map_mesh(em.Mesh.uniform(one.grid), one.domain) for one in (mine, its)]
+    assert np.array_equal(meshes[0].points, meshes[1].points)
+    values = [one.monitor.u.evaluate(meshes[0].x, meshes[0].y)[0] for one in (mine, its)]
+    assert np.array_equal(*values)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=NAMES)
+def test_the_link_of_a_picture_is_the_state_of_the_workbench(problem: dict[str, Any]) -> None:
+    words = parse_qs(SECTIONS[problem["name"]]["hash"], strict_parsing=True)
+    assert {name: json.loads(text) for name, (text,) in words.items()} == {
+        "spec": problem["spec"],
+        "sliders": problem["sliders"],
+    }
+
+
+def test_the_pictures_are_small_and_sharp() -> None:
+    pictures = sorted(KEPT.glob("*"))
+    assert [path.stem for path in pictures] == sorted(NAMES)
+    assert sum(path.stat().st_size for path in pictures) < MAX_BYTES
+    for path in pictures:
+        assert imread(path).shape[1] == 1050  # three pixels for each of a phone that is 350 wide
