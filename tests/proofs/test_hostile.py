@@ -119,7 +119,7 @@ def test_no_spec_breaks_the_service(http: httpx.Client, data: st.DataObject) -> 
 @given(body=st.binary(max_size=200))
 def test_no_body_breaks_the_service(http: httpx.Client, body: bytes) -> None:
     for kind in ("application/json", "multipart/form-data; boundary=b", "text/csv", "application/x-npz"):
-        for path in ("/v1/meshes", "/v1/samples", "/v1/expressions/check"):
+        for path in ("/v1/meshes", "/v1/previews", "/v1/samples", "/v1/expressions/check"):
             answer = http.post(path, content=body, headers={"Content-Type": kind})
             assert answer.status_code in (400, 415, 422), (path, kind, answer.text)
             assert answer.headers["content-type"] == "application/problem+json"

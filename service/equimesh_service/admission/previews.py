@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -114,7 +114,12 @@ class Previews:
         except MemoryLimitError:
             detail = f"The preview needs more than {self.settings.memory_limit} MiB of memory."
             raise Problem("memory-limit", detail) from None
-        except (EngineError, CancelledError) as error:
+        except EngineError as error:
+            raise _lost(error) from None
+        except asyncio.CancelledError as error:
+            here = asyncio.current_task()
+            if here is None or here.cancelling():
+                raise  # the request is given up, not the task
             raise _lost(error) from None
         except TimeoutError as error:
             self.engine.cancel(task)
