@@ -1,50 +1,92 @@
 """The command line: its parser, and the exit code of an error."""
 
+import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
+from typing import Any
 
-from equimesh_cli.commands import bench, check, config, database, demo, doctor, generate, keys, serve, solve, worker
-from equimesh_cli.exits import EPILOG, Exit, code_of
-from equimesh_cli.parser import Parser
+from equimesh_cli.commands import (
+    bench,
+    check,
+    completion,
+    config,
+    database,
+    demo,
+    doctor,
+    generate,
+    keys,
+    serve,
+    solve,
+    worker,
+)
+from equimesh_cli.exits import GENERAL, Exit, code_of, table_of_exits
+from equimesh_cli.parser import GroupedParser, Parser
 
 EXAMPLES = """\
 examples:
-  equimesh demo                                           see it work, from nothing to files
-  equimesh serve --port 8000                              run a service
-  equimesh worker --scheduler tcp://host:8786             a worker of a cluster, for a service
-  equimesh keys create --name ada --scope write           an API key for it
-  equimesh doctor                                         check this installation
-  equimesh generate 'tanh(20*(x-y))' -n 65 -o mesh.vtu    a mesh from a service
-  equimesh solve 'tanh(20*(x-y))' -n 65 -o mesh.vtu       a mesh without a service
-  equimesh check 'sin(pi*x'                               the faults of an expression
-  equimesh bench --quick                                  the cost of a mesh on this machine
+  equimesh demo                                      from nothing to files
+  equimesh solve 'tanh(20*(x-y))' -n 65 --open       a mesh, and its picture
+  equimesh solve 'tanh(20*(x-y))' -o mesh.vtu        a mesh in a file
+  equimesh generate 'tanh(20*(x-y))' -o mesh.vtu     a mesh from a service
+  equimesh serve --port 8000                         run a service
+  equimesh doctor                                    check this installation
+  source <(equimesh completion bash)                 complete with the tab key
 
-`equimesh COMMAND --help` shows the options of a command.
+`equimesh COMMAND --help` shows the options of a command, and its own exit codes.
 
 """
+GROUPS = {
+    "make a mesh": ("solve", "generate", "check"),
+    "run a service": ("demo", "serve", "worker"),
+    "look after a service": ("doctor", "config", "keys", "database"),
+    "on this machine": ("bench", "completion"),
+}
+"""The commands of the help, by what they are for."""
+# Commands whose options are the settings of the service. The completion knows the options of all commands.
+_WITH_SETTINGS = (serve, config, doctor)
 
 
 def build_parser(command: str = "") -> Parser:
     """The parser of the command and all its subcommands.
 
     The options of `serve`, `config` and `doctor` are the settings of the service, which is imported only when
-    ``command`` is one of these three.
+    ``command`` is one of these three, or `completion`. Without a command the help is shown.
     """
-    parser = Parser(
+    parser = GroupedParser(
         prog="equimesh",
         description="Adaptive 2D meshes for PDE solvers, by equidistribution, with a service or without.",
-        epilog=EXAMPLES + EPILOG,
+        epilog=EXAMPLES + table_of_exits(GENERAL),
+        groups=GROUPS,
     )
-    parser.add_argument("--version", action="version", version=f"equimesh {version('equimesh')}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    demo.add_parser(commands)
-    for part in (serve, config, doctor):
-        part.add_parser(commands, full=part.__name__.endswith(f".{command}"))
-    for module in (worker, keys, database, generate, solve, check, bench):
+    parser.add_argument("--version", action=_Version, help="print the version")
+    parser.set_defaults(run=lambda _: _show_help(parser))
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+    for part in _WITH_SETTINGS:
+        part.add_parser(commands, full=command == "completion" or part.__name__.endswith(f".{command}"))
+    for module in (demo, worker, keys, database, generate, solve, check, bench):
         module.add_parser(commands)
+    completion.add_parser(commands, lambda: build_parser("completion"))
     return parser
+
+
+class _Version(argparse.Action):
+    """Prints the version, which is looked up only then."""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(nargs=0, **arguments)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print it, and end."""
+        from importlib.metadata import version
+
+        print(f"equimesh {version('equimesh')}")
+        parser.exit(Exit.DONE)
+
+
+def _show_help(parser: Parser) -> Exit:
+    parser.print_help()
+    return Exit.DONE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,17 +1,8 @@
 """Exit codes, and the table from exceptions to them."""
 
 import sys
+from collections.abc import Mapping
 from enum import IntEnum
-
-EPILOG = """\
-exit codes:
-  0    done
-  1    the mesh failed: it did not converge, it folded, or it was canceled; doctor: a check failed
-  2    bad usage or bad input
-  3    no service answers, or it failed
-  4    the deadline passed
-  130  interrupted
-"""
 
 
 class Exit(IntEnum):
@@ -23,6 +14,23 @@ class Exit(IntEnum):
     UNREACHABLE = 3
     DEADLINE = 4
     INTERRUPTED = 130
+
+
+ALWAYS = {Exit.DONE: "done", Exit.INPUT: "bad usage or bad input", Exit.INTERRUPTED: "interrupted"}
+"""The exit codes that every command has, where it does not say more."""
+GENERAL = {
+    **ALWAYS,
+    Exit.FAILED: "what was requested failed: the mesh, or a check of `doctor`",
+    Exit.UNREACHABLE: "no service or database answers, or it failed",
+    Exit.DEADLINE: "the deadline passed",
+}
+"""The exit codes of all commands."""
+
+
+def table_of_exits(meanings: Mapping[Exit, str]) -> str:
+    """The end of a help: the exit codes of a command, those that every command has and its own."""
+    rows = {**ALWAYS, **meanings}
+    return "exit codes:\n" + "".join(f"  {code:<5d}{rows[code]}\n" for code in sorted(rows))
 
 
 class Refused(Exception):

@@ -1,10 +1,24 @@
 """Parsers of the command line, whose errors are sentences."""
 
 import argparse
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
-from equimesh_cli.exits import EPILOG, Exit
+from equimesh_cli.exits import Exit, table_of_exits
+
+
+class _Form(argparse.HelpFormatter):
+    """Fills the paragraphs of a help to the width of the terminal, but not those that are lists under a title."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = text.strip().split("\n\n")
+        return "\n\n".join(
+            paragraph
+            if ":\n  " in paragraph
+            else textwrap.fill(paragraph, width, initial_indent=indent, subsequent_indent=indent)
+            for paragraph in paragraphs
+        )
 
 
 class Parser(argparse.ArgumentParser):
@@ -16,7 +30,7 @@ class Parser(argparse.ArgumentParser):
     lacks = ""
 
     def __init__(self, **arguments: Any) -> None:
-        super().__init__(allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **arguments)
+        super().__init__(allow_abbrev=False, formatter_class=_Form, **arguments)
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
@@ -32,7 +46,57 @@ class Parser(argparse.ArgumentParser):
         self.exit(Exit.INPUT, f"equimesh: {self.lacks or f'{message}; see {self.prog} --help'}\n")
 
 
-def add_command(commands: Any, name: str, *, help: str, description: str, examples: str) -> Parser:
-    """The parser of a new command, with its examples and the exit codes under its options."""
-    parser: Parser = commands.add_parser(name, help=help, description=description, epilog=examples + EPILOG)
+class GroupedParser(Parser):
+    """A parser whose help lists its commands in ``groups``: the titles, and the names of the commands under each."""
+
+    def __init__(self, *, groups: Mapping[str, Sequence[str]], **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self._groups = groups
+
+    def format_help(self) -> str:
+        """The help: its usage, the groups of commands, the other options, and the epilog."""
+        below = [action for action in self._actions if isinstance(action, argparse._SubParsersAction)]
+        commands = {each.dest: each for action in below for each in action._get_subactions()}
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for title, names in self._groups.items():
+            formatter.start_section(title)
+            formatter.add_arguments([commands[name] for name in names])
+            formatter.end_section()
+        formatter.start_section("options")
+        formatter.add_arguments([action for action in self._actions if action not in below])
+        formatter.end_section()
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
+
+NO_EXITS: Mapping[Exit, str] = {}
+"""Of a command that has no exit codes of its own."""
+
+
+def add_command(
+    commands: Any,
+    name: str,
+    *,
+    help: str,
+    description: str,
+    examples: str,
+    exits: Mapping[Exit, str] = NO_EXITS,
+    usage: str | None = None,
+) -> Parser:
+    """The parser of a new command, with its examples and its exit codes under its options.
+
+    ``usage`` is for commands with so many options that a list of them would hide the rest.
+    """
+    parser: Parser = commands.add_parser(
+        name, help=help, description=description, epilog=examples + table_of_exits(exits), usage=usage
+    )
+    return parser
+
+
+def add_action(actions: Any, name: str, *, help: str, exits: Mapping[Exit, str] = NO_EXITS) -> Parser:
+    """The parser of an action of a command, with its exit codes under its options."""
+    description = f"{help[0].upper()}{help[1:]}."
+    parser: Parser = actions.add_parser(name, help=help, description=description, epilog=table_of_exits(exits))
     return parser

@@ -27,18 +27,32 @@ class Settings(BaseSettings):
 
     host: str = Field("127.0.0.1", description="Address to listen on; 0.0.0.0 for every interface.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 takes a free one.")
-    data_dir: Path = Field(Path("equimesh-data"), description="Folder of the database and of all files.")
-    workers: int = Field(
-        default_factory=lambda: max(1, os.cpu_count() or 1),
-        ge=1,
-        le=256,
-        description="Worker processes that solve; by default one for each processor.",
+    root_path: str = Field(
+        "",
+        pattern=r"^(/[A-Za-z0-9._~-]+)*/?$",
+        description="Path under which a proxy serves this service, e.g. /meshes.",
     )
+    trusted_proxies: str = Field(
+        "127.0.0.1",
+        description="Addresses of proxies whose X-Forwarded headers are trusted, separated by commas.",
+    )
+    allowed_hosts: str = Field(
+        "",
+        description="Names by which a service without API keys is reached, apart from localhost and its own address, "
+        "separated by commas; *: any.",
+    )
+
     engine: Literal["pebble", "dask"] = Field(
         "pebble", description="Where meshes are solved: pebble, in processes of this machine; dask, on a cluster."
     )
     scheduler: str = Field(
         "", description="Address of the scheduler of the cluster, e.g. tcp://host:8786; for the engine dask."
+    )
+    workers: int = Field(
+        default_factory=lambda: max(1, os.cpu_count() or 1),
+        ge=1,
+        le=256,
+        description="Worker processes that solve; by default one for each processor.",
     )
     threads: int = Field(
         0, ge=0, le=64, description="Threads of one worker; 0: the processors divided among the workers."
@@ -48,6 +62,11 @@ class Settings(BaseSettings):
     memory_limit: int = Field(
         4096, ge=16, description="MiB that one worker may allocate on top of what it needs to start."
     )
+    max_attempts: int = Field(3, ge=1, description="Attempts at a mesh whose workers are lost.")
+    lease: float = Field(15.0, gt=0, description="Seconds after which a silent service loses its meshes.")
+    poll: float = Field(0.2, gt=0, le=5, description="Seconds between queries of the store for progress.")
+    reuse: bool = Field(True, description="Answer with a finished mesh of the same spec, samples and version.")
+
     max_points: int = Field(300_000, ge=16, description="Most points n_xi * n_eta of a mesh that one machine computes.")
     max_preview_points: int = Field(70_000, ge=16, description="Most points n_xi * n_eta of a preview.")
     max_cluster_points: int = Field(
@@ -61,11 +80,8 @@ class Settings(BaseSettings):
     max_iterations: int = Field(1000, ge=1, description="Most Schwarz iterations of a spec.")
     max_queue: int = Field(10_000, ge=1, description="Most waiting meshes; beyond it a request gets 429.")
     max_wait: float = Field(30.0, ge=0, description="Longest wait, in seconds, of one request for a mesh.")
-    max_attempts: int = Field(3, ge=1, description="Attempts at a mesh whose workers are lost.")
-    lease: float = Field(15.0, gt=0, description="Seconds after which a silent service loses its meshes.")
-    poll: float = Field(0.2, gt=0, le=5, description="Seconds between queries of the store for progress.")
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least level logged.")
-    log_format: Literal["text", "json"] = Field("text", description="Log lines for people, or as JSON objects.")
+
+    data_dir: Path = Field(Path("equimesh-data"), description="Folder of the database and of all files.")
     database_url: SecretStr = Field(
         SecretStr(""),
         description="Database as SQLAlchemy takes it, e.g. postgresql+psycopg://user:password@host/name; "
@@ -81,13 +97,8 @@ class Settings(BaseSettings):
     retention_days: float = Field(
         30.0, ge=0, description="Days that a finished mesh and unused samples are kept; 0: until they are deleted."
     )
-    reuse: bool = Field(True, description="Answer with a finished mesh of the same spec, samples and version.")
+
     allow_anonymous: bool = Field(False, description="Serve other machines although no API key exists.")
-    allowed_hosts: str = Field(
-        "",
-        description="Names by which a service without API keys is reached, apart from localhost and its own address, "
-        "separated by commas; *: any.",
-    )
     key_max_queued: int = Field(1000, ge=0, description="Most unfinished meshes of one key; 0: no limit.")
     key_max_points: int = Field(50_000_000, ge=0, description="Most points of a key's unfinished meshes; 0: no limit.")
     key_max_bytes: int = Field(
@@ -101,15 +112,9 @@ class Settings(BaseSettings):
         ge=0,
         description="Most waits and event streams that one key holds open, in each service process; 0: no limit.",
     )
-    trusted_proxies: str = Field(
-        "127.0.0.1",
-        description="Addresses of proxies whose X-Forwarded headers are trusted, separated by commas.",
-    )
-    root_path: str = Field(
-        "",
-        pattern=r"^(/[A-Za-z0-9._~-]+)*/?$",
-        description="Path under which a proxy serves this service, e.g. /meshes.",
-    )
+
+    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="Least level logged.")
+    log_format: Literal["text", "json"] = Field("text", description="Log lines for people, or as JSON objects.")
     metrics: bool = Field(True, description="Serve Prometheus metrics at /metrics.")
     trace_endpoint: str = Field(
         "", description="OTLP over HTTP address for OpenTelemetry traces, e.g. http://host:4318/v1/traces; empty: none."
@@ -179,6 +184,15 @@ class Settings(BaseSettings):
         return self.database_url.get_secret_value() or f"sqlite:///{self.data_dir.resolve() / 'equimesh.sqlite3'}"
 
 
+# The groups of the settings, each with its first one: the others follow in the order of the fields.
+_FIRST_OF_GROUPS = {
+    "network": "host",
+    "work": "engine",
+    "limits": "max_points",
+    "storage": "data_dir",
+    "keys and quotas": "allow_anonymous",
+    "logs and metrics": "log_level",
+}
 PREFIX = "EQUIMESH_"
 # Variables that clients read: an address and an API key.
 _CLIENT_VARIABLES = ("URL", "KEY")
@@ -197,6 +211,17 @@ def _processors() -> int:
 def variable(name: str) -> str:
     """The environment variable of a setting."""
     return PREFIX + name.upper()
+
+
+def groups() -> dict[str, list[str]]:
+    """The names of all settings by what they are for, in the order of the fields."""
+    titles = {first: title for title, first in _FIRST_OF_GROUPS.items()}
+    found: dict[str, list[str]] = {}
+    for name in Settings.model_fields:
+        if name in titles:
+            found[titles[name]] = []
+        list(found.values())[-1].append(name)
+    return found
 
 
 def find_unknown(environment: Mapping[str, str]) -> dict[str, str | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import re
 import signal
 import subprocess
 import sys
@@ -13,19 +14,62 @@ import pytest
 
 from equimesh_cli import main
 
+# The exit codes of commands besides 0, 2 and 130.
+OWN_CODES = {
+    "": (1, 3, 4),
+    "demo": (1, 3),
+    "doctor": (1,),
+    "keys": (3,),
+    "database": (3,),
+    "generate": (1, 3, 4),
+    "solve": (1,),
+    "check": (3,),
+}
+LARGE = ("numpy", "scipy", "numba", "fastapi", "pydantic", "sqlalchemy", "httpx", "tqdm", "matplotlib", "shtab")
 COMMAND = [sys.executable, "-m", "equimesh_cli"]
 
 
 @pytest.mark.parametrize(
-    "command", ["", "demo", "serve", "worker", "config", "doctor", "keys", "database", "generate", "solve", "check"]
+    "command",
+    ["", "demo", "serve", "worker", "config", "doctor", "keys", "database", "generate", "solve", "check", "completion"],
 )
-def test_help_has_examples_and_exit_codes(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_has_examples_and_its_own_exit_codes_in_80_columns(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit) as caught:
         main([*command.split(), "--help"])
     assert caught.value.code == 0
     said = capsys.readouterr().out
     assert f"examples:\n  equimesh {command or 'demo'}" in said
-    assert "130  interrupted" in said
+    codes = said.split("\nexit codes:\n")[1].splitlines()
+    assert all(re.fullmatch(r"  (0|1|2|3|4|130) +\S.*", line) for line in codes)
+    assert [int(line.split()[0]) for line in codes] == sorted({0, 2, 130, *OWN_CODES.get(command, ())})
+    assert max(map(len, said.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("action", ["keys revoke", "database backup"])
+def test_actions_have_exit_codes_too(action: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*action.split(), "--help"])
+    assert "\nexit codes:\n  0    done\n" in capsys.readouterr().out
+
+
+def test_the_command_alone_prints_its_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    alone = capsys.readouterr()
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert (alone.out, alone.err) == (capsys.readouterr().out, "")
+
+
+def test_the_help_loads_no_large_package() -> None:
+    code = (
+        "import sys; from equimesh_cli import main; main([]);"
+        f"print([name for name in {LARGE} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "[]\n"
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

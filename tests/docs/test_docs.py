@@ -181,6 +181,7 @@ def test_every_flag_is_documented_and_exists() -> None:
         "solve",
         "check",
         "bench",
+        "completion",
     )
     known = {"--version"}.union(*(flags(name) for name in commands))
     told = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))

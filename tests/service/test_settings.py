@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from equimesh.numerics.threads import available_cores
 from equimesh_service import Settings
-from equimesh_service.settings import FILE_WORKERS, SERVICE_MIB
+from equimesh_service.settings import FILE_WORKERS, SERVICE_MIB, groups
 
 
 @pytest.mark.parametrize("module", ["equimesh_service.settings", "equimesh_service.errors"])
@@ -32,3 +32,11 @@ def test_the_engine_dask_needs_a_scheduler_and_no_workers_here() -> None:
 
 def test_a_single_worker_gets_all_cores_that_the_solver_counts() -> None:
     assert Settings(workers=1).worker_threads == min(64, available_cores())
+
+
+def test_every_setting_is_in_one_group() -> None:
+    found = groups()
+    assert [name for names in found.values() for name in names] == list(Settings.model_fields)
+    assert found["network"][:2] == ["host", "port"]
+    assert "s3_secret_key" in found["storage"]
+    assert all(name.startswith("key_") for name in found["keys and quotas"][1:])

@@ -22,13 +22,16 @@ T = TypeVar("T")
 EXAMPLES = """\
 examples:
   equimesh bench --quick            a minute
-  equimesh bench                    some minutes, most of them for Newton's method to compare with
-  equimesh bench --large --peers    also 4097 x 4097 points, and Mmg2d and Gmsh where they are installed
+  equimesh bench                    some minutes, most for Newton's method
+  equimesh bench --large --peers    also 4097 x 4097 points; Mmg2d and Gmsh
   equimesh bench --json bench.json
 
 goals are for an otherwise idle machine; needs the solver: pip install 'equimesh[solver]'
 
 """
+EXITS = {
+    Exit.INPUT: "bad usage, or the solver is not installed",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +57,7 @@ def add_parser(commands: Any) -> None:
         help="measure what a mesh costs on this machine",
         description="Measure CPU time, memory and steps of solves on this machine, compared with their goals.",
         examples=EXAMPLES,
+        exits=EXITS,
     )
     parser.add_argument("--quick", action="store_true", help="at most 257 points a side; goals are for larger meshes")
     parser.add_argument("--large", action="store_true", help=f"also {HUGE} points a side: 2 GB of memory")

@@ -18,6 +18,11 @@ examples:
   equimesh check 'sin(pi*x' --url http://127.0.0.1:8000
 
 """
+EXITS = {
+    Exit.DONE: "the expression can be used",
+    Exit.INPUT: "it cannot, or bad usage",
+    Exit.UNREACHABLE: "no service answers, or it failed",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -29,6 +34,7 @@ def add_parser(commands: Any) -> None:
         description="Parse an expression and evaluate it on a domain. Works here when the solver is "
         "installed and no --url is given, otherwise through a service.",
         examples=EXAMPLES,
+        exits=EXITS,
     )
     parser.add_argument("u", metavar="EXPR", help="u(x, y)")
     parser.add_argument("--parameter", metavar="NAME=VALUE", action="append", default=[], type=parameter)

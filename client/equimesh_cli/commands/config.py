@@ -7,7 +7,9 @@ import json
 import os
 import re
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, NotInstalled
@@ -29,12 +31,16 @@ It takes the options of `equimesh serve`. Secrets are not shown.
 needs the service: pip install 'equimesh[service]'
 
 """
+EXITS = {
+    Exit.INPUT: "bad usage or a bad setting: a service would not start, either",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SettingRow:
     """A setting without its secrets. ``source`` is "default", "environment" or "option"."""
 
+    group: str
     name: str
     variable: str
     value: str | int | float | bool
@@ -50,6 +56,8 @@ def add_parser(commands: Any, *, full: bool) -> None:
         help="show the settings of a service",
         description="Print the settings that a service started here and now would have, and where each comes from.",
         examples=EXAMPLES,
+        exits=EXITS,
+        usage="equimesh config [OPTIONS]",
     )
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print JSON")
@@ -71,10 +79,9 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps({"settings": [asdict(row) for row in rows], "unknown": foreign}, indent=2))
     elif options.env:
-        print("\n".join(map(_line, rows)))
+        print("\n\n".join(f"# {title}\n" + "\n".join(map(_line, below)) for title, below in _by_group(rows)))
     else:
-        for row in rows:
-            print(f"{row.name:<26}{row.source:<13}{_words(row.value)}")
+        print("\n\n".join(f"{title}\n" + "\n".join(map(_row, below)) for title, below in _by_group(rows)))
     for name, nearest in foreign.items():
         print(f"equimesh: {describe_unknown(name, nearest)}", file=sys.stderr)
     return Exit.DONE
@@ -82,15 +89,27 @@ def run(options: argparse.Namespace) -> int:
 
 def list_settings(settings: Settings, options: dict[str, str]) -> list[SettingRow]:
     """All settings in their order, without secrets; ``options`` are those that were given as options."""
-    from equimesh_service.settings import variable
+    from equimesh_service.settings import groups, variable
 
     environment = {name.upper() for name in os.environ}
     rows = []
-    for name in type(settings).model_fields:
+    for group, name in ((title, name) for title, names in groups().items() for name in names):
         value, hidden = _without_secret(name, getattr(settings, name))
         source = "option" if name in options else "environment" if variable(name) in environment else "default"
-        rows.append(SettingRow(name=name, variable=variable(name), value=value, source=source, hidden=hidden))
+        row = SettingRow(group=group, name=name, variable=variable(name), value=value, source=source, hidden=hidden)
+        rows.append(row)
     return rows
+
+
+def _by_group(rows: list[SettingRow]) -> Iterator[tuple[str, list[SettingRow]]]:
+    """The settings under the titles of their groups."""
+    for title, below in groupby(rows, key=lambda row: row.group):
+        yield title, list(below)
+
+
+def _row(row: SettingRow) -> str:
+    """A line for people."""
+    return f"  {row.name:<26}{row.source:<13}{_words(row.value)}".rstrip()
 
 
 def _without_secret(name: str, value: Any) -> tuple[str | int | float | bool, bool]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.database import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import add_action, add_command
 
 EXAMPLES = """\
 examples:
@@ -20,6 +20,10 @@ A service upgrades its database when it starts; `upgrade` does it before that.
 needs the service: pip install 'equimesh[service]'
 
 """
+EXITS = {
+    Exit.INPUT: "bad usage, a database of another release, or a copy that exists already",
+    Exit.UNREACHABLE: "the database does not answer",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -30,13 +34,14 @@ def add_parser(commands: Any) -> None:
         help="show, upgrade or copy the database of a service",
         description="The revision of a service's database, its upgrade to this release, and a copy of it.",
         examples=EXAMPLES,
+        exits=EXITS,
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    current = actions.add_parser("current", help="show its revision, and that of this release")
+    current = add_action(actions, "current", help="show its revision, and that of this release", exits=EXITS)
     current.set_defaults(run=_current)
-    upgrade = actions.add_parser("upgrade", help="create its tables, or upgrade them to this release")
+    upgrade = add_action(actions, "upgrade", help="create its tables, or upgrade them to this release", exits=EXITS)
     upgrade.set_defaults(run=_upgrade)
-    backup = actions.add_parser("backup", help="copy it to a new file while it is in use (SQLite)")
+    backup = add_action(actions, "backup", help="copy it to a new file while it is in use (SQLite)", exits=EXITS)
     backup.add_argument("file", metavar="FILE", type=Path, help="the copy, which must not exist yet")
     backup.set_defaults(run=_backup)
     for action in (current, upgrade, backup):

@@ -8,8 +8,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from equimesh_cli.exits import Exit, NotInstalled, Refused
 from equimesh_cli.options.settings import start_error
 from equimesh_cli.parser import add_command
@@ -27,6 +25,11 @@ examples:
 needs the service: pip install 'equimesh[service]'
 
 """
+EXITS = {
+    Exit.FAILED: "a mesh failed",
+    Exit.INPUT: "bad usage, or the service is not installed",
+    Exit.UNREACHABLE: "the service did not start, or it failed",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -37,6 +40,7 @@ def add_parser(commands: Any) -> None:
         help="see it work",
         description="Start a service, request two meshes, print their quality and write their files.",
         examples=EXAMPLES,
+        exits=EXITS,
     )
     parser.add_argument(
         "--output", metavar="DIR", type=Path, default=Path("demo-output"), help="folder for files (demo-output)"
@@ -86,6 +90,8 @@ def run(options: argparse.Namespace) -> int:
 
 def wave(client: Client, output: Path) -> list[Path]:
     """A mesh from samples: only numbers on a grid are sent. A high smoothness avoids kinks of its lines."""
+    import numpy as np
+
     from equimesh_client import LeastError
 
     heading("1. A mesh from samples: a wave front, sampled at 129 x 129 points")

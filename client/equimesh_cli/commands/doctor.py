@@ -27,12 +27,16 @@ examples:
   equimesh doctor --url https://meshes.example.org
 
 It takes the options of `equimesh serve` and checks a service with them on this machine. It creates no folder and
-changes no data. With --url (or EQUIMESH_URL) it checks the service there instead, and nothing here. The exit code
-is 1 when a check failed; warnings do not count.
+changes no data. With --url (or EQUIMESH_URL) it checks the service there instead, and nothing here.
 
 needs the service, except with --url: pip install 'equimesh[service]'
 
 """
+EXITS = {
+    Exit.DONE: "no check failed; warnings do not count",
+    Exit.FAILED: "a check failed",
+    Exit.INPUT: "bad usage or a bad setting",
+}
 HERE: dict[str, Callable[[Settings], Finding | None]] = {
     "python": installation.python,
     "packages": installation.packages,
@@ -67,6 +71,8 @@ def add_parser(commands: Any, *, full: bool) -> None:
         help="check an installation",
         description="Check what a service needs on this machine, or with --url a running service; print the remedies.",
         examples=EXAMPLES,
+        exits=EXITS,
+        usage="equimesh doctor [OPTIONS]",
     )
     add_url(parser, default=None)
     parser.add_argument("--stored", action="store_true", help="also see that every file the database names is there")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, Refused
@@ -11,8 +12,10 @@ from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import (
     MESH_SUFFIXES,
     PART_SUFFIXES,
+    Picture,
     add_mesh_options,
     check_options,
+    picture_of,
     points_of,
     schwarz_of,
     target_of,
@@ -20,6 +23,7 @@ from equimesh_cli.options.mesh import (
 )
 from equimesh_cli.options.monitors import monitor_of
 from equimesh_cli.parser import add_command
+from equimesh_cli.viewer import told
 
 if TYPE_CHECKING:
     from equimesh_client import Client, Mesh
@@ -28,12 +32,21 @@ EXAMPLES = """\
 examples:
   equimesh generate '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
   equimesh generate 'tanh(c*(x-y))' --parameter c=30 -n 65 --plot mesh.png
-  equimesh generate --samples u.npz -n 129 --subdomains 2x2 --overlap 6 -o mesh.msh
-  equimesh generate 'tanh(20*(x-y))' -n 65 --monitor curvature --domain annulus:1,2,0,90 -o mesh.vtu
+  equimesh generate --samples u.npz -n 129 --subdomains 2x2 --overlap 6 \\
+      -o mesh.msh
+  equimesh generate 'tanh(20*(x-y))' -n 65 --monitor curvature \\
+      --domain annulus:1,2,0,90 -o mesh.vtu
   equimesh generate 'tanh(20*(x-y))' -n 4097 --monitor curvature -o mesh.pvts
   equimesh generate x*y -n 33 --url http://meshes.example:8000 --json
 
 """
+EXITS = {
+    Exit.FAILED: "the mesh failed: it did not converge, it folded, or it was canceled",
+    Exit.INPUT: "bad usage or bad input, or the service refuses the request",
+    Exit.UNREACHABLE: "no service answers, it failed, or it has no room: try again later",
+    Exit.DEADLINE: "the deadline passed; the mesh was canceled",
+    Exit.INTERRUPTED: "interrupted; the mesh was canceled",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -44,6 +57,8 @@ def add_parser(commands: Any) -> None:
         help="request a mesh from a service",
         description="Request the mesh that is adapted to u from a service, wait for it, and write it to a file.",
         examples=EXAMPLES,
+        exits=EXITS,
+        usage="equimesh generate [OPTIONS] [U]",
     )
     add_mesh_options(parser)
     service = parser.add_argument_group("service")
@@ -68,17 +83,17 @@ def run(options: argparse.Namespace) -> int:
     check_options(options, suffixes=(*MESH_SUFFIXES, *PART_SUFFIXES))
     from equimesh_client import Client, DeadlineExceeded, MeshFailed
 
-    quiet = options.quiet or None
+    quiet, picture = options.quiet or None, picture_of(options)
     with Client(options.url, key=options.key) as client:
         try:
             mesh = _request_mesh(client, options, progress=False if quiet else None)
         except MeshFailed as error:
-            _report_failure(client, options, error.mesh.record)
+            _report_failure(client, options, error.mesh.record, picture)
             raise
         except DeadlineExceeded as error:
             advice = "The mesh was canceled; give it more time with --deadline, or request fewer points."
             raise Refused(f"{error}\n{advice}", Exit.DEADLINE) from error
-        files = _write(mesh, options)
+        files = _write(mesh, options, picture)
         if options.json:
             parts = {"quality": mesh.quality.record, "convergence": mesh.convergence.record}
             print(json.dumps({"mesh": mesh.record, **parts, "files": files}, indent=2))
@@ -97,14 +112,18 @@ def run(options: argparse.Namespace) -> int:
                 print(f"\n{mesh.convergence}")
             for file in files:
                 print(f"wrote {file}")
+    if picture is not None and options.open:
+        print(told(picture.path), file=sys.stderr)
     return Exit.DONE
 
 
-def _report_failure(client: Client, options: argparse.Namespace, record: dict[str, Any]) -> None:
+def _report_failure(
+    client: Client, options: argparse.Namespace, record: dict[str, Any], picture: Picture | None
+) -> None:
     """Write and report the partial mesh of a failed solve."""
     files = []
     if options.partial and record.get("partial"):
-        files = _write(client.meshes.get(str(record["id"])), options, partial=True)
+        files = _write(client.meshes.get(str(record["id"])), options, picture, partial=True)
     if options.json:
         print(json.dumps({"mesh": record, "files": files}, indent=2))
     elif not options.quiet:
@@ -112,14 +131,14 @@ def _report_failure(client: Client, options: argparse.Namespace, record: dict[st
             print(f"wrote {file}, a partial mesh")
 
 
-def _write(mesh: Mesh, options: argparse.Namespace, *, partial: bool = False) -> list[str]:
+def _write(mesh: Mesh, options: argparse.Namespace, picture: Picture | None, *, partial: bool = False) -> list[str]:
     """Write the requested files and return their names."""
     files = []
     if options.output is not None:
         files.append(str(mesh.download(options.output, partial=partial, deadline=options.deadline)))
-    if options.plot is not None:
-        mesh.plot(options.plot, options.plot_kind, deadline=options.deadline)
-        files.append(str(options.plot))
+    if picture is not None:
+        mesh.plot(picture.path, picture.kind, deadline=options.deadline)
+        files.append(str(picture.path))
     return files
 
 

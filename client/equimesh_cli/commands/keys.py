@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.exits import Exit, Refused
 from equimesh_cli.options.database import add_database_options, database_settings, refusing_database_errors
-from equimesh_cli.parser import add_command
+from equimesh_cli.parser import add_action, add_command
 
 if TYPE_CHECKING:
     from equimesh_service.store.key_secrets import KeyRow
@@ -22,7 +22,7 @@ _SHARE_HELP = "meshes that this key starts while a key of share 1 starts one, if
 EXAMPLES = """\
 examples:
   equimesh keys create --name ada --scope write
-  equimesh keys create --name prometheus --scope admin --data-dir /var/lib/equimesh
+  equimesh keys create --name prometheus --scope admin --data-dir /srv/meshes
   equimesh keys list
   equimesh keys change 3f1c0a9b7e52 --share 3
   equimesh keys revoke 3f1c0a9b7e52
@@ -33,6 +33,10 @@ The service need not be stopped. Once there is a key, every request needs one, i
 needs the service: pip install 'equimesh[service]'
 
 """
+EXITS = {
+    Exit.INPUT: "bad usage, or there is no such key",
+    Exit.UNREACHABLE: "the database does not answer",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -43,9 +47,10 @@ def add_parser(commands: Any) -> None:
         help="create, list, change and revoke API keys",
         description="API keys of a service, in its database.",
         examples=EXAMPLES,
+        exits=EXITS,
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    create = actions.add_parser("create", help="create a key, and print its secret this once")
+    create = add_action(actions, "create", help="create a key, and print its secret this once", exits=EXITS)
     create.add_argument("--name", required=True, help="owner or purpose of the key; shown in the list")
     create.add_argument(
         "--scope",
@@ -56,13 +61,13 @@ def add_parser(commands: Any) -> None:
     )
     create.add_argument("--share", type=int, default=1, help=f"{_SHARE_HELP} (1)")
     create.set_defaults(run=_create)
-    listing = actions.add_parser("list", help="show all keys, without their secrets")
+    listing = add_action(actions, "list", help="show all keys, without their secrets", exits=EXITS)
     listing.set_defaults(run=_list)
-    change = actions.add_parser("change", help="change the share of a key; takes effect at once")
+    change = add_action(actions, "change", help="change the share of a key; takes effect at once", exits=EXITS)
     change.add_argument("id", metavar="ID", help="as in the list")
     change.add_argument("--share", type=int, required=True, help=_SHARE_HELP)
     change.set_defaults(run=_change)
-    revoke = actions.add_parser("revoke", help="revoke a key; takes effect within 2 seconds")
+    revoke = add_action(actions, "revoke", help="revoke a key; takes effect within 2 seconds", exits=EXITS)
     revoke.add_argument("id", metavar="ID", help="as in the list; it is also the middle of the secret")
     revoke.set_defaults(run=_revoke)
     for action in (create, listing, change, revoke):

@@ -18,12 +18,22 @@ examples:
 needs the service: pip install 'equimesh[service]'
 
 """
+EXITS = {
+    Exit.DONE: "stopped, by a signal or with Ctrl-C",
+    Exit.INPUT: "the service cannot start: a bad setting, a folder or port in use",
+}
 
 
 def add_parser(commands: Any, *, full: bool) -> None:
     """Add the command; with ``full`` its options, too, which are the settings that the service declares."""
     parser = add_command(
-        commands, "serve", help="run a service", description="Run the service until it is stopped.", examples=EXAMPLES
+        commands,
+        "serve",
+        help="run a service",
+        description="Run the service until it is stopped.",
+        examples=EXAMPLES,
+        exits=EXITS,
+        usage="equimesh serve [OPTIONS]",
     )
     parser.set_defaults(run=run)
     if full:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from equimesh_cli.compiling import announce_compiling, load_solver
 from equimesh_cli.exits import Exit, Refused
-from equimesh_cli.options.mesh import add_mesh_options, check_options, points_of
+from equimesh_cli.options.mesh import Picture, add_mesh_options, check_options, picture_of, points_of
 from equimesh_cli.parser import add_command
+from equimesh_cli.viewer import told
 
 if TYPE_CHECKING:
     import equimesh
@@ -25,21 +28,30 @@ MEASURED_SHARE = 0.9
 EXAMPLES = """\
 examples:
   equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 64 -o mesh.vtu
-  equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 12 --monitor arc-length --boundary equidistributed_1d \\
-      --initial uniform \\
-      --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 --ordering alternating --compare \\
+  equimesh solve 'tanh(20*(x-y))' -n 33 --open
+  equimesh solve '(1-exp(15*(x-1)))*sin(pi*y)' -n 12 --monitor arc-length \\
+      --boundary equidistributed_1d --initial uniform \\
+      --subdomains 2x1 --overlap 2 --transmission linear_robin --p 2.3 \\
+      --ordering alternating --compare \\
       --plot convergence.png --plot-kind convergence
-  equimesh solve 'tanh(20*(x-y))' -n 129 --subdomains 8x1 --tolerance discretization -o mesh.vtu
+  equimesh solve 'tanh(20*(x-y))' -n 129 --subdomains 8x1 \\
+      --tolerance discretization -o mesh.vtu
   equimesh solve -n 33 -- '-x*y'
   equimesh solve --samples u.csv -n 129 -o mesh.msh --cells triangle
-  equimesh solve 'tanh(20*(x-y))' -n 65 --monitor least-error --norm h1 --smoothness 0.3 -o mesh.vtu
-  equimesh solve 'tanh(20*(x-y))' -n 65 --monitor curvature --norm h1 --domain annulus:1,2,0,90
-  equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
+  equimesh solve 'tanh(20*(x-y))' -n 65 --monitor least-error --norm h1 \\
+      --smoothness 0.3 -o mesh.vtu
+  equimesh solve 'tanh(20*(x-y))' -n 65 --monitor curvature --norm h1 \\
+      --domain annulus:1,2,0,90
+  equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' \\
+      --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
   equimesh solve 'tanh(20*(x-y))' --target-error 1e-4 -o mesh.vtu
 
-needs the solver: pip install 'equimesh[solver]', and [plot] for --plot
+needs the solver: pip install 'equimesh[solver]', and [plot] for --plot and --open
 
 """
+EXITS = {
+    Exit.FAILED: "the mesh failed: it did not converge, or it folded",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -50,6 +62,8 @@ def add_parser(commands: Any) -> None:
         help="make a mesh here, without a service",
         description="Make the mesh that is adapted to u in this process, and write it to a file.",
         examples=EXAMPLES,
+        exits=EXITS,
+        usage="equimesh solve [OPTIONS] [U]",
     )
     add_mesh_options(parser)
     parser.add_argument("--threads", metavar="N", type=int, help="threads that share large grids (one for every core)")
@@ -67,15 +81,18 @@ def run(options: argparse.Namespace) -> int:
     n_xi, n_eta = points_of(options)
     grid = em.Grid(n_xi=n_xi, n_eta=n_eta)
     _check_memory(grid)
+    picture = picture_of(options)
+    if picture is not None and find_spec("matplotlib") is None:
+        raise Refused("a picture needs matplotlib: pip install 'equimesh[plot]'")
     try:
         with announce_compiling(shown=not options.quiet), Observer(shown=not options.quiet) as observer:
             solution = build(options).solve(threads=options.threads, observe=observer)
             observer.measuring()
             quality = solution.quality.summary()
             observer.writing()
-            files = _write(options, solution)
+            files = _write(options, solution, picture)
     except em.SolveError as error:
-        _report_failure(options, error.solution)
+        _report_failure(options, error.solution, picture)
         raise
     certificate, convergence = solution.certificate.summary(), solution.convergence()
     if options.json:
@@ -88,12 +105,14 @@ def run(options: argparse.Namespace) -> int:
             print(f"\n{Convergence.from_json(convergence)}")
         for file in files:
             print(f"wrote {file}")
+    if picture is not None and options.open:
+        print(told(picture.path), file=sys.stderr)
     return Exit.DONE
 
 
-def _report_failure(options: argparse.Namespace, solution: Solution) -> None:
+def _report_failure(options: argparse.Namespace, solution: Solution, picture: Picture | None) -> None:
     """Write and report the partial mesh of a failed solve."""
-    files = _write(options, solution) if options.partial and not solution.mesh.is_folded else []
+    files = _write(options, solution, picture) if options.partial and not solution.mesh.is_folded else []
     if options.json:
         certificate, convergence = solution.certificate.summary(), solution.convergence()
         _print_json(solution, files, certificate=certificate, convergence=convergence)
@@ -121,7 +140,7 @@ def _check_memory(grid: equimesh.Grid) -> None:
         )
 
 
-def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
+def _write(options: argparse.Namespace, solution: Solution, picture: Picture | None) -> list[str]:
     """Write the requested files and return their names."""
     files = []
     if options.output is not None:
@@ -129,21 +148,19 @@ def _write(options: argparse.Namespace, solution: Solution) -> list[str]:
 
         write_mesh(options.output, solution.data(), cells=options.cells)
         files.append(str(options.output))
-    if options.plot is not None:
-        try:
-            from equimesh.plot import comparison, convergence, meshes
-        except ImportError as error:
-            raise Refused("--plot needs matplotlib: pip install 'equimesh[plot]'") from error
-        match options.plot_kind:
+    if picture is not None:
+        from equimesh.plot import comparison, convergence, meshes
+
+        match picture.kind:
             case "convergence":
-                convergence.draw_convergence(solution.convergence(), options.plot)
+                convergence.draw_convergence(solution.convergence(), picture.path)
             case "comparison":
-                comparison.draw_comparison(solution.against_uniform, options.plot)
+                comparison.draw_comparison(solution.against_uniform, picture.path)
             case "quality":
-                meshes.draw_quality(solution.data(), options.plot)
+                meshes.draw_quality(solution.data(), picture.path)
             case _:
-                meshes.draw_mesh(solution.data(), options.plot, decomposition=solution.decomposition)
-        files.append(str(options.plot))
+                meshes.draw_mesh(solution.data(), picture.path, decomposition=solution.decomposition)
+        files.append(str(picture.path))
     return files
 
 

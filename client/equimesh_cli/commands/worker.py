@@ -20,6 +20,10 @@ It waits for the scheduler, and joins again when the scheduler was lost. The ser
 needs the service and Dask: pip install 'equimesh[service,dask]'
 
 """
+EXITS = {
+    Exit.DONE: "stopped by a signal",
+    Exit.INPUT: "the worker cannot start: a bad setting, or no scheduler is named",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -30,6 +34,7 @@ def add_parser(commands: Any) -> None:
         help="join a cluster as a worker",
         description="Solve meshes for a service with the engine dask, until it is stopped.",
         examples=EXAMPLES,
+        exits=EXITS,
     )
     for name, help_ in (
         ("scheduler", "address of the scheduler of the cluster, e.g. tcp://host:8786"),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -95,9 +97,14 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
     results = parser.add_argument_group("results")
     results.add_argument("-o", "--output", metavar="FILE", type=Path, help=f"the mesh: {OUTPUT}")
     results.add_argument("--plot", metavar="FILE", type=Path, help="draw a picture: .png or .svg")
-    results.add_argument("--plot-kind", choices=PLOT_KINDS, default="mesh", help="what it shows (mesh)")
+    results.add_argument(
+        "--plot-kind", choices=PLOT_KINDS, help="what it shows (mesh; with --open and a u: comparison)"
+    )
+    results.add_argument(
+        "--open", action="store_true", help="open the picture, drawn for a look at it if there is no --plot"
+    )
     results.add_argument("--json", action="store_true", help="print one JSON object instead of tables")
-    results.add_argument("--quiet", action="store_true", help="no progress bar, no tables")
+    results.add_argument("--quiet", action="store_true", help="no line of progress, no tables")
 
 
 def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
@@ -182,6 +189,24 @@ def _check_target(options: argparse.Namespace) -> None:
             raise Refused("--target-norm is the norm of a target; add --target-error, e.g. --target-error 1e-4")
     elif options.n_xi is not None or options.n_eta is not None:
         raise Refused("--target-error takes the place of -n and --n-eta: give one of them")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A requested picture: its file and what it shows."""
+
+    path: Path
+    kind: str
+
+
+def picture_of(options: argparse.Namespace) -> Picture | None:
+    """The requested picture; with --open alone it is in a new folder for temporary files."""
+    if options.plot is None and not options.open:
+        return None
+    has_u = options.u is not None or options.samples is not None
+    kind = options.plot_kind or ("comparison" if options.open and has_u else "mesh")
+    path = options.plot or Path(tempfile.mkdtemp(prefix="equimesh-")) / f"{kind}.png"
+    return Picture(path, kind)
 
 
 def points_of(options: argparse.Namespace) -> tuple[int, int]:

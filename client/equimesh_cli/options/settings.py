@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import errno
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 from equimesh_cli.exits import NotInstalled, Refused
 from equimesh_cli.parser import Parser
@@ -16,18 +16,30 @@ if TYPE_CHECKING:
 def add_settings(parser: Parser) -> None:
     """Add an option for every setting of the service."""
     try:
-        from equimesh_service.settings import Settings
+        from equimesh_service.settings import Settings, groups
     except ImportError as error:
         parser.lacks = str(NotInstalled("service", error))
         return
-    for name, field in Settings.model_fields.items():
-        default = field.get_default(call_default_factory=True)
-        parser.add_argument(
-            "--" + name.replace("_", "-"),
-            dest=f"setting_{name}",
-            metavar=name.upper(),
-            help=f"{field.description} ({default})".replace("%", "%%"),
-        )
+    for title, names in groups().items():
+        group = parser.add_argument_group(title)
+        for name in names:
+            field = Settings.model_fields[name]
+            default = field.get_default(call_default_factory=True)
+            shown = str(default).lower() if isinstance(default, bool) else default
+            argument = group.add_argument(
+                "--" + name.replace("_", "-"),
+                dest=f"setting_{name}",
+                metavar=name.upper(),
+                help=f"{field.description} ({shown})".replace("%", "%%").replace(" ()", ""),
+            )
+            argument.words = _words_of(field.annotation)  # type: ignore[attr-defined]
+
+
+def _words_of(annotation: Any) -> tuple[str, ...]:
+    """The words that a setting may have, for the completion in a shell; none where it may have any value."""
+    if annotation is bool:
+        return "true", "false"
+    return get_args(annotation) if get_origin(annotation) is Literal else ()
 
 
 def explicit_settings(options: argparse.Namespace) -> dict[str, str]:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from equimesh_cli import main
-from equimesh_service.settings import Settings, find_unknown
+from equimesh_service.settings import Settings, find_unknown, groups
 
 SECRETS = {
     "EQUIMESH_DATABASE_URL": "postgresql+psycopg://ada:hidden1@db.example/meshes?password=hidden2&sslmode=require",
@@ -47,8 +47,10 @@ def test_every_setting_is_shown_with_its_source(
     assert [rows[name]["value"] for name in ("port", "poll", "lease", "reuse")] == [9000, 0.5, 30.0, False]
     assert main(["config"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(Settings.model_fields)
-    assert lines[1].split() == ["port", "environment", "9000"]
+    assert [line.split()[0] for line in lines if line.startswith("  ")] == list(Settings.model_fields)
+    assert lines[2].split() == ["port", "environment", "9000"]
+    assert [line for line in lines if line and not line.startswith(" ")] == list(groups())
+    assert list(dict.fromkeys(row["group"] for row in rows.values())) == list(groups())
 
 
 @pytest.mark.parametrize("form", ["--json", "--env", None])
@@ -77,8 +79,8 @@ def test_its_lines_give_the_same_settings_again(capsys: pytest.CaptureFixture[st
         ["sh", "-c", f". '{file}'; printf %s \"$EQUIMESH_DATA_DIR\""], capture_output=True, text=True, check=True
     )
     assert read.stdout == str(odd)
-    names = [line.partition("=")[0] for line in lines.splitlines() if not line.startswith("#")]
-    assert names == ["EQUIMESH_PORT", "EQUIMESH_DATA_DIR", "EQUIMESH_ROOT_PATH"]
+    names = [line.partition("=")[0] for line in lines.splitlines() if line and not line.startswith("#")]
+    assert names == ["EQUIMESH_PORT", "EQUIMESH_ROOT_PATH", "EQUIMESH_DATA_DIR"]
 
 
 def test_unknown_variables_are_named_with_the_nearest(

@@ -14,6 +14,8 @@ def test_serve_has_an_option_for_every_setting(capsys: pytest.CaptureFixture[str
     said = capsys.readouterr().out
     for name in settings.model_fields:
         assert f"--{name.replace('_', '-')} " in said
+    for title in ("network", "work", "limits", "storage", "keys and quotas", "logs and metrics"):
+        assert f"\n{title}:\n" in said
     assert main(["serve", "--port", "many", "--lease", "-1"]) == 2
     said = capsys.readouterr().err
     assert "--port (or EQUIMESH_PORT) = many" in said

@@ -158,3 +158,22 @@ def test_solve_refuses_and_fails_with_words(capsys: pytest.CaptureFixture[str], 
     assert (said["status"], len(said["convergence"]["iterations"])) == ("not_converged", 3)
     (tmp_path / "u.csv").write_text("x,y,u\n0,0,1\n")
     assert main(["solve", "--samples", str(tmp_path / "u.csv")]) == 2
+
+
+def test_open_draws_the_pair_or_what_is_requested(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    seen: list[Path] = []
+    monkeypatch.setattr("equimesh_cli.viewer.open_picture", lambda path: seen.append(path) is None)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert main(["solve", "x*y", "-n", "5", "--monitor", "arc-length", "--open"]) == 0
+    said = capsys.readouterr()
+    assert said.err == f"opened {seen[0]}\n"
+    assert f"wrote {seen[0]}\n" in said.out
+    assert (seen[0].name, seen[0].parent.parent) == ("comparison.png", tmp_path)
+    own = tmp_path / "own.svg"
+    assert main(["solve", "x*y", "-n", "5", "--monitor", "arc-length", "--plot", str(own), "--open", "--quiet"]) == 0
+    assert seen[1] == own
+    assert seen[0].read_bytes()[1:4] == b"PNG"
+    assert own.stat().st_size > 1000
