@@ -12,6 +12,9 @@ const QUICK_SMOOTHING = 0.02;
 const SLOW = 250;
 // Milliseconds without a change until a slow mesh is requested: while typing, no work of the service is wasted.
 const PAUSE = 220;
+// Statuses of a service whose workers start or are all busy, and milliseconds until the next attempt.
+const BUSY = new Set([429, 503]);
+const AGAIN = 700;
 // Milliseconds after which a change ends the request before it, in place of waiting for its answer.
 const PATIENCE = 150;
 
@@ -28,11 +31,13 @@ export function createLive(app) {
   let wanted = null; // the change that is not requested yet
   let flight = null; // the request that is not answered yet
   let slowTimer = 0;
+  let againTimer = 0;
   let isPaused = false;
   const slowKinds = new Set(); // those whose last answer took long
 
   function change(state) {
     clearTimeout(slowTimer);
+    clearTimeout(againTimer);
     wanted = { state, changed: performance.now() };
     if (isPaused) return;
     if (flight && (flight.isSlow || performance.now() - flight.began > PATIENCE)) flight.controller.abort();
@@ -71,6 +76,11 @@ export function createLive(app) {
       app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
     } catch (error) {
       if (flight !== mine || error.name === "AbortError") return;
+      if (BUSY.has(error.problem?.status) && !wanted) {
+        app.status(`${error.message} The page tries again.`);
+        againTimer = setTimeout(() => !flight && !wanted && fly(state, spec, { changed, isQuick, isSlow }), AGAIN);
+        return;
+      }
       // The requested mesh will tell what is wrong with it; its quick look need not exist.
       if (!isQuick || isFaultOf(error)) {
         if (isQuick) clearTimeout(slowTimer);

@@ -1,13 +1,14 @@
 // The figure: the renderer, the camera, the cell under the pointer, and what is drawn over the mesh.
 
 import { element } from "../dom.js";
+import { amount } from "../words.js";
 import { boxOf, createCamera } from "./camera.js";
 import { tableOf } from "./colours.js";
 import { followGestures } from "./gestures.js";
 import { followCells } from "./hover.js";
 import { meshOf } from "./nodes.js";
 import { createRenderer } from "./renderer.js";
-import { placesOf, valuesOf } from "./values.js";
+import { errorsOf, placesOf, valuesOf } from "./values.js";
 
 // The space between two panes, and over each for its caption, in pixels.
 const GAP = 10;
@@ -37,6 +38,7 @@ export function createStage(stage, app) {
     renderer,
     camera: createCamera(),
     mesh: null,
+    errors: null,
     coloured: null,
     table: null,
     panes: [],
@@ -102,6 +104,7 @@ export function createStage(stage, app) {
     const mesh = meshOf(drawing);
     if (!mesh) return;
     self.mesh = mesh;
+    self.errors = errorsOf(drawing);
     renderer.setNodes(mesh);
     self.camera.setBox(boxOf([mesh.x, mesh.y], [mesh.uniformX, mesh.uniformY]));
     colour();
@@ -148,13 +151,13 @@ function arrange(self, view) {
 function followCaptions(self, app, place) {
   let shown = "";
   self.on(() => {
-    const texts = app.drawing ? self.panes.map((pane) => captionOf(pane)) : [];
+    const texts = app.drawing ? self.panes.map((pane) => captionOf(pane, self.errors)) : [];
     const key = JSON.stringify([texts, self.panes]);
     if (key === shown) return;
     shown = key;
     place.replaceChildren(
-      ...texts.map((text, k) =>
-        element("span", { style: placeOf(self.panes[k]) }, text),
+      ...texts.map(([name, more], k) =>
+        element("span", { style: placeOf(self.panes[k]) }, element("b", {}, name), more),
       ),
     );
   });
@@ -164,8 +167,9 @@ function placeOf({ left, top, width }) {
   return { left: `${left}px`, top: `${top - CAPTION}px`, width: `${width}px` };
 }
 
-function captionOf({ blend }) {
-  if (blend === 0) return element("b", {}, "uniform");
-  if (blend === 1) return element("b", {}, "adapted");
-  return element("b", {}, `${Math.round(100 * blend)} % of the way`);
+function captionOf({ blend }, errors) {
+  const text = (name) => (errors?.[name] ? `, error ${amount(errors[name])}` : "");
+  if (blend === 0) return ["uniform", text("l2_uniform")];
+  if (blend === 1) return ["adapted", text("l2")];
+  return [`${Math.round(100 * blend)} % of the way`, ""];
 }

@@ -20,6 +20,11 @@ export function valuesOf(drawing, mesh, wanted) {
   return { name, values, uniformValues, isFlat: name !== "u", scale: scaleOf(scale, [values, uniformValues]) };
 }
 
+/** The interpolation errors of both meshes in L2, `{l2, l2_uniform}`, as the service measured them; null without u. */
+export function errorsOf({ document: facts }) {
+  return facts.quality?.interpolation_error ?? null;
+}
+
 /** Whether a drawing can be coloured by this. */
 export function isThere(drawing, name) {
   if (name === "size" || name === "none") return true;

@@ -22,7 +22,7 @@ export function create(section, app) {
   const colour = select(choices, store.get().view.colour, (value) => setView({ colour: value }));
   colour.id = freshId("colour");
   const lines = element("input", { type: "checkbox", id: freshId("lines"), onchange: () => setView({ lines: lines.checked }) });
-  const pair = element("button", { type: "button", onclick: () => setView({ layout: "pair" }) }, "side by side");
+  const pair = element("button", { type: "button", onclick: () => setView({ layout: "pair" }) }, "both meshes");
   const single = element("button", { type: "button", onclick: () => setView({ layout: "single" }) }, "one mesh");
   const legend = createLegend(app);
   section.append(
