@@ -16,7 +16,7 @@ LAPTOP = {"width": 1366, "height": 768}
 # A browser reports every answer that is no success; wrong input is a 422, and the page shows it.
 OF_WRONG_INPUT = "status of 422"
 # A test is stopped after this many milliseconds without what it waits for, far more than a busy machine takes.
-PATIENCE = 60_000
+PATIENCE = 30_000
 
 
 class Complaints(list[str]):

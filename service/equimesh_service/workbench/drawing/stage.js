@@ -67,6 +67,9 @@ export function createStage(stage, app) {
     drawNow: draw,
   };
   let isScheduled = false;
+  let uploads = 0; // of nodes to the renderer
+  let drawings = 0;
+  let isFresh = false; // a drawing that no frame has shown
 
   function redraw() {
     if (isScheduled) return;
@@ -81,8 +84,18 @@ export function createStage(stage, app) {
     const ratio = canvas.width / Math.max(1, stage.clientWidth);
     renderer.draw(self.panes, self.camera, { ratio, lines: view.lines, ink: null });
     self.frames += 1;
+    stage.dataset.frames = self.frames;
     stage.classList.toggle("zoomed", self.camera.zoom > 1);
+    if (isFresh) tell();
     for (const listener of listeners) listener();
+  }
+
+  // What is drawn now, as attributes of the stage, from where tests read it.
+  function tell() {
+    isFresh = false;
+    drawings += 1;
+    const { isQuick } = app.drawing;
+    Object.assign(stage.dataset, { drawings, uploads, points: self.mesh.shape.join(" "), quick: Boolean(isQuick) });
   }
 
   function resize() {
@@ -106,10 +119,10 @@ export function createStage(stage, app) {
     self.mesh = mesh;
     self.errors = errorsOf(drawing);
     renderer.setNodes(mesh);
+    uploads += 1;
     self.camera.setBox(boxOf([mesh.x, mesh.y], [mesh.uniformX, mesh.uniformY]));
     colour();
-    stage.dataset.points = mesh.shape.join(" ");
-    stage.dataset.quick = String(Boolean(drawing.isQuick));
+    isFresh = true;
   });
   app.on("busy", (isBusy) => stage.classList.toggle("busy", isBusy));
   app.store.subscribe((state, before) => {
