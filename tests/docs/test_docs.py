@@ -140,10 +140,17 @@ def test_links_lead_somewhere(name: str) -> None:
 
 
 def test_every_page_is_reached_from_the_index() -> None:
-    index = page("index")
+    index = PAGES["docs/index.md"].read_text()
     for name in PAGES:
         if name.startswith("docs/") and name != "docs/index.md":
             assert f"({name.removeprefix('docs/')})" in index, name
+
+
+def test_the_index_of_each_kind_has_one_line_for_each_of_its_pages() -> None:
+    for kind in ("tutorials", "how-to", "reference", "background", "design"):
+        lines = re.findall(r"^- \[[^\]]+\]\((\S+?)\): \S.*", PAGES[f"docs/{kind}/index.md"].read_text(), re.MULTILINE)
+        here = {Path(name).name for name in PAGES if name.startswith(f"docs/{kind}/")} - {"index.md"}
+        assert sorted(lines) == sorted(here), kind
 
 
 def row_names(text: str) -> list[str]:
@@ -222,7 +229,7 @@ def test_every_endpoint_is_documented_and_exists(tmp_path: Path) -> None:
     told = set()
     for row in re.findall(r"^\| `((?:[A-Z]+(?:, )?)+) (/[^`]*)`", page("http"), re.MULTILINE):
         told |= {(method, row[1]) for method in row[0].split(", ")}
-    pages_for_people = {(method, path) for method in ("GET", "HEAD") for path in ("/docs", "/")}
+    pages_for_people = {(method, path) for method in ("GET", "HEAD") for path in ("/docs", "/", "/site/{path}")}
     assert told - pages_for_people == real
 
 

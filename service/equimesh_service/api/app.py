@@ -25,6 +25,7 @@ from equimesh_service.api import (
     results,
     samples,
     sequences,
+    site,
     workbench,
 )
 from equimesh_service.api import operations as operations_api
@@ -100,6 +101,7 @@ def create_app(settings: Settings) -> FastAPI:
         operations_api,
         workbench,
         pages,
+        site,
     )
     for part in routes:
         app.include_router(part.router)

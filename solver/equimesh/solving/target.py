@@ -105,9 +105,10 @@ def solve_to(
     the spacing in H1. The mesh on the predicted grid is solved and measured. Where its error is too large, or far
     smaller than requested, the grid is corrected, at most twice. ``target`` of the certificate has the numbers.
 
-    ``began`` is called with every grid before it is solved. ``options`` are those of :func:`~equimesh.solving.solve.
-    solve`; the start is no mesh. Raises what that raises, and :class:`~equimesh.errors.InputError` for a target out of
-    reach of ``target.max_points``, which names the error that the largest allowed grid would give.
+    ``began`` is called with every grid before it is solved. ``options`` are those of
+    :func:`~equimesh.solving.solve.solve`; the start is no mesh. Raises what that raises, and
+    :class:`~equimesh.errors.InputError` for a target out of reach of ``target.max_points``, which names the error
+    that the largest allowed grid would give.
     """
     if isinstance(options.get("initial"), Mesh):
         raise InputError("a target chooses the grid, so that there is no mesh to start from", field="initial")
