@@ -229,7 +229,8 @@ def test_every_endpoint_is_documented_and_exists(tmp_path: Path) -> None:
     told = set()
     for row in re.findall(r"^\| `((?:[A-Z]+(?:, )?)+) (/[^`]*)`", page("http"), re.MULTILINE):
         told |= {(method, row[1]) for method in row[0].split(", ")}
-    pages_for_people = {(method, path) for method in ("GET", "HEAD") for path in ("/docs", "/", "/site/{path}")}
+    people = ("/docs", "/", "/site/{path}", "/workbench/{path}")
+    pages_for_people = {(method, path) for method in ("GET", "HEAD") for path in people}
     assert told - pages_for_people == real
 
 
