@@ -9,11 +9,20 @@ COPY deploy/locked.txt deploy/slim.sh ./
 # Exactly these files: pip refuses any other bytes.
 RUN python -m venv /opt/equimesh \
     && /opt/equimesh/bin/pip install --no-cache-dir --require-hashes -r locked.txt
-COPY pyproject.toml README.md LICENSE ./
+# What builds the site of the documentation; none of it is in the image.
+COPY deploy/locked-site.txt ./
+RUN /opt/equimesh/bin/pip install --no-cache-dir --require-hashes --target /opt/site-tools -r locked-site.txt
+COPY pyproject.toml README.md LICENSE CHANGELOG.md CONTRIBUTING.md ./
+COPY deploy/site deploy/site
 COPY solver solver
 COPY client client
 COPY service service
+COPY docs docs
+COPY examples examples
+# The site is made from the installed packages, and is then installed with them.
 RUN /opt/equimesh/bin/pip install --no-cache-dir --no-deps --no-build-isolation . \
+    && PYTHON=/opt/equimesh/bin/python PYTHONPATH=/opt/site-tools deploy/site \
+    && /opt/equimesh/bin/pip install --no-cache-dir --no-deps --no-build-isolation --force-reinstall . \
     && sh slim.sh /opt/equimesh
 
 FROM ${PYTHON_IMAGE}

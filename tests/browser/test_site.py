@@ -135,7 +135,7 @@ def test_formulas_are_drawn_without_a_script(page: Page, url: str) -> None:
     page.goto(url + "background/theory-schwarz.html")
     boxes = [formula.bounding_box() for formula in page.locator(".formula math").all()]
     assert len(boxes) >= 2
-    assert all(box is not None and box["height"] > 20 for box in boxes)
+    assert all(box is not None and box["height"] > 12 for box in boxes)
 
 
 @pytest.mark.needs("chromium")

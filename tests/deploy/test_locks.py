@@ -19,7 +19,7 @@ def pins(file: str) -> dict[str, str]:
     return {re.sub(r"[-_.]+", "-", name).lower(): version for name, version, _ in found}
 
 
-@pytest.mark.parametrize("file", ["deploy/locked.txt", ".ci/locked.txt"])
+@pytest.mark.parametrize("file", ["deploy/locked.txt", "deploy/locked-site.txt", ".ci/locked.txt"])
 def test_what_is_installed_is_locked_by_its_bytes(file: str) -> None:
     known, locked = pins("constraints.txt"), pins(file)
     assert locked.items() <= known.items()
@@ -28,9 +28,14 @@ def test_what_is_installed_is_locked_by_its_bytes(file: str) -> None:
         assert re.match(r"\S+==\S+ \\\n    --hash=sha256:[0-9a-f]{64}", entry), entry
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     extras = project["project"]["optional-dependencies"]
-    groups = ("solver", "plot", "service", "postgres", "s3", "tracing", "dask")
-    wanted = [*project["project"]["dependencies"], *project["build-system"]["requires"]]
-    for group in extras if file.startswith(".ci") else groups:
+    groups = {
+        "deploy/locked.txt": ("solver", "plot", "service", "postgres", "s3", "tracing", "dask"),
+        "deploy/locked-site.txt": ("site",),
+        ".ci/locked.txt": extras,
+    }
+    wanted = [*project["project"]["dependencies"]]
+    wanted += [] if file == "deploy/locked-site.txt" else project["build-system"]["requires"]
+    for group in groups[file]:
         wanted += extras[group]
     for text in wanted:
         requirement = Requirement(text)

@@ -151,9 +151,11 @@ def test_the_image_is_slim_and_not_run_by_root() -> None:
     assert {name: by_default(value) for name, value in arguments.items()} == {"PYTHON_IMAGE": "python:3.11-slim"}
     assert image().commands["USER"] not in ("root", "0")
     assert f"--uid {image().commands['USER']} " in " ".join(image().runs)
-    _, install, build = stages()[0].runs
+    _, install, tools, build = stages()[0].runs
     assert install.endswith("/pip install --no-cache-dir --require-hashes -r locked.txt")
-    assert "--no-deps --no-build-isolation ." in build  # nothing comes without a hash
+    assert tools.endswith(" --require-hashes --target /opt/site-tools -r locked-site.txt")  # none of it is in the image
+    assert build.count("--no-deps --no-build-isolation") == 2  # nothing comes without a hash
+    assert build.index("deploy/site") < build.index("--force-reinstall .") < build.index("slim.sh")
 
 
 def test_every_service_of_compose_is_confined_and_watched() -> None:
