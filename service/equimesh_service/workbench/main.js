@@ -5,6 +5,7 @@ import { createStage } from "./drawing/stage.js";
 import { createLive } from "./live.js";
 import { createService } from "./service.js";
 import { createStore } from "./store.js";
+import * as copyPanel from "./panels/copy.js";
 import * as domainPanel from "./panels/domain.js";
 import * as downloadsPanel from "./panels/downloads.js";
 import * as functionPanel from "./panels/function.js";
@@ -35,6 +36,7 @@ const PANELS = {
   time: timePanel,
   samples: samplesPanel,
   sketch: sketchPanel,
+  copy: copyPanel,
   downloads: downloadsPanel,
   work: workPanel,
   key: keyPanel,
