@@ -43,6 +43,8 @@ GROUPS = {
     "on this machine": ("bench", "completion"),
 }
 """The commands of the help, by what they are for."""
+_DECLARE = "declare others as parameters"
+_DECLARE_HERE = "give others a value with --parameter, as in --parameter c=2"
 # Commands whose options are the settings of the service. The completion knows the options of all commands.
 _WITH_SETTINGS = (serve, config, doctor)
 
@@ -116,4 +118,5 @@ def sentence(error: Exception) -> str:
     """The message of an error, without the name of its class."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
-    return str(error) or type(error).__name__
+    # The solver and the service do not know how parameters are declared here.
+    return str(error).replace(_DECLARE, _DECLARE_HERE) or type(error).__name__

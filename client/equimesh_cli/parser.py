@@ -3,9 +3,13 @@
 import argparse
 import textwrap
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from equimesh_cli.exits import Exit, table_of_exits
+
+# What is expected of the values of options, by their types.
+_NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
 
 
 class _Form(argparse.HelpFormatter):
@@ -38,8 +42,38 @@ class Parser(argparse.ArgumentParser):
         """As :mod:`argparse` does, but an unknown argument is an error of this parser, which knows its own command."""
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._advice(unknown[0])}")
         return options, unknown
+
+    def _advice(self, unknown: str) -> str:
+        """What an unknown argument may be meant for, after a semicolon; empty where nobody can tell."""
+        nearest = get_close_matches(unknown.partition("=")[0], self._option_string_actions, n=1)
+        if unknown.startswith("--") and nearest:
+            return f"; perhaps {nearest[0]} is meant"
+        if all(action.dest != "u" for action in self._actions):
+            return ""
+        if unknown.startswith("-") and not unknown.startswith("--"):
+            return "; an expression that begins with - comes last, after --, as in -- '-x*y'"
+        return "; put the expression in quotes, as in 'tanh(20*(x - y))', or the shell takes it apart"
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a word that is none of the choices, with the nearest of them."""
+        if action.choices is None or value in action.choices:
+            return
+        words = [str(word) for word in action.choices]
+        nearest = get_close_matches(str(value), words, n=1)
+        what = "no command" if action.dest == "command" else "no action" if action.dest == "action" else "not known"
+        advice = f"perhaps {nearest[0]} is meant" if nearest else f"choose from {', '.join(words)}"
+        raise argparse.ArgumentError(action, f"{value!r} is {what}; {advice}")
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """The value of a text; what is no number is refused in words."""
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError:
+            if action.type not in _NUMBERS:
+                raise
+            raise argparse.ArgumentError(action, f"{arg_string!r} is not {_NUMBERS[action.type]}") from None
 
     def error(self, message: str) -> NoReturn:
         """Print the message, and end with the exit code of bad usage."""

@@ -12,7 +12,7 @@ from equimesh_cli.parser import Parser
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("serve --prt 3", "unrecognized arguments: --prt 3; see equimesh serve --help"),
+        ("serve --prt 3", "unrecognized arguments: --prt 3; perhaps --port is meant; see equimesh serve --help"),
         ("keys list x", "unrecognized arguments: x; see equimesh keys list --help"),
     ],
 )
@@ -40,3 +40,45 @@ def test_paragraphs_are_filled_and_lists_are_not(monkeypatch: pytest.MonkeyPatch
     assert "  " + 80 * "x" in said
     assert sum(line.startswith("word") for line in said) == 2
     assert sum(line.startswith("more") for line in said) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["sovle", "x*y"], "argument COMMAND: 'sovle' is no command; perhaps solve is meant; see equimesh --help"),
+        (["keys"], "the following arguments are required: {create,list,change,revoke}; see equimesh keys --help"),
+        (["solve"], "no u is given: write an expression in quotes, such as 'tanh(20*(x - y))', or --samples FILE"),
+        (
+            ["solve", "x", "--samples", "u.csv"],
+            "u is given twice, as 'x' and as --samples u.csv: leave out one of them",
+        ),
+        (["solve", "-x*y"], "comes last, after --, as in -- '-x*y'; see equimesh solve --help"),
+        (["solve", "x", "u.csv", "y"], "unrecognized arguments: u.csv y; put the expression in quotes"),
+        (["solve", "x", "--paramter", "c=3"], "--paramter c=3; perhaps --parameter is meant; see equimesh solve --help"),
+        (["solve", "x", "--monitor", "arclength"], "'arclength' is not known; perhaps arc-length is meant"),
+        (["solve", "x", "-n", "nine"], "argument -n/--n-xi: 'nine' is not a whole number; see equimesh solve --help"),
+        (["solve", "x", "--t", "late"], "argument --t: 'late' is not a number"),
+        (
+            ["solve", "x", "-o", "no such/mesh.vtu"],
+            "no such: there is no such folder; make it first: mkdir -p 'no such'",
+        ),
+        (["solve", "x", "--plot-kind", "mesh"], "--plot-kind mesh needs a picture: add --plot FILE, or --open"),
+        (["solve", "x", "--monitor", "curvature", "--plot", "a.png", "--plot-kind", "convergence"], "--subdomains 2x1"),
+        (
+            ["check", "tanh(c*x)"],
+            "give others a value with --parameter, as in --parameter c=2\n    tanh(c*x)\n         ^",
+        ),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_typical_mistake_is_answered_with_what_to_do(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("EQUIMESH_URL", raising=False)
+    try:
+        code = main(words)
+    except SystemExit as end:
+        code = int(str(end.code))
+    told = capsys.readouterr()
+    assert (code, told.out) == (2, "")
+    assert said in told.err

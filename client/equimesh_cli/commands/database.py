@@ -36,7 +36,7 @@ def add_parser(commands: Any) -> None:
         examples=EXAMPLES,
         exits=EXITS,
     )
-    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    actions = parser.add_subparsers(dest="action", metavar="{current,upgrade,backup}", required=True)
     current = add_action(actions, "current", help="show its revision, and that of this release", exits=EXITS)
     current.set_defaults(run=_current)
     upgrade = add_action(actions, "upgrade", help="create its tables, or upgrade them to this release", exits=EXITS)

@@ -49,7 +49,7 @@ def add_parser(commands: Any) -> None:
         examples=EXAMPLES,
         exits=EXITS,
     )
-    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    actions = parser.add_subparsers(dest="action", metavar="{create,list,change,revoke}", required=True)
     create = add_action(actions, "create", help="create a key, and print its secret this once", exits=EXITS)
     create.add_argument("--name", required=True, help="owner or purpose of the key; shown in the list")
     create.add_argument(

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any, Literal
 
 from equimesh_cli.exits import Refused
@@ -164,6 +165,7 @@ def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH
     check_monitor(options)
     _check_target(options)
     _check_cells(options)
+    _check_picture(options)
     given = [name for name in SCHWARZ if getattr(options, name) is not None]
     if given and options.subdomains is None:
         flags = ", ".join("--" + name.replace("_", "-") for name in given)
@@ -175,7 +177,19 @@ def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH
             case = ", or name the folder of an OpenFOAM case, which must exist" if path is options.output else ""
             raise Refused(f"{path}: the suffix must be one of {' '.join(allowed)}{case}")
         if not path.parent.is_dir():
-            raise Refused(f"{path.parent}: there is no such folder")
+            raise Refused(f"{path.parent}: there is no such folder; make it first: mkdir -p {quote(str(path.parent))}")
+
+
+def _check_picture(options: argparse.Namespace) -> None:
+    """Refuse a picture of an iteration that there is not."""
+    has_steps = options.subdomains is not None or options.monitor in ("auto", "least-error")
+    if options.plot_kind == "convergence" and not has_steps:
+        raise Refused(
+            "--plot-kind convergence draws a Schwarz iteration or a descent, and this is neither: add --subdomains,"
+            " e.g. --subdomains 2x1, or take another kind of picture"
+        )
+    if options.plot_kind is not None and options.plot is None and not options.open:
+        raise Refused(f"--plot-kind {options.plot_kind} needs a picture: add --plot FILE, or --open")
 
 
 def _check_cells(options: argparse.Namespace) -> None:

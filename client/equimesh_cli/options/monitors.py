@@ -98,9 +98,9 @@ def check_monitor(options: argparse.Namespace) -> None:
     """Raises :class:`Refused` for options that contradict each other."""
     kind, needed = options.monitor, NEEDED.get(options.monitor, ())
     if options.u is not None and options.samples is not None:
-        raise Refused("give either an expression U or --samples FILE")
+        raise Refused(f"u is given twice, as {options.u!r} and as --samples {options.samples}: leave out one of them")
     if options.u is None and options.samples is None and not needed:
-        raise Refused("give either an expression U or --samples FILE")
+        raise Refused("no u is given: write an expression in quotes, such as 'tanh(20*(x - y))', or --samples FILE")
     every = {name for names in ALLOWED.values() for name in names}
     foreign = [name for name in sorted(every) if getattr(options, name) is not None and name not in ALLOWED[kind]]
     if foreign:

@@ -194,7 +194,8 @@ def _read_csv(data: bytes, limits: Limits) -> dict[str, Any]:
             x, y, u = (float(cells[i]) for i in order)
         except ValueError as error:
             comma = "; use a point as decimal mark" if any("," in cell for cell in cells) else ""
-            raise SamplesError(f"line {number} of the csv file: {str(error)[:200]}{comma}") from error
+            cell = str(error).partition(": ")[2][:200]
+            raise SamplesError(f"line {number} of the csv file: {cell} is not a number{comma}") from error
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(u)):
             raise SamplesError(
                 f"line {number} of the csv file holds a number that is not finite ({text}): fill it in or"

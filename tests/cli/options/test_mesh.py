@@ -10,8 +10,8 @@ import pytest
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["x", "--samples", "u.npz"], "either an expression U or --samples"),
-        ([], "either an expression U or --samples"),
+        (["x", "--samples", "u.npz"], "no u is given"),
+        ([], "u is given twice"),
         (["x", "--overlap", "4", "--p", "1"], "--overlap, --p is for the Schwarz iteration"),
         (["x", "-o", "mesh.doc"], "mesh.doc: the suffix must be one of .vtu"),
         (["x", "-o", "no/where/mesh.vtu"], "no/where: there is no such folder"),
@@ -37,7 +37,7 @@ import pytest
         (["x", "--smoothing", "0.1"], "--smoothing is for --monitor arc-length or curvature or weight or tensor"),
         (["x", "--distortion", "1"], "--distortion is for --monitor least-error, and this is --monitor auto"),
         (["x", "--monitor", "curvature", "-a", "0.5"], "-a is for --monitor arc-length"),
-        (["--monitor", "curvature"], "either an expression U or --samples"),
+        (["--monitor", "curvature"], "no u is given"),
         (["--monitor", "weight", "--rho", "r.npz", "--t", "1"], "belong to an expression"),
         (["--monitor", "weight", "--rho", "missing.npz"], "missing.npz: No such file"),
     ],

@@ -92,7 +92,9 @@ class DownloadsPanel {
     let mesh = await service.requestMesh({ ...spec, label: spec.label ?? LABEL }, { samples: samples?.file ?? null, wait: WAIT, signal });
     try {
       while (!mesh.finished_at) {
-        this.status.textContent = `Computing the mesh: ${Math.round(100 * (mesh.progress?.fraction ?? 0))} %.`;
+        const { fraction, phase } = mesh.progress ?? {};
+        const done = typeof fraction === "number" && phase ? `, ${Math.round(100 * fraction)} %` : "";
+        this.status.textContent = `Computing the mesh${phase ? `: ${phase}` : ""}${done}.`;
         mesh = await service.mesh(mesh.id, { wait: WAIT, signal });
       }
     } catch (error) {
