@@ -10,8 +10,8 @@ import pytest
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["x", "--samples", "u.npz"], "no u is given"),
-        ([], "u is given twice"),
+        (["x", "--samples", "u.npz"], "u is given twice"),
+        ([], "no u is given"),
         (["x", "--overlap", "4", "--p", "1"], "--overlap, --p is for the Schwarz iteration"),
         (["x", "-o", "mesh.doc"], "mesh.doc: the suffix must be one of .vtu"),
         (["x", "-o", "no/where/mesh.vtu"], "no/where: there is no such folder"),
