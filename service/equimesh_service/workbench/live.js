@@ -72,8 +72,8 @@ export function createLive(app) {
       const drawing = await service.preview(spec, { samples, signal: mine.controller.signal });
       if (flight !== mine) return;
       if (!isQuick) slowKinds[performance.now() - mine.began > SLOW ? "add" : "delete"](kindOf(spec));
-      app.emit("problem", drawing.document.error ?? null);
       app.show({ ...drawing, isQuick, milliseconds: performance.now() - changed, state });
+      app.emit("problem", drawing.document.error ?? null);
     } catch (error) {
       if (flight !== mine || error.name === "AbortError") return;
       if (BUSY.has(error.problem?.status) && !wanted) {

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from programs import browser as browser_program
 
@@ -16,7 +16,7 @@ LAPTOP = {"width": 1366, "height": 768}
 # A browser reports every answer that is no success; wrong input is a 422, and the page shows it.
 OF_WRONG_INPUT = "status of 422"
 # A test is stopped after this many milliseconds without what it waits for, far more than a busy machine takes.
-PATIENCE = 30_000
+PATIENCE = 60_000
 
 
 class Complaints(list[str]):
@@ -33,6 +33,7 @@ class Complaints(list[str]):
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Browser]:
+    expect.set_options(timeout=PATIENCE)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_program(), args=FLAGS)
         yield browser

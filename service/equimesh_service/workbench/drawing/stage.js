@@ -124,6 +124,7 @@ export function createStage(stage, app) {
     colour();
     isFresh = true;
   });
+  app.on("problem", (problem) => stage.classList.toggle("stale", Boolean(problem?.errors?.length)));
   app.on("busy", (isBusy) => stage.classList.toggle("busy", isBusy));
   app.store.subscribe((state, before) => {
     if (state.view.colour !== before.view.colour) colour();

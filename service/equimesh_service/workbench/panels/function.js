@@ -94,7 +94,9 @@ export function create(section, app) {
   function showFault(problem) {
     const place = `/${path()?.slice(1).join("/")}/`;
     const found = (problem?.errors ?? []).find((each) => `${each.pointer}/`.startsWith(place));
-    const other = problem && !found ? [problem.detail ?? problem.title, problem.remedy].filter(Boolean).join(" ") : "";
+    // What a drawing itself tells is in its sentences.
+    const isTold = problem === app.drawing?.document.error;
+    const other = problem && !found && !isTold ? [problem.detail ?? problem.title, problem.remedy].filter(Boolean).join(" ") : "";
     const isNew = fault.textContent !== (found?.message ?? other);
     if (isNew) fault.textContent = found?.message ?? other;
     if (found) text.setAttribute("aria-invalid", "true");
@@ -109,6 +111,7 @@ export function create(section, app) {
   }
 
   function show(state, before) {
+    if (before && state.spec === before.spec && state.samples === before.samples && state.sliders === before.sliders) return;
     const { expression, parameters = {}, t = 0 } = sourceOf(state);
     const isText = expression !== undefined;
     label.textContent = state.spec.monitor?.kind === "weight" ? "ρ(x, y) =" : "u(x, y) =";

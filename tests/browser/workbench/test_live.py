@@ -1,0 +1,162 @@
+"""Live: from a key to a mesh, answers in order, faults with a caret, parameters with sliders."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, Request, expect
+
+pytestmark = pytest.mark.needs("chromium")
+FUNCTION = "#panel-function textarea"
+QUICK = "#stage[data-quick]"
+# Milliseconds from the last key to the frame with its mesh, for each of some keys; runs in the page.
+TYPE = """async (texts) => {
+  const field = document.querySelector("#panel-function textarea");
+  const stage = document.querySelector("#stage");
+  const times = [];
+  for (const text of texts) {
+    const before = Number(stage.dataset.drawings);
+    const began = performance.now();
+    field.value = text;
+    field.dispatchEvent(new InputEvent("input", { bubbles: true }));
+    while (Number(stage.dataset.drawings) === before) await new Promise(requestAnimationFrame);
+    times.push(performance.now() - began);
+    await new Promise((done) => setTimeout(done, 300));
+  }
+  return times;
+}"""
+
+# Notes for each drawing whether it is a quick look, and whether the numbers say so.
+WATCH = """() => {
+  window.seen = [];
+  const stage = document.querySelector("#stage");
+  const says = () => document.querySelector("#panel-numbers").textContent.includes("quick look");
+  const note = () => window.seen.push([stage.dataset.quick, says()]);
+  new MutationObserver(note).observe(stage, { attributeFilter: ["data-drawings"] });
+}"""
+
+
+def specs_of(page: Page) -> list[Any]:
+    """The specs of all previews that the page requests from now on."""
+    specs: list[Any] = []
+
+    def note(request: Request) -> None:
+        if request.url.endswith("/v1/previews"):
+            specs.append(json.loads(request.post_data or "null"))
+
+    page.on("request", note)
+    return specs
+
+
+def test_a_mesh_follows_each_key(visit: Callable[..., Page], capsys: pytest.CaptureFixture[str]) -> None:
+    page = visit("/#u=tanh(20*(x-y))&n=65&monitor=arc_length")
+    page.wait_for_selector(QUICK)
+    specs = specs_of(page)
+    texts = [f"tanh({k}*(x - y**2))" for k in range(10, 19)]
+    times = page.evaluate(TYPE, texts)
+    assert [spec["monitor"]["u"]["expression"] for spec in specs] == texts
+    assert {(spec["grid"]["n_xi"], spec["grid"]["n_eta"]) for spec in specs} == {(65, 65)}
+    with capsys.disabled():
+        print(f"\nfrom a key to its mesh, 65 x 65: median {statistics.median(times):.0f} ms, least {min(times):.0f} ms")
+
+
+def test_a_slow_mesh_is_shown_after_a_quick_look(visit: Callable[..., Page]) -> None:
+    page = visit("/#u=tanh(20*(x-y**2))&n=17&monitor=least_error")
+    specs = specs_of(page)
+    page.wait_for_selector("#stage[data-quick=false]")
+    specs.clear()
+    page.evaluate(WATCH)
+    page.fill(FUNCTION, "tanh(15*(x-y**2))")
+    page.wait_for_function("() => window.seen.length === 2")
+    assert page.evaluate("() => window.seen") == [["true", True], ["false", False]]
+    assert [spec["monitor"].get("kind") for spec in specs] == ["arc_length", "least_error"]
+
+
+def test_an_old_answer_never_replaces_a_newer_one(page: Page) -> None:
+    page.wait_for_selector(QUICK)
+    held = []
+
+    def answer(route: Any) -> None:
+        if "11*" in (route.request.post_data or ""):
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.route("**/v1/previews", answer)
+    page.fill(FUNCTION, "tanh(11*x)")
+    page.wait_for_timeout(400)
+    before = int(page.get_attribute("#stage", "data-drawings") or 0)
+    page.fill(FUNCTION, "tanh(12*x)")
+    page.wait_for_function(f"() => Number(document.querySelector('#stage').dataset.drawings) > {before}")
+    assert len(held) == 1
+    held[0].continue_()
+    page.wait_for_timeout(400)
+    assert int(page.get_attribute("#stage", "data-drawings") or 0) == before + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "words"),
+    [("sin(x*", 7, "something is missing"), ("x y", 3, "no operator"), ("1/0 + x", 1, "not finite")],
+)
+def test_a_caret_stands_under_what_is_wrong(page: Page, text: str, column: int, words: str) -> None:
+    page.wait_for_selector(QUICK)
+    page.fill(FUNCTION, text)
+    expect(page.locator("#panel-function .fault")).to_contain_text(words)
+    assert page.locator(".caret").text_content() == " " * (column - 1) + "^"
+    expect(page.locator(FUNCTION)).to_have_attribute("aria-invalid", "true")
+    page.fill(FUNCTION, "x*y")
+    expect(page.locator("#panel-function .fault")).to_be_empty()
+    assert page.locator(FUNCTION).get_attribute("aria-invalid") is None
+
+
+def test_an_unknown_name_becomes_a_parameter_with_a_slider(page: Page) -> None:
+    page.wait_for_selector(QUICK)
+    specs = specs_of(page)
+    page.fill(FUNCTION, "tanh(k*(x - y)) + t")
+    page.get_by_role("button", name="Add k as a parameter").click()
+    slider = page.get_by_role("slider", name="k", exact=True)
+    expect(slider).to_be_visible()
+    expect(page.locator("#panel-function .fault")).to_be_empty()
+    before = slider.input_value()
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    page.get_by_role("slider", name="t", exact=True).fill("0.5")
+    page.wait_for_function("() => location.hash.includes('0.5')")
+    source = specs[-1]["monitor"]["u"]
+    assert source["parameters"]["k"] > float(before)
+    assert source["t"] == 0.5
+
+
+def test_a_name_that_leaves_the_expression_takes_its_parameter_along_and_brings_it_back(page: Page) -> None:
+    page.fill(FUNCTION, "tanh(k*x)")
+    page.get_by_role("button", name="Add k as a parameter").click()
+    number = page.get_by_role("spinbutton", name="value of k")
+    number.fill("7")
+    page.fill(FUNCTION, "tanh(x)")
+    expect(number).to_have_count(0)
+    page.fill(FUNCTION, "tanh(k*x)")
+    expect(number).to_have_value("7")
+
+
+def test_a_busy_service_is_asked_again(page: Page) -> None:
+    page.wait_for_selector(QUICK)
+    page.complaints.expected.append("status of 503")  # type: ignore[attr-defined]
+    asked = []
+
+    def answer(route: Any) -> None:
+        asked.append(route)
+        if len(asked) == 1:
+            route.fulfill(status=503, json={"title": "Workers busy", "detail": "All workers are busy."})
+        else:
+            route.continue_()
+
+    page.route("**/v1/previews", answer)
+    before = page.get_attribute("#stage", "data-drawings")
+    page.fill(FUNCTION, "tanh(3*x)")
+    expect(page.locator("#status")).to_contain_text("tries again")
+    expect(page.locator("#stage")).not_to_have_attribute("data-drawings", before or "")
+    assert len(asked) == 2

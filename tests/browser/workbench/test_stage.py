@@ -1,0 +1,148 @@
+"""The figure: colours, the slider between both meshes, cells and their numbers, zoom, frames and pictures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from playwright.sync_api import Page, expect
+
+pytestmark = pytest.mark.needs("chromium")
+STAGE = "#stage"
+DRAWN = "#stage[data-quick=false]"
+COLOUR = "Colour by"
+# Frames while the slider between the meshes is moved twenty times, the changes, and their milliseconds.
+DRAG = """async () => {
+  const slider = document.querySelector("#panel-view input[type=range]");
+  const stage = document.querySelector("#stage");
+  const first = Number(stage.dataset.frames);
+  const began = performance.now();
+  let asked = 0;
+  while (asked < 20) {
+    slider.value = 0.5 + 0.5 * Math.sin(asked / 10);
+    slider.dispatchEvent(new InputEvent("input", { bubbles: true }));
+    asked += 1;
+    await new Promise(requestAnimationFrame);
+  }
+  return [Number(stage.dataset.frames) - first, asked, performance.now() - began];
+}"""
+
+
+def pixels(page: Page, tmp_path: Path) -> Any:
+    """The colours of the figure as it is seen, (height, width, 3)."""
+    path = tmp_path / "stage.png"
+    page.locator(STAGE).screenshot(path=path)
+    return imread(path)[:, :, :3]
+
+
+@pytest.mark.parametrize("colour", ["u", "q_eq", "error", "size", "none"])
+@pytest.mark.parametrize("query", ["", "?plain"])
+def test_colours_are_drawn_with_a_legend(visit: Callable[..., Page], tmp_path: Path, query: str, colour: str) -> None:
+    page = visit(f"/{query}#u=tanh(20*(x-y))&n=17&monitor=arc_length")
+    page.wait_for_selector(DRAWN)
+    page.get_by_label(COLOUR).select_option(colour)
+    expect(page.locator(".legend canvas")).to_be_visible(visible=colour != "none")
+    seen = pixels(page, tmp_path)
+    shades = {tuple(shade) for shade in (seen[60:-60:3, ::3].reshape(-1, 3) * 15).astype(int)}
+    assert len(shades) > (20 if colour != "none" else 2)
+    assert page.evaluate("() => location.hash").count("view=") == 0 or colour != "error"
+
+
+def test_both_meshes_have_the_same_scale_and_the_slider_moves_one(page: Page, tmp_path: Path) -> None:
+    page.wait_for_selector(DRAWN)
+    halves = lambda: np.array_split(pixels(page, tmp_path)[40:-8], 2, axis=1)  # noqa: E731
+    left, right = halves()
+    slider = page.get_by_role("slider", name="uniform")
+    slider.fill("0")
+    expect(page.locator("#captions")).to_have_text(re.compile("uniform.*uniform"))
+    left_after, right_after = halves()
+    assert np.abs(left - left_after).max() < 0.02
+    assert np.abs(right - right_after).max() > 0.3
+    slider.fill("0.5")
+    expect(page.locator("#captions")).to_contain_text("50 % of the way")
+
+
+def test_a_cell_tells_its_numbers_to_pointer_and_keys(page: Page) -> None:
+    page.wait_for_selector(DRAWN)
+    box = page.locator(STAGE).bounding_box()
+    assert box is not None
+    tip = page.locator("#tip")
+    page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"])
+    for word in ("cell ", "size ", "u ", "error ", "Q_eq "):
+        expect(tip).to_contain_text(word)
+    page.mouse.move(5, 5)
+    expect(tip).to_be_hidden()
+    page.locator(STAGE).focus()
+    page.keyboard.press("ArrowRight")
+    expect(tip).to_contain_text("cell 8, 8 ")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowUp")
+    expect(tip).to_contain_text("cell 9, 9 ")
+    expect(page.locator("#live")).to_contain_text("cell 9, 9 ")
+    page.keyboard.press("Escape")
+    expect(tip).to_be_hidden()
+
+
+def test_wheel_keys_and_buttons_zoom_and_drag_pans(page: Page) -> None:
+    page.wait_for_selector(DRAWN)
+    stage = page.locator(STAGE)
+    zoomed = re.compile(r"\bzoomed\b")
+    box = stage.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.5 * box["height"])
+    page.mouse.wheel(0, -400)
+    expect(stage).to_have_class(zoomed)
+    stage.focus()
+    page.keyboard.press("ArrowRight")
+    cell = page.locator("#overlay .cell").last
+    before = cell.get_attribute("points")
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.4 * box["height"])
+    page.mouse.up()
+    assert cell.get_attribute("points") != before
+    page.keyboard.press("0")
+    expect(stage).not_to_have_class(zoomed)
+    page.get_by_role("button", name="Zoom in").click()
+    expect(stage).to_have_class(zoomed)
+    page.get_by_role("button", name="Show the whole domain").click()
+    expect(stage).not_to_have_class(zoomed)
+    page.keyboard.press("0")
+
+
+def test_a_large_mesh_is_dragged_at_the_rate_of_the_screen(
+    visit: Callable[..., Page], capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = visit("/#u=tanh(20*(x-y**2))&n=257&monitor=arc_length")
+    page.wait_for_selector(DRAWN)
+    assert page.get_attribute(STAGE, "data-points") == "257 257"
+    uploads = page.get_attribute(STAGE, "data-uploads")
+    frames, asked, milliseconds = page.evaluate(DRAG)
+    with capsys.disabled():
+        print(f"\nframes a second at 257 x 257, in software: {1000 * frames / milliseconds:.0f} of {asked} changes")
+    assert frames >= asked - 2  # one for each change: none is left out
+    assert (
+        page.evaluate("() => document.querySelector('#stage').dataset.uploads") == uploads
+    )  # nodes stay where they are
+
+
+@pytest.mark.parametrize("layout", ["both meshes", "one mesh"])
+def test_pictures_show_what_is_seen(page: Page, tmp_path: Path, layout: str) -> None:
+    page.wait_for_selector(DRAWN)
+    page.get_by_role("button", name=layout).click()
+    with page.expect_download() as svg:
+        page.get_by_role("button", name="Save SVG").click()
+    text = svg.value.path().read_text()
+    panes = 2 if layout == "both meshes" else 1
+    assert text.count("<clipPath") == panes
+    assert len(re.findall(r"M[^M\"]+Z", text)) == panes * 16 * 16
+    with page.expect_download() as png:
+        page.get_by_role("button", name="Save PNG").click()
+    png.value.save_as(tmp_path / "mesh.png")
+    seen, saved = pixels(page, tmp_path), imread(tmp_path / "mesh.png")[:, :, :3]
+    assert abs(saved.shape[1] - seen.shape[1]) <= 2
+    assert np.abs(saved.mean(axis=(0, 1)) - seen.mean(axis=(0, 1))).max() < 0.06
