@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -117,6 +118,7 @@ class Curvature:
         if float(size.max()) * probe.diameter**2 <= MAX_LINEAR_SHARE * float(np.abs(u).max()):
             return math.inf
 
+        @cache  # the search asks for the ends of its bracket again
         def excess(logarithm: float) -> float:
             scale = math.exp(-logarithm) / typical
             return _mean_density(h11, h12, h22, weights, scale, self.floor, self._kind) - 2.0
