@@ -12,19 +12,17 @@ from PIL import Image
 import equimesh as em
 from equimesh.plot import draw_comparison, draw_histories, draw_mesh
 
-WAVE = "tanh(50*(y - 0.5 - 0.25*sin(2*pi*x)))"
 FRONT = "tanh(40*(y - 0.5 - 0.1*sin(2*pi*x)))"
 PAPER = "(1 - exp(15*(x - 1))) * sin(pi*y)"
 
 
-def problem(u: str, n: int, boundary: em.Boundary) -> em.Problem:
-    """A mesh of n x n points for u."""
-    monitor = em.ArcLength(u=em.Expression(u), a=0.7, b=0.05)
-    return em.Problem(monitor=monitor, grid=em.Grid(n_xi=n, n_eta=n), boundary=boundary)
-
-
 def paper(n: int, overlap: int, transmission: em.TransmissionCondition) -> em.Solution:
     """Ten Schwarz iterations for the paper's mesh, compared with the single domain."""
+    problem = em.Problem(
+        monitor=em.ArcLength(u=em.Expression(PAPER), a=0.7, b=0.05),
+        grid=em.Grid(n_xi=n, n_eta=n),
+        boundary=em.Boundary.EQUIDISTRIBUTED_1D,
+    )
     settings = em.Schwarz(
         overlap=overlap,
         transmission=transmission,
@@ -33,11 +31,10 @@ def paper(n: int, overlap: int, transmission: em.TransmissionCondition) -> em.So
         max_iterations=10,
         compare_single_domain=True,
     )
-    return em.solve(problem(PAPER, n, em.Boundary.EQUIDISTRIBUTED_1D), settings, initial=em.Initial.UNIFORM)
+    return em.solve(problem, settings, initial=em.Initial.UNIFORM)
 
 
 def main(output: Path) -> None:
-    draw_mesh(em.solve(problem(WAVE, 65, em.Boundary.TRACE)).data(), output / "wave.png")
     best = em.Problem(monitor=em.Auto(u=em.Expression(FRONT)), grid=em.Grid(n_xi=33, n_eta=33))
     draw_comparison(em.solve(best).against_uniform, output / "uniform-and-adapted.png")
     mesh = paper(18, 4, em.LinearRobin(p=2.3))
@@ -53,7 +50,7 @@ def main(output: Path) -> None:
         histories[name] = [record.error for record in records if record.error > 1e-12]
     title = "Error against the single-domain mesh, 2 points of overlap"
     draw_histories(histories, output / "three-methods.png", title=title, ylabel="largest error of a node")
-    for name in ("wave", "uniform-and-adapted", "paper-mesh", "three-methods"):
+    for name in ("uniform-and-adapted", "paper-mesh", "three-methods"):
         path, picture = output / f"{name}.png", Image.open(output / f"{name}.png").convert("RGB")
         in_colour = name == "uniform-and-adapted"
         few = picture.quantize(160, method=Image.Quantize.MAXCOVERAGE) if in_colour else picture.quantize(24)
