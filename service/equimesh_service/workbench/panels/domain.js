@@ -49,7 +49,7 @@ export function create(section, app) {
       element("p", { class: "hint" }, "Bottom and top run from left to right, left and right from bottom to top. They meet at the corners. Points can be dragged, or moved with arrow keys."),
       SIDES.map((side) => curveForm(app, side, put))),
   };
-  section.append(kinds, outline.element, faultLine(app, (pointer) => pointer === "/domain"), ...Object.values(forms));
+  section.append(kinds, outline.element, faultLine(app, (pointer) => /^\/domain(\/\w+)?$/.test(pointer)), ...Object.values(forms));
   follow(app, ["domain"], (value) => {
     const kind = value?.kind ?? "rectangle";
     for (const [name, form] of Object.entries(forms)) form.hidden = name !== kind;

@@ -32,7 +32,7 @@ export function create(section, app) {
   });
   const settings = element("div");
   // Settings of another kind are faults that no field shows.
-  section.append(kinds, faultLine(app, (pointer) => pointer === "/monitor"), settings);
+  section.append(kinds, faultLine(app, (pointer) => /^\/monitor(\/monitors(\/\d+)?)?$/.test(pointer)), settings);
   rebuilt(app, settings, () => kindOf(monitor()), (inner, kind) =>
     kind === "intersection" ? members(inner, uses) : plain(inner, PLACE, kind, uses));
 }

@@ -35,7 +35,7 @@ export function create(section, app) {
     numberField(app, "Overlap in points", ["schwarz", "overlap"], { fallback: 4, min: 2, step: 1 }),
     transmission(app),
     more(app));
-  section.append(isOn, faultLine(app, (pointer) => pointer === "/schwarz"), settings);
+  section.append(isOn, faultLine(app, (pointer) => /^\/schwarz(\/subdomains|\/transmission)?$/.test(pointer)), settings);
   follow(app, ["schwarz"], (schwarz) => {
     input.checked = Boolean(schwarz);
     settings.hidden = !schwarz;
