@@ -32,7 +32,7 @@ from equimesh_service.store.store import Store
 from equimesh_service.upkeep.metrics import Metrics, Snapshot
 from equimesh_service.upkeep.readiness import OK, Readiness
 from equimesh_service.upkeep.retention import Retention
-from equimesh_service.worker import solve
+from equimesh_service.worker import solve, warmth
 from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.reach import Reach
 
@@ -46,6 +46,7 @@ PRELOAD = (
     "equimesh.plot.meshes",
     "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg",
+    "equimesh_service.worker.warm_fork",
 )
 
 
@@ -122,7 +123,7 @@ def _open_workers(settings: Settings, storage: Storage) -> tuple[Engine, SideWor
         engine = DaskEngine(settings.scheduler, pool_settings(settings, storage))
     else:
         engine = PebbleEngine(
-            settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=solve.warm_up
+            settings.workers, memory_limit=limit, preload=PRELOAD, prepare=prepare, warm_up=warmth.warm_up_once
         )
     return engine, SideWorkers(PebbleEngine(FILE_WORKERS, memory_limit=limit, preload=PRELOAD, prepare=prepare))
 
@@ -132,7 +133,7 @@ def pool_settings(settings: Settings, storage: Storage) -> PoolSettings:
     return PoolSettings(
         memory_limit=settings.memory_limit,
         preload=PRELOAD,
-        warm_up=PackedCall.of(solve.warm_up),
+        warm_up=PackedCall.of(warmth.warm_up_once),
         prepare=PackedCall.of(Preparation.of(settings)),
         check=PackedCall.of(Reach.of(storage).describe_faults),
     )

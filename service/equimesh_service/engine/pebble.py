@@ -26,6 +26,8 @@ from equimesh_service.errors import EngineError, MemoryLimitError, TimeLimitErro
 Result = TypeVar("Result")
 _log = logging.getLogger(__name__)
 _warmed_up = 0.0  # seconds, in a worker
+# Seconds of a warm-up that is not worth a line in the log: of a worker that was forked warm.
+_SHORT_WARM_UP = 0.05
 # The time between two checks of the pool, and of a worker's parent.
 _WATCH_SECONDS = 0.2
 _server_lock = threading.Lock()
@@ -219,7 +221,7 @@ def _start_server() -> None:
 
 
 def _log_warm_up(done: Future[float]) -> None:
-    if not done.cancelled() and done.exception() is None and done.result() > 0.0:
+    if not done.cancelled() and done.exception() is None and done.result() > _SHORT_WARM_UP:
         _log.info("a worker warmed up in %.1f s; the first on a machine compiles the kernels", done.result())
 
 

@@ -1,0 +1,8 @@
+"""To be imported by the process that workers are forked from: it warms up, so that they are warm from the beginning.
+
+A worker that replaces a killed one is then ready at once. All workers share the memory of the loops.
+"""
+
+from equimesh_service.worker.warmth import warm_up_unless_compiling
+
+warm_up_unless_compiling()

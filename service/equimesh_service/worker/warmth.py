@@ -1,0 +1,47 @@
+"""The warm-up of a process, once: of a worker, or of the process that all workers are forked from."""
+
+import logging
+from contextlib import suppress
+from typing import Any
+
+from numba.core import event
+
+from equimesh_service.worker.solve import warm_up
+
+_log = logging.getLogger(__name__)
+_is_warm = False
+
+
+class _CompilingError(Exception):
+    """A loop is not compiled yet on this machine."""
+
+
+class _Refusal(event.Listener):
+    """Ends a warm-up that would compile."""
+
+    def on_start(self, _: Any) -> None:
+        raise _CompilingError
+
+    def on_end(self, _: Any) -> None:
+        pass
+
+
+def warm_up_once() -> None:
+    """Warm this process up, unless it is warm, or was forked from one that is."""
+    global _is_warm
+    if not _is_warm:
+        warm_up()
+        _is_warm = True
+
+
+def warm_up_unless_compiling() -> None:
+    """Warm this process up if all loops are compiled on this machine; never raises.
+
+    To compile them takes long, and the process that workers are forked from starts no worker meanwhile, also none that
+    a stopping service waits for. The first worker compiles them then.
+    """
+    try:
+        with event.install_listener("numba:compile", _Refusal()), suppress(_CompilingError):
+            warm_up_once()
+    except Exception:  # a worker tries again, and reports it
+        _log.exception("the workers are not forked warm")
