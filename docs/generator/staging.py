@@ -22,6 +22,8 @@ _MENU = (
     ("", ("gallery.md", *(f"{kind}/index.md" for kind in _KINDS))),
     ("Project", ("project/readme.md", "project/changelog.md", "project/contributing.md")),
 )
+# Titles in the menu, where that of the page says less.
+_TITLES = {"project/readme.md": "README <{}>"}
 _LANGUAGES = {".py": "python", ".json": "json", ".toml": "toml", ".yml": "yaml", ".yaml": "yaml", ".js": "js"}
 _LISTED = re.compile(r"^\s*(?:- |\d+\. |\| |#+ )[^\n]*?\]\(([^)#\s]+\.(?:md|rst))\)", re.MULTILINE)
 # What the list of the reference gets on the site, where these pages exist.
@@ -101,7 +103,7 @@ def _toctree(caption: str, names: list[str]) -> str:
     if not names:
         return ""
     heading = f":caption: {caption}\n" if caption else ""
-    return "\n```{toctree}\n:hidden:\n" + heading + "\n" + "\n".join(f"/{name}" for name in names) + "\n```\n"
+    return "\n```{toctree}\n:hidden:\n" + heading + "\n" + "\n".join(_TITLES.get(name, "{}").format(f"/{name}") for name in names) + "\n```\n"
 
 
 def _openapi() -> dict[str, object]:
