@@ -10,6 +10,8 @@ _TEXTS = {
     # Landmarks have names.
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="Site">',
     '<aside class="toc-drawer': '<aside aria-label="Page" class="toc-drawer',
+    # The caption of a part of the menu is no heading of the page.
+    '<p class="caption" role="heading">': '<p class="caption">',
     # What scrolls is reached by the keyboard.
     "<pre>": '<pre tabindex="0">',
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',

@@ -103,7 +103,8 @@ def _toctree(caption: str, names: list[str]) -> str:
     if not names:
         return ""
     heading = f":caption: {caption}\n" if caption else ""
-    return "\n```{toctree}\n:hidden:\n" + heading + "\n" + "\n".join(_TITLES.get(name, "{}").format(f"/{name}") for name in names) + "\n```\n"
+    entries = "\n".join(_TITLES.get(name, "{}").format(f"/{name}") for name in names)
+    return "\n```{toctree}\n:hidden:\n" + heading + "\n" + entries + "\n```\n"
 
 
 def _openapi() -> dict[str, object]:

@@ -34,6 +34,7 @@ PART = (
     "reference/packages/equimesh.testing.rst",
     "reference/operations/index.md",
     "reference/operations/checks.md",
+    "project/readme.md",
 )
 BUILD = """
 import sys
