@@ -27,6 +27,7 @@ DRAG = """async () => {
     slider.value = 0.5 + 0.5 * Math.sin(asked / 10);
     slider.dispatchEvent(new InputEvent("input", { bubbles: true }));
     asked += 1;
+    await new Promise((done) => setTimeout(done)); // listeners of the state are called before the next frame
     await new Promise(requestAnimationFrame);
   }
   return [Number(stage.dataset.frames) - first, asked, performance.now() - began];
