@@ -24,8 +24,10 @@ from equimesh_service.worker.preview import Preview, draw_preview
 
 # The longest wait for a worker.
 MAX_LINE_SECONDS = 1.0
-# The time that an engine has after the time limit of a preview to report it.
-_MAX_REPORT_SECONDS = 5.0
+# A solve that has not ended itself for this time after its limit is killed, with its worker.
+_MAX_STEP_SECONDS = 1.0
+# The time that an engine has after that. A worker that takes the place of a killed one warms up first.
+_MAX_REPORT_SECONDS = 30.0
 _REQUEST_THE_MESH = "Request the mesh itself with POST /v1/meshes, or fewer points."
 
 
@@ -79,7 +81,8 @@ class Previews:
         task = None
         try:
             if not await has_left():
-                task = self.engine.submit(draw_preview, preview, time_limit=self.settings.preview_seconds)
+                limit = self.settings.preview_seconds + _MAX_STEP_SECONDS
+                task = self.engine.submit(draw_preview, preview, time_limit=limit)
                 self.line.occupy(task, caller.key_id)
         except EngineError as error:
             raise _lost(error) from None
@@ -98,6 +101,7 @@ class Previews:
             stored={name: sha256 for name, sha256 in admitted.samples.items() if name not in sent},
             sent={} if admitted.built is not None else sent,
             frames=frames,
+            seconds=self.settings.preview_seconds,
             threads=self.settings.worker_threads,
             request_id=log_context.current().request_id,
         )
@@ -106,7 +110,7 @@ class Previews:
         """The drawing, once the worker has it."""
         limit = self.settings.preview_seconds
         try:
-            async with asyncio.timeout(limit + _MAX_REPORT_SECONDS):
+            async with asyncio.timeout(limit + _MAX_STEP_SECONDS + _MAX_REPORT_SECONDS):
                 return await asyncio.wrap_future(task)
         except TimeLimitError:
             detail = f"The preview was not finished within {limit:g} s (EQUIMESH_PREVIEW_SECONDS)."

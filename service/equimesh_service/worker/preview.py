@@ -2,6 +2,7 @@
 
 import io
 import logging
+import math
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ import numpy as np
 import equimesh
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.problem import Samples, check, translate_errors
+from equimesh_service.errors import TimeLimitError
 from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.storage import storage_faults
@@ -31,7 +33,8 @@ class Preview:
 
     ``stored`` are the SHA-256 of files of samples, and ``sent`` the bytes of those that came with the request, both by
     the ids of the samples. ``built`` is the problem of the spec where it is known. With ``frames`` the drawing has the
-    meshes of a Schwarz iteration.
+    meshes of a Schwarz iteration. The solve ends itself after ``seconds``, since a killed
+    worker is slow to replace.
     """
 
     spec: Mapping[str, Any]
@@ -40,6 +43,7 @@ class Preview:
     stored: Mapping[str, str]
     sent: Mapping[str, bytes]
     frames: bool = False
+    seconds: float = math.inf
     threads: int = 1
     request_id: str = ""
 
@@ -47,13 +51,14 @@ class Preview:
 def draw_preview(preview: Preview) -> bytes:
     """The drawing of a mesh, as the bytes of an npz; nothing is stored.
 
-    Raises a 422 problem for a spec that cannot be solved, and a 409 problem when its samples are gone.
+    Raises a 422 problem for a spec that cannot be solved, a 409 problem when its samples are gone, and
+    :class:`~equimesh_service.errors.TimeLimitError`.
     """
     with log_context.enter(log_context.LogContext(request_id=preview.request_id)):
         try:
             with storage_faults():
                 return _draw(preview)
-        except Problem:
+        except (Problem, TimeLimitError):
             raise
         except Exception as error:
             _log.error("a preview broke", exc_info=error)  # only the worker knows where
@@ -64,8 +69,15 @@ def _draw(preview: Preview) -> bytes:
     spec = preview.built or _build(preview)
     frames = Frames(spec.problem.grid.points) if preview.frames and spec.schwarz is not None else None
     began = time.perf_counter()
+
+    def observe(event: equimesh.Event) -> None:
+        if time.perf_counter() - began > preview.seconds:
+            raise TimeLimitError("the time limit was reached")
+        if frames is not None:
+            frames(event)
+
     with translate_errors():
-        solution = spec.solve(threads=preview.threads, observe=frames or _ignore, check=False)
+        solution = spec.solve(threads=preview.threads, observe=observe, check=False)
     solved = time.perf_counter()
     compared, failure = solution.against_uniform, None
     if not solution.status.succeeded:
@@ -106,7 +118,3 @@ def _stored(preview: Preview, files: Files, stack: ExitStack) -> dict[str, Sampl
 def _arrays(content: bytes) -> Mapping[str, Any]:
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return dict(arrays)
-
-
-def _ignore(event: equimesh.Event) -> None:
-    """Do nothing with an event of the solver."""

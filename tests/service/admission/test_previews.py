@@ -121,7 +121,7 @@ def test_a_worker_draws_and_is_free_then(tmp_path: Path, engine: OneWorker) -> N
 
     assert drawn(tmp_path, engine, end) == b"drawing"
     ((function, (preview,), limit),) = engine.given
-    assert (function, limit) == (module.draw_preview, 3.0)
+    assert (function, limit, preview.seconds) == (module.draw_preview, 4.0, 3.0)
     assert (preview.frames, preview.built.problem.grid.shape) == (True, (8, 9))
 
 
@@ -156,7 +156,7 @@ def test_a_preview_that_fails_says_why(
 def test_a_worker_that_never_answers_is_given_up(
     tmp_path: Path, engine: OneWorker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "_MAX_REPORT_SECONDS", -2.8)
+    monkeypatch.setattr(module, "_MAX_REPORT_SECONDS", -3.8)
     outcome = drawn(tmp_path, engine, lambda *_: None)
     assert isinstance(outcome, Problem)
     assert outcome.name == "unavailable"

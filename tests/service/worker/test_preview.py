@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from equimesh_service.engine.packed_call import PackedCall, open_outcome, pack_outcome
+from equimesh_service.errors import TimeLimitError
 from equimesh_service.files.folder import FolderFiles
 from equimesh_service.problems.problem import Problem
 from equimesh_service.spec.mesh import read_spec
@@ -63,6 +64,13 @@ def test_a_task_and_its_problem_cross_to_a_cluster(tmp_path: Path) -> None:
     wrong = small(monitor={"kind": "curvature", "u": "sqrt(x - 2)", "smoothing": 0.1})
     with pytest.raises(Problem, match="not finite"):
         open_outcome(pack_outcome(PackedCall.of(draw_preview, task(tmp_path, wrong))))
+
+
+def test_a_solve_ends_itself_at_its_limit(tmp_path: Path) -> None:
+    """The worker lives on, which the engine would have to kill."""
+    with pytest.raises(TimeLimitError):
+        draw_preview(task(tmp_path, small(schwarz={}), seconds=0.0))
+    assert draw_preview(task(tmp_path, small(schwarz={}), seconds=600.0))
 
 
 @pytest.mark.parametrize("kind", ["arc_length", "curvature", "auto"])
