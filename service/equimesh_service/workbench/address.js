@@ -52,20 +52,24 @@ export function hashOf(state) {
  */
 export function followAddress(store) {
   let written = location.hash;
+  let shown = location.hash; // the same as the browser has it, which may escape more
   let timer = 0;
   function write() {
     timer = 0;
+    // The visitor has just entered another address, which the event below brings.
+    if (location.hash !== shown) return;
     const hash = hashOf(store.get());
     if (hash === written) return;
     written = hash;
     history.replaceState(null, "", hash || location.pathname + location.search);
+    shown = location.hash;
   }
   store.subscribe(() => {
     timer ||= setTimeout(write, PAUSE);
   });
   addEventListener("hashchange", () => {
-    if (location.hash === written) return;
-    written = location.hash;
+    if (location.hash === shown) return;
+    written = shown = location.hash;
     store.update(stateOf(location.hash));
   });
 }

@@ -52,7 +52,8 @@ export class Film {
       while (this.request === mine && this.ready < this.times.length) {
         const t = this.times[this.ready];
         const file = this.samples?.file ?? null;
-        const drawing = await this.app.service.preview(atTime(this.spec, t), { samples: file, signal: mine.signal });
+        const options = { samples: file, isPatient: true, signal: mine.signal };
+        const drawing = await this.app.service.preview(atTime(this.spec, t), options);
         if (this.request !== mine) return;
         if (!drawing.arrays.x) throw new Error(drawing.document.error?.detail ?? "There is no mesh at this t.");
         this.drawings.push({ ...this.shared(drawing), isQuick: this.isQuick, milliseconds: 1000 * (drawing.document.seconds?.solve ?? 0) });

@@ -2,6 +2,8 @@
 
 // Kinds that compare candidates or descend: they take longer than one may wait while typing.
 const SLOW_KINDS = new Set([undefined, "auto", "least_error"]);
+// Kinds whose mesh does not follow u, even where they have one.
+const LED_BY_OTHERS = new Set(["nodal_solution", "weight", "tensor"]);
 // The most points of a side of a quick look.
 const QUICK_POINTS = 65;
 // Meshes of more points get a quick look, whatever their kind.
@@ -120,7 +122,8 @@ function kindOf({ monitor, schwarz }) {
   return `${monitor?.kind} ${Boolean(schwarz)}`;
 }
 
-function isSlowSpec(spec, slowKinds) {
+/** Whether a mesh is shown by its quick look first; `slowKinds` are those whose last answer took long. */
+export function isSlowSpec(spec, slowKinds = new Set()) {
   const isLarge = pointsOf(spec.grid) > MOST_POINTS;
   return SLOW_KINDS.has(spec.monitor?.kind) || slowKinds.has(kindOf(spec)) || isLarge || Boolean(spec.target);
 }
@@ -134,7 +137,7 @@ function isSlowSpec(spec, slowKinds) {
  */
 export function quickSpec(spec) {
   const { monitor = {}, grid = {}, domain, schwarz } = spec;
-  if (!monitor.u || monitor.kind === "nodal_solution") return null;
+  if (!monitor.u || LED_BY_OTHERS.has(monitor.kind)) return null;
   if (monitor.kind === "arc_length" && !schwarz && pointsOf(grid) <= QUICK_POINTS ** 2) return null;
   const shrink = Math.max(1, (grid.n_xi ?? 64) / QUICK_POINTS, (grid.n_eta ?? 64) / QUICK_POINTS);
   const points = (number) => Math.max(4, Math.round((number ?? 64) / shrink));

@@ -63,8 +63,9 @@ export function createPlayer({ name, stepsPerSecond, describe, onMove, limit = (
   function run() {
     const isStill = wantsLittleMotion();
     const slowness = isStill ? 3 : 1;
-    let [before, exact] = [performance.now(), player.position];
+    let [before, exact] = [null, player.position];
     const tick = (now) => {
+      before ??= now;
       exact = Math.min(exact + ((factor * stepsPerSecond) / slowness) * Math.min((now - before) / 1000, LONGEST_PAUSE), Math.max(exact, limit()));
       before = now;
       if (exact >= player.last) {

@@ -3,6 +3,9 @@
 import { readNpz, textOfBytes } from "./npz.js";
 
 const KEY = "equimesh-key";
+// A preview that finds no free worker is tried so often, after these milliseconds.
+const MOST_TRIES = 20;
+const BUSY = 500;
 const JSON_TYPE = { "Content-Type": "application/json" };
 
 /** An answer that is no success: the problem of the service, with `status`, `detail`, `remedy` and `errors`. */
@@ -56,10 +59,20 @@ export function createService(root = new URL("./", document.baseURI)) {
       if (value) sessionStorage.setItem(KEY, value);
       else sessionStorage.removeItem(KEY);
     },
-    /** A drawing of the mesh of a spec: `{arrays, document}`.  `samples` is a file, or null. */
-    async preview(spec, { samples = null, frames = false, signal } = {}) {
-      const options = samples ? { method: "POST", body: multipart(spec, samples), signal } : post(spec, signal);
-      return drawingOf(await send(`v1/previews${frames ? "?frames=true" : ""}`, options));
+    /** A drawing of the mesh of a spec: `{arrays, document}`.  `samples` is a file, or null.  With
+     * `isPatient` it is tried again while all workers are busy. */
+    async preview(spec, { samples = null, frames = false, isPatient = false, signal } = {}) {
+      const path = `v1/previews${frames ? "?frames=true" : ""}`;
+      for (let tries = 1; ; tries += 1) {
+        const options = samples ? { method: "POST", body: multipart(spec, samples), signal } : post(spec, signal);
+        try {
+          return drawingOf(await send(path, options));
+        } catch (error) {
+          const isBusy = error.problem?.type?.endsWith("/workers-busy");
+          if (!isPatient || !isBusy || tries === MOST_TRIES || signal?.aborted) throw error;
+        }
+        await new Promise((resolve) => setTimeout(resolve, BUSY));
+      }
     },
     /** The drawing of a finished mesh. */
     drawing: async (id, { signal } = {}) => drawingOf(await send(`v1/meshes/${id}/drawing`, { signal })),
@@ -80,13 +93,15 @@ export function createService(root = new URL("./", document.baseURI)) {
     /** Upload samples; the answer has their `id`. */
     uploadSamples: (file, { signal } = {}) =>
       json(`v1/samples?filename=${encodeURIComponent(file.name)}`, { method: "POST", body: file, signal }),
-    events: (id, { signal } = {}) => eventsOf(send, id, signal),
+    /** The events of a mesh with larger numbers than `after`, as `{event, data, number}`. */
+    events: (id, { after = 0, signal } = {}) => eventsOf(send, id, after, signal),
   };
 }
 
-/** The events of a mesh, one `{event, data}` after another, until it is finished. */
-async function* eventsOf(send, id, signal) {
-  const reply = await send(`v1/meshes/${id}/events`, { headers: { Accept: "text/event-stream" }, signal });
+/** The events of a mesh, one after another, until it is finished or the connection ends. */
+async function* eventsOf(send, id, after, signal) {
+  const reply = await send(`v1/meshes/${id}/events?after=${after}`, { headers: { Accept: "text/event-stream" }, signal });
+  if (!reply.body) return;
   const reader = reply.body.pipeThrough(new TextDecoderStream()).getReader();
   let text = "";
   for (;;) {
@@ -106,7 +121,7 @@ function eventOf(block) {
   const lines = block.split("\n");
   const of = (name) => lines.filter((line) => line.startsWith(`${name}:`)).map((line) => line.slice(name.length + 1).trim());
   const data = of("data").join("\n");
-  return data ? { event: of("event")[0] ?? "message", data: JSON.parse(data) } : null;
+  return data ? { event: of("event")[0] ?? "message", data: JSON.parse(data), number: Number(of("id")[0]) } : null;
 }
 
 async function drawingOf(reply) {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -13,6 +14,8 @@ from programs import browser as browser_program
 # WebGL2 in software: no test depends on the graphics of a machine.
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 LAPTOP = {"width": 1366, "height": 768}
+# The workbench with a small mesh that is solved in a moment.
+SMALL = "/#u=tanh(20*(x-y))&n=17&monitor=arc_length"
 # A browser reports every answer that is no success; wrong input is a 422, and the page shows it.
 OF_WRONG_INPUT = "status of 422"
 # All workers are busy: the page tries again.
@@ -42,12 +45,9 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
-@pytest.fixture
-def visit(chromium: Browser, page_url: str) -> Iterator[Callable[..., Page]]:
-    """Opens pages of the workbench: ``visit("/#u=x", viewport=…)``; fails on errors in the console, and on CSP reports.
-
-    Other keywords are those of a context of Playwright. ``page.complaints`` lists the errors so far.
-    """
+@contextmanager
+def visits(chromium: Browser, url: str) -> Iterator[Callable[..., Page]]:
+    """Opens pages, and closes them at the end; none of them may have complained then."""
     contexts: list[BrowserContext] = []
     all_complaints: list[Complaints] = []
 
@@ -61,7 +61,7 @@ def visit(chromium: Browser, page_url: str) -> Iterator[Callable[..., Page]]:
         page.complaints = complaints  # type: ignore[attr-defined]
         page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.goto(page_url + path)
+        page.goto(url + path)
         return page
 
     yield open_page
@@ -71,6 +71,23 @@ def visit(chromium: Browser, page_url: str) -> Iterator[Callable[..., Page]]:
 
 
 @pytest.fixture
+def visit(chromium: Browser, page_url: str) -> Iterator[Callable[..., Page]]:
+    """Opens pages of the workbench: ``visit("/#u=x", viewport=…)``; fails on errors in the console, and on CSP reports.
+
+    Other keywords are those of a context of Playwright. ``page.complaints`` lists the errors so far.
+    """
+    with visits(chromium, page_url) as open_page:
+        yield open_page
+
+
+@pytest.fixture(scope="module")
+def lasting_page(chromium: Browser, page_url: str) -> Iterator[Page]:
+    """One page for all tests of a module, each of which brings it to a state of its own."""
+    with visits(chromium, page_url) as open_page:
+        yield open_page(SMALL)
+
+
+@pytest.fixture
 def page(visit: Callable[..., Page]) -> Page:
     """The workbench with a small mesh that is solved in a moment."""
-    return visit("/#u=tanh(20*(x-y))&n=17&monitor=arc_length")
+    return visit(SMALL)

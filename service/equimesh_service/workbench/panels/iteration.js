@@ -146,7 +146,8 @@ class IterationPanel {
     const mine = (this.request = new AbortController());
     const { spec, samples } = this.app.store.get();
     try {
-      const found = await this.app.service.preview(spec, { samples: samples?.file ?? null, frames: true, signal: mine.signal });
+      const options = { samples: samples?.file ?? null, frames: true, isPatient: true, signal: mine.signal };
+      const found = await this.app.service.preview(spec, options);
       if (this.request !== mine) return;
       this.takeFrames(found);
     } catch (error) {

@@ -123,7 +123,10 @@ class SamplesPanel {
     const { spec, samples } = this.app.store.get();
     const id = spec.monitor?.u?.samples;
     this.present.hidden = !id || id === "upload";
-    if (this.present.hidden) return;
+    if (this.present.hidden) {
+      this.before = this.shown = null;
+      return;
+    }
     if (samples?.id === id) {
       this.tell(samples.name, samples.stored);
       return;

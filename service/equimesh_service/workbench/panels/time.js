@@ -1,7 +1,7 @@
 // A time for functions with t: the mesh follows while t plays.
 
 import { element, field } from "../dom.js";
-import { quickSpec } from "../live.js";
+import { isSlowSpec, quickSpec } from "../live.js";
 import { createPlayer } from "../player.js";
 import { atTime, timeOf } from "../sources.js";
 import { between, Film } from "../film.js";
@@ -92,7 +92,7 @@ class TimePanel {
     for (const [name, { input }] of Object.entries(this.inputs)) input.value = String(this.range[name]);
     const { min, max, count } = this.range;
     const timeless = atTime(spec, null);
-    const quick = quickSpec(timeless);
+    const quick = isSlowSpec(timeless) ? quickSpec(timeless) : null;
     const times = Array.from({ length: count }, (_, k) => this.at(k));
     const isSame = this.film.take(quick ?? timeless, samples, times, quick !== null);
     if (isSame && this.player.isPlaying) return;

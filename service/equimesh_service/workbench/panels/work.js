@@ -73,8 +73,8 @@ class WorkPanel {
   // Follow the events until the last one. A stream that breaks off is opened again.
   async watch(signal) {
     for (let last = 0; ; ) {
-      for await (const { event, data, id } of this.app.service.events(this.mesh.id, { signal, after: last })) {
-        last = Number(id ?? last);
+      for await (const { event, data, number } of this.app.service.events(this.mesh.id, { signal, after: last })) {
+        last = number;
         if (event === "progress") this.tell(data);
         if (event === "done") return;
       }
