@@ -19,12 +19,12 @@ from test_structure import FACES as ALLOWED
 def test_links_to_pages_and_files_lead_to_their_places_on_the_site() -> None:
     found: list[str] = []
     text = (
-        "[a](../reference/http.md#bodies) [b](../../examples/01_first_mesh.py) ![c](../images/wave.png)\n"
+        "[a](../reference/http.md#bodies) [b](../../examples/01_first_mesh.py) ![c](../images/adapt.png)\n"
         "[d](../../examples/README.md#x) [e](https://b.org/a.md) [f](#here) `[g](../x.md)` [h](../../CHANGELOG.md)\n"
         "```text\n[i](../none.md)\n```\n[j](../../examples/from_outside/fetch)\n"
     )
     expected = (
-        "[a](../reference/http.md#bodies) [b](../examples/01_first_mesh.md) ![c](../images/wave.png)\n"
+        "[a](../reference/http.md#bodies) [b](../examples/01_first_mesh.md) ![c](../images/adapt.png)\n"
         "[d](../examples/index.md#x) [e](https://b.org/a.md) [f](#here) `[g](../x.md)` [h](../project/changelog.md)\n"
         "```text\n[i](../none.md)\n```\n[j](../files/examples/from_outside/fetch.md)\n"
     )
