@@ -35,6 +35,9 @@ def test_the_viewer_gets_the_file_and_is_not_waited_for(picture: Path, monkeypat
     # It ends when the test has looked: a caller that waits for it would never come so far.
     program.write_text('#!/bin/sh\necho "$1" > "$0.seen"\nwhile [ ! -e "$0.end" ]; do /bin/sleep 0.05; done\n')
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.delenv("WAYLAND_DISPLAY")
+    assert not open_picture(picture)
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-9")
     assert told(picture) == f"opened {picture}"
     seen = program.with_suffix(".seen")
     limit = time.monotonic() + 30

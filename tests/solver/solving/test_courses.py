@@ -116,6 +116,14 @@ def test_changes_that_do_not_fall_have_no_share() -> None:
         assert course.look(iteration(number, 0.1)) == (None, f"iteration {number}")
 
 
+def test_a_number_of_iterations_that_jumps_is_not_told() -> None:
+    course = Iterating(1e-8, 100)
+    changes = [math.nan, 1e-1, 1e-2, 1e-3, 1e-4, 0.9e-4, 0.85e-4]
+    shares = [course.look(iteration(number, change))[0] for number, change in enumerate(changes)]
+    assert shares[4] == 0.5
+    assert shares[5] is None
+
+
 def test_a_slow_iteration_is_measured_by_its_limit() -> None:
     course = Iterating(1e-8, 20)
     told = [course.look(iteration(number, 0.99**number)) for number in range(1, 6)]
