@@ -8,6 +8,8 @@ const FILES = { problems: "workbench/gallery.json", pictures: "workbench/gallery
 const WIDTH = 96;
 const HEIGHT = 72;
 const SHARPNESS = 2;
+// Milliseconds after which the gallery no longer waits for the first mesh.
+const LATEST = 2000;
 // The largest digit of u in a picture.
 const SHADES = 9;
 
@@ -46,16 +48,15 @@ export function create(section, app) {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   }
 
-  // The first mesh of the page comes first.
-  const first = app.on("drawing", () => {
-    first();
+  // The first mesh of the page comes first, but a busy service does not keep the gallery away.
+  const ends = [];
+  const begin = () => {
+    if (!ends.length) return;
+    ends.splice(0).forEach((end) => end());
     load();
-  });
-  const failed = app.on("problem", (problem) => {
-    if (!problem) return;
-    failed();
-    if (!problems.length) load();
-  });
+  };
+  const timer = setTimeout(begin, LATEST);
+  ends.push(() => clearTimeout(timer), app.on("drawing", begin), app.on("problem", (problem) => problem && begin()));
 }
 
 function buttonOf(problem, app) {
