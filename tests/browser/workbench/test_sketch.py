@@ -98,3 +98,60 @@ def test_strokes_are_taken_back_cleared_and_erased(page: Page, panel: Locator) -
     panel.get_by_role("button", name="Back to the function").click()
     expect(surface(page)).to_be_hidden()
     assert state(page)["spec"]["monitor"] == SPEC["monitor"]
+def test_the_brush_has_a_size_and_a_strength(page: Page, panel: Locator) -> None:
+    page.mouse.click(*place_of(page, 1, 0.5))
+    narrow = until(page, lambda found: found.size and found.max() > 2)
+    panel.get_by_role("button", name="Undo").click()
+    panel.get_by_label("Size of the brush").fill("0.2")
+    panel.get_by_label("Strength").fill("20")
+    page.mouse.click(*place_of(page, 1, 0.5))
+    wide = until(page, lambda found: found.max() > 15)
+    assert (wide > 2).sum() > 3 * (narrow > 2).sum()
+
+
+def test_a_keyboard_draws(page: Page, panel: Locator) -> None:
+    expect(surface(page)).to_be_focused()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Space")
+    values = until(page, lambda found: found.size and found.max() > 2)
+    i, j = np.unravel_index(values.argmax(), values.shape)
+    assert (i > 16, j) == (True, 16)
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("Enter")
+    until(page, lambda found: found[i, 17] > values[i, 17])
+    page.keyboard.press("z")
+    page.keyboard.press("z")
+    until(page, lambda found: found.max() == 1)
+    page.keyboard.press("e")
+    expect(panel.get_by_role("button", name="Erase")).to_have_attribute("aria-pressed", "true")
+    page.keyboard.press("Escape")
+    expect(surface(page)).to_be_hidden()
+    expect(panel.get_by_role("button", name="Draw on the mesh")).to_be_focused()
+
+
+@pytest.mark.usefixtures("panel")
+def test_a_finger_draws_and_does_not_scroll(page: Page) -> None:
+    x, y = place_of(page, 1, 0.5)
+    surface(page).dispatch_event(
+        "pointerdown",
+        {"pointerId": 1, "pointerType": "touch", "button": 0, "clientX": x, "clientY": y, "isPrimary": True},
+    )
+    surface(page).dispatch_event("pointerup", {"pointerId": 1, "pointerType": "touch"})
+    until(page, lambda found: found.size and found.max() > 2)
+    assert surface(page).evaluate("node => getComputedStyle(node).touchAction") == "none"
+
+
+@pytest.mark.usefixtures("panel")
+def test_another_domain_keeps_the_density(page: Page) -> None:
+    page.mouse.click(*place_of(page, 1, 0.5))
+    until(page, lambda found: found.size and found.max() > 2)
+    spec = state(page)["spec"]
+    panel_at(page, "sketch", {**spec, "domain": {"kind": "annulus_sector"}})
+    for _ in range(100):
+        rho = state_now(page)["spec"]["monitor"]["rho"]["grid"]
+        if [rho["x"][-1], rho["y"][-1]] == [2, 2]:
+            break
+        page.wait_for_timeout(50)
+    assert [rho["x"][0], rho["x"][-1], rho["y"][0], rho["y"][-1]] == pytest.approx([0, 2, 0, 2])
+    assert np.array(rho["values"]).max() > 2
+    has_mesh(page, 17, 17)
