@@ -98,6 +98,8 @@ def test_strokes_are_taken_back_cleared_and_erased(page: Page, panel: Locator) -
     panel.get_by_role("button", name="Back to the function").click()
     expect(surface(page)).to_be_hidden()
     assert state(page)["spec"]["monitor"] == SPEC["monitor"]
+
+
 def test_the_brush_has_a_size_and_a_strength(page: Page, panel: Locator) -> None:
     page.mouse.click(*place_of(page, 1, 0.5))
     narrow = until(page, lambda found: found.size and found.max() > 2)
