@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -66,6 +68,32 @@ SPECS: dict[str, dict[str, Any]] = {
 }
 # On the command line there are no intersections.
 MISSING = {("members", "command")}
+# Words of a stranger's link that a shell or Python would run if they were not quoted.
+SHELL = "9; touch owned #"
+PYTHON = "breakpoint()"
+HOSTILE: list[dict[str, Any]] = [
+    {"monitor": {"kind": SHELL, "u": SHELL, "for": SHELL}, "grid": {"n_xi": SHELL, "n_eta": SHELL}},
+    {"monitor": {"u": {"expression": "x*t", "t": SHELL}}, "grid": {"n_xi": SHELL, "n_eta": 9}, "boundary": SHELL},
+    {"monitor": {"u": "x"}, "target": {"error": SHELL, "norm": SHELL}, "domain": {"x": [0, SHELL], "y": [0, 1]}},
+    {
+        "monitor": {"u": "x"},
+        "domain": {"kind": "annulus_sector", "radii": [1, SHELL]},
+        "schwarz": {"subdomains": [SHELL, 2]},
+    },
+    {"monitor": {"u": "x", f"a={PYTHON}, b": 1}, "grid": {"n_xi": PYTHON, "n_eta": PYTHON}},
+    {"monitor": {"kind": "intersection", "monitors": [{"u": "x", f"a={PYTHON}, b": 1}], f"c={PYTHON}, d": 1}},
+    {"monitor": {"u": "x"}, "schwarz": {f"a={PYTHON}, b": 1}, "target": {f"a={PYTHON}, b": 1}},
+    {"monitor": {"u": "x"}, "domain": {"kind": "rectangle", f"x={PYTHON}, y": [0, 1]}},
+]
+WRITTEN = """
+async (spec) => {
+  const [{ commandOf }, { clientProgram, solverProgram }] = await Promise.all(
+    ["command_line", "python"].map((name) => import(`./workbench/copying/${name}.js`)),
+  );
+  const options = { url: "http://localhost/", format: { suffix: ".vtu" }, hasKey: false };
+  return [commandOf(spec, options).text ?? "", clientProgram(spec, options), solverProgram(spec, options)];
+}
+"""
 CLIPBOARD = ["clipboard-read", "clipboard-write"]
 
 
@@ -119,6 +147,17 @@ def test_what_is_copied_gives_the_mesh(name: str, visit: Callable[..., Page], pa
     other = page.context.new_page()
     other.goto(link)
     assert json.loads(copied(other, "spec")) == spec
+
+
+def test_a_link_of_a_stranger_puts_nothing_into_copies_that_would_run(page: Page) -> None:
+    for spec in HOSTILE:
+        command, *programs = page.evaluate(WRITTEN, spec)
+        words = shlex.shlex(command, posix=True, punctuation_chars=True)
+        words.commenters = ""
+        assert not set(words) & {";", "#", "touch"}, command
+        for program in programs:
+            called = {ast.unparse(node.func) for node in ast.walk(ast.parse(program)) if isinstance(node, ast.Call)}
+            assert PYTHON.rstrip("()") not in called, program
 
 
 def test_a_key_is_named_and_never_written(visit: Callable[..., Page]) -> None:

@@ -4,6 +4,8 @@ import { sourcesOf } from "../sources.js";
 import { commonNames, isExpression, textOf } from "./functions.js";
 import { command, quoted } from "./shell.js";
 
+// Everything of a spec is quoted: a link may bring a spec of a stranger, whose command a visitor then pastes.
+
 // Settings of a monitor and of a Schwarz iteration whose option has the same name.
 const MONITOR = ["norm", "distortion", "smoothness", "map", "smoothing", "orthogonality"];
 const SHORT = ["a", "b"];
@@ -46,16 +48,17 @@ export function commandOf(spec, { url, format, hasKey }) {
   return { text: [...samples, ...domain.before, command(lines.filter(Boolean))].join("\n") };
 }
 
-const option = (name, value) => `--${name.replaceAll("_", "-")}=${quoted(value)}`;
+const dashed = (word) => String(word).replaceAll("_", "-");
+const option = (name, value) => `--${dashed(name)}=${quoted(value)}`;
 
 function namesOf({ parameters, t }) {
   const given = Object.entries(parameters).map(([name, value]) => `--parameter ${quoted(`${name}=${value}`)}`);
-  return [...given, ...(t === undefined ? [] : [`--t=${t}`])].join(" ");
+  return [...given, ...(t === undefined ? [] : [option("t", t)])].join(" ");
 }
 
 function monitorOf({ kind = "auto", ...settings }) {
-  const words = kind === "auto" ? [] : [`--monitor ${kind.replaceAll("_", "-")}`];
-  if (settings.for) words.push(option("for", settings.for.replaceAll("_", "-")));
+  const words = kind === "auto" ? [] : [`--monitor ${quoted(dashed(kind))}`];
+  if (settings.for) words.push(option("for", dashed(settings.for)));
   for (const name of ENTRIES) if (settings[name] !== undefined) words.push(option(name, isExpression(settings[name]) ? textOf(settings[name]) : fileOf(settings[name])));
   for (const name of SHORT) if (settings[name] !== undefined) words.push(`-${name} ${quoted(settings[name])}`);
   for (const name of MONITOR) if (settings[name] !== undefined) words.push(option(name, settings[name]));
@@ -65,19 +68,19 @@ function monitorOf({ kind = "auto", ...settings }) {
 }
 
 function gridOf({ n_xi = 64, n_eta = 64 } = {}) {
-  return n_xi === n_eta ? `-n ${n_xi}` : `--n-xi ${n_xi} --n-eta ${n_eta}`;
+  return n_xi === n_eta ? `-n ${quoted(n_xi)}` : `--n-xi ${quoted(n_xi)} --n-eta ${quoted(n_eta)}`;
 }
 
 function targetOf({ error, norm }) {
-  return `--target-error ${error}${norm ? ` --target-norm ${norm}` : ""}`;
+  return `--target-error ${quoted(error)}${norm ? ` --target-norm ${quoted(norm)}` : ""}`;
 }
 
 // Four curves, and rings around another centre, go by a file.
 function domainOf(domain) {
   if (!domain) return { option: "", before: [] };
   const { kind = "rectangle", x = [0, 1], y = [0, 1], radii = [1, 2], angles = [0, 90] } = domain;
-  if (kind === "rectangle") return { option: `--domain rectangle:${[...x, ...y].join(",")}`, before: [] };
-  if (kind === "annulus_sector" && !domain.center?.some(Boolean)) return { option: `--domain annulus:${[...radii, ...angles].join(",")}`, before: [] };
+  if (kind === "rectangle") return { option: `--domain ${quoted(`rectangle:${[...x, ...y].join(",")}`)}`, before: [] };
+  if (kind === "annulus_sector" && !domain.center?.some(Boolean)) return { option: `--domain ${quoted(`annulus:${[...radii, ...angles].join(",")}`)}`, before: [] };
   return { option: "--domain @domain.json", before: [`printf '%s' ${quoted(JSON.stringify(domain))} > domain.json`] };
 }
 
@@ -85,7 +88,7 @@ function schwarzOf(schwarz) {
   if (!schwarz) return "";
   const { kind, p, data } = schwarz.transmission ?? {};
   const [along, across] = schwarz.subdomains ?? [2, 1];
-  const words = [`--subdomains ${along}x${across}`];
+  const words = [`--subdomains ${quoted(`${along}x${across}`)}`];
   if (kind) words.push(option("transmission", kind));
   if (p !== undefined) words.push(option("p", p));
   if (data !== undefined) words.push(option("interface_data", data));

@@ -17,6 +17,8 @@ const CLASSES = {
 const DOMAINS = { annulus_sector: "AnnulusSector", rectangle: "Rectangle" };
 const CONDITIONS = { optimized: "Optimized", classical: "Classical", linear_robin: "LinearRobin", nonlinear_robin: "NonlinearRobin" };
 const FUNCTIONS = ["u", "rho", "m11", "m12", "m22"];
+// A name that Python takes as it is.
+const NAME = /^[A-Za-z_]\w*$/;
 // Options of a mesh that have the same name and the same values in a spec.
 const PLAIN = ["boundary", "mode", "initial", "allow_relaxed", "cells", "parts", "label"];
 
@@ -70,7 +72,7 @@ function callOf(spec, imports) {
   const isUsual = names && monitor.u !== undefined && !monitor.monitors;
   const lines = isUsual ? [literal(textOf(monitor.u))] : [];
   if (target) lines.push(`target=${call("Target", target, imports)}`);
-  else lines.push(`${isUsual ? "" : "n="}(${grid.n_xi ?? 64}, ${grid.n_eta ?? 64})`);
+  else lines.push(`${isUsual ? "" : "n="}${pair([grid.n_xi ?? 64, grid.n_eta ?? 64])}`);
   if (names && Object.keys(names.parameters).length) lines.push(`parameters=${literal(names.parameters)}`);
   if (names?.t !== undefined) lines.push(`t=${literal(names.t)}`);
   const named = names ? monitorOf(monitor, isUsual, imports) : literal(monitor, true);
@@ -93,7 +95,7 @@ function monitorOf({ kind = "auto", monitors, ...settings }, withoutU, imports, 
   if (!monitors) return call(name, rest, imports);
   imports.add(name);
   const members = monitors.map((member) => monitorOf({ kind: "arc_length", ...member }, false, imports, null));
-  return `${name}([${members.join(", ")}]${Object.entries(rest).map(([key, value]) => `, ${key}=${literal(value)}`).join("")})`;
+  return `${name}(${[`[${members.join(", ")}]`, ...argumentsOf(rest)].join(", ")})`;
 }
 
 function domainOf({ kind = "rectangle", ...values }, imports) {
@@ -110,12 +112,19 @@ function schwarzOf({ transmission, subdomains, ...settings }, imports) {
     parts.push(`transmission=${call(CONDITIONS[kind], isRobin ? { p: p ?? "auto" } : values, imports)}`);
   }
   imports.add("Schwarz");
-  return `Schwarz(${[...parts, ...Object.entries(settings).map(([key, value]) => `${key}=${literal(value)}`)].join(", ")})`;
+  return `Schwarz(${[...parts, ...argumentsOf(settings)].join(", ")})`;
 }
 
 function call(name, values, imports, write = literal) {
   imports.add(name);
-  return `${name}(${Object.entries(values).map(([key, value]) => `${key}=${write(value)}`).join(", ")})`;
+  return `${name}(${argumentsOf(values, write).join(", ")})`;
+}
+
+// Arguments by their names.  A link may bring a key that is no name: as text it cannot become a part of the program.
+function argumentsOf(values, write = literal) {
+  return Object.entries(values).map(([key, value]) =>
+    NAME.test(key) ? `${key}=${write(value)}` : `**{${literal(key)}: ${literal(value)}}`,
+  );
 }
 
 const pair = ([first, second]) => `(${literal(first)}, ${literal(second)})`;
