@@ -37,8 +37,13 @@ export function createLive(app) {
   let isPaused = false;
   const slowKinds = new Set(); // those whose last answer took long
 
-  function change(state) {
+  function forgetSlow() {
     clearTimeout(slowTimer);
+    slowTimer = 0; // the page is busy while it is not 0
+  }
+
+  function change(state) {
+    forgetSlow();
     clearTimeout(againTimer);
     wanted = { state, changed: performance.now() };
     if (isPaused) return;
@@ -85,7 +90,7 @@ export function createLive(app) {
       }
       // The requested mesh will tell what is wrong with it; its quick look need not exist.
       if (!isQuick || isFaultOf(error)) {
-        if (isQuick) clearTimeout(slowTimer);
+        if (isQuick) forgetSlow();
         app.emit("problem", error.problem ?? { title: "The page failed", detail: error.message });
       }
     } finally {

@@ -113,6 +113,14 @@ def test_a_caret_stands_under_what_is_wrong(page: Page, text: str, column: int, 
     assert page.locator(FUNCTION).get_attribute("aria-invalid") is None
 
 
+def test_nothing_is_computed_while_the_function_is_wrong(visit: Callable[..., Page]) -> None:
+    page = visit("/#u=tanh(20*(x-y))&n=17&monitor=auto")
+    page.wait_for_selector(QUICK)
+    page.fill(FUNCTION, "x^2")
+    expect(page.locator("#panel-function .fault").first).to_contain_text("powers")
+    expect(page.locator("#stage")).to_have_class("stale")
+
+
 def test_an_unknown_name_becomes_a_parameter_with_a_slider(page: Page) -> None:
     page.wait_for_selector(QUICK)
     specs = specs_of(page)
