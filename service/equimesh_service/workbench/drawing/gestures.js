@@ -20,7 +20,7 @@ export function followGestures(self) {
   };
   const zoom = (factor, pixel) => {
     camera.zoomBy(factor, pixel && self.paneAt(pixel)[1]);
-    self.redraw();
+    self.move();
   };
   self.zoomBy = zoom;
   self.reset = () => {
@@ -52,7 +52,7 @@ export function followGestures(self) {
     fingers.set(event.pointerId, now);
     if (fingers.size === 1) {
       camera.pan(now[0] - before[0], now[1] - before[1]);
-      self.redraw();
+      self.move();
     } else if (fingers.size === 2) {
       const [other] = [...fingers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
       const apart = (place) => Math.max(1, Math.hypot(place[0] - other[0], place[1] - other[1]));

@@ -2,7 +2,7 @@
 
 import { element } from "../dom.js";
 import { amount } from "../words.js";
-import { areaOf, blended, cellAt, cornersOf } from "./nodes.js";
+import { areaOf, blended, cellAt, cornersBetween } from "./nodes.js";
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 // Cells that an arrow key with Shift goes.
@@ -29,7 +29,7 @@ export function followCells(self, app) {
     if (tip.hidden) return;
     cell = cell.map((number, k) => Math.min(mesh.shape[k] - 2, Math.max(0, number)));
     for (const [k, each] of self.panes.entries()) {
-      const corners = cornersOf(blended(mesh, each.blend), mesh.shape, cell).map((point) => self.toPane(point, k));
+      const corners = cornersBetween(mesh, each.blend, cell).map((point) => self.toPane(point, k));
       const points = corners.map((corner) => corner.join(",")).join(" ");
       marks.append(element("polygon", { points, class: "halo" }), element("polygon", { points, class: "cell" }));
     }
@@ -40,7 +40,7 @@ export function followCells(self, app) {
   function place() {
     const number = pane ? self.panes.indexOf(pane) : self.panes.length - 1;
     const k = Math.max(0, number);
-    const corners = cornersOf(blended(self.mesh, self.panes[k].blend), self.mesh.shape, cell);
+    const corners = cornersBetween(self.mesh, self.panes[k].blend, cell);
     const pixels = corners.map((point) => self.toPane(point, k));
     const [right, left] = [Math.max(...pixels.map(([x]) => x)), Math.min(...pixels.map(([x]) => x))];
     const top = Math.min(...pixels.map(([, y]) => y));
@@ -82,8 +82,7 @@ export function followCells(self, app) {
 }
 
 function textOf({ arrays }, mesh, [i, j], { blend }) {
-  const nodes = blended(mesh, blend);
-  const corners = cornersOf(nodes, mesh.shape, [i, j]);
+  const corners = cornersBetween(mesh, blend, [i, j]);
   const middle = [0, 1].map((k) => corners.reduce((sum, corner) => sum + corner[k], 0) / 4);
   const isUniform = blend < 0.5;
   const k = i * (mesh.shape[1] - 1) + j;

@@ -47,10 +47,15 @@ export function areaOf([[ax, ay], [bx, by], [cx, cy], [dx, dy]]) {
   return Math.abs((cx - ax) * (dy - by) - (cy - ay) * (dx - bx)) / 2;
 }
 
-/** The four corners of the cell (i, j) in their order around it, as pairs [x, y]. */
-export function cornersOf([x, y], [, m], [i, j]) {
+/** The four corners of the cell (i, j) in their order around it, as pairs [x, y], of the mesh between both. */
+export function cornersBetween(mesh, blend, [i, j]) {
+  const m = mesh.shape[1];
   const k = i * m + j;
-  return [k, k + m, k + m + 1, k + 1].map((corner) => [x[corner], y[corner]]);
+  const between = (from, to, node) => (1 - blend) * from[node] + blend * to[node];
+  return [k, k + m, k + m + 1, k + 1].map((corner) => [
+    between(mesh.uniformX, mesh.x, corner),
+    between(mesh.uniformY, mesh.y, corner),
+  ]);
 }
 
 /** The cell [i, j] that a point of the domain is in; null outside. */

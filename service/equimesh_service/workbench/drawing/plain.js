@@ -21,7 +21,7 @@ export function createPlainRenderer(canvas, context) {
   function draw(panes, camera, { ratio, lines, ink }) {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, canvas.width, canvas.height);
-    if (!mesh || !colours) return;
+    if (!mesh || !colours) return { stride: 1, triangles: 0 };
     for (const pane of panes) {
       context.save();
       context.setTransform(ratio, 0, 0, ratio, ratio * pane.left, ratio * pane.top);
@@ -34,6 +34,7 @@ export function createPlainRenderer(canvas, context) {
       if (lines && cell > SMALLEST_CELL) strokeLines(context, nodes, mesh.shape, ink);
       context.restore();
     }
+    return { stride: 1, triangles: 2 * panes.length * (mesh.shape[0] - 1) * (mesh.shape[1] - 1) };
   }
 
   return {

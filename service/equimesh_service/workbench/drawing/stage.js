@@ -13,6 +13,9 @@ import { errorsOf, placesOf, valuesOf } from "./values.js";
 // The space between two panes, and over each for its caption, in pixels.
 const GAP = 10;
 const CAPTION = 30;
+// Milliseconds without a movement until all details are drawn; at least so many times as long as the last frame took.
+const REST = 140;
+const PACES = 3;
 // Pixels of the canvas for each of the page: more are not seen, and cost time.
 const MOST_RATIO = 2;
 
@@ -21,7 +24,8 @@ const MOST_RATIO = 2;
  *
  * `overlay` is an SVG over the mesh, in pixels of the stage, in which panels may draw; `toPane(point, k)` and
  * `toDomain(pixel)` convert between points of the domain and pixels of the stage.  `redraw()` draws with the next
- * frame.  `on(listener)` is called after each frame.  `frames` counts them.
+ * frame; `move()` does, too, with fewer details where they cost too much, and with all of them when nothing moves any
+ * more.  `on(listener)` is called after each frame.  `frames` counts them.
  *
  * @param {HTMLElement} stage
  * @param {object} app
@@ -45,8 +49,11 @@ export function createStage(stage, app) {
     frames: 0,
     /** A blend that is drawn in place of that of the view, while nodes travel; else null. */
     journey: null,
+    /** Whether frames follow each other; texts wait until they do not. */
+    isMoving: false,
     isDark: () => dark.matches,
     redraw,
+    move,
     colour,
     on(listener) {
       listeners.add(listener);
@@ -64,12 +71,18 @@ export function createStage(stage, app) {
     },
     toDomain: (pixel) => self.camera.toDomain(self.paneAt(pixel)[1]),
     /** Draw at once, as before a picture of the canvas is taken. */
-    drawNow: draw,
+    drawNow() {
+      self.isMoving = false;
+      draw();
+    },
   };
   let isScheduled = false;
   let uploads = 0; // of nodes to the renderer
   let drawings = 0;
   let isFresh = false; // a drawing that no frame has shown
+  let restTimer = 0;
+  let lastDrawn = 0;
+  let paper = [1, 1, 1]; // the background
 
   function redraw() {
     if (isScheduled) return;
@@ -77,14 +90,31 @@ export function createStage(stage, app) {
     requestAnimationFrame(draw);
   }
 
+  function move() {
+    self.isMoving = true;
+    clearTimeout(restTimer);
+    redraw();
+  }
+
+  function rest() {
+    self.isMoving = false;
+    redraw();
+  }
+
   function draw() {
     isScheduled = false;
     const { view } = app.store.get();
     arrange(self, view);
     const ratio = canvas.width / Math.max(1, stage.clientWidth);
-    renderer.draw(self.panes, self.camera, { ratio, lines: view.lines, ink: null });
+    const { isMoving } = self;
+    const drawn = renderer.draw(self.panes, self.camera, { ratio, lines: view.lines, ink: null, paper, isMoving });
+    // On a slow machine movements are further apart; the time counts from a frame that was drawn.
+    clearTimeout(restTimer);
+    const pace = Math.min(REST, performance.now() - lastDrawn);
+    if (isMoving) restTimer = setTimeout(rest, Math.max(REST, PACES * pace));
+    lastDrawn = performance.now();
     self.frames += 1;
-    stage.dataset.frames = self.frames;
+    Object.assign(stage.dataset, { frames: self.frames, ...drawn });
     stage.classList.toggle("zoomed", self.camera.zoom > 1);
     if (isFresh) tell();
     for (const listener of listeners) listener();
@@ -108,6 +138,7 @@ export function createStage(stage, app) {
   function colour() {
     if (!self.mesh) return;
     self.coloured = valuesOf(app.drawing, self.mesh, app.store.get().view.colour);
+    paper = getComputedStyle(stage).backgroundColor.match(/[\d.]+/g).slice(0, 3).map((value) => value / 255);
     self.table = tableOf(self.coloured.name, dark.matches);
     renderer.setColours({ table: self.table, ...placesOf(self.coloured, self.mesh.shape) });
     redraw();
@@ -165,7 +196,7 @@ function arrange(self, view) {
 function followCaptions(self, app, place) {
   let shown = "";
   self.on(() => {
-    const texts = app.drawing ? self.panes.map((pane) => captionOf(pane, self.errors)) : [];
+    const texts = app.drawing ? self.panes.map((pane) => captionOf(pane, self)) : [];
     const key = JSON.stringify([texts, self.panes]);
     if (key === shown) return;
     shown = key;
@@ -181,9 +212,9 @@ function placeOf({ left, top, width }) {
   return { left: `${left}px`, top: `${top - CAPTION}px`, width: `${width}px` };
 }
 
-function captionOf({ blend }, errors) {
+function captionOf({ blend }, { errors, isMoving }) {
   const text = (name) => (errors?.[name] ? `, error ${amount(errors[name])}` : "");
   if (blend === 0) return ["uniform", text("l2_uniform")];
   if (blend === 1) return ["adapted", text("l2")];
-  return [`${Math.round(100 * blend)} % of the way`, ""];
+  return [isMoving ? "between both" : `${Math.round(100 * blend)} % of the way`, ""];
 }

@@ -1,5 +1,15 @@
 // The renderer with WebGL2: nodes are uploaded once, and the vertex shader moves them between both meshes.
 
+import { createBlocks } from "./blocks.js";
+
+// The values of nodes are a texture of rows of this many.
+const ROW = 1024;
+// While something moves, the most cells of a pane: of a processor that draws, and of a graphics card.
+const MOST_BY_PROCESSOR = 1200;
+const MOST_BY_CARD = 150_000;
+// Names of renderers that draw with the processor.
+const PROCESSORS = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
 const VERTEX = `#version 300 es
 layout(location = 0) in vec2 adapted;
 layout(location = 1) in vec2 uniformly;
@@ -9,14 +19,11 @@ uniform float blend;
 uniform vec2 scale;
 uniform vec2 centre;
 uniform int columns;
-flat out float flatPlace;
 out float smoothPlace;
 out vec2 index;
 void main() {
   vec2 node = mix(uniformly, adapted, blend);
-  float here = mix(uniformPlace, place, blend);
-  flatPlace = here;
-  smoothPlace = here;
+  smoothPlace = mix(uniformPlace, place, blend);
   index = vec2(gl_VertexID / columns, gl_VertexID % columns);
   gl_Position = vec4((node - centre) * scale, 0.0, 1.0);
 }`;
@@ -24,17 +31,26 @@ void main() {
 // Lines are where an index is whole: one pixel wide at any magnification, and faint where cells are small.
 const FRAGMENT = `#version 300 es
 precision highp float;
-flat in float flatPlace;
 in float smoothPlace;
 in vec2 index;
 uniform sampler2D table;
+uniform sampler2D values;
+uniform ivec2 shape;
+uniform float blend;
 uniform bool isFlat;
 uniform bool hasLines;
 uniform float width;
 uniform vec3 ink;
 out vec4 colour;
+// The value of the cell in which an index is: it stands at its first node.
+float flatPlace() {
+  ivec2 cell = clamp(ivec2(index), ivec2(0), shape - 2);
+  int k = cell.x * shape.y + cell.y;
+  vec2 both = texelFetch(values, ivec2(k % ${ROW}, k / ${ROW}), 0).rg;
+  return mix(both.x, both.y, blend);
+}
 void main() {
-  float place = clamp(isFlat ? flatPlace : smoothPlace, 0.0, 1.0);
+  float place = clamp(isFlat ? flatPlace() : smoothPlace, 0.0, 1.0);
   vec3 fill = texture(table, vec2((place * 255.0 + 0.5) / 256.0, 0.5)).rgb;
   if (hasLines) {
     vec2 pixel = max(fwidth(index), 1e-6);
@@ -57,8 +73,10 @@ void main() {
  * @param {WebGL2RenderingContext} gl
  */
 export function createWebglRenderer(canvas, gl) {
+  const most = isByProcessor(gl) ? MOST_BY_PROCESSOR : MOST_BY_CARD;
   let parts = build(gl);
   let mesh = null;
+  let blocks = null;
   let colours = null;
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => {
@@ -69,37 +87,43 @@ export function createWebglRenderer(canvas, gl) {
 
   function setNodes(next) {
     mesh = next;
+    blocks = createBlocks(next);
     upload(gl, parts.buffers.adapted, interleaved(next.x, next.y));
     upload(gl, parts.buffers.uniformly, interleaved(next.uniformX, next.uniformY));
     const [n, m] = next.shape;
     if (parts.shape === `${n} ${m}`) return;
     parts.shape = `${n} ${m}`;
-    const cells = trianglesOf(n, m);
-    parts.count = cells.length;
     gl.bindVertexArray(parts.vertices);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, parts.buffers.cells);
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, cells, gl.STATIC_DRAW);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, blocks.indices, gl.STATIC_DRAW);
   }
 
   function setColours(next) {
     colours = next;
     upload(gl, parts.buffers.place, next.places);
     upload(gl, parts.buffers.uniformPlace, next.uniformPlaces);
-    gl.bindTexture(gl.TEXTURE_2D, parts.table);
+    const both = interleaved(next.uniformPlaces, next.places);
+    const rows = Math.ceil(both.length / 2 / ROW);
+    const full = new Float32Array(2 * ROW * rows);
+    full.set(both);
+    bind(gl, 1, parts.values);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32F, ROW, rows, 0, gl.RG, gl.FLOAT, full);
+    bind(gl, 0, parts.table);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, next.table);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
   }
 
-  function draw(panes, camera, { ratio, lines, ink }) {
+  function draw(panes, camera, { ratio, lines, ink, paper, isMoving = false }) {
+    const drawn = { stride: 1, triangles: 0 };
     gl.disable(gl.SCISSOR_TEST);
-    gl.clearColor(0, 0, 0, 0);
+    gl.clearColor(...paper, 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    if (!mesh || !colours) return;
+    if (!mesh || !colours) return drawn;
     const { places, program, vertices } = parts;
     gl.useProgram(program);
     gl.bindVertexArray(vertices);
     gl.uniform1i(places.columns, mesh.shape[1]);
+    gl.uniform2i(places.shape, ...mesh.shape);
+    gl.uniform1i(places.values, 1);
     gl.uniform1i(places.isFlat, Number(colours.isFlat));
     gl.uniform1i(places.hasLines, Number(lines));
     gl.uniform1f(places.width, Math.max(1, ratio));
@@ -113,25 +137,17 @@ export function createWebglRenderer(canvas, gl) {
       gl.scissor(left, bottom, width, height);
       gl.uniform2f(places.scale, (2 * camera.scale) / pane.width, (2 * camera.scale) / pane.height);
       gl.uniform1f(places.blend, pane.blend);
-      gl.drawElements(gl.TRIANGLES, parts.count, gl.UNSIGNED_INT, 0);
+      const { stride, ranges } = blocks.choose(camera, pane, isMoving ? most : Infinity);
+      for (const [first, count] of ranges) {
+        gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, Uint32Array.BYTES_PER_ELEMENT * first);
+        drawn.triangles += count / 3;
+      }
+      drawn.stride = Math.max(drawn.stride, stride);
     }
+    return drawn;
   }
 
   return { kind: "webgl2", setNodes, setColours, draw, finish: () => gl.finish() };
-}
-
-// Two triangles of each cell; both end at its first node, whose values are those of the cell.
-function trianglesOf(n, m) {
-  const cells = new Uint32Array(6 * (n - 1) * (m - 1));
-  let k = 0;
-  for (let i = 0; i < n - 1; i += 1) {
-    for (let j = 0; j < m - 1; j += 1) {
-      const node = i * m + j;
-      cells.set([node + m, node + m + 1, node, node + m + 1, node + 1, node], k);
-      k += 6;
-    }
-  }
-  return cells;
 }
 
 function interleaved(x, y) {
@@ -141,6 +157,18 @@ function interleaved(x, y) {
     both[2 * k + 1] = y[k];
   }
   return both;
+}
+
+function isByProcessor(gl) {
+  const names = gl.getExtension("WEBGL_debug_renderer_info");
+  return PROCESSORS.test(gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+}
+
+function bind(gl, unit, texture) {
+  gl.activeTexture(gl.TEXTURE0 + unit);
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
 }
 
 function upload(gl, buffer, values) {
@@ -172,7 +200,8 @@ function build(gl) {
     gl.enableVertexAttribArray(location);
     gl.vertexAttribPointer(location, size, gl.FLOAT, false, 0, 0);
   });
-  const names = ["blend", "scale", "centre", "columns", "isFlat", "hasLines", "width", "ink"];
+  const names = ["blend", "scale", "centre", "columns", "shape", "values", "isFlat", "hasLines", "width", "ink"];
   const places = Object.fromEntries(names.map((name) => [name, gl.getUniformLocation(program, name)]));
-  return { program, vertices, buffers, places, table: gl.createTexture(), shape: "", count: 0 };
+  const [table, values] = [gl.createTexture(), gl.createTexture()];
+  return { program, vertices, buffers, places, table, values, shape: "" };
 }

@@ -8,6 +8,8 @@ import { amount } from "../words.js";
 
 // Milliseconds in which the nodes go from the uniform to the adapted mesh.
 const JOURNEY = 1400;
+// Milliseconds without a movement of the slider until its place is part of the state.
+const SETTLED = 120;
 
 /**
  * The panel of the view.
@@ -65,9 +67,12 @@ function createLegend(app) {
   const what = element("span");
   const node = element("div", { class: "legend" }, what, bar, element("div", { class: "ends" }, low, middle, high));
 
+  let shown = null; // each colour and each drawing has a table of its own
+
   function show() {
     const { coloured, table } = app.canvas;
-    if (!coloured || !table) return;
+    if (!coloured || !table || table === shown) return;
+    shown = table;
     const { name, scale } = coloured;
     const isContinuous = Boolean(COLOURS[name].map);
     bar.hidden = !isContinuous;
@@ -86,8 +91,19 @@ function createBlend(app, setView) {
   const slider = element("input", { type: "range", id, min: 0, max: 1, step: 0.01 });
   const play = element("button", { type: "button", onclick: () => travel() }, "Move the nodes");
   let journey = 0;
+  let settling = 0;
+
+  // The state, and with it the address and all panels, is told once the slider rests.
+  function drag(blend) {
+    cancelAnimationFrame(journey);
+    canvas.journey = blend;
+    canvas.move();
+    clearTimeout(settling);
+    settling = setTimeout(() => stop(blend), SETTLED);
+  }
 
   function travel() {
+    clearTimeout(settling);
     cancelAnimationFrame(journey);
     if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
       setView({ blend: store.get().view.blend < 0.5 ? 1 : 0 });
@@ -98,7 +114,7 @@ function createBlend(app, setView) {
       const share = Math.min(1, Math.max(0, (now - began) / JOURNEY));
       canvas.journey = share * share * (3 - 2 * share);
       slider.value = canvas.journey;
-      canvas.redraw();
+      canvas.move();
       if (share < 1) journey = requestAnimationFrame(step);
       else stop(1);
     };
@@ -107,6 +123,7 @@ function createBlend(app, setView) {
 
   function stop(blend) {
     cancelAnimationFrame(journey);
+    clearTimeout(settling);
     canvas.journey = null;
     setView({ blend });
   }
@@ -115,7 +132,8 @@ function createBlend(app, setView) {
     slider.value = view.blend;
     slider.setAttribute("aria-valuetext", `${Math.round(100 * view.blend)} % of the way to the adapted mesh`);
   }
-  slider.addEventListener("input", () => stop(Number(slider.value)));
+  slider.addEventListener("input", () => drag(Number(slider.value)));
+  slider.addEventListener("change", () => stop(Number(slider.value)));
   store.subscribe(show);
   show(store.get());
   return element(
