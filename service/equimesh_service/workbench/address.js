@@ -1,5 +1,7 @@
 // The state as the part of an address after "#", so that a link shows what was seen.
 
+import { COLOURS } from "./drawing/colours.js";
+import { MOST_MESHES } from "./film.js";
 import { START } from "./store.js";
 
 const SHORT_KINDS = new Set(["auto", "least_error", "arc_length", "curvature"]);
@@ -19,9 +21,9 @@ const LONGEST = 30000;
 export function stateOf(hash) {
   // In an expression "+" is a sum, not a space.
   const words = new URLSearchParams(hash.slice(1).replaceAll("+", "%2B"));
-  const view = { ...START.view, ...object(words.get("view")) };
+  const view = { ...START.view, ...known(object(words.get("view")) ?? {}) };
   const spec = object(words.get("spec"));
-  if (spec) return { spec, view, samples: null, sliders: object(words.get("sliders")) ?? {} };
+  if (spec) return { spec, view, samples: null, sliders: rangesOf(object(words.get("sliders")) ?? {}) };
   if (!words.has("u")) return { ...START, view };
   const monitor = { u: { expression: words.get("u") } };
   if (SHORT_KINDS.has(words.get("monitor"))) monitor.kind = words.get("monitor");
@@ -72,6 +74,19 @@ export function followAddress(store) {
     written = shown = location.hash;
     store.update(stateOf(location.hash));
   });
+}
+
+// The entries of a view that are of the type which the page uses; a link may bring anything.
+function known(view) {
+  const isRight = ([name, value]) => typeof value === typeof START.view[name] && (name !== "colour" || Object.hasOwn(COLOURS, value));
+  return Object.fromEntries(Object.entries(view).filter(isRight));
+}
+
+// The ranges of sliders that have two ends, and not more meshes than a film may have.
+function rangesOf(sliders) {
+  const isRight = ({ min, max, count = 2 }) =>
+    Number.isFinite(min) && Number.isFinite(max) && min < max && Number.isInteger(count) && count >= 2 && count <= MOST_MESHES;
+  return Object.fromEntries(Object.entries(sliders).filter(([, range]) => isRight(range ?? {})));
 }
 
 function object(text) {

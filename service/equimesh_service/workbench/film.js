@@ -2,6 +2,8 @@
 
 import { atTime } from "./sources.js";
 
+/** The most meshes of a film. */
+export const MOST_MESHES = 200;
 // Arrays that change along a straight line between two meshes. Those of cells are shown as they are.
 const NODAL = ["x", "y", "u", "uniform_u"];
 

@@ -61,13 +61,13 @@ export function createLive(app) {
       return;
     }
     fly(state, quick, { changed, isQuick: true });
-    slowTimer = setTimeout(() => slow(state), PAUSE);
+    slowTimer = setTimeout(() => slow(state, changed), PAUSE);
   }
 
   // The requested mesh, after its quick look; a change in between has ended the timer.
-  function slow(state) {
-    if (flight) slowTimer = setTimeout(() => slow(state), 30);
-    else if (!wanted) fly(state, state.spec, { changed: performance.now(), isQuick: false, isSlow: true });
+  function slow(state, changed) {
+    if (flight) slowTimer = setTimeout(() => slow(state, changed), 30);
+    else if (!wanted) fly(state, state.spec, { changed, isQuick: false, isSlow: true });
   }
 
   async function fly(state, spec, { changed, isQuick, isSlow = false }) {
@@ -85,6 +85,8 @@ export function createLive(app) {
       if (flight !== mine || error.name === "AbortError") return;
       if (BUSY.has(error.problem?.status) && !wanted) {
         app.status(`${error.message} The page tries again.`);
+        // A quick look is not tried again: it would come after the requested mesh, which follows anyway.
+        if (isQuick) return;
         againTimer = setTimeout(() => !flight && !wanted && fly(state, spec, { changed, isQuick, isSlow }), AGAIN);
         return;
       }

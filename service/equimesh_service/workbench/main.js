@@ -4,7 +4,7 @@ import { followAddress, stateOf } from "./address.js";
 import { createStage } from "./drawing/stage.js";
 import { createLive } from "./live.js";
 import { createService } from "./service.js";
-import { createStore } from "./store.js";
+import { alone, createStore } from "./store.js";
 import * as copyPanel from "./panels/copy.js";
 import * as domainPanel from "./panels/domain.js";
 import * as downloadsPanel from "./panels/downloads.js";
@@ -69,7 +69,7 @@ function createApp() {
     },
     emit(name, value) {
       if (name === "problem") app.problem = value;
-      for (const listener of [...(listeners.get(name) ?? [])]) listener(value);
+      for (const listener of [...(listeners.get(name) ?? [])]) alone(() => listener(value));
     },
     show(drawing) {
       app.drawing = drawing;
@@ -92,7 +92,7 @@ function main() {
   app.live = createLive(app);
   for (const [name, panel] of Object.entries(PANELS)) {
     const section = byId(`panel-${name}`);
-    panel.create(section.querySelector(".content"), app);
+    alone(() => panel.create(section.querySelector(".content"), app));
     section.hidden = false;
   }
   followAddress(app.store);

@@ -34,7 +34,7 @@ export function createStore(initial) {
     isScheduled = false;
     const old = before;
     before = state;
-    for (const listener of [...listeners]) listener(state, old);
+    for (const listener of [...listeners]) alone(() => listener(state, old));
   }
 
   function update(change) {
@@ -56,6 +56,15 @@ export function createStore(initial) {
       return () => listeners.delete(listener);
     },
   };
+}
+
+/** Do a task of one panel: where it fails, as at the state of a damaged link, the others go on, and the console tells. */
+export function alone(task) {
+  try {
+    task();
+  } catch (error) {
+    reportError(error);
+  }
 }
 
 /** A copy of `value` with another value at the end of `path`; `undefined` there deletes the key. */

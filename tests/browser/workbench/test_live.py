@@ -7,8 +7,12 @@ import statistics
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, Request, expect
+
+from browser.workbench.states import has_mesh, panel_at
+from equimesh_service.worker.drawing import pack
 
 pytestmark = pytest.mark.needs("chromium")
 FUNCTION = "#panel-function textarea"
@@ -148,6 +152,53 @@ def test_a_name_that_leaves_the_expression_takes_its_parameter_along_and_brings_
     expect(number).to_have_count(0)
     page.fill(FUNCTION, "tanh(k*x)")
     expect(number).to_have_value("7")
+
+
+def test_a_damaged_link_leaves_a_page_that_works(visit: Callable[..., Page]) -> None:
+    u = {"expression": "tanh(k*x) + t", "parameters": {"k": 9}}
+    page = visit('/#view={"colour":"document","blend":"x"}&u=x')
+    page.wait_for_selector(QUICK)
+    sliders = {"k": {}, "t": {"min": 0, "max": 1, "count": 10**9}}
+    panel_at(
+        page, "time", {"monitor": {"kind": "arc_length", "u": u}, "grid": {"n_xi": 9, "n_eta": 9}}, sliders=sliders
+    )
+    has_mesh(page, 9, 9)
+    u["parameters"] = {"k": "abc"}
+    panel_at(page, "time", {"monitor": {"kind": "arc_length", "u": u}})
+    expect(page.locator("#panel-function .fault")).not_to_be_empty()
+
+
+def test_a_folded_mesh_is_not_called_the_adapted_one(page: Page) -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5), indexing="ij")
+    document = {"status": "failed", "certificate": {}, "quality": None, "sentences": []}
+    body = pack(document, {"uniform_x": x, "uniform_y": y})
+    page.wait_for_selector(QUICK)
+    page.route("**/v1/previews", lambda route: route.fulfill(body=body, content_type="application/x-npz"))
+    page.fill(FUNCTION, "tanh(31*x)")
+    has_mesh(page, 5, 5)
+    captions = page.locator("#captions")
+    expect(captions).to_contain_text("no mesh")
+    expect(captions).not_to_contain_text("adapted")
+    expect(page.locator("#status")).to_contain_text("No mesh")
+
+
+def test_a_quick_look_that_finds_no_worker_does_not_come_after_the_mesh(visit: Callable[..., Page]) -> None:
+    page = visit("/#u=tanh(20*(x-y**2))&n=17&monitor=least_error")
+    page.wait_for_selector("#stage[data-quick=false]")
+    specs = specs_of(page)
+
+    def answer(route: Any) -> None:
+        if "smoothing" in (route.request.post_data or ""):
+            route.fulfill(status=503, json={"title": "Workers busy", "detail": "All workers are busy."})
+        else:
+            route.continue_()
+
+    page.route("**/v1/previews", answer)
+    before = page.get_attribute("#stage", "data-drawings")
+    page.fill(FUNCTION, "tanh(15*(x-y**2))")
+    expect(page.locator("#stage")).not_to_have_attribute("data-drawings", before or "")
+    page.wait_for_timeout(1500)  # longer than the pause before another attempt
+    assert [spec["monitor"]["kind"] for spec in specs] == ["arc_length", "least_error"]
 
 
 def test_a_busy_service_is_asked_again(page: Page) -> None:

@@ -1,9 +1,10 @@
 // The nodes of a drawing, in plain arrays: those of the adapted and of the uniform mesh, and the meshes between them.
 
 /**
- * The mesh of a drawing, `{shape, x, y, uniformX, uniformY}`; null where the drawing has none (a folded mesh).
+ * The mesh of a drawing, `{shape, x, y, uniformX, uniformY, isAdapted}`; null where the drawing has no mesh at all.
  *
- * Where the uniform mesh is absent, the mesh stands for it.
+ * Where one of both meshes is absent, the other stands for it: `isAdapted` is false where the drawing has the uniform
+ * mesh alone, since the adapted one is folded.
  *
  * @param {object} drawing
  */
@@ -17,6 +18,7 @@ export function meshOf(drawing) {
     y: (y ?? uniformY).data,
     uniformX: (uniformX ?? own).data,
     uniformY: (uniformY ?? y).data,
+    isAdapted: Boolean(x),
   };
 }
 

@@ -212,7 +212,8 @@ function placeOf({ left, top, width }) {
   return { left: `${left}px`, top: `${top - CAPTION}px`, width: `${width}px` };
 }
 
-function captionOf({ blend }, { errors, isMoving }) {
+function captionOf({ blend }, { errors, isMoving, mesh }) {
+  if (blend !== 0 && !mesh?.isAdapted) return ["no mesh", ", the uniform one is shown"];
   const text = (name) => (errors?.[name] ? `, error ${amount(errors[name])}` : "");
   if (blend === 0) return ["uniform", text("l2_uniform")];
   if (blend === 1) return ["adapted", text("l2")];

@@ -189,7 +189,9 @@ function rangeOf(name, value, ranges, store) {
   const fallback = value >= 0 && value <= FRESH_RANGE.max ? FRESH_RANGE : { min: Math.min(0, 2 * value), max: Math.max(1, 2 * value) };
   const known = ranges[name] ?? (name === "t" ? { min: 0, max: 1 } : fallback);
   const range = { min: Math.min(known.min, value), max: Math.max(known.max, value) };
-  if (ranges[name]?.min !== range.min || ranges[name]?.max !== range.max) {
+  const isKnown = ranges[name]?.min === range.min && ranges[name]?.max === range.max;
+  // A value that is no number, as a link may have it, has no range; to store one would never end.
+  if (!isKnown && Number.isFinite(range.min) && Number.isFinite(range.max)) {
     queueMicrotask(() => store.update((state) => ({ sliders: { ...state.sliders, [name]: range } })));
   }
   return range;

@@ -18,7 +18,7 @@ export function create(section, app) {
   app.on("drawing", (drawing) => {
     const { document: facts, isQuick } = drawing;
     const [first, ...others] = facts.sentences ?? [];
-    const quick = { tone: "note", text: "This is a quick look. The requested mesh is being computed." };
+    const quick = { tone: "note", text: "This is a quick look. The requested mesh comes after it." };
     headline.textContent = first?.text ?? "";
     headline.className = `headline ${first?.tone ?? ""}`;
     list.replaceChildren(
@@ -38,7 +38,7 @@ function numbersOf({ arrays, document: facts }) {
   const gain = certificate.interpolation_gain ?? {};
   const shape = arrays.x?.shape;
   return [
-    ["status", certificate.status ?? facts.status],
+    certificate.status && ["status", certificate.status],
     shape && ["points", `${shape[0]} × ${shape[1]}`],
     gain.l2 && ["gain of the error of u (L2)", amount(gain.l2)],
     gain.h1 && ["gain of the error of its gradient (H1)", amount(gain.h1)],
@@ -50,7 +50,7 @@ function numbersOf({ arrays, document: facts }) {
 
 function statusOf({ arrays, isQuick, milliseconds }) {
   const [n, m] = arrays.x?.shape ?? [];
-  const what = isQuick ? "Quick look" : "Mesh";
+  const what = isQuick ? "Quick look" : n ? "Mesh" : "No mesh";
   const points = n ? ` of ${n} × ${m} points` : "";
   return `${what}${points}, ${duration(milliseconds ?? 0)} after the change.`;
 }

@@ -133,6 +133,7 @@ class SamplesPanel {
     }
     if (this.shown === id) return;
     this.tell("of this link", null);
+    this.shown = id; // asked for once, whatever the answer
     try {
       const stored = await this.app.service.json(`v1/samples/${encodeURIComponent(id)}`);
       if (this.app.store.get().spec.monitor?.u?.samples === id) this.tell("of this link", stored);

@@ -4,15 +4,14 @@ import { element, field } from "../dom.js";
 import { isSlowSpec, quickSpec } from "../live.js";
 import { createPlayer } from "../player.js";
 import { atTime, timeOf } from "../sources.js";
-import { between, Film } from "../film.js";
+import { between, Film, MOST_MESHES } from "../film.js";
 
 // Meshes that are shown each second.
 const MESHES_PER_SECOND = 6;
 // The range of t and the number of meshes in it, until they are changed.
 const RANGE = { min: 0, max: 1, count: 25 };
-// The fewest and the most meshes of a film.
+// The fewest meshes of a film.
 const FEWEST = 2;
-const MOST = 200;
 
 /**
  * The panel of the time.
@@ -68,11 +67,11 @@ class TimePanel {
 
   changeRange(name, input) {
     const range = { ...this.range, [name]: input.valueAsNumber };
-    const isRight = Number.isFinite(range[name]) && range.min < range.max && range.count >= FEWEST && range.count <= MOST;
+    const isRight = Number.isFinite(range[name]) && range.min < range.max && range.count >= FEWEST && range.count <= MOST_MESHES;
     input.toggleAttribute("aria-invalid", false);
     if (!isRight || !Number.isInteger(range.count)) {
       input.setAttribute("aria-invalid", "true");
-      this.say(`t runs from a smaller to a larger number, in ${FEWEST} to ${MOST} meshes.`);
+      this.say(`t runs from a smaller to a larger number, in ${FEWEST} to ${MOST_MESHES} meshes.`);
       return;
     }
     this.app.store.update((state) => ({ sliders: { ...state.sliders, t: range } }));

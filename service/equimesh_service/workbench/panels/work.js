@@ -1,6 +1,7 @@
 // Meshes that take longer than a preview may: requested as meshes that the service keeps, with progress and cancel.
 
 import { element } from "../dom.js";
+import { duration } from "../words.js";
 
 // The label of the meshes that this page requests.
 const LABEL = "workbench";
@@ -62,7 +63,7 @@ class WorkPanel {
       this.mesh = await this.app.service.requestMesh({ ...spec, label: LABEL }, { samples: samples?.file ?? null, signal: mine.signal });
       if (!this.mesh.finished_at) await this.watch(mine.signal);
       if (this.control !== mine) return;
-      await this.finish(await this.app.service.mesh(this.mesh.id));
+      await this.finish(await this.app.service.mesh(this.mesh.id), spec);
     } catch (error) {
       if (error.name !== "AbortError" && this.control === mine) this.complain(error.problem ?? { detail: error.message });
     } finally {
@@ -93,7 +94,8 @@ class WorkPanel {
     this.status.textContent = `${percent === null ? "" : `${percent.toFixed(0)} %: `}${doing}`;
   }
 
-  async finish(mesh) {
+  /** Draw a mesh that has ended, unless the page shows another spec by now. */
+  async finish(mesh, spec) {
     if (mesh.status === "canceled") {
       this.status.textContent = "Canceled.";
       return;
@@ -102,11 +104,16 @@ class WorkPanel {
       this.complain(mesh.error ?? { detail: "The mesh failed." });
       return;
     }
+    const took = duration(1000 * (mesh.timings?.total ?? 0));
+    const isDone = mesh.status === "succeeded";
     const drawing = await this.app.service.drawing(mesh.id);
-    const seconds = mesh.timings?.total ?? 0;
+    if (this.app.store.get().spec !== spec) {
+      this.status.textContent = `${isDone ? "Done" : "Failed"} after ${took}. The function or its settings have changed, so the mesh is not shown.`;
+      return;
+    }
     this.app.emit("problem", drawing.document.error ?? null);
-    this.app.show({ ...drawing, isQuick: false, milliseconds: 1000 * seconds });
-    this.status.textContent = `Done in ${seconds.toPrecision(2)} s: ${mesh.grid.n_xi} × ${mesh.grid.n_eta} points.`;
+    this.app.show({ ...drawing, isQuick: false, milliseconds: 1000 * (mesh.timings?.total ?? 0) });
+    this.status.textContent = `${isDone ? "Done in" : "Failed after"} ${took}: ${mesh.grid.n_xi} × ${mesh.grid.n_eta} points.`;
     this.app.announce(this.status.textContent);
   }
 
