@@ -12,6 +12,7 @@ import re
 import runpy
 import tomllib
 from collections.abc import Callable
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -59,11 +60,13 @@ def unknown_numbers(text: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def shown() -> em.Solution:
+def shown(tmp_path_factory: pytest.TempPathFactory) -> em.Solution:
     """What the Python of the README computes."""
     (code,) = re.findall(r"^```python\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
     names: dict[str, Any] = {}
-    exec(compile(code, "README.md", "exec"), names)
+    with chdir(tmp_path_factory.mktemp("readme")):
+        exec(compile(code, "README.md", "exec"), names)
+        assert Path("mesh.vtu").is_file()
     solution = names["solution"]
     assert isinstance(solution, em.Solution)
     return solution

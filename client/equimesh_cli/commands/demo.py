@@ -85,6 +85,7 @@ def run(options: argparse.Namespace) -> int:
     for path in written:
         print(f"  {path.name:<28}{path.stat().st_size:>9} bytes")
     print("\nOpen a .vtu file in ParaView. Most solvers read the .msh, FEniCSx the .xdmf and the files next to it.")
+    print("For a function of your own, run `equimesh serve`, and open the page at the address that it tells.")
     return Exit.DONE
 
 

@@ -28,7 +28,9 @@ export function create(section, app) {
   } });
   const isOn = field("Divide into subdomains", input, {
     inline: true,
-    help: "Each subdomain is solved by itself, again and again, with what its neighbours found. The mesh is the same.",
+    help: "Each subdomain is solved by itself, again and again, with what its neighbours found. The mesh is that of a "
+      + "single domain with the same monitor. Least error cannot be divided: the automatic monitor then takes another "
+      + "monitor, and the error can be larger.",
   });
   const settings = element("div", {},
     pairFields(app, ["subdomains along xi", "along eta"], ["schwarz", "subdomains"], [2, 1], { min: 1, step: 1 }),

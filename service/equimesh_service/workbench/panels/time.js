@@ -43,7 +43,7 @@ class TimePanel {
     this.inputs = Object.fromEntries(
       Object.entries({ min: "from t", max: "to t", count: "meshes" }).map(([name, label]) => [name, this.numberInput(name, label)]),
     );
-    this.none = element("p", {}, "Write t in the function, such as tanh(30*(x - t)). Then a slider for t is here.");
+    this.none = element("p", {}, "Write t in the function, such as tanh(30*(x - t)), or choose Moving front in the gallery. Then a slider for t is here.");
     const fields = Object.values(this.inputs).map(({ row }) => row);
     this.shown = element("div", {}, this.player.element, this.status, element("div", { class: "row" }, fields), element("p", { class: "hint" },
       "Each mesh is a preview at its t; between two of them the nodes move on straight lines. While t plays, slow ",
