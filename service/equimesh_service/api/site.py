@@ -31,6 +31,8 @@ _METHODS = ["GET", "HEAD"]
 _POLICY = page_policy(pictures="'self' data:")
 # In the page for addresses that lead nowhere: the way up to the front page, which depends on the address.
 _ROOT = "{{root}}"
+# Below more folders than this an address gets no page: each link in it would be as long as the address.
+_MAX_DEPTH = 20
 # Pages and the index of the search are asked for again each time, with their ETag; what pages load is kept for a day.
 _PAGES = "no-cache"
 _LOADED = "max-age=86400"
@@ -84,7 +86,7 @@ def _depth(request: Request) -> int:
 
 def _nowhere(depth: int, known: Mapping[str, Path]) -> Response:
     """The site's page for an address that leads nowhere, with links from where the reader is."""
-    if "404.html" not in known:
+    if "404.html" not in known or depth > _MAX_DEPTH:
         raise Problem("not-found", "No such page.")
     text = known["404.html"].read_text(encoding="utf-8").replace(_ROOT, "../" * depth)
     return HTMLResponse(text, status_code=404, headers=_headers())

@@ -17,7 +17,8 @@ MIN_FRAMES = 8
 class Frames:
     """Keeps the meshes of an iteration while it runs: all of them, or every second, fourth, … of a long one.
 
-    ``numbers`` are those of the iterations. The last mesh is always kept.
+    ``numbers`` are those of the iterations. The last mesh is always kept. An iteration that begins again takes the
+    place of the one before.
     """
 
     points: int
@@ -30,6 +31,8 @@ class Frames:
         """Keep the mesh of an iteration; other events of the solver have none."""
         if not isinstance(event, Iteration):
             return
+        if event.iteration == 0:  # another iteration, such as one with a weaker monitor, takes the place of the first
+            self.numbers, self._kept, self._every = [], [], 1
         self._last = event
         if event.iteration % self._every:
             return

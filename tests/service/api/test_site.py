@@ -114,6 +114,13 @@ def test_a_strange_path_leads_nowhere(http: Site, path: str) -> None:
     assert http.get(f"/site/{path}").status_code == 404
 
 
+@pytest.mark.usefixtures("folder")
+def test_an_address_of_many_folders_gets_a_short_answer(http: Site) -> None:
+    answer = http.get(f"/site/{'a/' * 5000}")
+    assert answer.status_code == 404
+    assert len(answer.content) < 5000
+
+
 def test_another_build_is_served_without_a_restart(http: Site, folder: Path) -> None:
     assert http.get("/site/new.html").status_code == 404
     (folder / "new.html").write_text("New")

@@ -48,5 +48,13 @@ def test_a_long_iteration_is_thinned_evenly_and_has_its_end(
     assert np.array_equal(arrays["frames_x"][-1], events[-1].mesh.x.astype(np.float32))
 
 
+def test_only_the_last_of_two_iterations_is_kept() -> None:
+    frames = Frames(56)
+    for event in [*records(5), *records(3)]:
+        frames(event)
+    assert len(frames.arrays()["frames_x"]) == 4
+    assert frames.numbers == [*range(4)]
+
+
 def test_without_an_iteration_there_are_no_frames() -> None:
     assert Frames(56).arrays() == {}
