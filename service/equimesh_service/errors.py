@@ -22,6 +22,7 @@
     │   ├── MemoryLimitError        ... it needed more memory than its worker may have
     │   ├── WorkerLostError         ... its worker died; running it again may succeed
     │   └── SchedulerLostError      ... the cluster that ran it cannot be reached; running it again will do
+    ├── NotCompiledError            a loop is not compiled on this machine yet
     ├── AttemptLostError            the mesh was canceled or is computed elsewhere; the worker stops
     └── Problem                     an answer with problem details; it stands in
                                     :mod:`equimesh_service.problems.problem`, next to the table of kinds
@@ -110,6 +111,10 @@ class WorkerLostError(EngineError):
 
 class SchedulerLostError(EngineError):
     """The scheduler of the cluster that ran the task cannot be reached; the task is not to blame."""
+
+
+class NotCompiledError(ServiceError):
+    """A loop is not compiled on this machine yet, where it must not be compiled now."""
 
 
 class AttemptLostError(ServiceError):

@@ -53,8 +53,3 @@ def test_the_interactive_documentation_works_offline(url: str, rendered: Callabl
     assert 'value="wait=30"' in document  # so that its first request gives a mesh
     assert "Failed to load" not in document
     assert "Unable to render" not in document
-
-
-def test_the_front_page_leads_to_the_documentation(url: str, rendered: Callable[[str], str]) -> None:
-    document = rendered(f"{url}/")
-    assert 'href="docs"' in document

@@ -6,21 +6,18 @@ from typing import Any
 
 from numba.core import event
 
+from equimesh_service.errors import NotCompiledError
 from equimesh_service.worker.solve import warm_up
 
 _log = logging.getLogger(__name__)
 _is_warm = False
 
 
-class _CompilingError(Exception):
-    """A loop is not compiled yet on this machine."""
-
-
 class _Refusal(event.Listener):
     """Ends a warm-up that would compile."""
 
     def on_start(self, _: Any) -> None:
-        raise _CompilingError
+        raise NotCompiledError
 
     def on_end(self, _: Any) -> None:
         pass
@@ -41,7 +38,7 @@ def warm_up_unless_compiling() -> None:
     a stopping service waits for. The first worker compiles them then.
     """
     try:
-        with event.install_listener("numba:compile", _Refusal()), suppress(_CompilingError):
+        with event.install_listener("numba:compile", _Refusal()), suppress(NotCompiledError):
             warm_up_once()
     except Exception:  # a worker tries again, and reports it
         _log.exception("the workers are not forked warm")

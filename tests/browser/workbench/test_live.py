@@ -75,9 +75,11 @@ def test_a_slow_mesh_is_shown_after_a_quick_look(visit: Callable[..., Page]) -> 
     specs.clear()
     page.evaluate(WATCH)
     page.fill(FUNCTION, "tanh(15*(x-y**2))")
-    page.wait_for_function("() => window.seen.length === 2")
-    assert page.evaluate("() => window.seen") == [["true", True], ["false", False]]
-    assert [spec["monitor"].get("kind") for spec in specs] == ["arc_length", "least_error"]
+    page.wait_for_function("() => window.seen.at(-1)?.[0] === 'false'")
+    seen = page.evaluate("() => window.seen")
+    assert (seen[0], seen[-1]) == (["true", True], ["false", False])
+    # Requests that a busy service refuses are sent again.
+    assert [*dict.fromkeys(spec["monitor"].get("kind") for spec in specs)] == ["arc_length", "least_error"]
 
 
 def test_an_old_answer_never_replaces_a_newer_one(page: Page) -> None:
@@ -138,6 +140,8 @@ def test_an_unknown_name_becomes_a_parameter_with_a_slider(page: Page) -> None:
     page.keyboard.press("ArrowRight")
     page.get_by_role("slider", name="t", exact=True).fill("0.5")
     page.wait_for_function("() => location.hash.includes('0.5')")
+    while "t" not in specs[-1]["monitor"]["u"]:  # the address follows sooner than the request
+        page.wait_for_timeout(50)
     source = specs[-1]["monitor"]["u"]
     assert source["parameters"]["k"] > float(before)
     assert source["t"] == 0.5

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from threading import get_ident
 
 import numpy as np
 import pytest
@@ -251,8 +252,16 @@ HEARD: list[list[str]] = []
 
 
 def hear(event: str, _: tuple[object, ...]) -> None:
-    if HEARD and event in ("exec", "import", "open", "os.system", "subprocess.Popen", "socket.connect"):
+    # Other threads of the process of tests may open files meanwhile.
+    if (
+        HEARD
+        and get_ident() == HEARS
+        and event in ("exec", "import", "open", "os.system", "subprocess.Popen", "socket.connect")
+    ):
         HEARD[-1].append(event)
+
+
+HEARS = get_ident()
 
 
 @cache
