@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import runpy
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Page, expect
 
 from equimesh_service.spec.mesh import read_spec
 
@@ -51,3 +53,10 @@ def test_the_mesh_of_a_problem_is_that_of_its_picture_with_a_much_smaller_error(
     # Rounding may differ by one between machines.
     assert np.abs(np.subtract(drawn["nodes"], stored["nodes"])).max() <= 1
     assert np.abs(np.subtract([*map(int, drawn["u"])], [*map(int, stored["u"])])).max() <= 1
+
+
+@pytest.mark.needs("chromium")
+def test_on_a_phone_the_page_goes_to_the_mesh_of_a_chosen_problem(visit: Callable[..., Page]) -> None:
+    page = visit("/#u=x*y&n=9&monitor=arc_length", viewport={"width": 390, "height": 844})
+    page.get_by_role("button", name="Moving front").click()
+    expect(page.locator("#headline")).to_be_in_viewport(timeout=10_000)

@@ -64,6 +64,8 @@ function buttonOf(problem, app) {
   const choose = () => {
     app.store.update({ spec: problem.spec, sliders: slidersOf(problem), samples: null });
     app.announce(`${problem.title}. ${problem.sentence}`);
+    // On a phone the mesh is far above the gallery.
+    document.querySelector("#headline").scrollIntoView({ block: "nearest" });
   };
   return element("button", { type: "button", title: problem.sentence, "data-name": problem.name, onclick: choose }, canvas, element("span", {}, problem.title));
 }
