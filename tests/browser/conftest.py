@@ -1,12 +1,17 @@
-"""One service without keys for all pages."""
+"""One service without keys for all pages, and a browser for the tests of a module."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Browser, sync_playwright
 
 from equimesh_service import Settings, running
+from programs import browser as browser_program
+
+# WebGL2 in software: no test depends on the graphics of a machine.
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="session")
@@ -19,3 +24,12 @@ def page_url(page_settings: Settings) -> Iterator[str]:
     """The URL of the service."""
     with running(page_settings) as url:
         yield url
+
+
+# While it is there, its event loop runs in this thread, and tests of other modules could run no loop of theirs.
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=browser_program(), args=FLAGS)
+        yield opened
+        opened.close()

@@ -14,10 +14,9 @@ from urllib.parse import urlsplit
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page
 
 from equimesh_service.api import site as site_routes
-from programs import browser as browser_path
 
 ROOT = Path(__file__).parents[2]
 # Pages of every kind; links to others lead nowhere in this part of the site.
@@ -68,14 +67,6 @@ def url(built: Path, page_url: str) -> Iterator[str]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(site_routes, "FOLDER", built)
         yield f"{page_url}/site/"
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(params=[("light", 1366, 768), ("dark", 390, 844)], ids=["laptop, light", "phone, dark"])

@@ -1,4 +1,4 @@
-"""One browser for all tests of the workbench; each test has a page of its own, which may not complain."""
+"""Pages of the workbench, which may not complain; each test has one of its own."""
 
 from __future__ import annotations
 
@@ -7,12 +7,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
-from programs import browser as browser_program
-
-# WebGL2 in software: no test depends on the graphics of a machine.
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 LAPTOP = {"width": 1366, "height": 768}
 # The workbench with a small mesh that is solved in a moment.
 SMALL = "/#u=tanh(20*(x-y))&n=17&monitor=arc_length"
@@ -36,13 +32,7 @@ class Complaints(list[str]):
         return [each for each in self if not any(part in each for part in known)]
 
 
-@pytest.fixture(scope="session")
-def chromium() -> Iterator[Browser]:
-    expect.set_options(timeout=PATIENCE)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_program(), args=FLAGS)
-        yield browser
-        browser.close()
+expect.set_options(timeout=PATIENCE)
 
 
 @contextmanager
