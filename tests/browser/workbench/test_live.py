@@ -140,8 +140,10 @@ def test_an_unknown_name_becomes_a_parameter_with_a_slider(page: Page) -> None:
     page.keyboard.press("ArrowRight")
     page.get_by_role("slider", name="t", exact=True).fill("0.5")
     page.wait_for_function("() => location.hash.includes('0.5')")
-    while "t" not in specs[-1]["monitor"]["u"]:  # the address follows sooner than the request
-        page.wait_for_timeout(50)
+    for _ in range(600):  # the address follows sooner than the request
+        if "t" in specs[-1]["monitor"]["u"]:
+            break
+        page.wait_for_timeout(100)
     source = specs[-1]["monitor"]["u"]
     assert source["parameters"]["k"] > float(before)
     assert source["t"] == 0.5

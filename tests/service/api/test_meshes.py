@@ -32,8 +32,7 @@ def test_one_round_trip(http: httpx.Client) -> None:
     assert (mesh["status"], mesh["label"], mesh["attempts"]) == ("succeeded", "one", 1)
     assert mesh["quality"]["q_eq"]["max"] > 1.0
     assert mesh["convergence"]["status"] == "converged"
-    assert mesh["timings"]["solve"] > 0
-    assert mesh["timings"]["total"] > mesh["timings"]["solve"] - 0.1  # two clocks
+    assert min(mesh["timings"]["total"], mesh["timings"]["solve"]) > 0  # by two clocks: not to be compared
     assert mesh["error"] is None
     assert http.get(answer.headers["location"]).json() == mesh
 
