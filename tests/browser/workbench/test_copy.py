@@ -116,7 +116,9 @@ def run(text: str, kind: str, folder: Path) -> None:
     assert done.returncode == 0, f"{text}\n{done.stderr}"
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize(
+    "name", [name if name == "usual" else pytest.param(name, marks=pytest.mark.everything) for name in SPECS]
+)
 def test_what_is_copied_gives_the_mesh(name: str, visit: Callable[..., Page], page_url: str, tmp_path: Path) -> None:
     spec = SPECS[name]
     page = visit(f"/#spec={quote(json.dumps(spec))}", permissions=CLIPBOARD)

@@ -49,6 +49,7 @@ def put(box: Any, label: str, value: object) -> None:
         control.fill(str(value))
 
 
+@pytest.mark.everything
 def test_every_kind_and_setting_is_reachable_and_taken(page: Page) -> None:
     page.complaints.expected = ["status of 409"]  # type: ignore[attr-defined]
     box = panel(page, "monitor")

@@ -129,6 +129,7 @@ def test_wheel_keys_and_buttons_zoom_and_drag_pans(page: Page) -> None:
     page.keyboard.press("0")
 
 
+@pytest.mark.everything  # it draws by software where there is no graphics card
 def test_a_large_mesh_is_dragged_at_the_rate_of_the_screen(
     visit: Callable[..., Page], capsys: pytest.CaptureFixture[str]
 ) -> None:
