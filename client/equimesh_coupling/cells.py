@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,21 +39,20 @@ def cell_values(wrapped: ErrorIndicator | CellAverages, mesh: HasParts) -> Array
     is_indicator = isinstance(wrapped, ErrorIndicator)
     what = "the error indicator" if is_indicator else "the array of cell averages"
     values = finite(real(wrapped.values, what), what)
-    n_xi, n_eta = parts.shape
     quads, triangles = cell_counts(parts)
     if is_indicator and values.size and values.min() < 0.0:
         raise BadValues("the error indicator has negative values: return the size of the error on each cell")
     is_flat = max(values.shape, default=1) == values.size
-    if values.size == quads and (is_flat or values.shape == (n_xi - 1, n_eta - 1)):
-        return values.reshape(n_xi - 1, n_eta - 1)
+    if values.size == quads and (is_flat or values.shape == parts.cell_shape):
+        return values.reshape(parts.cell_shape)
     if values.size == triangles and is_flat:
         parts = mesh.mesh_parts("triangle")
         pairs = values.reshape(-1, 2)
         merged = np.sqrt((pairs**2).sum(axis=1)) if is_indicator else _mean_of_pairs(pairs, parts)
-        return np.asarray(merged.reshape(n_xi - 1, n_eta - 1))
+        return np.asarray(merged.reshape(parts.cell_shape))
     raise BadValues(
         f"{what} has {values.size} values of shape {values.shape}, and this mesh has {quads} quadrilaterals, or "
-        f"{triangles} triangles: return one value for each, flat or of shape {(n_xi - 1, n_eta - 1)}"
+        f"{triangles} triangles: return one value for each, flat or of shape {parts.cell_shape}"
     )
 
 
@@ -65,5 +65,5 @@ def _mean_of_pairs(pairs: Array, parts: MeshParts) -> Array:
 
 def cell_counts(parts: MeshParts) -> tuple[int, int]:
     """The number of quadrilaterals, and of triangles cut from them."""
-    quads = (parts.shape[0] - 1) * (parts.shape[1] - 1)
+    quads = math.prod(parts.cell_shape)
     return quads, 2 * quads

@@ -76,3 +76,35 @@ def quads_of(shape: tuple[int, int]) -> IntArray:
     for k, further in enumerate((0, n_eta, n_eta + 1, 1)):
         np.add(first, further, out=corners[:, k])
     return corners
+
+
+def triangles_of_cells(points: Array, cells: IntArray) -> IntArray:
+    """The quadrilaterals ``cells`` of any mesh cut into triangles, counter-clockwise, shape ``(2 m, 3)``.
+
+    As :func:`triangles_of`: a cell with two boundary edges that meet is cut through their common corner.
+    """
+    cuts = better_cuts(points[cells], _cuts_at_corners(cells))
+    triangles: IntArray = np.take_along_axis(cells, CUTS[cuts].reshape(-1, 6), axis=1)
+    return triangles.reshape(-1, 3)
+
+
+def quads_of_triangles(triangles: IntArray) -> IntArray:
+    """The quadrilaterals that ``triangles`` of :func:`triangles_of_cells` were cut from, shape ``(m, 4)``.
+
+    The corners of a cell begin where they began before the cut.
+    """
+    first, second = triangles[0::2], triangles[1::2]
+    through_0 = first[:, 0] == second[:, 0]
+    third = np.where(through_0, first[:, 2], second[:, 1])
+    return np.column_stack([first[:, 0], first[:, 1], third, second[:, 2]])
+
+
+def _cuts_at_corners(cells: IntArray) -> dict[int, int]:
+    """The cells with two boundary edges that meet, and with no other one, each with the cut through that corner."""
+    edges = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)  # edge k runs from corner k to k + 1
+    ends = np.sort(edges.reshape(-1, 2), axis=1)
+    _, places, counts = np.unique(ends[:, 0] * (cells.max() + 1) + ends[:, 1], return_inverse=True, return_counts=True)
+    free = (counts[places] == 1).reshape(cells.shape)
+    corner = free & np.roll(free, 1, axis=1)  # both edges of this corner are on the boundary
+    found = np.flatnonzero((free.sum(axis=1) == 2) & corner.any(axis=1))
+    return dict(zip(found.tolist(), (corner[found].argmax(axis=1) % 2).tolist(), strict=True))

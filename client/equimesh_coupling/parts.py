@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, Protocol, TypeAlias
 
-from equimesh_coupling.cuts import Array, IntArray, quads_of, triangles_of
+from equimesh_coupling.cuts import Array, IntArray, quads_of, quads_of_triangles, triangles_of, triangles_of_cells
 from equimesh_coupling.errors import BadValues
 
 __all__ = ["SIDES", "TAGS", "Array", "Cells", "HasParts", "IntArray", "MeshParts"]
@@ -26,13 +26,26 @@ class MeshParts:
     has number ``i * n_eta + j``. ``cells`` are counter-clockwise, shape ``(m, 4)`` for quadrilaterals, ``(m, 3)`` for
     triangles; the triangles ``2 k`` and ``2 k + 1`` are cut from quadrilateral ``k``. ``sides`` has the edges of
     ``left``, ``right``, ``bottom`` and ``top``, in this order, shape ``(k, 2)`` each, with the domain on their left.
-    ``shape`` is ``(n_xi, n_eta)``.
+    ``shape`` is ``(n_xi, n_eta)``. A mesh of blocks has no such shape: ``shape`` is ``None`` there, nodes and cells
+    have the numbers of that mesh, and ``sides`` has any names.
     """
 
     points: Array
     cells: IntArray
     sides: Mapping[str, IntArray]
-    shape: tuple[int, int]
+    shape: tuple[int, int] | None
+
+    @property
+    def node_shape(self) -> tuple[int, ...]:
+        """The shape of one value at each node: ``(n_xi, n_eta)``, or ``(n,)`` for a mesh of blocks."""
+        return (len(self.points),) if self.shape is None else self.shape
+
+    @property
+    def cell_shape(self) -> tuple[int, ...]:
+        """The shape of one value on each cell: ``(n_xi - 1, n_eta - 1)``, or ``(m,)`` for a mesh of blocks."""
+        if self.shape is None:
+            return (len(self.cells) // (2 if self.is_triangular else 1),)
+        return self.shape[0] - 1, self.shape[1] - 1
 
     @property
     def is_triangular(self) -> bool:
@@ -48,6 +61,10 @@ class MeshParts:
             raise BadValues(f"unknown kind of cells {cells!r}: choose quad or triangle")
         if cells is None or (cells == "triangle") == self.is_triangular:
             return self
+        if self.shape is None:
+            to_triangles = cells == "triangle"
+            found = triangles_of_cells(self.points, self.cells) if to_triangles else quads_of_triangles(self.cells)
+            return replace(self, cells=found)
         corners = triangles_of(self.points, self.shape) if cells == "triangle" else quads_of(self.shape)
         return replace(self, cells=corners)
 

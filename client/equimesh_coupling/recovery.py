@@ -23,6 +23,8 @@ def nodes_from_cells(averages: CellAverages, mesh: HasParts) -> Array:
     """
     parts = mesh.mesh_parts()
     values = cell_values(averages, mesh)
+    if parts.shape is None:
+        raise BadValues("averages over the cells of a mesh of blocks: return values at the nodes")
     if min(parts.shape) < MIN_NODES:
         raise BadValues(f"values at the nodes need at least {MIN_NODES} nodes on each side, not {parts.shape}")
     corners = parts.points.reshape(*parts.shape, 2)

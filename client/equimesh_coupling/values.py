@@ -45,10 +45,10 @@ def node_values(returned: Any, mesh: HasParts) -> Array:
     if read is not None:
         return finite(real(read(returned, mesh), what), what)
     values = real(returned, what)
-    if values.shape == parts.shape:
+    if values.shape == parts.node_shape:
         return finite(values, what)
     if values.size == len(parts.points) and max(values.shape) == values.size:
-        return finite(values.reshape(parts.shape), what)
+        return finite(values.reshape(parts.node_shape), what)
     if values.size in cell_counts(parts):
         raise BadValues(
             f"the solution has {values.size} values, one for each cell, and needs one for each of the "
@@ -57,7 +57,7 @@ def node_values(returned: Any, mesh: HasParts) -> Array:
         )
     raise BadValues(
         f"the solution has the shape {values.shape}, and needs one value for each of the {len(parts.points)} nodes: "
-        f"return an array of shape {parts.shape}, or flat in the order of the nodes"
+        f"return an array of shape {parts.node_shape}, or flat in the order of the nodes"
     )
 
 

@@ -68,6 +68,6 @@ def number_array(name: str, values: Any, mesh: HasParts) -> Array:
     try:
         array = np.asarray(values, dtype=np.float64)
         parts = mesh.mesh_parts()
-        return array.reshape(parts.shape) if array.shape == (len(parts.points),) else array
+        return array.reshape(parts.node_shape) if array.shape == (len(parts.points),) else array
     except (TypeError, ValueError) as error:
         raise BadArgument(f"{name} is not an array of real numbers: {error}") from error

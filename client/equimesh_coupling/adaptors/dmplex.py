@@ -51,4 +51,4 @@ def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
             f"the vector has {len(values)} entries, and the section of its DMPlex {section.getStorageSize()}: return a "
             "local vector of this DMPlex"
         )
-    return np.asarray(values[places]).reshape(parts.shape)
+    return np.asarray(values[places]).reshape(parts.node_shape)

@@ -83,4 +83,4 @@ def nodal_values(function: Any, mesh: HasParts) -> Array:
     dofs = np.asarray(getattr(space.dofmap.list, "array", space.dofmap.list)).ravel()
     found = np.empty(len(values), dtype=values.dtype)
     found[numbers[vertices]] = values[dofs]
-    return found.reshape(parts.shape)
+    return found.reshape(parts.node_shape)

@@ -50,4 +50,4 @@ def nodal_values(field: Any, mesh: HasParts) -> Array:
         )
     values = mfem.Vector()
     field.GetNodalValues(values, 1)
-    return np.array(values.GetDataArray(), dtype=np.float64).reshape(parts.shape)
+    return np.array(values.GetDataArray(), dtype=np.float64).reshape(parts.node_shape)

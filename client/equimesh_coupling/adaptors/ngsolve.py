@@ -47,4 +47,4 @@ def nodal_values(field: Any, mesh: HasParts) -> Array:
             f"H1 function on this mesh of {len(parts.points)} nodes"
         )
     values = np.array(field.vec.FV().NumPy()[: len(parts.points)])
-    return values.reshape(parts.shape)
+    return values.reshape(parts.node_shape)

@@ -38,4 +38,4 @@ def nodal_values(grid: Any, mesh: HasParts) -> Array:
             f"the grid of PyVista has no active scalars at the {len(parts.points)} nodes of this mesh: return "
             'grid.point_data["u"], with your name'
         )
-    return values.reshape(parts.shape)
+    return values.reshape(parts.node_shape)

@@ -47,4 +47,4 @@ def nodal_values(variable: Any, mesh: HasParts) -> Array:
             f"on this mesh of {len(parts.points)} nodes"
         )
     values = np.array(variable()[field.vertex_remap], dtype=np.float64)
-    return values.reshape(parts.shape)
+    return values.reshape(parts.node_shape)

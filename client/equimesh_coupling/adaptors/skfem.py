@@ -42,5 +42,5 @@ def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
             f"the vector of scikit-fem has {len(vector)} entries, and its basis {basis.N} degrees of freedom: return "
             "the basis on which it was solved for"
         )
-    values: Array = vector[at_vertices[0]].reshape(parts.shape)
+    values: Array = vector[at_vertices[0]].reshape(parts.node_shape)
     return values

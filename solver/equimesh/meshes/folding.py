@@ -4,7 +4,7 @@ import numpy as np
 
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
 
 
 def smallest_in_parts(x: Array, y: Array, parts: Parts) -> float:
@@ -45,3 +45,20 @@ def largest_difference(one: Array, other: Array) -> float:
             largest[j] = max(largest[j], difference)
             check += difference
     return largest.max() if np.isfinite(check) else np.nan
+
+
+@compiled
+def smallest_of_cells(points: Array, cells: IntArray) -> float:
+    """The smallest corner Jacobian of quadrilaterals of any mesh; NaN where a coordinate is not a number."""
+    smallest, check = np.inf, 0.0
+    for k in range(len(cells)):
+        a, b, c, d = cells[k]
+        xa, ya, xb, yb = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+        xc, yc, xd, yd = points[c, 0], points[c, 1], points[d, 0], points[d, 1]
+        at_a = (xb - xa) * (yd - ya) - (yb - ya) * (xd - xa)
+        at_b = (xc - xb) * (ya - yb) - (yc - yb) * (xa - xb)
+        at_c = (xd - xc) * (yb - yc) - (yd - yc) * (xb - xc)
+        at_d = (xa - xd) * (yc - yd) - (ya - yd) * (xc - xd)
+        smallest = min(smallest, min(min(at_a, at_b), min(at_c, at_d)))
+        check += at_a + at_b + at_c + at_d
+    return smallest if np.isfinite(check) else np.nan

@@ -52,6 +52,16 @@ class Mesh(Coupled):
         return Grid(n_xi=self.x.shape[0], n_eta=self.x.shape[1])
 
     @property
+    def node_shape(self) -> tuple[int, int]:
+        """The shape of one value at each node: ``(n_xi, n_eta)``."""
+        return self.x.shape[0], self.x.shape[1]
+
+    @property
+    def cell_shape(self) -> tuple[int, int]:
+        """The shape of one value on each cell: ``(n_xi - 1, n_eta - 1)``."""
+        return self.x.shape[0] - 1, self.x.shape[1] - 1
+
+    @property
     def points(self) -> Array:
         """Node coordinates, shape ``(n_xi * n_eta, 2)``."""
         return np.column_stack([self.x.ravel(), self.y.ravel()])

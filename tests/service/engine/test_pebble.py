@@ -87,6 +87,7 @@ ELSEWHERE = {
     "_absolute",
     "add_corner",
     "add_up",
+    "smallest_of_cells",
     "at_patch",
     "bend",
     "bump",

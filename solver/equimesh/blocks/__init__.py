@@ -1,0 +1,1 @@
+"""Domains of several blocks: topology, boundary curves, and their initial mesh."""
