@@ -15,6 +15,8 @@ MAX_CACHED_GRIDS = 16
 """Small grids whose cells are kept: the levels of one or two solves."""
 MAX_CACHED_POINTS = 129 * 129
 """Points of a small grid. Of larger ones only the last is kept: its cells take 150 bytes a point."""
+OPEN = (False, False)
+"""No lines of a grid are closed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +37,10 @@ class Cells:
     """The sum of squared weights of each node in the second differences of ``triples``."""
     corner_cuts: Mapping[int, int]
     """The cells that are cut into triangles through a corner of the grid, with that cut."""
+    ties: IntArray
+    """Nodes that move together, ``(copy, original)``, shape ``(ties, 2)``; ``triples`` name originals only."""
+    closed: tuple[bool, bool] = OPEN
+    """Whether lines along xi, and those along eta, end where they begin; of cells of a grid."""
 
     @property
     def count(self) -> int:
@@ -46,32 +52,65 @@ class Cells:
         """Number of nodes."""
         return self.starts.size - 1
 
+    def restrict(self, gradient: Array, blocks: Array) -> None:
+        """Restrict derivatives by all coordinates to those that are free, in place.
 
-def cells_of_grid(shape: tuple[int, int]) -> Cells:
-    """The cells of a grid with this many points, with the numbers of :class:`~equimesh.meshes.mesh.Mesh`."""
-    return _of_small_grid(shape) if shape[0] * shape[1] <= MAX_CACHED_POINTS else _of_large_grid(shape)
+        Originals of tied nodes get the sums over their copies. Copies keep no derivative, and unit blocks.
+        """
+        gradient *= self.free
+        blocks[1] *= self.free[0] * self.free[1]
+        if self.ties.size:
+            copies, originals = self.ties.T
+            for rows in (gradient, blocks):
+                for row in rows:
+                    np.add.at(row, originals, row[copies])
+            gradient[:, copies] = 0.0
+            blocks[:, copies] = np.array([1.0, 0.0, 1.0])[:, None]
+
+    def tie(self, direction: Array) -> None:
+        """Let the copies of tied nodes move as their originals, in place."""
+        if self.ties.size:
+            copies, originals = self.ties.T
+            direction[:, copies] = direction[:, originals]
+
+
+def cells_of_grid(shape: tuple[int, int], closed: tuple[bool, bool] = OPEN) -> Cells:
+    """The cells of a grid with this many points, with the numbers of :class:`~equimesh.meshes.mesh.Mesh`.
+
+    ``closed`` tells whether lines along xi, and those along eta, end where they begin. Their two ends are tied then:
+    the last node is a copy of the first.
+    """
+    small = shape[0] * shape[1] <= MAX_CACHED_POINTS
+    return _of_small_grid(shape, closed) if small else _of_large_grid(shape, closed)
 
 
 @lru_cache(maxsize=MAX_CACHED_GRIDS)
-def _of_small_grid(shape: tuple[int, int]) -> Cells:
-    return _cells(shape)
+def _of_small_grid(shape: tuple[int, int], closed: tuple[bool, bool]) -> Cells:
+    return _cells(shape, closed)
 
 
 @lru_cache(maxsize=1)
-def _of_large_grid(shape: tuple[int, int]) -> Cells:
-    return _cells(shape)
+def _of_large_grid(shape: tuple[int, int], closed: tuple[bool, bool]) -> Cells:
+    return _cells(shape, closed)
 
 
-def _cells(shape: tuple[int, int]) -> Cells:
+def _cells(shape: tuple[int, int], closed: tuple[bool, bool]) -> Cells:
     number = np.arange(shape[0] * shape[1]).reshape(shape)
     corners = np.stack([q.ravel() for q in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])], 1)
-    along_xi = np.stack([number[:-2], number[1:-1], number[2:]], axis=-1).reshape(-1, 3)
-    along_eta = np.stack([number[:, :-2], number[:, 1:-1], number[:, 2:]], axis=-1).reshape(-1, 3)
-    triples = np.concatenate([along_xi, along_eta])
+    originals = number.copy()
+    if closed[0]:
+        originals[-1] = originals[0]
+    if closed[1]:
+        originals[:, -1] = originals[:, 0]
+    triples = _triples(originals, closed)
     free = np.ones((2, *shape))
-    free[0, 0] = free[0, -1] = free[1, :, 0] = free[1, :, -1] = 0.0
+    if not closed[0]:
+        free[0, 0] = free[0, -1] = 0.0
+    if not closed[1]:
+        free[1, :, 0] = free[1, :, -1] = 0.0
     used = np.bincount(corners.ravel(), minlength=number.size)
     squares = [np.bincount(triples[:, k], minlength=number.size) for k in range(3)]
+    copies = np.flatnonzero(originals.ravel() != number.ravel())
     return Cells(
         corners=corners,
         starts=np.concatenate([[0], np.cumsum(used)]),
@@ -80,4 +119,20 @@ def _cells(shape: tuple[int, int]) -> Cells:
         free=free.reshape(2, -1),
         stiffness=squares[0] + 4.0 * squares[1] + squares[2],
         corner_cuts=corner_cuts((shape[0] - 1, shape[1] - 1)),
+        ties=np.stack([copies, originals.ravel()[copies]], axis=1),
+        closed=closed,
     )
+
+
+def _triples(number: IntArray, closed: tuple[bool, bool]) -> IntArray:
+    """Three consecutive nodes of grid lines; of closed ones each node once, also in the middle of the two ends."""
+    along_xi, along_eta = (number[:, :-1] if closed[1] else number), (number[:-1] if closed[0] else number)
+    if closed[0]:
+        along_xi = np.concatenate([along_xi, along_xi[1:2]])
+    if closed[1]:
+        along_eta = np.concatenate([along_eta, along_eta[:, 1:2]], axis=1)
+    families = [
+        np.stack([along_xi[:-2], along_xi[1:-1], along_xi[2:]], axis=-1),
+        np.stack([along_eta[:, :-2], along_eta[:, 1:-1], along_eta[:, 2:]], axis=-1),
+    ]
+    return np.concatenate([family.reshape(-1, 3) for family in families])

@@ -49,6 +49,10 @@ class Minimised(Protocol):
         """Cut triangles anew; whether the cuts are others than before."""
         ...
 
+    def tie(self, direction: Array) -> None:
+        """Let the copies of tied nodes move as their originals, in place."""
+        ...
+
     def smallest_share(self, mesh: Array) -> float:
         """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""
         ...
@@ -127,6 +131,7 @@ def search(
     objective: Minimised, mesh: Array, now: Evaluation, direction: Array, floor: float
 ) -> tuple[Array, Evaluation] | None:
     """The mesh at an accepted length along minus ``direction``, with its evaluation; ``None`` where there is none."""
+    objective.tie(direction)
     slope, longest = float(np.vdot(now.gradient, direction)), float(np.abs(direction).max())
     if not (slope > 0.0 and math.isfinite(longest)):
         return None

@@ -13,6 +13,7 @@ import numpy as np
 
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.levels import Level, nested_levels
@@ -279,7 +280,7 @@ class LeastErrorSolve:
         rule = Rule(norm=norm, cells=cells, points=points)
         return Objective(
             self.monitor.u,
-            self.domain,
+            DomainChart(self.domain),
             cells_of_grid(level.grid.shape),
             way.start(level.grid),
             replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equimesh.domains.domain import Domain, Rectangle
 from equimesh.fields.field import Field
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
+from equimesh.least_error.charts import Chart
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
 from equimesh.numerics.threads import run_on_threads
@@ -44,26 +44,26 @@ class Evaluation:
     distortion: float
     """The mean of ``(r^2 - 1) / 2``, 0 for the start."""
     gradient: Array
-    """The derivatives by the reference coordinates of the nodes, shape ``(2, nodes)``; 0 where these are fixed."""
+    """The derivatives by the unknowns, shape ``(2, nodes)``; 0 where these are fixed, and for tied copies of nodes."""
     blocks: Array
     """A positive definite approximation of the second derivatives of each node, ``(ss, st, tt)``, ``(3, nodes)``."""
 
 
 class Objective:
-    """``log |e| + distortion mean((r^2 - 1) / 2) + smoothness sum(b^2) / 2`` of meshes of the reference square.
+    """``log |e| + distortion mean((r^2 - 1) / 2) + smoothness sum(b^2) / 2`` of the meshes of a chart.
 
     ``|e|`` is the norm of the interpolation error. r is the distortion of a corner relative to the mesh ``start``: 1
     for a similar one, unbounded towards a fold. b are the second differences of the displacement from the start along
-    grid lines. The logarithm makes the objective independent of the units of u. Where it is at most that of the start,
-    the error is at most that of the start: the other terms are 0 there, and nowhere negative.
+    lines of nodes. The logarithm makes the objective independent of the units of u. Where it is at most that of the
+    start, the error is at most that of the start: the other terms are 0 there, and nowhere negative.
 
-    Meshes are arrays of reference coordinates, of shape ``(2, nodes)``.
+    Meshes are arrays of the unknowns of the ``chart``, of shape ``(2, nodes)``.
     """
 
     def __init__(
         self,
         u: Field,
-        domain: Domain,
+        chart: Chart,
         cells: Cells,
         start: Array,
         weights: Weights,
@@ -71,8 +71,7 @@ class Objective:
         threads: int = 1,
     ) -> None:
         self.cells, self.start = cells, start
-        self._u, self._domain, self._weights, self._rule, self._threads = u, domain, weights, rule, threads
-        self._on_unit_square = isinstance(domain, Rectangle) and domain.is_unit_square
+        self._u, self._chart, self._weights, self._rule, self._threads = u, chart, weights, rule, threads
         self._first = self.nodes(start)
         self._shares = np.empty((4 * cells.count, SHARES))
         size = max(1, MAX_BLOCK_POINTS // rule.points_per_cell)
@@ -82,18 +81,14 @@ class Objective:
 
     def nodes(self, mesh: Array) -> Nodes:
         """The physical nodes of a mesh."""
-        corners = self.cells.corners.reshape(-1)
-        if self._on_unit_square:
-            return Nodes(mesh[0], mesh[1], corners)
-        x, y = self._domain.map(mesh[0], mesh[1])
-        return Nodes(np.ascontiguousarray(x), np.ascontiguousarray(y), corners)
+        return Nodes(*self._chart.nodes(mesh), self.cells.corners.reshape(-1))
 
     def _rounding(self) -> float:
         """The error that rounding alone can make; infinite where u is not finite at a node of the start."""
         size = float(np.abs(self._u.evaluate(self._first.x, self._first.y)[0]).max())
-        noise = ROUNDING_SHARE * size * math.sqrt(self._domain.area)
+        noise = ROUNDING_SHARE * size * math.sqrt(self._chart.area)
         if self._rule.norm == "h1":
-            noise *= 10.0 * math.sqrt(self.cells.count / self._domain.area)
+            noise *= 10.0 * math.sqrt(self.cells.count / self._chart.area)
         return noise if math.isfinite(noise) else math.inf
 
     def cut(self, mesh: Array) -> bool:
@@ -106,6 +101,10 @@ class Objective:
         before, cells = self._elements, self.cells
         self._elements = self._rule.elements(cells.count, self.nodes(mesh), cells.corner_cuts)
         return not np.array_equal(before, self._elements)
+
+    def tie(self, direction: Array) -> None:
+        """Let the copies of tied nodes move as their originals, in place."""
+        self.cells.tie(direction)
 
     def smallest_share(self, mesh: Array) -> float:
         """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""
@@ -129,14 +128,11 @@ class Objective:
         collected = np.empty((SHARES, self.cells.nodes))
         self._collect(collected)
         collected *= 0.5 / square
-        gradient, blocks = self._on_reference(mesh, collected)
         bend, bends = self._weights.smoothness, np.zeros_like(mesh)
-        moves = mesh - self.start
+        moves = self._chart.moves(mesh, self.start)
         smoothness = sum(kernels.bends(moves[k], self.cells.triples, bends[k]) for k in (0, 1))
-        gradient += bend * bends
-        gradient *= self.cells.free
-        blocks[::2] += bend * self.cells.stiffness
-        blocks[1] *= self.cells.free[0] * self.cells.free[1]
+        gradient, blocks = self._chart.derivatives(mesh, collected, bend * bends, bend * self.cells.stiffness)
+        self.cells.restrict(gradient, blocks)
         return Evaluation(
             value=0.5 * math.log(square) + self._weights.distortion * distortion + bend * smoothness,
             error=math.sqrt(square),
@@ -215,22 +211,6 @@ class Objective:
             return 0.0
 
         self._sum(spans, collect)
-
-    def _on_reference(self, mesh: Array, collected: Array) -> tuple[Array, Array]:
-        """The derivatives by reference coordinates, from those by physical ones: the chain rule through the map."""
-        if self._on_unit_square:
-            return collected[:2], collected[2:]
-        (g, h), (a, b, d) = collected[:2], collected[2:]
-        x_s, x_t, y_s, y_t = self._domain.jacobian(mesh[0], mesh[1])
-        gradient = np.stack([g * x_s + h * y_s, g * x_t + h * y_t])
-        blocks = np.stack(
-            [
-                a * x_s * x_s + 2.0 * b * x_s * y_s + d * y_s * y_s,
-                a * x_s * x_t + b * (x_s * y_t + x_t * y_s) + d * y_s * y_t,
-                a * x_t * x_t + 2.0 * b * x_t * y_t + d * y_t * y_t,
-            ]
-        )
-        return gradient, blocks
 
     def _sum(self, spans: list[tuple[int, int]], part: Callable[[tuple[int, int]], float]) -> float:
         """The sum of ``part`` over the spans, on threads; it does not depend on their number."""

@@ -43,6 +43,12 @@ class StraightLines:
         """As :meth:`~equimesh.least_error.objective.Objective.cut`."""
         return self.objective.cut(self.mesh(lines))
 
+    def tie(self, direction: Array) -> None:
+        """Let the last line of a closed family move as the first, in place."""
+        for axis, count in enumerate(self.shape):
+            if self.objective.cells.closed[axis]:
+                direction[axis, count - 1] = direction[axis, 0]
+
     def smallest_share(self, lines: Array) -> float:
         """As :meth:`~equimesh.least_error.objective.Objective.smallest_share`."""
         return self.objective.smallest_share(self.mesh(lines))

@@ -11,6 +11,7 @@ import numpy as np
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.fields.field import Field
 from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.iteration import DISTORTION_WEIGHT, MORE_SLOPE_POINTS, SMOOTHNESS_WEIGHT
@@ -182,7 +183,7 @@ class Search:
         points = level.gauss_points + (MORE_SLOPE_POINTS if norm == "h1" else 0)
         return Objective(
             self.u,
-            self.domain,
+            DomainChart(self.domain),
             cells_of_grid(level.grid.shape),
             way.start(level.grid),
             replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),

@@ -12,6 +12,7 @@ from equimesh.domains.domain import Domain, map_mesh
 from equimesh.fields.field import Field
 from equimesh.fields.recovered import recover
 from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.ways import coordinates_of
@@ -75,7 +76,7 @@ def measured(u: Field, domain: Domain, mesh: Mesh, rule: Rule, threads: int = 1)
     """The norm of the error of the bilinear interpolant of u on a ``mesh`` of the reference square."""
     uniform = coordinates_of(Mesh.uniform(mesh.grid))
     weights = Weights(distortion=0.0, smoothness=0.0)
-    objective = Objective(u, domain, cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
+    objective = Objective(u, DomainChart(domain), cells_of_grid(mesh.grid.shape), uniform, weights, rule, threads)
     return objective.error(np.ascontiguousarray(coordinates_of(mesh)))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.ways import coordinates_of
@@ -49,7 +50,7 @@ def objective_on(
 ) -> Objective:
     """The objective on a grid, relative to the uniform mesh unless ``start`` is given."""
     first = uniform(grid) if start is None else start
-    return Objective(u, domain, cells_of_grid(grid.shape), first, weights, rule or Rule(), threads)
+    return Objective(u, DomainChart(domain), cells_of_grid(grid.shape), first, weights, rule or Rule(), threads)
 
 
 def remainders(value: Callable[[float], float], slope: float, step: float) -> tuple[float, float]:

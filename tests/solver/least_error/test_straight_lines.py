@@ -9,6 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.objective import Objective, Weights
 from equimesh.least_error.starts import product
@@ -20,7 +21,9 @@ U = em.Expression("exp((x - 1)/0.1) + tanh(6*y - 2) + x*y")
 def straight(shape: tuple[int, int]) -> tuple[StraightLines, np.ndarray]:
     s, t = (np.linspace(0.0, 1.0, n) for n in shape)
     weights = Weights(distortion=0.03, smoothness=0.02)
-    objective = Objective(U, em.AnnulusSector(), cells_of_grid(shape), product(s, t), weights, Rule(points=3))
+    objective = Objective(
+        U, DomainChart(em.AnnulusSector()), cells_of_grid(shape), product(s, t), weights, Rule(points=3)
+    )
     lines = StraightLines(objective, shape)
     return lines, lines.lines(product(s**1.2, t**0.8))
 

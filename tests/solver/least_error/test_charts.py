@@ -1,0 +1,96 @@
+"""Charts: the derivatives by their unknowns, also where nodes are tied, and where a closed line is cut."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.least_error.cells import cells_of_grid
+from equimesh.least_error.charts import DomainChart
+from equimesh.least_error.elements import Rule
+from equimesh.least_error.objective import Objective
+from equimesh.numerics.types import Array
+from solver.least_error.bent import WEIGHTS, remainders, uniform
+
+GRID = em.Grid(n_xi=6, n_eta=17)
+RING = em.AnnulusSector(angles=(0.0, 360.0))
+WAVE = em.Expression("tanh(3*(x*y - 0.3)) + x")
+CLOSED = {
+    "ring": (RING, (False, True), WAVE),
+    "torus": (em.Rectangle(), (True, True), em.Expression("sin(2*pi*x)*cos(2*pi*y) + sin(4*pi*(x + y))")),
+}
+
+
+def tied_moves(closed: tuple[bool, bool], seed: int, share: float) -> Array:
+    cells = cells_of_grid(GRID.shape, closed)
+    moves = np.random.default_rng(seed).uniform(-share, share, (2, GRID.points)) * cells.free
+    cells.tie(moves)
+    return moves / (np.array(GRID.shape)[:, None] - 1)
+
+
+def objective_on(name: str) -> Objective:
+    domain, closed, u = CLOSED[name]
+    cells = cells_of_grid(GRID.shape, closed)
+    return Objective(u, DomainChart(domain), cells, uniform(GRID), WEIGHTS, Rule())
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_the_taylor_remainder_falls_at_second_order_where_nodes_are_tied(name: str) -> None:
+    objective, closed = objective_on(name), CLOSED[name][1]
+    mesh, direction = uniform(GRID) + tied_moves(closed, 1, 0.2), tied_moves(closed, 2, 1.0)
+    here = objective.evaluate(mesh)
+    assert here is not None
+
+    def value(h: float) -> float:
+        then = objective.evaluate(mesh + h * direction)
+        assert then is not None
+        return then.value
+
+    first, second = remainders(value, float(np.vdot(here.gradient, direction)), 1e-3)
+    assert first > 1e-9
+    assert first / second == pytest.approx(4.0, abs=0.4)
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_the_objective_does_not_depend_on_where_a_closed_line_is_cut(name: str) -> None:
+    objective, closed = objective_on(name), CLOSED[name][1]
+    moves = tied_moves(closed, 3, 0.2).reshape(2, *GRID.shape)
+    here = objective.evaluate(uniform(GRID) + moves.reshape(2, -1))
+    rolled = moves[:, :, :-1]
+    rolled = np.roll(rolled, 2, axis=2)
+    rolled = np.concatenate([rolled, rolled[:, :, :1]], axis=2)
+    turned = objective_turned(name, 2)
+    there = turned.evaluate(uniform(GRID) + rolled.reshape(2, -1))
+    assert here is not None
+    assert there is not None
+    assert there.value == pytest.approx(here.value, rel=1e-12)
+    gradient = here.gradient.reshape(2, *GRID.shape)[:, :, :-1]
+    other = there.gradient.reshape(2, *GRID.shape)[:, :, :-1]
+    assert other == pytest.approx(np.roll(gradient, 2, axis=2), rel=1e-9, abs=1e-11)
+
+
+def objective_turned(name: str, by: int) -> Objective:
+    """The same objective on the same nodes, of a domain whose closed lines begin ``by`` cells earlier."""
+    domain, closed, u = CLOSED[name]
+    if name == "ring":
+        first = -360.0 * by / (GRID.n_eta - 1)
+        domain = em.AnnulusSector(angles=(first, first + 360.0))
+    else:
+        shift = by / (GRID.n_eta - 1)
+        domain = em.Rectangle(y=(-shift, 1.0 - shift))
+    cells = cells_of_grid(GRID.shape, closed)
+    return Objective(u, DomainChart(domain), cells, uniform(GRID), WEIGHTS, Rule())
+
+
+def test_copies_have_no_derivative_of_their_own() -> None:
+    objective = objective_on("torus")
+    here = objective.evaluate(uniform(GRID) + tied_moves((True, True), 4, 0.2))
+    assert here is not None
+    copies, originals = objective.cells.ties.T
+    assert len(copies) == GRID.n_xi + GRID.n_eta - 1
+    assert (here.gradient[:, copies] == 0.0).all()
+    assert (here.gradient[:, originals] != 0.0).all()
+    assert math.isfinite(here.value)
