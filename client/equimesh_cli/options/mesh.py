@@ -110,7 +110,12 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_schwarz_options(parser: argparse.ArgumentParser) -> None:
     schwarz = parser.add_argument_group("Schwarz iteration", "without --subdomains there is a single domain")
-    schwarz.add_argument("--subdomains", metavar="AxB", type=_subdomains, help="along xi and eta, e.g. 2x1")
+    schwarz.add_argument(
+        "--subdomains",
+        metavar="AxB",
+        type=_subdomains,
+        help="along xi and eta, e.g. 2x1; or the grid lines at which they meet, each with a comma: 24,40,x1",
+    )
     schwarz.add_argument("--overlap", type=int, help="points that neighbours share, at least 2 (4)")
     schwarz.add_argument(
         "--transmission",
@@ -257,12 +262,17 @@ def schwarz_of(options: argparse.Namespace) -> Schwarz | None:
     )
 
 
-def _subdomains(text: str) -> tuple[int, int]:
+def _subdomains(text: str) -> tuple[int | tuple[int, ...], int | tuple[int, ...]]:
     try:
         along_xi, along_eta = text.lower().replace("×", "x").split("x")
-        return int(along_xi), int(along_eta)
+        return _division(along_xi), _division(along_eta)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not like 2x1") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not like 2x1, nor like 24,40,x1") from None
+
+
+def _division(text: str) -> int | tuple[int, ...]:
+    """A number of subdomains, or the grid lines at which they meet: with a comma."""
+    return tuple(int(line) for line in text.rstrip(",").split(",")) if "," in text else int(text)
 
 
 def parameter(text: str) -> tuple[str, float]:

@@ -9,6 +9,8 @@ TRANSMISSIONS = ("optimized", "classical", "linear_robin", "nonlinear_robin")
 
 Json: TypeAlias = dict[str, Any]
 Parameter: TypeAlias = float | Literal["auto"]
+Division: TypeAlias = int | tuple[int, ...]
+"""How many subdomains there are in one direction, or the grid lines at which they meet."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ Transmission: TypeAlias = Optimized | Classical | LinearRobin | NonlinearRobin
 class Schwarz:
     """The division of the domain, and the Schwarz iteration over its parts.
 
-    ``subdomains`` counts them along xi and eta; ``overlap`` is in grid points, at least 2. ``ordering`` is
+    ``subdomains`` counts them along xi and eta; in place of a number it can be the grid lines at which they meet, as in
+    ``((24, 40), 1)``. ``overlap`` is in grid points, at least 2. ``ordering`` is
     ``"parallel"``, ``"alternating"``, ``"symmetric"`` or ``"coloured"``. ``line_correction`` is the number of
     corrections of all grid lines after every iteration, 0 to 10 or ``"auto"``. ``acceleration`` is ``"auto"``,
     ``"none"``, ``"anderson"`` or ``"newton"``; ``local_solver`` is ``"sweeps"`` or ``"newton"``. With ``fallback`` the
@@ -74,7 +77,7 @@ class Schwarz:
     single domain and records the error of every iteration against its mesh.
     """
 
-    subdomains: tuple[int, int] = (2, 1)
+    subdomains: tuple[Division, Division] = (2, 1)
     overlap: int = 4
     transmission: Transmission = field(default_factory=Optimized)
     ordering: str = "parallel"
@@ -98,7 +101,7 @@ class Schwarz:
     def json(self) -> Json:
         """The JSON of the settings."""
         return {
-            "subdomains": list(self.subdomains),
+            "subdomains": [list(part) if isinstance(part, tuple | list) else part for part in self.subdomains],
             "overlap": self.overlap,
             "transmission": self.transmission.json(),
             "ordering": str(self.ordering),

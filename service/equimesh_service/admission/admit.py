@@ -289,7 +289,7 @@ class Admission:
 
     def _check_schwarz(self, schwarz: SchwarzSpec, grid: GridSpec) -> None:
         most = self.settings
-        along_xi, along_eta = schwarz.subdomains
+        along_xi, along_eta = schwarz.counts
         if max(along_xi, along_eta) > most.max_subdomains or along_xi * along_eta > most.max_subdomains:
             message = f"too many: this service takes at most {most.max_subdomains} subdomains in all"
             raise problem_at("/schwarz/subdomains", message)

@@ -81,11 +81,15 @@ Transmission = Annotated[
 ]
 
 
+Division: TypeAlias = Annotated[int | list[int], either("a whole number, or a list of grid lines")]
+
+
 class SchwarzSpec(Strict):
     """Domain decomposition and the Schwarz iteration."""
 
-    subdomains: Annotated[list[int], Field(min_length=2, max_length=2)] = Field(
-        default_factory=lambda: [2, 1], description="Subdomains along xi and along eta."
+    subdomains: Annotated[list[Division], Field(min_length=2, max_length=2)] = Field(
+        default_factory=lambda: list[int | list[int]]([2, 1]),
+        description="Subdomains along xi and along eta: how many, or a list of the grid lines at which they meet.",
     )
     overlap: int = Field(4, description="Points that neighbours share, at least 2.")
     transmission: Transmission = Field(
@@ -121,3 +125,9 @@ class SchwarzSpec(Strict):
     compare_single_domain: bool = Field(
         False, description="Also solve the single domain, and report the error against it."
     )
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many subdomains there are along xi and along eta."""
+        xi, eta = (len(part) + 1 if isinstance(part, list) else part for part in self.subdomains)
+        return xi, eta

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from equimesh.numerics.types import IntArray
 
 MIN_OVERLAP = 2
 DIRECTIONS = (("xi", "columns"), ("eta", "rows"))
+
+Cuts: TypeAlias = tuple[int, ...]
+"""Grid lines at which subdomains meet in one direction, in ascending order."""
 
 
 @dataclass(frozen=True)
@@ -58,16 +63,20 @@ class Subdomain:
 
 @dataclass(frozen=True, kw_only=True)
 class Decomposition:
-    """``subdomains = (along xi, along eta)`` overlapping rectangles of nearly equal size.
+    """``subdomains = (along xi, along eta)`` overlapping rectangles, of nearly equal size unless ``cuts`` are given.
 
     Neighbours share ``overlap`` grid lines (points): with 2 subdomains of 12 columns and an overlap of 2 they are
     columns 0..6 and 5..11, as in the paper's Table 1. In the merged mesh the owner changes in the middle of the
-    overlap. Raises :class:`~equimesh.errors.DecompositionError` when the numbers do not fit the grid.
+    overlap. ``cuts`` along xi and along eta are the lines at which subdomains meet, one fewer than there are
+    subdomains; the overlap is then laid around them. They are ``None`` in a direction of equal sizes.
+
+    Raises :class:`~equimesh.errors.DecompositionError` when the numbers do not fit the grid.
     """
 
     grid: Grid
     subdomains: tuple[int, int] = (2, 1)
     overlap: int = 4
+    cuts: tuple[Cuts | None, Cuts | None] = (None, None)
 
     def __post_init__(self) -> None:
         if self.overlap < MIN_OVERLAP:
@@ -75,14 +84,18 @@ class Decomposition:
                 f"overlap = {self.overlap}: neighbouring subdomains must share at least {MIN_OVERLAP} points",
                 field="overlap",
             )
-        for (direction, lines), points, count in zip(DIRECTIONS, self.grid.shape, self.subdomains, strict=True):
+        directions = zip(DIRECTIONS, self.grid.shape, self.subdomains, self.cuts, strict=True)
+        for (direction, lines), points, count, cuts in directions:
             _check(direction, lines, points, count, self.overlap)
+            if cuts is not None:
+                _check_cuts(direction, points, count, cuts, self.overlap)
 
     @cached_property
     def spans(self) -> tuple[tuple[Span, ...], tuple[Span, ...]]:
         """The spans of the columns and of the rows of subdomains."""
         xi, eta = (
-            _spans(points, count, self.overlap) for points, count in zip(self.grid.shape, self.subdomains, strict=True)
+            _spans(points, count, self.overlap) if cuts is None else _spans_at(cuts, points, self.overlap)
+            for points, count, cuts in zip(self.grid.shape, self.subdomains, self.cuts, strict=True)
         )
         return xi, eta
 
@@ -119,6 +132,39 @@ def _check(direction: str, lines: str, points: int, count: int, overlap: int) ->
         f"subdomains{by_overlap}; or take more grid points",
         field="overlap" if by_overlap else "subdomains",
     )
+
+
+def _check_cuts(direction: str, points: int, count: int, cuts: Cuts, overlap: int) -> None:
+    """Refuse lines in no ascending order, or so near to a side that the overlap would reach over it."""
+    if len(cuts) != count - 1 or any(here >= there for here, there in pairwise(cuts)):
+        raise DecompositionError(
+            f"the cuts {list(cuts)} in {direction}: give each line once, in ascending order, one line fewer than there"
+            " are subdomains",
+            field="subdomains",
+        )
+    before, after = _around(overlap)
+    first, last = before + 1, points - 2 - after
+    outside = [cut for cut in cuts if not first <= cut <= last]
+    if outside:
+        raise DecompositionError(
+            f"subdomains meet at line {outside[0]} in {direction}: with an overlap of {overlap} points the lines"
+            f" {first} to {last} can be cuts; take one of those, or a smaller overlap",
+            field="subdomains",
+        )
+
+
+def _around(overlap: int) -> tuple[int, int]:
+    """How many shared lines there are before a cut and after it."""
+    before = (overlap - 1) // 2
+    return before, overlap - 1 - before
+
+
+def _spans_at(cuts: Cuts, points: int, overlap: int) -> tuple[Span, ...]:
+    """The spans between ``cuts``; the subdomain after a cut owns its line."""
+    before, after = _around(overlap)
+    firsts, lasts = [0, *(cut - before for cut in cuts)], [*(cut + after for cut in cuts), points - 1]
+    owned = [0, *cuts, points]
+    return tuple(Span(firsts[k], lasts[k], owned[k], owned[k + 1] - 1) for k in range(len(firsts)))
 
 
 def _spans(points: int, count: int, overlap: int) -> tuple[Span, ...]:

@@ -64,12 +64,16 @@ def _matrices(decomposition: Decomposition, settings: Schwarz) -> list[Array] | 
     two rows overlap, if blocks take turns and read local data: they read there what both have written, and can stall.)
     """
     columns, rows = decomposition.subdomains
-    cut = [(axis, strips) for axis, strips in enumerate(((columns, 1), (1, rows))) if strips != (1, 1)]
-    if not cut:
+    (at_xi, at_eta), strips = decomposition.cuts, []
+    if columns > 1:
+        strips.append((0, replace(decomposition, subdomains=(columns, 1), cuts=(at_xi, None))))
+    if rows > 1:
+        strips.append((1, replace(decomposition, subdomains=(1, rows), cuts=(None, at_eta))))
+    if not strips:
         return None
     if settings.line_corrections or settings.accelerated_by is Acceleration.NEWTON:
         return [np.zeros((2, 2))]
-    return [_Line(replace(decomposition, subdomains=strips), axis, settings).iteration() for axis, strips in cut]
+    return [_Line(cut, axis, settings).iteration() for axis, cut in strips]
 
 
 def _index_of_nilpotency(matrix: Array) -> int | None:

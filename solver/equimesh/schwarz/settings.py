@@ -12,7 +12,7 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
 from equimesh.schwarz.conditions import Optimized, TransmissionCondition
-from equimesh.schwarz.decomposition import Decomposition
+from equimesh.schwarz.decomposition import Cuts, Decomposition
 from equimesh.schwarz.ordering import Ordering
 
 # Line corrections after every iteration of the optimized condition, unless the settings differ.
@@ -22,6 +22,8 @@ MAX_LINE_CORRECTIONS = 10
 
 Auto: TypeAlias = Literal["auto"]
 Discretization: TypeAlias = Literal["discretization"]
+Division: TypeAlias = int | Cuts
+"""How many subdomains there are in one direction, or the grid lines at which they meet."""
 
 
 class Acceleration(StrEnum):
@@ -53,10 +55,13 @@ class Schwarz:
     """Settings of the Schwarz iteration.
 
     ``subdomains`` along xi and eta, ``overlap`` in points, as in
-    :class:`~equimesh.schwarz.decomposition.Decomposition`. ``line_correction`` is how many times all grid lines are
-    corrected as a whole after every iteration; "auto" is 3 for the optimized condition and none for the paper's.
-    ``acceleration="auto"`` is Anderson's for the optimized condition and wherever lines are corrected, or else none;
-    where the first iterations come no nearer, Newton's method takes over.
+    :class:`~equimesh.schwarz.decomposition.Decomposition`. In place of a number, a direction can have the grid lines
+    at which its subdomains meet: ``((24, 40), 1)`` are three strips.
+
+    ``line_correction`` is how many times all grid lines are corrected as a whole after every iteration; "auto" is 3
+    for the optimized condition and none for the paper's. ``acceleration="auto"`` is Anderson's for the optimized
+    condition and wherever lines are corrected, or else none; where the first iterations come no nearer, Newton's
+    method takes over.
     ``fallback`` lets the optimized condition take over where another stalls, and a single domain where all do.
 
     The iteration ends when the estimated error of the merged mesh (max norm of node positions, in units of the
@@ -65,7 +70,7 @@ class Schwarz:
     single-domain problem first and records the error against it.
     """
 
-    subdomains: tuple[int, int] = (2, 1)
+    subdomains: tuple[Division, Division] = (2, 1)
     overlap: int = 4
     transmission: TransmissionCondition = field(default_factory=Optimized)
     ordering: Ordering = Ordering.PARALLEL
@@ -124,11 +129,14 @@ class Schwarz:
 
     def _check_numbers(self) -> None:
         counts = self.subdomains
-        if not (isinstance(counts, tuple | list) and len(counts) == 2 and all(map(_is_whole, counts))):
+        if not (isinstance(counts, tuple | list) and len(counts) == 2 and all(map(_is_division, counts))):
             raise InputError(
-                f"subdomains = {counts!r}: give two whole numbers, along xi and eta, (4, 1) or (2, 2) for instance",
+                f"subdomains = {counts!r}: give two whole numbers, along xi and eta, (4, 1) or (2, 2) for instance; or"
+                " in place of a number the grid lines at which subdomains meet, ((24, 40), 1) for instance",
                 field="schwarz.subdomains",
             )
+        divided = tuple(tuple(part) if isinstance(part, tuple | list) else part for part in counts)
+        object.__setattr__(self, "subdomains", divided)
         if not _is_whole(self.overlap):
             raise InputError(f"overlap = {self.overlap!r}: a whole number of points", field="schwarz.overlap")
 
@@ -139,7 +147,14 @@ class Schwarz:
 
     def decompose(self, grid: Grid) -> Decomposition:
         """The subdomains on a grid; raises :class:`~equimesh.errors.DecompositionError` where they do not fit."""
-        return Decomposition(grid=grid, subdomains=self.subdomains, overlap=self.overlap)
+        cuts = tuple(part if isinstance(part, tuple) else None for part in self.subdomains)
+        return Decomposition(grid=grid, subdomains=self.counts, overlap=self.overlap, cuts=(cuts[0], cuts[1]))
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many subdomains there are along xi and along eta."""
+        xi, eta = (len(part) + 1 if isinstance(part, tuple) else part for part in self.subdomains)
+        return xi, eta
 
     @property
     def is_optimized(self) -> bool:
@@ -193,6 +208,11 @@ class Schwarz:
 
 def _is_positive(number: object) -> bool:
     return isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number) and number > 0
+
+
+def _is_division(part: object) -> bool:
+    """Whether it is a number of subdomains, or a list of grid lines."""
+    return _is_whole(part) or (isinstance(part, tuple | list) and all(map(_is_whole, part)))
 
 
 def _is_whole(number: object) -> TypeGuard[int]:

@@ -22,9 +22,9 @@ from equimesh.specs.document import (
 from equimesh.specs.domains import GRID
 
 
-def _pair(value: object, path: str) -> object:  # noqa: ARG001 - a reader
-    """A list of JSON as a tuple; the settings check the rest."""
-    return tuple(value) if isinstance(value, list) else value
+def _pair(value: object, path: str) -> object:
+    """A list of JSON as a tuple, also inside; the settings check the rest."""
+    return tuple(_pair(part, path) for part in value) if isinstance(value, list) else value
 
 
 def _limit(value: object, path: str) -> int:

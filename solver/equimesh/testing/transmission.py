@@ -127,7 +127,7 @@ def _check_limit(settings: Schwarz, exact: Mesh) -> None:
 
 
 def _describe(settings: Schwarz) -> str:
-    columns, rows = settings.subdomains
+    columns, rows = settings.counts
     return f"with {columns} x {rows} subdomains, an overlap of {settings.overlap} and {settings.ordering} ordering"
 
 

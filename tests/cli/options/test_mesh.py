@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
@@ -70,3 +71,10 @@ def test_usage_that_argparse_refuses(generate: Any, arguments: list[str], capsys
     assert said.startswith("equimesh: ")
     assert said.endswith("; see equimesh generate --help\n")
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(("text", "sent"), [("3x2", [3, 2]), ("24,40,x1", [[24, 40], 1]), ("2x24,", [2, [24]])])
+def test_subdomains_are_counted_or_meet_at_given_lines(generate: Any, service: Any, text: str, sent: list[Any]) -> None:
+    code, _, _ = generate("x", "--monitor", "arc-length", "--subdomains", text)
+    assert code == 0
+    assert json.loads(service.seen("POST", "meshes")[0].body)["schwarz"]["subdomains"] == sent

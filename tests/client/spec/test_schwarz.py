@@ -25,6 +25,7 @@ def test_schwarz_as_json() -> None:
         "compare_single_domain": False,
     }
     assert mesh_spec({}, 8, {"schwarz": {"overlap": 3}})["schwarz"] == {"overlap": 3}
+    assert Schwarz(subdomains=((24, 40), 1)).json()["subdomains"] == [[24, 40], 1]
 
 
 def test_transmission_by_name() -> None:

@@ -57,6 +57,8 @@ SETTINGS: dict[str, Refusal] = {
     "zero tolerance": (schwarz(tolerance=0), "/schwarz/tolerance", "positive", None),
     "no iteration": (schwarz(max_iterations=0), "/schwarz/max_iterations", "at least 1", None),
     "absurd iterations": (schwarz(max_iterations=10**9), "/schwarz/max_iterations", "at most", None),
+    "subdomains that meet on a side": (schwarz(subdomains=[[0], 1]), "/schwarz/subdomains", "can be cuts", None),
+    "subdomains as text": (schwarz(subdomains=["2", 1]), "/schwarz/subdomains/0", "a list of grid lines", None),
     "other ordering": (schwarz(ordering="random"), "/schwarz/ordering", "'coloured'", None),
 }
 

@@ -67,3 +67,36 @@ def test_what_does_not_fit_is_refused_with_what_would(
 @pytest.mark.parametrize(("subdomains", "overlap"), [((10, 1), 2), ((1, 3), 9), ((1, 4), 8), ((2, 1), 10)])
 def test_what_the_messages_offer_does_fit(subdomains: tuple[int, int], overlap: int) -> None:
     em.Decomposition(grid=em.Grid(n_xi=12, n_eta=12), subdomains=subdomains, overlap=overlap)
+
+
+@pytest.mark.parametrize("overlap", range(2, 8))
+def test_the_overlap_is_laid_around_the_cuts(overlap: int) -> None:
+    decomposition = em.Decomposition(
+        grid=em.Grid(n_xi=41, n_eta=21), subdomains=(3, 2), overlap=overlap, cuts=((8, 25), (12,))
+    )
+    xi, eta = decomposition.spans
+    assert [span.owned_first for span in xi] == [0, 8, 25]
+    assert [span.owned_last for span in xi] == [7, 24, 40]
+    assert [span.owned_first for span in eta] == [0, 12]
+    for spans in (xi, eta):
+        for left, right in itertools.pairwise(spans):
+            assert left.last - right.first + 1 == overlap
+            assert abs((left.last - right.owned_first) - (right.owned_first - right.first)) <= 1
+        assert (spans[0].first, spans[-1].last) == (0, 40 if spans is xi else 20)
+
+
+@pytest.mark.parametrize(
+    ("cuts", "words"),
+    [
+        ((5, 5), ["[5, 5] in xi", "ascending"]),
+        ((5,), ["one line fewer"]),
+        ((1, 5), ["line 1 in xi", "lines 2 to 8"]),
+        ((5, 10), ["line 10 in xi", "lines 2 to 8"]),
+    ],
+)
+def test_cuts_that_do_not_fit_are_refused_with_those_that_do(cuts: tuple[int, ...], words: list[str]) -> None:
+    with pytest.raises(em.DecompositionError) as caught:
+        em.Decomposition(grid=em.Grid(n_xi=12, n_eta=12), subdomains=(3, 1), overlap=4, cuts=(cuts, None))
+    assert caught.value.field == "subdomains"
+    assert all(word in caught.value.message for word in words), caught.value.message
+    em.Decomposition(grid=em.Grid(n_xi=12, n_eta=12), subdomains=(3, 1), overlap=4, cuts=((2, 8), None))

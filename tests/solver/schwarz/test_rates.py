@@ -29,9 +29,11 @@ def test_classical_rate_is_the_predicted_one() -> None:
 
 
 @pytest.mark.parametrize("ordering", em.Ordering)
-@pytest.mark.parametrize(("subdomains", "overlap"), [((2, 1), 3), ((1, 3), 4), ((4, 1), 4), ((3, 2), 4)], ids=str)
+@pytest.mark.parametrize(
+    ("subdomains", "overlap"), [((2, 1), 3), ((1, 3), 4), ((4, 1), 4), ((3, 2), 4), (((8, 17), (6,)), 4)], ids=str
+)
 def test_predicted_rates_hold_for_strips_and_blocks(
-    subdomains: tuple[int, int], overlap: int, ordering: em.Ordering
+    subdomains: tuple[int | tuple[int, ...], int | tuple[int, ...]], overlap: int, ordering: em.Ordering
 ) -> None:
     settings = em.Schwarz(
         subdomains=subdomains,

@@ -25,6 +25,8 @@ def test_bad_settings_are_refused(bad: dict[str, float]) -> None:
         {"transmission": "optimized"},
         {"subdomains": 4},
         {"subdomains": (2.5, 1)},
+        {"subdomains": ((8, 2.5), 1)},
+        {"subdomains": ("8", 1)},
         {"overlap": 2.5},
         {"max_iterations": 2.5},
         {"max_iterations": math.nan},
@@ -49,3 +51,12 @@ def test_newton_is_refused_where_its_derivative_is_not_known(more: dict[str, obj
     with pytest.raises(em.InputError, match="newton") as caught:
         em.Schwarz(acceleration="newton", **more)
     assert caught.value.field == field
+
+
+def test_lines_at_which_subdomains_meet_take_the_place_of_their_number() -> None:
+    given = em.Schwarz(subdomains=([8, 17], 2))  # type: ignore[arg-type]
+    assert given == em.Schwarz(subdomains=((8, 17), 2))
+    assert given.counts == (3, 2)
+    cut = given.decompose(em.Grid(n_xi=33, n_eta=21))
+    assert [span.owned_first for span in cut.spans[0]] == [0, 8, 17]
+    assert cut.spans[1] == em.Schwarz(subdomains=(1, 2)).decompose(em.Grid(n_xi=33, n_eta=21)).spans[1]

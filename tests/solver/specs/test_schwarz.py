@@ -14,6 +14,7 @@ def test_a_document_without_settings_is_of_a_single_domain() -> None:
     assert build_schwarz({}) is None
     assert build_schwarz({"schwarz": None, "grid": {"n_xi": 5}}) is None
     assert build_schwarz({"schwarz": {}}) == Schwarz()
+    assert build_schwarz({"schwarz": {"subdomains": [[24, 40], 1]}}) == Schwarz(subdomains=((24, 40), 1))
 
 
 @pytest.mark.parametrize(
@@ -38,6 +39,8 @@ def test_every_condition_is_built(document: dict[str, Any], condition: Transmiss
         ({"subdomain": [2, 1]}, "schwarz.subdomain"),
         ({"subdomains": 2}, "schwarz.subdomains"),
         ({"subdomains": [0, 1]}, "schwarz.subdomains"),
+        ({"subdomains": [[24, 63], 1]}, "schwarz.subdomains"),
+        ({"subdomains": [[[24]], 1]}, "schwarz.subdomains"),
         ({"overlap": 64}, "schwarz.overlap"),
         ({"overlap": 1}, "schwarz.overlap"),
         ({"overlap": 2.0}, "schwarz.overlap"),

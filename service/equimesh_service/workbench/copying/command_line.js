@@ -84,11 +84,16 @@ function domainOf(domain) {
   return { option: "--domain @domain.json", before: [`printf '%s' ${quoted(JSON.stringify(domain))} > domain.json`] };
 }
 
+/** How many subdomains, or the grid lines at which they meet: each with a comma. */
+function divided(part) {
+  return Array.isArray(part) ? `${part.join(",")},` : part;
+}
+
 function schwarzOf(schwarz) {
   if (!schwarz) return "";
   const { kind, p, data } = schwarz.transmission ?? {};
   const [along, across] = schwarz.subdomains ?? [2, 1];
-  const words = [`--subdomains ${quoted(`${along}x${across}`)}`];
+  const words = [`--subdomains ${quoted(`${divided(along)}x${divided(across)}`)}`];
   if (kind) words.push(option("transmission", kind));
   if (p !== undefined) words.push(option("p", p));
   if (data !== undefined) words.push(option("interface_data", data));
