@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from equimesh.domains.domain import Domain, Rectangle
-from equimesh.numerics.types import Array, Pair
+from equimesh.numerics.types import Array, IntArray, Pair
 
 
 class Chart(Protocol):
@@ -16,6 +16,10 @@ class Chart(Protocol):
     @property
     def area(self) -> float:
         """The area of the domain."""
+        ...
+
+    def on(self, nodes: IntArray) -> Chart:
+        """The chart of these nodes alone, for arrays of their unknowns; all else is that of the whole domain."""
         ...
 
     def nodes(self, mesh: Array) -> Pair:
@@ -46,6 +50,10 @@ class DomainChart:
     def area(self) -> float:
         """The area of the domain."""
         return self.domain.area
+
+    def on(self, nodes: IntArray) -> DomainChart:  # noqa: ARG002
+        """The chart itself: it is the same for all nodes."""
+        return self
 
     def nodes(self, mesh: Array) -> Pair:
         """x and y of the nodes."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import Chart
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
+from equimesh.least_error.regions import Region
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
 
@@ -49,6 +51,22 @@ class Evaluation:
     """A positive definite approximation of the second derivatives of each node, ``(ss, st, tt)``, ``(3, nodes)``."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sums:
+    """What some cells and triples of nodes add to the sums of an objective."""
+
+    square: float
+    """Their share of the squared error."""
+    every_square: float
+    """The squared error of all cells of the objective."""
+    distortion: float
+    """The sum of ``(r^2 - 1) / 2``."""
+    bends: float
+    """Half the sum of squared second differences."""
+    smallest_share: float
+    """The smallest Jacobian of a corner over that of the start, of all cells."""
+
+
 class Objective:
     """``log |e| + distortion mean((r^2 - 1) / 2) + smoothness sum(b^2) / 2`` of the meshes of a chart.
 
@@ -77,7 +95,30 @@ class Objective:
         size = max(1, MAX_BLOCK_POINTS // rule.points_per_cell)
         self._spans = [(first, min(first + size, cells.count)) for first in range(0, cells.count, size)]
         self._elements = rule.elements(cells.count)
+        self.beyond = 0.0
+        """The squared error of further cells that do not change."""
         self.rounding = self._rounding()
+
+    @property
+    def weights(self) -> Weights:
+        """The weights of the objective."""
+        return self._weights
+
+    def on(self, region: Region) -> Objective:
+        """The objective of the whole mesh as a function of the nodes of a region, on one thread.
+
+        Its other nodes are constant. With the squared error of the cells outside in :attr:`beyond`, the two differ by
+        the distortion and the bends outside alone, which are constant, too.
+        """
+        share = region.cells.count / self.cells.count
+        return Objective(
+            self._u,
+            self._chart.on(region.nodes),
+            region.cells,
+            np.ascontiguousarray(self.start[:, region.nodes]),
+            replace(self._weights, distortion=self._weights.distortion * share),
+            self._rule,
+        )
 
     def nodes(self, mesh: Array) -> Nodes:
         """The physical nodes of a mesh."""
@@ -117,7 +158,7 @@ class Objective:
     def evaluate(self, mesh: Array) -> Evaluation | None:
         """The objective with its derivatives; ``None`` where a cell is folded, u not finite, or the error rounding."""
         nodes, count = self.nodes(mesh), self.cells.count
-        square = self._squared_error(nodes)
+        square = self._squared_error(nodes) + self.beyond
         if not self.rounding < math.sqrt(square) < math.inf:
             return None
         # All shares are scaled by twice the squared error here, and divided by it once they are collected.
@@ -141,10 +182,35 @@ class Objective:
             blocks=blocks,
         )
 
+    def sums(self, mesh: Array, cells: int, triples: int) -> Sums:
+        """What the first ``cells`` and ``triples`` add to the sums of the objective; infinite where one is folded."""
+        nodes = self.nodes(mesh)
+        smallest = float(kernels.smallest_share(nodes, self._first))
+        if not smallest > 0.0:
+            infinite = math.inf
+            return Sums(
+                square=infinite, every_square=infinite, distortion=infinite, bends=infinite, smallest_share=smallest
+            )
+        ends = sorted({cells, *(first for first, _ in self._spans), self.cells.count})
+        spans = list(pairwise(ends))
+        squares = self._squared_errors(nodes, spans)
+        moves, unused = self._chart.moves(mesh, self.start), np.zeros_like(mesh)
+        return Sums(
+            square=float(squares[: ends.index(cells)].sum()),
+            every_square=float(squares.sum()),
+            distortion=float(kernels.distortions(nodes, self._first, (0, cells), 0.0, self._shares)),
+            bends=sum(float(kernels.bends(moves[k], self.cells.triples[:triples], unused[k])) for k in (0, 1)),
+            smallest_share=smallest,
+        )
+
     def _squared_error(self, nodes: Nodes) -> float:
         """The square of the error, with its shares in place of all others."""
         if len(self._spans) == 1:
             return self._squared_error_of(nodes, None, self._spans[0])
+        return float(self._squared_errors(nodes, self._spans).sum())
+
+    def _squared_errors(self, nodes: Nodes, spans: list[tuple[int, int]]) -> Array:
+        """The squares of the errors of spans of cells, with their shares in place of all others."""
         nodal = np.empty((3, nodes.x.size))
         parts = [(first, first + MAX_BLOCK_POINTS) for first in range(0, nodes.x.size, MAX_BLOCK_POINTS)]
 
@@ -155,8 +221,8 @@ class Objective:
 
         self._sum(parts, evaluate)
         if not self._has_slopes(nodes, NodalValues(*nodal)):
-            return math.inf
-        return self._sum(self._spans, lambda span: self._squared_error_of(nodes, NodalValues(*nodal), span))
+            return np.full(len(spans), math.inf)
+        return self._each(spans, lambda span: self._squared_error_of(nodes, NodalValues(*nodal), span))
 
     def _has_slopes(self, nodes: Nodes, nodal: NodalValues) -> bool:
         """Whether u is finite at all nodes. Slopes that are infinite at a node become those nearby.
@@ -214,6 +280,10 @@ class Objective:
 
     def _sum(self, spans: list[tuple[int, int]], part: Callable[[tuple[int, int]], float]) -> float:
         """The sum of ``part`` over the spans, on threads; it does not depend on their number."""
+        return float(self._each(spans, part).sum())
+
+    def _each(self, spans: list[tuple[int, int]], part: Callable[[tuple[int, int]], float]) -> Array:
+        """``part`` of every span, on threads."""
         sums, threads = np.zeros(len(spans)), min(self._threads, len(spans))
 
         def work(worker: int) -> None:
@@ -221,4 +291,4 @@ class Objective:
                 sums[k] = part(spans[k])
 
         run_on_threads(threads, work)
-        return float(sums.sum())
+        return sums

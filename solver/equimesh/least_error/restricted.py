@@ -1,0 +1,191 @@
+"""Restricted additive Schwarz for the objective: every region descends with the others held, and all moves are merged.
+
+X.-C. Cai and M. Sarkis, *A restricted additive Schwarz preconditioner for general sparse linear systems*, SIAM J. Sci.
+Comput. 21 (1999). In each exchange a region takes a few steps of descent for the objective of the whole mesh, in which
+the other regions are constant. The merged mesh takes each node from the region that owns it. A merged mesh that has no
+lower objective is drawn back to the one before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.least_error.descent import MIN_JACOBIAN_SHARE, descend
+from equimesh.least_error.objective import Objective
+from equimesh.least_error.regions import Region
+from equimesh.numerics.channel import ALONE, Channel
+from equimesh.numerics.communicator import gather
+from equimesh.numerics.threads import run_on_threads
+from equimesh.numerics.types import Array, IntArray
+
+SHORTENING = 0.5
+"""The factor by which the merged moves are shortened where the mesh is no better."""
+MAX_TRIALS = 6
+"""Lengths of the merged moves that are tried."""
+
+
+@dataclass(frozen=True)
+class Merged:
+    """The objective at a merged mesh."""
+
+    value: float
+    """The objective."""
+    error: float
+    """The norm of the interpolation error."""
+    distortion: float
+    """The mean of ``(r^2 - 1) / 2``."""
+    smallest_share: float
+    """The smallest Jacobian of a corner over that of the start."""
+
+
+def holders(regions: Sequence[Region], parts: int) -> list[int]:
+    """The part that holds each region: consecutive ones, with about as many cells for each part."""
+    cells = np.array([region.own_cells for region in regions], dtype=float)
+    middle = np.cumsum(cells) - 0.5 * cells
+    found = np.minimum((middle * parts / cells.sum()).astype(int), parts - 1)
+    # Every part holds a region where there are enough of them.
+    for k in range(len(regions)):
+        found[k] = min(max(found[k], parts - len(regions) + k, 0), k if k < parts else parts - 1)
+    return [int(part) for part in np.maximum.accumulate(found)]
+
+
+class RestrictedDescent:
+    """The regions of a mesh that one part holds, and what it exchanges with the other parts.
+
+    All parts of ``channel`` make the same calls in the same order. Each has an array of the whole mesh, in which the
+    nodes of its own regions are right. The meshes do not depend on the number of parts, nor on that of the ``threads``
+    that share the regions of a part.
+    """
+
+    def __init__(
+        self, objective: Objective, regions: Sequence[Region], threads: int = 1, channel: Channel = ALONE
+    ) -> None:
+        self._channel, self._regions = channel, regions
+        self._holders = holders(regions, channel.count)
+        self._held = [k for k, part in enumerate(self._holders) if part == channel.number]
+        self._threads = max(1, min(threads, len(self._held)))
+        self._local = {k: objective.on(regions[k]) for k in self._held}
+        self._weights = objective.weights
+        self._corners, self._rounding = 4 * objective.cells.count, objective.rounding
+
+    def descend(self, mesh: Array, exchanges: int, steps: int, min_decrease: float) -> Iterator[tuple[Array, Merged]]:
+        """The merged meshes from ``mesh`` itself on, after each of at most ``exchanges``, with their objective.
+
+        ``steps`` is how many steps a region takes in an exchange. Ends early where an exchange lowers the objective by
+        less than ``min_decrease`` a step. Yields nothing where the error of ``mesh`` is rounding.
+        """
+        self._each(lambda k: self._local[k].cut(mesh[:, self._regions[k].nodes]))
+        now, squares = self._measured(mesh)
+        if not math.isfinite(now.value):
+            return
+        yield mesh, now
+        floor = min(MIN_JACOBIAN_SHARE, 0.9 * now.smallest_share)
+        for _ in range(exchanges):
+            moves = self._moves(mesh, squares, now.error**2, steps)
+            length = 1.0
+            for _ in range(MAX_TRIALS):
+                moved = mesh + length * moves
+                then, squares_then = self._measured(moved)
+                if then.smallest_share > floor and then.value < now.value:
+                    break
+                length *= SHORTENING
+            else:
+                return
+            decrease = now.value - then.value
+            mesh, now, squares = moved, then, squares_then
+            yield mesh, now
+            if decrease < steps * min_decrease:
+                return
+
+    def whole(self, mesh: Array) -> Array:
+        """The mesh with all nodes right, in every part."""
+        if self._channel.count == 1:
+            return mesh
+        whole, owned = mesh.copy(), [self._owned(k) for k in range(len(self._regions))]
+        mine = [mesh[:, owned[k]] for k in self._held] or [np.empty((2, 0))]
+        every = gather(self._channel, "nodes", [np.concatenate(mine, axis=1)])
+        for part, (nodes,) in enumerate(every):
+            numbers = [owned[k] for k, holder in enumerate(self._holders) if holder == part]
+            if numbers:
+                whole[:, np.concatenate(numbers)] = nodes
+        return whole
+
+    def _owned(self, k: int) -> IntArray:
+        """The nodes that a region owns, as numbers of the mesh."""
+        return self._regions[k].nodes[self._regions[k].owned]
+
+    def _each(self, work: Callable[[int], object]) -> None:
+        """Do ``work`` for every region that is held here, on the threads."""
+
+        def share(thread: int) -> None:
+            for k in self._held[thread :: self._threads]:
+                work(k)
+
+        run_on_threads(self._threads, share)
+
+    def _measured(self, mesh: Array) -> tuple[Merged, dict[int, float]]:
+        """The objective of a merged mesh, and the squared errors of whole regions that are held here.
+
+        Sums are taken in the order of the regions.
+        """
+        found, squares = dict[int, tuple[float, float, float, float]](), dict[int, float]()
+
+        def measure(k: int) -> None:
+            region = self._regions[k]
+            sums = self._local[k].sums(mesh[:, region.nodes], region.own_cells, region.own_triples)
+            found[k] = sums.square, sums.distortion, sums.bends, sums.smallest_share
+            squares[k] = sums.every_square
+
+        self._each(measure)
+        here = np.array([found[k] for k in self._held]).reshape(-1, 4)
+        every = np.concatenate([part[0] for part in gather(self._channel, "sums", [here])])
+        square, distortion, bends = (float(np.sum(every[:, j])) for j in range(3))
+        distortion /= self._corners
+        if not self._rounding < math.sqrt(square) < math.inf:
+            return Merged(math.inf, math.sqrt(square), distortion, -math.inf), squares
+        value = 0.5 * math.log(square) + self._weights.distortion * distortion + self._weights.smoothness * bends
+        value = value if math.isfinite(value) else math.inf
+        return Merged(value, math.sqrt(square), distortion, float(every[:, 3].min())), squares
+
+    def _moves(self, mesh: Array, squares: dict[int, float], square: float, steps: int) -> Array:
+        """The moves of all nodes that the regions of this part need: each from the region that owns the node."""
+        moves = np.zeros_like(mesh)
+        found = dict[int, Array]()
+
+        def descend_in(k: int) -> None:
+            region, objective = self._regions[k], self._local[k]
+            start = mesh[:, region.nodes]
+            objective.beyond = max(0.0, square - squares[k])
+            found[k] = np.zeros((2, region.owned.size))
+            for state, _ in descend(objective, start, steps, 0.0):
+                found[k] = (state - start)[:, region.owned]
+
+        self._each(descend_in)
+        for k in self._held:
+            moves[:, self._owned(k)] = found[k]
+        self._exchange(moves)
+        return moves
+
+    def _exchange(self, moves: Array) -> None:
+        """Send the moves that other parts need of nodes owned here, and receive theirs."""
+        others = [part for part in range(self._channel.count) if part != self._channel.number]
+        for part in others:
+            numbers = self._shared(self._channel.number, part)
+            if numbers.size:
+                self._channel.send(part, "moves", [moves[:, numbers]])
+        for part in others:
+            numbers = self._shared(part, self._channel.number)
+            if numbers.size:
+                moves[:, numbers] = self._channel.receive(part, "moves")[0]
+
+    def _shared(self, owner: int, reader: int) -> IntArray:
+        """The nodes that regions of one part own and regions of another one read, in ascending order."""
+        owned = [self._owned(k) for k, part in enumerate(self._holders) if part == owner]
+        read = [self._regions[k].nodes for k, part in enumerate(self._holders) if part == reader]
+        if not (owned and read):
+            return np.empty(0, dtype=np.int64)
+        return np.intersect1d(np.concatenate(owned), np.unique(np.concatenate(read)))
