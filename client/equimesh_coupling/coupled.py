@@ -14,8 +14,8 @@ class Coupled(ABC):
 
     Each method imports its library when it is called. The nodes of the foreign mesh are those of this mesh, in the same
     order wherever the library keeps an order. ``cells``, ``"quad"`` or ``"triangle"``, is the kind of cells; without it
-    the mesh decides. The sides keep their names: ``left``, ``right``, ``bottom``, ``top``; a library that knows numbers
-    only has 1, 2, 3, 4 in this order.
+    the mesh decides. The sides keep their names: those of a grid are ``left``, ``right``, ``bottom``, ``top``. A library
+    that knows numbers only has 1, 2, 3 and so on, in the order of the sides.
 
     Each method raises :class:`~equimesh_coupling.MissingLibrary` where the library is not installed, and
     :class:`~equimesh_coupling.OldLibrary` where it is too old; the message names the package.
@@ -26,33 +26,33 @@ class Coupled(ABC):
         """Points, cells and sides as plain arrays."""
 
     def to_skfem(self, *, cells: Cells | None = None) -> Any:
-        """A ``skfem.MeshQuad`` or ``MeshTri`` with the four sides as ``boundaries``; needs scikit-fem."""
+        """A ``skfem.MeshQuad`` or ``MeshTri`` with the sides as ``boundaries``; needs scikit-fem."""
         return skfem.mesh_of(self.mesh_parts(cells))
 
     def to_dolfinx(self, comm: Any, *, cells: Cells | None = None) -> Any:
-        """A ``dolfinx.mesh.Mesh`` on ``comm`` and the tags of its boundary facets, 1 to 4; needs FEniCSx."""
+        """A ``dolfinx.mesh.Mesh`` on ``comm`` and the tags of its boundary facets, from 1; needs FEniCSx."""
         return dolfinx.mesh_of(self.mesh_parts(cells), comm)
 
     def to_pyvista(self, *, cells: Cells | None = None) -> Any:
-        """A ``pyvista.UnstructuredGrid`` with the edges of the four sides in ``field_data``; needs PyVista."""
+        """A ``pyvista.UnstructuredGrid`` with the edges of the sides in ``field_data``; needs PyVista."""
         return pyvista.mesh_of(self.mesh_parts(cells))
 
     def to_fipy(self, *, cells: Cells | None = None) -> Any:
-        """A ``fipy`` mesh with the four sides as masks in ``physicalFaces``; needs FiPy."""
+        """A ``fipy`` mesh with the sides as masks in ``physicalFaces``; needs FiPy."""
         return fipy.mesh_of(self.mesh_parts(cells))
 
     def to_mfem(self, *, cells: Cells | None = None) -> Any:
-        """An ``mfem.ser.Mesh`` with boundary attributes 1 to 4; needs PyMFEM."""
+        """An ``mfem.ser.Mesh`` with boundary attributes from 1; needs PyMFEM."""
         return mfem.mesh_of(self.mesh_parts(cells))
 
     def to_ngsolve(self, *, cells: Cells | None = None) -> Any:
-        """An ``ngsolve.Mesh`` with the four sides as boundaries by name; needs NGSolve."""
+        """An ``ngsolve.Mesh`` with the sides as boundaries by name; needs NGSolve."""
         return ngsolve.mesh_of(self.mesh_parts(cells))
 
     def to_sfepy(self, *, cells: Cells | None = None) -> Any:
-        """A ``sfepy.discrete.fem.Mesh`` with the vertices of the four sides as sets by name; needs SfePy."""
+        """A ``sfepy.discrete.fem.Mesh`` with the vertices of the sides as sets by name; needs SfePy."""
         return sfepy.mesh_of(self.mesh_parts(cells))
 
     def to_dmplex(self, comm: Any, *, cells: Cells | None = None) -> Any:
-        """A ``petsc4py.PETSc.DMPlex`` on ``comm`` with 1 to 4 in the label ``Face Sets``; needs petsc4py."""
+        """A ``petsc4py.PETSc.DMPlex`` on ``comm`` with the numbers of the sides, from 1, in the label ``Face Sets``; needs petsc4py."""
         return dmplex.mesh_of(self.mesh_parts(cells), comm)

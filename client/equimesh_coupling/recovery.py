@@ -7,36 +7,49 @@ import numpy as np
 from equimesh_coupling.cells import CellAverages, cell_values
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.parts import Array, HasParts, IntArray
+from equimesh_coupling.patches import cells_near_nodes
 
 # The least number of nodes on a side: a plane needs two rows of cells.
 MIN_NODES = 3
 
 
 def nodes_from_cells(averages: CellAverages, mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, from averages over the cells.
+    """The values at the nodes, shape ``(n_xi, n_eta)``, or ``(n,)`` on a mesh of blocks, from averages over the cells.
 
-    At each node the plane is taken that fits the averages of the two by two nearest quadrilaterals at their centroids
-    best. So a linear function is recovered without error, and a smooth one to second order; between layers the values
-    can exceed those of the cells. Two triangles that share a quadrilateral are averaged first.
+    At each node the plane is taken that fits the averages of the nearest quadrilaterals at their centroids best: two by
+    two of a grid; of blocks those around the node, and at the boundary their neighbours as well. So a linear function is
+    recovered without error, and a smooth one to second order; between layers the values can exceed those of the cells.
+    Two triangles that share a quadrilateral are averaged first.
 
     Raises :class:`BadValues` for another length, values that are not finite, and fewer than 3 nodes on a side.
     """
-    parts = mesh.mesh_parts()
     values = cell_values(averages, mesh)
-    if parts.shape is None:
-        raise BadValues("averages over the cells of a mesh of blocks: return values at the nodes")
-    if min(parts.shape) < MIN_NODES:
+    parts = mesh.mesh_parts("quad")
+    if parts.shape is not None and min(parts.shape) < MIN_NODES:
         raise BadValues(f"values at the nodes need at least {MIN_NODES} nodes on each side, not {parts.shape}")
-    corners = parts.points.reshape(*parts.shape, 2)
-    centres = _centroids(corners)
-    rows, columns = (_patches(n) for n in parts.shape)
-    i, j = rows[:, None, :, None], columns[None, :, None, :]
-    around = centres[i, j].reshape(-1, 4, 2) - parts.points[:, None, :]
-    size = np.abs(around).max(axis=1, keepdims=True)
-    planes = np.concatenate([np.ones((len(around), 4, 1)), around / size], axis=2)
-    at_nodes = np.linalg.pinv(planes)[:, 0, :]  # the weights of the four averages in the value of the plane at the node
-    found: Array = (at_nodes * values[i, j].reshape(-1, 4)).sum(axis=1)
-    return found.reshape(parts.shape)
+    centres, flat = _centroids(parts.points[parts.cells]), values.reshape(-1)
+    found = np.empty(len(parts.points))
+    near = cells_near_nodes(parts.cells, len(found)) if parts.shape is None else _on_grid(parts.shape)
+    for nodes, cells in near:
+        found[nodes] = _planes(parts.points[nodes], centres[cells], flat[cells])
+    return found.reshape(parts.node_shape)
+
+
+def _planes(nodes: Array, centres: Array, values: Array) -> Array:
+    """The values at ``nodes`` of the planes that fit the ``values`` at the ``centres`` best: ``(k, c, 2)``, ``(k, c)``."""
+    around = centres - nodes[:, None, :]
+    size = np.maximum(np.abs(around).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    planes = np.concatenate([np.ones((*around.shape[:2], 1)), around / size], axis=2)
+    at_nodes = np.linalg.pinv(planes)[:, 0, :]  # the weights of the averages in the value of the plane at the node
+    found: Array = (at_nodes * values).sum(axis=1)
+    return found
+
+
+def _on_grid(shape: tuple[int, int]) -> list[tuple[slice, IntArray]]:
+    """All nodes of a grid, and the two by two cells that are nearest to each, shape ``(n, 4)``."""
+    rows, columns = (_patches(n) for n in shape)
+    near = rows[:, None, :, None] * (shape[1] - 1) + columns[None, :, None, :]
+    return [(slice(None), near.reshape(-1, 4))]
 
 
 def _patches(nodes: int) -> IntArray:
@@ -45,9 +58,9 @@ def _patches(nodes: int) -> IntArray:
     return np.stack([first, first + 1], axis=1)
 
 
-def _centroids(nodes: Array) -> Array:
-    """The centroids of the quadrilaterals, shape ``(n_xi - 1, n_eta - 1, 2)``."""
-    a, b, c, d = nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]
+def _centroids(corners: Array) -> Array:
+    """The centroids of quadrilaterals with ``corners`` of shape ``(m, 4, 2)``, shape ``(m, 2)``."""
+    a, b, c, d = corners[:, 0], corners[:, 1], corners[:, 2], corners[:, 3]
     first, second = _area(a, b, c), _area(a, c, d)
     weighted: Array = (first * (a + b + c) + second * (a + c + d)) / (3 * (first + second))
     return weighted

@@ -8,29 +8,32 @@ import numpy as np
 
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
-from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
+from equimesh_coupling.parts import Array, HasParts, MeshParts
 
 OLDEST: Final = "3.15"
 INSTALL: Final = "apt-get install python3-petsc4py, or pip install petsc petsc4py"
 
 
 def mesh_of(parts: MeshParts, comm: Any) -> Any:
-    """The ``DMPlex`` of PETSc on ``comm``; its label ``Face Sets`` has 1 left, 2 right, 3 bottom, 4 top."""
+    """The ``DMPlex`` of PETSc on ``comm``; its label ``Face Sets`` has the numbers of the sides, from 1.
+
+    A grid has 1 left, 2 right, 3 bottom, 4 top.
+    """
     petsc = library("petsc4py.PETSc", package="petsc4py", at_least=OLDEST, install=INSTALL)
     here = comm.getRank() == 0 if hasattr(comm, "getRank") else comm.rank == 0
     cells, points = (parts.cells, parts.points) if here else (parts.cells[:0], parts.points[:0])
     plex = petsc.DMPlex().createFromCellList(2, cells.astype(petsc.IntType), points, interpolate=True, comm=comm)
     plex.createLabel("Face Sets")
     first = plex.getDepthStratum(0)[0]
-    for side, edges in parts.sides.items() if here else ():
+    for number, edges in enumerate(parts.sides.values() if here else (), start=1):
         for edge in np.asarray(edges).tolist():
             (face,) = plex.getJoin([first + node for node in edge])
-            plex.setLabelValue("Face Sets", face, TAGS[side])
+            plex.setLabelValue("Face Sets", face, number)
     return plex
 
 
 def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of ``(plex, vector)`` with one value at each vertex.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of ``(plex, vector)`` with one value at each vertex.
 
     The local section of the ``DMPlex`` says where the values are. It takes a mesh on one process. Raises
     :class:`BadValues` for another section, mesh or length.

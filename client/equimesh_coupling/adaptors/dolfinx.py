@@ -9,7 +9,7 @@ import numpy as np
 
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
-from equimesh_coupling.parts import TAGS, Array, HasParts, IntArray, MeshParts
+from equimesh_coupling.parts import Array, HasParts, IntArray, MeshParts
 
 OLDEST: Final = "0.5"
 INSTALL: Final = "apt-get install python3-dolfinx, or conda install -c conda-forge fenics-dolfinx"
@@ -18,9 +18,9 @@ QUAD_ORDER: Final = [0, 1, 3, 2]
 
 
 def mesh_of(parts: MeshParts, comm: Any) -> tuple[Any, Any]:
-    """The mesh of dolfinx on the processes of ``comm``, and the tags of its facets: 1 left, 2 right, 3 bottom, 4 top.
+    """The mesh of dolfinx on the processes of ``comm``, and the tags of its facets.
 
-    Every process gives the same arrays; the first hands out the cells. Dolfinx renumbers the nodes:
+    The tags are the numbers of the sides, from 1: of a grid 1 left, 2 right, 3 bottom, 4 top. Every process gives the same arrays; the first hands out the cells. Dolfinx renumbers the nodes:
     ``mesh.geometry.input_global_indices`` has their numbers here.
     """
     library("dolfinx", package="fenics-dolfinx", at_least=OLDEST, install=INSTALL)
@@ -32,8 +32,8 @@ def mesh_of(parts: MeshParts, comm: Any) -> tuple[Any, Any]:
     mesh = found["mesh"].create_mesh(comm, cells=cells, x=np.ascontiguousarray(parts.points[here]), **element)
     mesh.topology.create_connectivity(1, 0)
     mesh.topology.create_connectivity(1, 2)
-    edges = np.concatenate([*parts.sides.values()]).astype(np.int64)
-    tags = np.repeat(np.array([*map(TAGS.get, parts.sides)], dtype=np.int32), [*map(len, parts.sides.values())])
+    edges = np.concatenate([np.empty((0, 2), np.int64), *parts.sides.values()])
+    tags = np.repeat(np.arange(1, len(parts.sides) + 1, dtype=np.int32), [*map(len, parts.sides.values())])
     nodes, values = _distributed(found["io"], mesh, edges[here], tags[here])
     lists = getattr(found["graph"], "adjacencylist", None) or found["graph"].create_adjacencylist
     facets = found["mesh"].meshtags_from_entities(mesh, 1, lists(nodes), values)
@@ -65,7 +65,7 @@ def _distributed(io: Any, mesh: Any, edges: IntArray, tags: Any) -> tuple[Any, A
 
 
 def nodal_values(function: Any, mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of a scalar Lagrange function of dolfinx of order 1.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of a scalar Lagrange function of dolfinx of order 1.
 
     It takes functions of a mesh on one process. Raises :class:`BadValues` for another space or mesh.
     """

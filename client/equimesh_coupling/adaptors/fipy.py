@@ -34,7 +34,7 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def nodal_values(variable: Any, mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of a ``CellVariable`` of FiPy.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of a ``CellVariable`` of FiPy.
 
     FiPy solves for averages over cells: the values at the nodes are recovered as in
     ``equimesh_coupling.recovery.nodes_from_cells``. Raises :class:`BadValues` for another mesh, and for a

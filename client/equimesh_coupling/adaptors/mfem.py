@@ -8,14 +8,17 @@ import numpy as np
 
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
-from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
+from equimesh_coupling.parts import Array, HasParts, MeshParts
 
 OLDEST: Final = "4.7"
 INSTALL: Final = f"pip install 'mfem>={OLDEST}'"
 
 
 def mesh_of(parts: MeshParts) -> Any:
-    """The mesh of MFEM, with boundary attributes 1 left, 2 right, 3 bottom, 4 top; node ``k`` is vertex ``k``."""
+    """The mesh of MFEM, with the number of each side, from 1, as its boundary attribute; node ``k`` is vertex ``k``.
+
+    A grid has 1 left, 2 right, 3 bottom, 4 top.
+    """
     mfem = library("mfem.ser", package="mfem", at_least=OLDEST, install=INSTALL)
     edges = sum(len(side) for side in parts.sides.values())
     mesh = mfem.Mesh(2, len(parts.points), len(parts.cells), edges, 2)
@@ -24,16 +27,16 @@ def mesh_of(parts: MeshParts) -> Any:
     add = mesh.AddTriangle if parts.is_triangular else mesh.AddQuad
     for cell in parts.cells.tolist():
         add(*cell)
-    for side, edges_of_side in parts.sides.items():
+    for number, edges_of_side in enumerate(parts.sides.values(), start=1):
         for edge in edges_of_side.tolist():
-            mesh.AddBdrSegment(*edge, TAGS[side])
+            mesh.AddBdrSegment(*edge, number)
     mesh.FinalizeTopology()
     mesh.Finalize(False, True)
     return mesh
 
 
 def nodal_values(field: Any, mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of a scalar ``GridFunction`` of MFEM, of any order.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of a scalar ``GridFunction`` of MFEM, of any order.
 
     Raises :class:`BadValues` for another mesh and for a field that is discontinuous or has components.
     """

@@ -8,14 +8,14 @@ import numpy as np
 
 from equimesh_coupling.errors import BadValues
 from equimesh_coupling.libraries import library
-from equimesh_coupling.parts import TAGS, Array, HasParts, MeshParts
+from equimesh_coupling.parts import Array, HasParts, MeshParts
 
 OLDEST: Final = "6.2.2302"
 INSTALL: Final = f"pip install 'ngsolve>={OLDEST}'"
 
 
 def mesh_of(parts: MeshParts) -> Any:
-    """The mesh of NGSolve with boundaries ``left``, ``right``, ``bottom``, ``top``, and the material ``domain``.
+    """The mesh of NGSolve with a boundary for each side, by its name, and the material ``domain``.
 
     Node ``k`` is vertex ``k``.
     """
@@ -26,16 +26,16 @@ def mesh_of(parts: MeshParts) -> Any:
     mesh.Add(netgen.FaceDescriptor(surfnr=1, domin=1, bc=1))
     for cell in parts.cells.tolist():
         mesh.Add(netgen.Element2D(1, [numbers[node] for node in cell]))
-    for side, edges in parts.sides.items():
+    for number, (side, edges) in enumerate(parts.sides.items(), start=1):
         for edge in edges.tolist():
-            mesh.Add(netgen.Element1D([numbers[node] for node in edge], index=TAGS[side]))
-        mesh.SetBCName(TAGS[side] - 1, side)
+            mesh.Add(netgen.Element1D([numbers[node] for node in edge], index=number))
+        mesh.SetBCName(number - 1, side)
     mesh.SetMaterial(1, "domain")
     return ngsolve.Mesh(mesh)
 
 
 def nodal_values(field: Any, mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of a scalar ``GridFunction`` of NGSolve on ``H1``.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of a scalar ``GridFunction`` of NGSolve on ``H1``.
 
     The degrees of freedom of vertices come first, at any order. Raises :class:`BadValues` for another space or mesh.
     """

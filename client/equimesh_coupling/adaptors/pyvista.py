@@ -25,7 +25,7 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def nodal_values(grid: Any, mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of the active scalars of a ``grid`` of PyVista.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of the active scalars of a ``grid`` of PyVista.
 
     A single array ``grid.point_data["u"]`` needs no adaptor: it has the order of the nodes. Raises
     :class:`BadValues` where there are no active scalars at the points of this mesh.

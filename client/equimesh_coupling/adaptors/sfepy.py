@@ -15,7 +15,7 @@ INSTALL: Final = f"pip install 'sfepy>={OLDEST}'"
 
 
 def mesh_of(parts: MeshParts) -> Any:
-    """The mesh of SfePy, with the vertices of the four sides as sets by name.
+    """The mesh of SfePy, with the vertices of the sides as sets by name.
 
     A region is ``domain.create_region("Left", "vertices of set left", "facet")``. Node ``k`` is vertex ``k``.
     """
@@ -34,7 +34,7 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def nodal_values(variable: Any, mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of a scalar ``FieldVariable`` of SfePy.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of a scalar ``FieldVariable`` of SfePy.
 
     Raises :class:`BadValues` for another mesh and for a field with components.
     """

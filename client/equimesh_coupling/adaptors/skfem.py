@@ -15,7 +15,7 @@ INSTALL: Final = f"pip install 'scikit-fem>={OLDEST}'"
 
 
 def mesh_of(parts: MeshParts) -> Any:
-    """The mesh of scikit-fem, with the four sides as ``boundaries``; node ``k`` is vertex ``k``."""
+    """The mesh of scikit-fem, with the sides as ``boundaries``; node ``k`` is vertex ``k``."""
     skfem = library("skfem", package="scikit-fem", at_least=OLDEST, install=INSTALL)
     kind = skfem.MeshTri if parts.is_triangular else skfem.MeshQuad
     mesh = kind(parts.points.T.copy(), parts.cells.T.copy())
@@ -24,7 +24,7 @@ def mesh_of(parts: MeshParts) -> Any:
 
 
 def nodal_values(field: tuple[Any, Any], mesh: HasParts) -> Array:
-    """The values at the nodes, shape ``(n_xi, n_eta)``, of ``(basis, vector)`` as scikit-fem solves for it.
+    """The values at the nodes, in the ``node_shape`` of the mesh, of ``(basis, vector)`` as scikit-fem solves for it.
 
     The element of the basis needs a degree of freedom at each vertex: ``ElementQuad1``, ``ElementTri2`` and so on.
     Raises :class:`BadValues` for another element, mesh or length.
