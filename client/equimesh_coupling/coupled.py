@@ -14,8 +14,8 @@ class Coupled(ABC):
 
     Each method imports its library when it is called. The nodes of the foreign mesh are those of this mesh, in the same
     order wherever the library keeps an order. ``cells``, ``"quad"`` or ``"triangle"``, is the kind of cells; without it
-    the mesh decides. The sides keep their names: those of a grid are ``left``, ``right``, ``bottom``, ``top``. A library
-    that knows numbers only has 1, 2, 3 and so on, in the order of the sides.
+    the mesh decides. The sides keep their names: those of a grid are ``left``, ``right``, ``bottom`` and ``top``. A
+    library that knows numbers only has 1, 2, 3 and so on, in the order of the sides.
 
     Each method raises :class:`~equimesh_coupling.MissingLibrary` where the library is not installed, and
     :class:`~equimesh_coupling.OldLibrary` where it is too old; the message names the package.
@@ -54,5 +54,5 @@ class Coupled(ABC):
         return sfepy.mesh_of(self.mesh_parts(cells))
 
     def to_dmplex(self, comm: Any, *, cells: Cells | None = None) -> Any:
-        """A ``petsc4py.PETSc.DMPlex`` on ``comm`` with the numbers of the sides, from 1, in the label ``Face Sets``; needs petsc4py."""
+        """A ``petsc4py.PETSc.DMPlex`` on ``comm`` and the sides, from 1, in its label ``Face Sets``; needs petsc4py."""
         return dmplex.mesh_of(self.mesh_parts(cells), comm)

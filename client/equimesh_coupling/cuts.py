@@ -83,7 +83,7 @@ def triangles_of_cells(points: Array, cells: IntArray) -> IntArray:
 
     As :func:`triangles_of`: a cell with two boundary edges that meet is cut through their common corner.
     """
-    cuts = better_cuts(points[cells], _cuts_at_corners(cells))
+    cuts = better_cuts(points[cells], cuts_at_corners(cells))
     triangles: IntArray = np.take_along_axis(cells, CUTS[cuts].reshape(-1, 6), axis=1)
     return triangles.reshape(-1, 3)
 
@@ -99,7 +99,7 @@ def quads_of_triangles(triangles: IntArray) -> IntArray:
     return np.column_stack([first[:, 0], first[:, 1], third, second[:, 2]])
 
 
-def _cuts_at_corners(cells: IntArray) -> dict[int, int]:
+def cuts_at_corners(cells: IntArray) -> dict[int, int]:
     """The cells with two boundary edges that meet, and with no other one, each with the cut through that corner."""
     edges = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)  # edge k runs from corner k to k + 1
     ends = np.sort(edges.reshape(-1, 2), axis=1)

@@ -44,7 +44,7 @@ def cells_near_nodes(cells: IntArray, count: int) -> Iterator[tuple[IntArray, In
 
 
 def _both_cells(of_cells: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """The two cells of each of ``count`` edges, the second one -1 on the boundary; ``of_cells`` are the cells' edges."""
+    """The two cells of each of ``count`` edges, the second one -1 on the boundary; ``of_cells`` has those of cells."""
     owners, edges = np.repeat(np.arange(len(of_cells)), of_cells.shape[1]), of_cells.ravel()
     first, second = np.full(count, len(of_cells)), np.full(count, -1)
     np.minimum.at(first, edges, owners)

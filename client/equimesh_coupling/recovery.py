@@ -17,7 +17,7 @@ def nodes_from_cells(averages: CellAverages, mesh: HasParts) -> Array:
     """The values at the nodes, shape ``(n_xi, n_eta)``, or ``(n,)`` on a mesh of blocks, from averages over the cells.
 
     At each node the plane is taken that fits the averages of the nearest quadrilaterals at their centroids best: two by
-    two of a grid; of blocks those around the node, and at the boundary their neighbours as well. So a linear function is
+    two of a grid; of blocks those around the node, and at the boundary also their neighbours. So a linear function is
     recovered without error, and a smooth one to second order; between layers the values can exceed those of the cells.
     Two triangles that share a quadrilateral are averaged first.
 
@@ -36,7 +36,10 @@ def nodes_from_cells(averages: CellAverages, mesh: HasParts) -> Array:
 
 
 def _planes(nodes: Array, centres: Array, values: Array) -> Array:
-    """The values at ``nodes`` of the planes that fit the ``values`` at the ``centres`` best: ``(k, c, 2)``, ``(k, c)``."""
+    """The values at the ``nodes`` of the planes that fit best.
+
+    ``values`` of shape ``(k, c)`` are those at the ``centres`` of shape ``(k, c, 2)``.
+    """
     around = centres - nodes[:, None, :]
     size = np.maximum(np.abs(around).max(axis=1, keepdims=True), np.finfo(float).tiny)
     planes = np.concatenate([np.ones((*around.shape[:2], 1)), around / size], axis=2)

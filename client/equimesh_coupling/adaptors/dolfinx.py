@@ -20,8 +20,9 @@ QUAD_ORDER: Final = [0, 1, 3, 2]
 def mesh_of(parts: MeshParts, comm: Any) -> tuple[Any, Any]:
     """The mesh of dolfinx on the processes of ``comm``, and the tags of its facets.
 
-    The tags are the numbers of the sides, from 1: of a grid 1 left, 2 right, 3 bottom, 4 top. Every process gives the same arrays; the first hands out the cells. Dolfinx renumbers the nodes:
-    ``mesh.geometry.input_global_indices`` has their numbers here.
+    The tags are the numbers of the sides, from 1: of a grid 1 left, 2 right, 3 bottom, 4 top. Every process gives the
+    same arrays; the first hands out the cells. Dolfinx renumbers the nodes: ``mesh.geometry.input_global_indices`` has
+    their numbers here.
     """
     library("dolfinx", package="fenics-dolfinx", at_least=OLDEST, install=INSTALL)
     found = {name: library(f"dolfinx.{name}", package="dolfinx", install=INSTALL) for name in ("mesh", "graph", "io")}

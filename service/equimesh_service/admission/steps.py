@@ -130,7 +130,7 @@ class Stepping:
             raise _gone()
         try:
             with self.files.local(artifact.sha256) as path:
-                return load_npz(path).mesh
+                return load_npz(path).grid_mesh
         except FileNotFoundError:
             raise _gone() from None
 

@@ -83,7 +83,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
         case ["plot", "comparison", _]:
             from equimesh.plot.comparison import draw_comparison
 
-            mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
+            mesh, problem = load_npz(source(MESH)).grid_mesh, _problem(task, store, files, sources)
             row = store.meshes.get(task.mesh_id)
             draw_comparison(compare(mesh, problem, ((row and row.result) or {}).get("certificate")), path)
         case ["plot", kind, _]:
@@ -93,11 +93,11 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             if kind == "quality":
                 draw_quality(data, path)
             else:
-                draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh.grid))
+                draw_mesh(data, path, decomposition=_decomposition(task, store, data.grid_mesh.grid))
         case [name] if name == DRAWING:
             path.write_bytes(_drawing(task, store, files, sources, source))
         case _:
-            mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
+            mesh, problem = load_npz(source(MESH)).grid_mesh, _problem(task, store, files, sources)
             uniform = map_mesh(equimesh.Mesh.uniform(mesh.grid), problem.domain)
             quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
             path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
@@ -115,7 +115,7 @@ def _drawing(task: Export, store: Store, files: Files, sources: ExitStack, sourc
     kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
     convergence = json.loads(source(CONVERGENCE).read_bytes()) if kept else None
     find = samples_of(mesh_input, files, sources)
-    return draw_mesh_row(row, mesh_input.spec, convergence, load_npz(source(MESH)).mesh, find)
+    return draw_mesh_row(row, mesh_input.spec, convergence, load_npz(source(MESH)).grid_mesh, find)
 
 
 def _input(task: Export, store: Store) -> MeshInput:

@@ -15,6 +15,8 @@ import numpy as np
 
 import equimesh
 from equimesh.io.write import write_mesh
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.quality.faces import measure_faces
 from equimesh.rounds.round import adapt_round
 from equimesh.specs.spec import BuiltSpec
 from equimesh_service.assembly.problem import SamplesOf, build, translate_errors
@@ -103,6 +105,8 @@ def warm_up() -> None:
     adapt_round(nodes, u.evaluate(nodes.x, nodes.y)[0])
     fine_grid = equimesh.Grid(n_xi=400, n_eta=400)  # so many cells are measured on a sample of them
     equimesh.measure(equimesh.Mesh.uniform(fine_grid), equimesh.Problem(monitor=plain, grid=fine_grid).monitor)
+    blocks = QuadMesh(points=nodes.points, cells=nodes.cells, sides=nodes.sides)
+    measure_faces(blocks), equimesh.measure(blocks, weight, uniform=blocks)
     carried = equimesh.MeshValues(np.round(nodes.x + nodes.y), transfer="conservative")
     averages = equimesh.MeshValues(nodes.x[1:, 1:], transfer="conservative", location="cells")
     equimesh.transfer(nodes, {"u": carried, "v": averages}, equimesh.Mesh(nodes.x**2, nodes.y))

@@ -40,7 +40,7 @@ class StepStart:
             return None
         try:
             with files.local(mesh_input.start) as path:
-                mesh = load_npz(path).mesh
+                mesh = load_npz(path).grid_mesh
         except FileNotFoundError:
             raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
         fields: Mapping[str, StepField] = {}

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 
 
@@ -14,14 +15,15 @@ class MeshData:
 
     ``u`` at the nodes, shape ``(n_xi, n_eta)``, ``None`` where the monitor has no u; per cell, shape
     ``(n_xi - 1, n_eta - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell.
-    ``fields`` are further values at the nodes and ``cell_fields`` such values per cell, by names other than those that
-    files have already; a vector has a third axis, that of its components. ``step`` is the JSON that a step of a
-    sequence answers with, for npz files; it is empty for other meshes.
+    On a mesh of blocks these shapes are ``(n,)`` and ``(m,)``. ``fields`` are further values at the nodes and
+    ``cell_fields`` such values per cell, by names other than those that files have already; a vector has one more axis,
+    that of its components. ``step`` is the JSON that a step of a sequence answers with, for npz files; it is empty for
+    other meshes.
 
     Raises :class:`~equimesh.errors.InputError` for other shapes.
     """
 
-    mesh: Mesh
+    mesh: Mesh | QuadMesh
     u: Array | None
     q_eq: Array
     subdomain: IntArray
@@ -30,25 +32,31 @@ class MeshData:
     step: str = ""
 
     def __post_init__(self) -> None:
-        n_xi, n_eta = nodes = self.mesh.x.shape
-        for name, shape in (
-            ("u", nodes),
-            ("q_eq", (n_xi - 1, n_eta - 1)),
-            ("subdomain", (n_xi - 1, n_eta - 1)),
-        ):
+        nodes, cells = self.mesh.node_shape, self.mesh.cell_shape
+        for name, shape in (("u", nodes), ("q_eq", cells), ("subdomain", cells)):
             values = getattr(self, name)
             found = shape if values is None and name == "u" else values.shape
             if found != shape:
                 raise InputError(f"{name} has shape {found}, this mesh needs {shape}", field=name)
-        for fields, needed in ((self.fields, nodes), (self.cell_fields, (n_xi - 1, n_eta - 1))):
+        for fields, needed in ((self.fields, nodes), (self.cell_fields, cells)):
             for name, values in fields.items():
-                if values.shape[:2] != needed or values.ndim > 3:
+                if values.shape[: len(needed)] != needed or values.ndim > len(needed) + 1:
                     raise InputError(f"the field {name} has shape {values.shape}, this mesh needs {needed}", field=name)
 
     @property
+    def grid_mesh(self) -> Mesh:
+        """The mesh, which must be a grid. Raises :class:`~equimesh.errors.InputError` for a mesh of blocks."""
+        if isinstance(self.mesh, QuadMesh):
+            raise InputError("this needs a grid, and a mesh of blocks has no rows and columns", field="mesh")
+        return self.mesh
+
+    @property
     def computational(self) -> tuple[Array, Array]:
-        """``xi`` and ``eta`` of the nodes, each of shape ``(n_xi, n_eta)``."""
-        uniform = Mesh.uniform(self.mesh.grid)
+        """``xi`` and ``eta`` of the nodes of a grid, each of shape ``(n_xi, n_eta)``.
+
+        Raises :class:`~equimesh.errors.InputError` for a mesh of blocks, which has none.
+        """
+        uniform = Mesh.uniform(self.grid_mesh.grid)
         return uniform.x, uniform.y
 
     def triangles(self) -> IntArray:

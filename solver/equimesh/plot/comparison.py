@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+from equimesh.plot.block_lines import colour_cells, drawn_lines
 from equimesh.plot.figure import figure_file
 from equimesh.plot.mesh_lines import MeshLines
 from equimesh.quality.comparison import ComparedMesh, UniformComparison
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
+    from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
 MAX_CELLS_WITH_EDGES = 128
-"""Cells in a direction up to which their edges are drawn."""
+"""Cells in a direction, of a grid or of a block, up to which their edges are drawn."""
 MAX_VECTOR_CELLS = 80**2
 """More cells than this are drawn as dots in an SVG, too."""
 DECADES = 3.0
@@ -49,6 +52,8 @@ SAME = 1.005
 def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
     """Draw the uniform mesh next to the adapted one, and below them how many times smaller the error is.
 
+    For blocks the mesh that they began with takes the place of the uniform one.
+
     Every cell has the colour of its interpolation error, the root mean square of ``u - u_h`` in the unit of u. The
     colours are even in the logarithm, and the same for both meshes. Cells without a finite error, those of a folded
     mesh, are grey. Where there is no u, the cells have no colours. ``comparison`` is that of
@@ -57,13 +62,14 @@ def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
     meshes = (comparison.uniform, comparison.adapted)
     x, y = comparison.uniform.mesh.x, comparison.uniform.mesh.y
     width, height = float(np.ptp(x)), float(np.ptp(y))
+    first = "initial" if isinstance(comparison.uniform.mesh, QuadMesh) else "uniform"
     stacked = width > STACKED_FROM * height
     rows, columns = (2, 1) if stacked else (1, 2)
     side = min((WIDTH / columns - GAP) * height / width, MAX_SIDE)
     with figure_file(path, WIDTH, rows * (side + GAP) + BELOW) as figure:
         panels = figure.subplots(rows, columns)
         scale = _scale([compared.error for compared in meshes if compared.error is not None])
-        for axes, compared, name in zip(panels, meshes, ("uniform", "adapted"), strict=True):
+        for axes, compared, name in zip(panels, meshes, (first, "adapted"), strict=True):
             drawn = _draw_cells(axes, compared, scale)
             axes.set_title(name, fontsize=15)
             axes.set_aspect("equal")
@@ -77,7 +83,7 @@ def draw_comparison(comparison: UniformComparison, path: str | Path) -> None:
 
 def words(comparison: UniformComparison) -> str:
     """The gain in words, as below the picture: "error 13.1 times smaller, with the same 33 × 33 points"."""
-    points = "{} × {} points".format(*comparison.adapted.mesh.x.shape)
+    points = "{} points".format(" × ".join(map(str, comparison.adapted.mesh.node_shape)))
     gain = comparison.gain
     if comparison.interpolation is None:
         return f"No u is given, so there is no error to compare ({points})"
@@ -102,22 +108,32 @@ def _scale(errors: list[Array]) -> LogNorm:
     return LogNorm(largest * 10.0**-decades, largest)
 
 
-def _draw_cells(axes: Axes, compared: ComparedMesh, scale: LogNorm) -> QuadMesh:
+def _draw_cells(axes: Axes, compared: ComparedMesh, scale: LogNorm) -> ScalarMappable:
     from matplotlib import colormaps
     from matplotlib.collections import LineCollection
 
-    mesh, shape = compared.mesh, compared.q_eq.shape
-    error = np.zeros(shape) if compared.error is None else compared.error
-    drawn = axes.pcolormesh(
-        mesh.x,
-        mesh.y,
+    mesh, shape = compared.mesh, _lines_across(compared.mesh)
+    error = np.zeros(mesh.cell_shape) if compared.error is None else compared.error
+    drawn = colour_cells(
+        axes,
+        mesh,
         np.ma.masked_invalid(np.maximum(error, scale.vmin or 0.0)),
         cmap=colormaps[PALETTE].with_extremes(bad=UNKNOWN),
         norm=scale,
         rasterized=error.size > MAX_VECTOR_CELLS,
     )
-    if max(shape) <= MAX_CELLS_WITH_EDGES:
-        lines = MeshLines.of(mesh, most=MAX_CELLS_WITH_EDGES)
-        pieces = lines.polylines(*lines.owners(np.zeros(shape, dtype=np.int64), None), 0)
-        axes.add_collection(LineCollection(pieces, colors=EDGES, linewidths=min(0.5, 18 / max(shape))))
+    if shape <= MAX_CELLS_WITH_EDGES:
+        axes.add_collection(LineCollection(_lines(mesh), colors=EDGES, linewidths=min(0.5, 18 / shape)))
     return drawn
+
+
+def _lines_across(mesh: Mesh | QuadMesh) -> int:
+    """The cells in a direction of a grid, the larger number; of blocks as if they were a square of as many cells."""
+    return math.isqrt(len(mesh.cells)) if isinstance(mesh, QuadMesh) else max(mesh.cell_shape)
+
+
+def _lines(mesh: Mesh | QuadMesh) -> list[Array]:
+    if isinstance(mesh, QuadMesh):
+        return drawn_lines(mesh, most=len(mesh.cells))[0]
+    lines = MeshLines.of(mesh, most=MAX_CELLS_WITH_EDGES)
+    return lines.polylines(*lines.owners(np.zeros(mesh.cell_shape, dtype=np.int64), None), 0)

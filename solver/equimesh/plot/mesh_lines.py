@@ -44,7 +44,7 @@ class MeshLines:
     @property
     def remark(self) -> str:
         """The remark of a title on lines that are left out; empty when there are none."""
-        return f"\n(one line in {self.step} drawn)" if self.step > 1 else ""
+        return remark_on(self.step)
 
     def owners(self, of_cell: IntArray, decomposition: Decomposition | None) -> tuple[IntArray, IntArray]:
         """The subdomain of every drawn edge along xi and along eta, ``SHARED_OWNER`` where several hold its ends.
@@ -70,6 +70,11 @@ class MeshLines:
     def polylines(self, along_xi: IntArray, along_eta: IntArray, owner: int) -> list[Array]:
         """The longest runs of edges that belong to ``owner``, each of shape ``(nodes, 2)``."""
         return _runs(self.x, self.y, along_xi == owner) + _runs(self.x.T, self.y.T, (along_eta == owner).T)
+
+
+def remark_on(step: int) -> str:
+    """What a title says where one line in ``step`` is drawn; empty when there are no others."""
+    return f"\n(one line in {step} drawn)" if step > 1 else ""
 
 
 def _runs(x: Array, y: Array, mine: npt.NDArray[np.bool_]) -> list[Array]:

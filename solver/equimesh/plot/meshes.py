@@ -6,6 +6,7 @@ no pyplot, no setting that outlives the call. Equal data give equal files.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,11 @@ import numpy as np
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.numerics.types import Array, IntArray
+from equimesh.plot.block_lines import block_lines, colour_cells, drawn_lines, outlines, owners_of_blocks, step_of
 from equimesh.plot.figure import figure_file
-from equimesh.plot.mesh_lines import SHARED_OWNER, MeshLines
+from equimesh.plot.mesh_lines import SHARED_OWNER, MeshLines, remark_on
 from equimesh.schwarz.decomposition import Decomposition
 
 if TYPE_CHECKING:
@@ -33,6 +37,7 @@ SUBDOMAIN_COLOURS = ("#d62728", "#1f4fd8", "#009e73", "#e69f00", "#56b4e9", "#7f
 """Red and blue as in the paper, then colours that stay apart for colour-blind eyes."""
 OVERLAP_COLOUR = "#8e24aa"
 SINGLE_COLOUR = "#22577a"
+OUTLINE_COLOUR = "#111111"
 
 
 def draw_mesh(
@@ -46,37 +51,64 @@ def draw_mesh(
 
     With a ``decomposition`` every subdomain has its colour, the first red and the second blue, and what they
     share is purple, as in the 18 x 18 mesh of Haynes and Howse. Without one, the colours show which subdomain
-    the cells were taken from. ``show_subdomains=False`` draws all lines in one colour.
+    the cells were taken from. ``show_subdomains=False`` draws all lines in one colour. Of a mesh of blocks, the edges
+    of the blocks are drawn thicker.
     """
-    decomposition = decomposition if show_subdomains else None
-    lines = MeshLines.of(data.mesh, most=MAX_LINES, decomposition=decomposition)
-    edges = lines.owners(data.subdomain if show_subdomains else np.zeros_like(data.subdomain), decomposition)
-    owners = sorted(np.union1d(*edges).tolist(), key=lambda owner: (owner == SHARED_OWNER, owner))
+    of_cell = data.subdomain if show_subdomains else np.zeros_like(data.subdomain)
+    if isinstance(data.mesh, QuadMesh):
+        pieces, remark, across = _lines_of_blocks(data.mesh, of_cell)
+    else:
+        pieces, remark, across = _lines_of_grid(data.mesh, of_cell, decomposition if show_subdomains else None)
+    owners = sorted(pieces, key=lambda owner: (owner == SHARED_OWNER, owner))
     with figure_file(path, 6.0, 6.4) as figure:
         from matplotlib.collections import LineCollection
 
         axes = figure.add_subplot()
-        width = min(1.2, max(0.3, 36 / max(lines.x.shape)))
+        width = min(1.2, max(0.3, 36 / across))
         for owner in owners:  # the overlap last, on top
             if len(owners) == 1:
                 colour, label = SINGLE_COLOUR, "mesh"
             elif owner == SHARED_OWNER:
                 colour, label = OVERLAP_COLOUR, "overlap"
             else:
-                colour, label = SUBDOMAIN_COLOURS[owner % len(SUBDOMAIN_COLOURS)], f"subdomain {owner + 1}"
-            pieces = lines.polylines(*edges, owner)
-            axes.add_collection(LineCollection(pieces, colors=colour, linewidths=width, label=label))
+                colour, label = SUBDOMAIN_COLOURS[owner % len(SUBDOMAIN_COLOURS)], _name(data.mesh, owner)
+            axes.add_collection(LineCollection(pieces[owner], colors=colour, linewidths=width, label=label))
+        if isinstance(data.mesh, QuadMesh):
+            axes.add_collection(LineCollection(outlines(data.mesh), colors=OUTLINE_COLOUR, linewidths=2.0 * width))
         _physical_plane(axes, data.mesh)
         many = (
             f", {len([owner for owner in owners if owner != SHARED_OWNER])} subdomains"
             if len(owners) > MAX_LABELS
             else ""
         )
-        axes.set_title(f"Mesh of {_size(data.mesh)}{many}{lines.remark}")
+        axes.set_title(f"Mesh of {_size(data.mesh)}{many}{remark}")
         if 1 < len(owners) <= MAX_LABELS:
             legend = figure.legend(loc="outside lower center", ncols=3 if len(owners) in (3, 5, 6, 9) else 4)
             for handle in legend.get_lines():
                 handle.set_linewidth(2.0)
+
+
+def _lines_of_grid(
+    mesh: Mesh, of_cell: IntArray, decomposition: Decomposition | None
+) -> tuple[dict[int, list[Array]], str, float]:
+    """The lines of every subdomain, what the title says of lines that are left out, and the lines across the mesh."""
+    lines = MeshLines.of(mesh, most=MAX_LINES, decomposition=decomposition)
+    edges = lines.owners(of_cell, decomposition)
+    pieces = {owner: lines.polylines(*edges, owner) for owner in np.union1d(*edges).tolist()}
+    return pieces, lines.remark, max(lines.x.shape)
+
+
+def _lines_of_blocks(mesh: QuadMesh, of_cell: IntArray) -> tuple[dict[int, list[Array]], str, float]:
+    """The same of a mesh of blocks, of which each has one subdomain; else all lines belong to one."""
+    owners = owners_of_blocks(mesh, of_cell)
+    if not owners:
+        pieces, step = drawn_lines(mesh, MAX_LINES)
+        return {0: pieces}, remark_on(step), math.sqrt(len(mesh.points)) / step
+    step = step_of(mesh, MAX_LINES)
+    found: dict[int, list[Array]] = {}
+    for block, owner in enumerate(owners):
+        found.setdefault(owner, []).extend(block_lines(mesh, block, step))
+    return found, remark_on(step), math.sqrt(len(mesh.points)) / step
 
 
 def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
@@ -131,15 +163,18 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
         from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
         axes = figure.add_subplot()
-        coloured = axes.pcolormesh(
-            mesh.x,
-            mesh.y,
+        coloured = colour_cells(
+            axes,
+            mesh,
             q,
             cmap=colormaps["PuOr"].with_extremes(bad="#777777"),
             norm=LogNorm(1 / spread, spread),
             rasterized=q.size > MAX_CELLS_WITH_EDGES**2,
         )
-        if max(q.shape) <= MAX_CELLS_WITH_EDGES:
+        if isinstance(mesh, QuadMesh):
+            pieces = drawn_lines(mesh, MAX_CELLS_WITH_EDGES)[0] if q.size <= MAX_CELLS_WITH_EDGES**2 else []
+            axes.add_collection(LineCollection(pieces, colors="#00000066", linewidths=0.5))
+        elif max(q.shape) <= MAX_CELLS_WITH_EDGES:
             lines = MeshLines.of(mesh, most=MAX_CELLS_WITH_EDGES)
             pieces = lines.polylines(*lines.owners(np.zeros_like(data.subdomain), None), 0)
             axes.add_collection(LineCollection(pieces, colors="#00000066", linewidths=0.5))
@@ -155,6 +190,9 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
 
 def draw_surface(data: MeshData, path: str | Path) -> None:
     """Draw u over the mesh as a surface in three dimensions, with the mesh lines on it; flat where there is no u."""
+    if isinstance(data.mesh, QuadMesh):
+        _draw_triangles(data, data.mesh, path)
+        return
     lines = MeshLines.of(data.mesh, most=MAX_SURFACE_LINES)
     u = np.zeros_like(lines.x) if data.u is None else data.u[np.ix_(lines.columns, lines.rows)]
     with figure_file(path, 7.0, 5.8) as figure:
@@ -168,11 +206,32 @@ def draw_surface(data: MeshData, path: str | Path) -> None:
         axes.set_title(f"u on the mesh of {_size(data.mesh)}{lines.remark}")
 
 
-def _size(mesh: Mesh) -> str:
-    return f"{mesh.x.shape[0]} × {mesh.x.shape[1]} points"
+def _draw_triangles(data: MeshData, mesh: QuadMesh, path: str | Path) -> None:
+    """The surface over a mesh of blocks, from the triangles of its cells."""
+    u = np.zeros(mesh.node_shape) if data.u is None else data.u
+    with figure_file(path, 7.0, 5.8) as figure:
+        axes: Any = figure.add_subplot(projection="3d")
+        width = min(0.5, 20 / math.sqrt(len(u)))
+        axes.plot_trisurf(
+            mesh.x, mesh.y, u, triangles=mesh.triangles(), cmap="viridis", edgecolor="#000000aa", linewidth=width
+        )
+        axes.view_init(elev=30, azim=-50)
+        axes.set(xlabel="$x$", ylabel="$y$", zlabel="$u$")
+        axes.set_title(f"u on the mesh of {_size(mesh)}")
 
 
-def _physical_plane(axes: Axes, mesh: Mesh) -> None:
+def _name(mesh: Mesh | QuadMesh, owner: int) -> str:
+    """The name of a block in the legend, or the number of a subdomain."""
+    if isinstance(mesh, QuadMesh) and owner < len(mesh.block_names):
+        return mesh.block_names[owner]
+    return f"subdomain {owner + 1}"
+
+
+def _size(mesh: Mesh | QuadMesh) -> str:
+    return f"{' × '.join(map(str, mesh.node_shape))} points"
+
+
+def _physical_plane(axes: Axes, mesh: Mesh | QuadMesh) -> None:
     """Equal scales, and limits that leave the mesh a narrow margin."""
     for set_limits, values in ((axes.set_xlim, mesh.x), (axes.set_ylim, mesh.y)):
         finite = values[np.isfinite(values)]

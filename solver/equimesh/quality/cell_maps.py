@@ -107,3 +107,30 @@ def map_cells(corners: Array, s: Array, t: Array, out: Array) -> None:
             y_t[k] = (1.0 - u) * (y3[k] - y0[k]) + u * (y2[k] - y1[k])
         for k in range(corners.shape[1]):
             det[k] = x_s[k] * y_t[k] - x_t[k] * y_s[k]
+
+
+@compiled
+def measure_corners(corners: Array, area: Array, valid: BoolArray) -> float:
+    """As :func:`measure_cells` for any cells with these ``corners``, shape ``(8, cells)``."""
+    smallest, check = np.inf, 0.0
+    for k in range(area.size):
+        x0, x1, x2, x3 = corners[0, k], corners[1, k], corners[2, k], corners[3, k]
+        y0, y1, y2, y3 = corners[4, k], corners[5, k], corners[6, k], corners[7, k]
+        a = (x1 - x0) * (y3 - y0) - (y1 - y0) * (x3 - x0)
+        b = (x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1)
+        c = (x2 - x3) * (y2 - y1) - (y2 - y3) * (x2 - x1)
+        d = (x2 - x3) * (y3 - y0) - (y2 - y3) * (x3 - x0)
+        total, lowest = a + b + c + d, min(min(a, b), min(c, d))
+        area[k] = 0.25 * total
+        valid[k] = lowest > 0.0 and total - total == 0.0
+        smallest = min(smallest, lowest)
+        check += total
+    return smallest if np.isfinite(check) else np.nan
+
+
+@compiled
+def gather_corners(x: Array, y: Array, cells: IntArray, out: Array) -> None:
+    """x and then y of the corners of any ``cells``, shape ``(cells, 4)``, into ``out`` of shape ``(8, cells)``."""
+    for k in range(len(cells)):
+        for j in range(4):
+            out[j, k], out[4 + j, k] = x[cells[k, j]], y[cells[k, j]]

@@ -8,7 +8,7 @@ have one number for each cell. All results but the sine are those of valid cells
 import numpy as np
 
 from equimesh.numerics.compiled import compiled
-from equimesh.numerics.types import Array, BoolArray
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 
 @compiled
@@ -99,3 +99,18 @@ def size_ratios(columns: int, start: int, valid: BoolArray, area: Array, out: Ar
                 known = known and valid[here + columns]
             out[k + m] = max(largest / area[here], area[here] / smallest) if known else np.inf
         k += count
+
+
+@compiled
+def size_ratios_of(neighbours: IntArray, start: int, valid: BoolArray, area: Array, out: Array) -> None:
+    """As :func:`size_ratios` for any cells: ``neighbours`` has four of each, shape ``(cells, 4)``, or -1."""
+    for k in range(out.size):
+        here = start + k
+        largest = smallest = area[here]
+        known = valid[here]
+        for j in range(4):
+            other = neighbours[here, j]
+            if other >= 0:
+                largest, smallest = max(largest, area[other]), min(smallest, area[other])
+                known = known and valid[other]
+        out[k] = max(largest / area[here], area[here] / smallest) if known else np.inf

@@ -24,6 +24,8 @@ from equimesh.quality.cell_maps import (
     map_cells,
     measure_cells,
 )
+from equimesh.quality.cell_shapes import size_ratios
+from equimesh_coupling.cuts import corner_cuts
 
 BLOCK_POINTS = 1 << 14
 """Points of a block of cells: this bounds the memory, and a block stays in the cache."""
@@ -164,9 +166,63 @@ class UniformCells(Cells):
         return np.concatenate(self.domain.map(np.stack([s0, s1, s1, s0]), np.stack([t0, t0, t1, t1])))
 
 
+class MeshCells(Cells):
+    """The cells of a mesh with nodes, which may be folded."""
+
+    @property
+    @abstractmethod
+    def nodes(self) -> tuple[Array, Array]:
+        """x and y of the held nodes, C-contiguous."""
+
+    @property
+    @abstractmethod
+    def area(self) -> Array:
+        """Signed area of all held cells, shape ``(cells,)``; those of :meth:`places` are the own ones."""
+
+    @property
+    @abstractmethod
+    def valid(self) -> BoolArray:
+        """Whether the map is one to one, of all held cells; cells where it is not are folded."""
+
+    @property
+    @abstractmethod
+    def lowest(self) -> float:
+        """The smallest determinant of the Jacobian matrix at a corner; NaN where a coordinate is not finite."""
+
+    @property
+    def all_valid(self) -> bool:
+        """Whether no cell of the whole mesh is folded."""
+        return self.lowest > 0.0
+
+    @property
+    @abstractmethod
+    def own_shape(self) -> tuple[int, ...]:
+        """The shape of one value for each own cell."""
+
+    @property
+    @abstractmethod
+    def cuts(self) -> dict[int, int]:
+        """The cells that are cut through a corner of the domain, by their places among the own ones.
+
+        The cuts are those of :func:`~equimesh_coupling.cuts.corner_cuts`.
+        """
+
+    @abstractmethod
+    def places(self, cells: slice) -> slice:
+        """Where consecutive cells are among the held ones."""
+
+    @abstractmethod
+    def corner_values(self, nodal: Array, cells: IntArray) -> Array:
+        """Values at the held nodes at the corners of ``cells``, counter-clockwise, shape ``(4, cells)``."""
+
+    @abstractmethod
+    def size_ratios(self, cells: slice, out: Array) -> None:
+        """Larger area over smaller of consecutive cells, the largest over the neighbours; infinite on folded cells."""
+
+
 @dataclass(frozen=True, eq=False)
-class BilinearCells(Cells):
-    """All cells of a mesh, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
+class BilinearCells(MeshCells):
+    """All cells of a grid of nodes, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
 
     mesh: Mesh | MeshWindow
     _found: list[tuple[float, float]] = field(default_factory=list, init=False, repr=False)
@@ -202,14 +258,20 @@ class BilinearCells(Cells):
         return self._of_all()[0]
 
     @property
-    def all_valid(self) -> bool:
-        """Whether no cell of the whole mesh is folded."""
-        return self.lowest > 0.0
-
-    @property
     def total_area(self) -> float:
         """Signed area of the whole mesh."""
         return self._of_all()[1]
+
+    @property
+    def own_shape(self) -> tuple[int, ...]:
+        """The shape of one value for each own cell: rows and columns."""
+        return self.rows.last - self.rows.first, self.shape[1]
+
+    @property
+    def cuts(self) -> dict[int, int]:
+        """The cells that are cut through a corner of the domain, by their places among the own ones."""
+        own = self.own
+        return {cell - own.start: cut for cell, cut in corner_cuts(self.shape).items() if own.start <= cell < own.stop}
 
     def places(self, cells: slice) -> slice:
         """Where consecutive cells are among the held ones."""
@@ -231,6 +293,10 @@ class BilinearCells(Cells):
         out = np.empty((4, cells.size))
         gather_values(np.ascontiguousarray(nodal), self._numbers_here(cells), out)
         return out
+
+    def size_ratios(self, cells: slice, out: Array) -> None:
+        """Larger area over smaller of consecutive cells, the largest over the neighbours; infinite on folded cells."""
+        size_ratios(self.shape[1], self.places(cells).start, self.valid, self.area, out)
 
     def _numbers_here(self, cells: IntArray) -> IntArray:
         return cells - self.rows.begin * self.shape[1] if self.rows.begin else cells

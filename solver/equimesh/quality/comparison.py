@@ -9,13 +9,16 @@ from typing import Literal
 import numpy as np
 
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array
-from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.cells import CellPoints, MeshCells
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import error_rule, gauss_points
+from equimesh.quality.quad_cells import cells_of
 from equimesh.quality.survey import Survey
 from equimesh.quality.tally import ErrorTally
 from equimesh.quality.triangles import squared_errors
@@ -25,14 +28,14 @@ from equimesh.quality.triangles import squared_errors
 class ComparedMesh:
     """One of two meshes that are compared, with what is measured of its cells."""
 
-    mesh: Mesh
+    mesh: Mesh | QuadMesh
     """The mesh of the domain."""
     q_eq: Array
-    """Equidistribution of every cell, 1 best, of shape ``(n_xi - 1, n_eta - 1)``; infinite on a folded cell."""
+    """Equidistribution of every cell, 1 best, of the ``cell_shape`` of the mesh; infinite on a folded cell."""
     u: Array | None
-    """u at the nodes, of shape ``(n_xi, n_eta)``; ``None`` where there is no u."""
+    """u at the nodes, of the ``node_shape`` of the mesh; ``None`` where there is no u."""
     error: Array | None
-    """Root mean square of ``u - u_h`` over every cell, in the unit of u, of shape ``(n_xi - 1, n_eta - 1)``.
+    """Root mean square of ``u - u_h`` over every cell, in the unit of u, of the ``cell_shape`` of the mesh.
 
     u_h is the interpolant that :class:`~equimesh.quality.interpolation.InterpolationErrors` are measured of. The sum of
     its squares times the areas of the cells is the square of the L2 error, where that is resolved. Infinite on a folded
@@ -42,12 +45,12 @@ class ComparedMesh:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UniformComparison:
-    """A mesh next to the uniform mesh of the same domain and size."""
+    """A mesh next to the uniform mesh of the same domain and size, or next to the mesh of blocks that it began with."""
 
     adapted: ComparedMesh
     """The mesh itself."""
     uniform: ComparedMesh
-    """The image of the uniform mesh of the unit square."""
+    """The image of the uniform mesh of the unit square; of a mesh of blocks the one that it began with."""
     interpolation: InterpolationErrors | None
     """The errors on both meshes, and their ratios, the gains; ``None`` where there is no u."""
 
@@ -64,20 +67,28 @@ class UniformComparison:
 
 
 def compare_with_uniform(
-    mesh: Mesh,
+    mesh: Mesh | QuadMesh,
     monitor: Monitor,
     *,
     domain: Domain = UNIT_SQUARE,
+    uniform: Mesh | QuadMesh | None = None,
     kind: Literal["quad", "triangle"] = "quad",
     interpolation: InterpolationErrors | None = None,
     threads: int = 1,
 ) -> UniformComparison:
     """``mesh`` next to the uniform mesh of ``domain``, which must be valid, at the cost of measuring both.
 
+    A mesh of blocks is compared with ``uniform``, the mesh that it began with; for a grid it takes the place of the
+    uniform mesh. Raises :class:`~equimesh.errors.InputError` for a mesh of blocks without it.
+
     ``monitor`` must be bound to the domain. u is interpolated on cells of this ``kind``. ``interpolation`` are the
     errors of the whole mesh, which :func:`~equimesh.quality.measures.measure` finds. ``threads`` share the cells.
     """
-    uniform = map_mesh(Mesh.uniform(mesh.grid), domain)
+    if uniform is None and isinstance(mesh, QuadMesh):
+        raise InputError("a mesh of blocks has no uniform one: give the mesh that it began with", field="uniform")
+    if uniform is None:
+        assert isinstance(mesh, Mesh)
+        uniform = map_mesh(Mesh.uniform(mesh.grid), domain)
     return UniformComparison(
         adapted=_measured(mesh, monitor, kind, threads),
         uniform=_measured(uniform, monitor, kind, threads),
@@ -85,28 +96,28 @@ def compare_with_uniform(
     )
 
 
-def _measured(mesh: Mesh, monitor: Monitor, kind: Literal["quad", "triangle"], threads: int) -> ComparedMesh:
+def _measured(mesh: Mesh | QuadMesh, monitor: Monitor, kind: Literal["quad", "triangle"], threads: int) -> ComparedMesh:
     with np.errstate(all="ignore"):
-        cells, u = BilinearCells(mesh), monitor.u
+        cells, u = cells_of(mesh), monitor.u
         nodal = None if u is None else u.evaluate(mesh.x, mesh.y)[0]
         tally = None
         if u is not None and kind == "quad" and cells.all_valid:
             tally = ErrorTally.of(cells, u, error_rule(cells), nodal=nodal)
         survey = Survey.of(cells, monitor, CellPoints.gauss(gauss_points(cells)), tally=tally, threads=threads)
         return ComparedMesh(
-            mesh=mesh, q_eq=survey.q_eq.reshape(cells.shape), u=nodal, error=_root_mean_squares(cells, u, tally)
+            mesh=mesh, q_eq=survey.q_eq.reshape(mesh.cell_shape), u=nodal, error=_root_mean_squares(cells, u, tally)
         )
 
 
-def _root_mean_squares(cells: BilinearCells, u: Field | None, tally: ErrorTally | None) -> Array | None:
+def _root_mean_squares(cells: MeshCells, u: Field | None, tally: ErrorTally | None) -> Array | None:
     """The error of every cell; ``tally`` has those at the inner points of its rule, ``None`` for triangles."""
     if u is None:
         return None
     if not cells.all_valid:
-        return np.full(cells.shape, np.inf)
+        return np.full(cells.own_shape, np.inf)
     if tally is None:
         squares = squared_errors(cells, u)
     else:
         tally.add_edges()
         squares = tally.sums[0]
-    return np.asarray(np.sqrt(squares / cells.area).reshape(cells.shape))
+    return np.asarray(np.sqrt(squares / cells.area).reshape(cells.own_shape))

@@ -14,9 +14,11 @@ import numpy as np
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.gather import joined
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, IntArray
+from equimesh.quality.quad_cells import AnyMesh, QuadCells
 
 INNER_DISTANCE_SHARE = 0.2
 """The share of the distance between two centres that is at least the length of reference for skewness."""
@@ -48,15 +50,35 @@ class Faces:
         }
 
 
-def measure_faces(mesh: Mesh | MeshWindow) -> Faces:
-    """The measures of the faces of ``mesh``; of the whole one also where a process holds some of its rows."""
+FOLDED = Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skewness=math.nan)
+"""The measures of a mesh with a folded cell."""
+
+
+def measure_faces(mesh: AnyMesh) -> Faces:
+    """The measures of the faces of ``mesh``; of the whole one also where a process holds some of its rows.
+
+    Interfaces between blocks are faces as all others, and so are the sides of a periodic join, which are one.
+    """
+    if isinstance(mesh, QuadMesh):
+        return _of_blocks(mesh)
     window = MeshWindow.of(mesh)
     strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
     found = joined(window.rows.channel, strips)
-    lowest, skewness, valid = found[:, 0].min(), found[:, 3].max(), found[:, 4].all()
-    if not valid:
-        return Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skewness=math.nan)
-    total, count = found[:, 1].sum(), found[:, 2].sum()
+    if not found[:, 4].all():
+        return FOLDED
+    return _faces(found[:, 0].min(), found[:, 1].sum(), found[:, 2].sum(), found[:, 3].max())
+
+
+def _of_blocks(mesh: QuadMesh) -> Faces:
+    cells, centres = QuadCells(mesh), np.empty((2, len(mesh.cells)))
+    corners = cells.corners(cells.own)
+    if not place_centroids(corners, *centres):
+        return FOLDED
+    return _faces(*survey_edges(corners, centres, cells.edges.cells, cells.edges.places))
+
+
+def _faces(lowest: float, total: float, count: float, skewness: float) -> Faces:
+    """From the smallest cosine, the sum of all and their number, and the largest skewness."""
     return Faces(
         non_orthogonality=_degrees(float(lowest)),
         mean_non_orthogonality=_degrees(float(total / count) if count else 1.0),
@@ -145,4 +167,59 @@ def survey_faces(x: Array, y: Array, centres: Array, first: int, to_side: bool) 
                 sx, sy = fx - share * dx, fy - share * dy
                 off = np.sqrt(sx * sx + sy * sy)
                 skewness = max(skewness, off / max(INNER_DISTANCE_SHARE * apart, half))
+    return lowest, total, count, skewness
+
+
+@compiled
+def place_centroids(corners: Array, at_x: Array, at_y: Array) -> bool:
+    """As :func:`place_centres` for any cells with ``corners`` of shape ``(8, cells)``."""
+    valid = True
+    for k in range(at_x.size):
+        x, y = corners[0, k], corners[4, k]
+        ax, ay = corners[1, k] - x, corners[5, k] - y
+        bx, by = corners[2, k] - x, corners[6, k] - y
+        cx, cy = corners[3, k] - x, corners[7, k] - y
+        first, second = ax * by - ay * bx, bx * cy - by * cx
+        at_b, at_d = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax), ax * cy - ay * cx
+        valid = valid and first > 0.0 and second > 0.0 and at_d > 0.0 and at_b > 0.0
+        weight = 1.0 / (3.0 * (first + second))
+        at_x[k] = x + weight * (first * (ax + bx) + second * (bx + cx))
+        at_y[k] = y + weight * (first * (ay + by) + second * (by + cy))
+    return valid
+
+
+@compiled
+def survey_edges(
+    corners: Array, centres: Array, cells: IntArray, places: IntArray
+) -> tuple[float, float, float, float]:
+    """As :func:`survey_faces` for edges between any cells, as :class:`~equimesh.meshes.cell_edges.CellEdges` has them.
+
+    The way between two centres goes through the middle of the face as each cell sees it: across a periodic join the
+    two middles lie apart.
+    """
+    lowest, total, skewness, count = 1.0, 0.0, 0.0, 0.0
+    for e in range(len(cells)):
+        own, start = cells[e, 0], places[e, 0]
+        end = (start + 1) % 4
+        x, y = corners[start, own], corners[4 + start, own]
+        ex, ey = corners[end, own] - x, corners[4 + end, own] - y
+        half = 0.5 * np.sqrt(ex * ex + ey * ey)
+        fx, fy = x + 0.5 * ex - centres[0, own], y + 0.5 * ey - centres[1, own]
+        other = cells[e, 1]
+        if other < 0:
+            off = abs(fx * ex + fy * ey) / (2.0 * half)
+            apart = abs(fx * ey - fy * ex) / (2.0 * half)
+            skewness = max(skewness, off / max(SIDE_DISTANCE_SHARE * apart, half))
+            continue
+        start = places[e, 1]
+        end = (start + 1) % 4
+        dx = fx + centres[0, other] - 0.5 * (corners[start, other] + corners[end, other])
+        dy = fy + centres[1, other] - 0.5 * (corners[4 + start, other] + corners[4 + end, other])
+        apart, across = np.sqrt(dx * dx + dy * dy), abs(dx * ey - dy * ex)
+        cosine = across / (apart * 2.0 * half)
+        lowest, total, count = min(lowest, cosine), total + cosine, count + 1.0
+        share = abs(fx * ey - fy * ex) / across
+        sx, sy = fx - share * dx, fy - share * dy
+        off = np.sqrt(sx * sx + sy * sy)
+        skewness = max(skewness, off / max(INNER_DISTANCE_SHARE * apart, half))
     return lowest, total, count, skewness

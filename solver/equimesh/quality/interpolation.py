@@ -8,15 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import WindowRows
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.channel import Channel
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells
+from equimesh.quality.cells import CellPoints, Cells, MeshCells
 from equimesh.quality.pieces import Pieces
+from equimesh.quality.quad_cells import QuadCells, cells_of
 from equimesh.quality.resolution import resolved_integrals
+from equimesh.quality.selection import scattered
 from equimesh.quality.tally import ErrorRule, ErrorTally
 
 MIN_SAMPLED_CELLS = 30_000
@@ -39,6 +43,9 @@ class LargestError(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class InterpolationErrors:
     """Error of the isoparametric Q1 interpolant of u, on the mesh and on the uniform one of its size.
+
+    A mesh of blocks has no uniform one: it is compared with the mesh that it began with, whose errors are
+    ``l2_uniform`` and ``h1_uniform`` then.
 
     Of :func:`~equimesh.quality.triangles.triangle_errors` it is that of the linear interpolant on triangles.
 
@@ -80,32 +87,50 @@ class InterpolationErrors:
 
 
 def interpolation_errors(
-    mesh: Mesh, u: Field, uniform: Mesh | None = None, *, nodal: Array | None = None
+    mesh: Mesh | QuadMesh, u: Field, uniform: Mesh | QuadMesh | None = None, *, nodal: Array | None = None
 ) -> InterpolationErrors:
     """The interpolation errors of u on ``mesh`` and on ``uniform``, at the cost of a small part of a solve.
 
-    ``uniform`` is the uniform mesh of the domain, by default of the unit square; ``nodal`` is u at the nodes of
+    ``uniform`` is the uniform mesh of the domain, by default of the unit square; for a mesh of blocks it is the mesh to
+    compare with, which has the same cells, and without it the errors there are NaN. ``nodal`` is u at the nodes of
     ``mesh``, if it is known. On more than 150 000 cells the norms are estimated from every 5th, 13th or 34th of them,
     in a pattern that meets every row and column of the mesh: to about a percent.
     """
-    uniform = Mesh.uniform(mesh.grid) if uniform is None else uniform
     with np.errstate(all="ignore"):
-        first, second = BilinearCells(mesh), BilinearCells(uniform)
+        first = cells_of(mesh)
+        if isinstance(mesh, Mesh) and uniform is None:
+            uniform = Mesh.uniform(mesh.grid)
+        second = None if uniform is None else cells_of(uniform)
         return errors_of(first, second, u, ErrorRule.lean(), sample(first.rows), nodal=nodal)
 
 
 def errors_of(
-    cells: BilinearCells,
-    uniform: Cells,
+    cells: MeshCells,
+    uniform: Cells | None,
     u: Field,
     rule: ErrorRule,
     numbers: IntArray | None = None,
     *,
     nodal: Array | None = None,
 ) -> InterpolationErrors:
-    """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``."""
+    """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``.
+
+    Without ``uniform`` those on this mesh are NaN. Raises :class:`~equimesh.errors.InputError` for meshes of blocks
+    with other cells.
+    """
+    require_same_cells(cells, uniform)
     here = norms(cells, u, rule, numbers, nodal=nodal)
-    return compared(cells, here, norms(uniform, u, rule, numbers))
+    return compared(cells, here, UNKNOWN if uniform is None else norms(uniform, u, rule, numbers))
+
+
+def require_same_cells(cells: Cells, uniform: Cells | None) -> None:
+    """Raise :class:`~equimesh.errors.InputError` where two meshes of blocks are compared that differ in their cells."""
+    if isinstance(cells, QuadCells) and uniform is not None and uniform.shape != cells.shape:
+        raise InputError(
+            f"this mesh has {cells.count} cells, and the one that it is compared with {uniform.count}: compare it with "
+            "the mesh that it began with",
+            field="uniform",
+        )
 
 
 class Norms(NamedTuple):
@@ -138,6 +163,8 @@ NO_ERROR = LargestError(0.0, math.nan, math.nan)
 """The largest error in no cells."""
 FOLDED = Norms(math.inf, math.inf, math.nan)
 """The norms on a folded mesh."""
+UNKNOWN = Norms(math.nan, math.nan, math.nan)
+"""The norms on a mesh that is not given."""
 
 
 def norms(
@@ -203,15 +230,21 @@ class Extremes(NamedTuple):
 def noise(cells: Cells, size: float) -> tuple[float, float]:
     """The parts of the two norms that rounding causes, where ``size`` is the largest value of u."""
     of_values = ROUNDING_SHARE * size * math.sqrt(abs(cells.total_area)) if math.isfinite(size) else 0.0
-    finest = max(cells.shape) / math.sqrt(abs(cells.total_area) or 1.0)
+    across = math.sqrt(cells.count) if isinstance(cells, QuadCells) else max(cells.shape)
+    finest = across / math.sqrt(abs(cells.total_area) or 1.0)
     return of_values, 10.0 * of_values * finest
 
 
 def sample(rows: WindowRows) -> IntArray | None:
-    """Numbers of the own cells in the sample: a lattice with the same share of every row and column."""
+    """Numbers of the own cells in the sample: a lattice with the same share of every row and column.
+
+    Cells of blocks, which count as one column, are :func:`~equimesh.quality.selection.scattered`.
+    """
     cells, columns = rows.cells
     for one_of, shift in SAMPLING:
         if cells * columns >= one_of * MIN_SAMPLED_CELLS:
+            if columns == 1:
+                return np.flatnonzero(scattered(np.arange(cells), one_of))
             first = (-shift * np.arange(rows.first, rows.last)) % one_of
             lines = [
                 np.arange(start, columns, one_of) + row * columns for row, start in enumerate(first, start=rows.first)

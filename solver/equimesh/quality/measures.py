@@ -2,7 +2,7 @@
 
 ``Q_eq``, ``Q_ali`` and ``Q_geo`` are those of Huang and Russell, *Adaptive Moving Mesh Methods* (Springer,
 2011), chapter 4, in two dimensions and on quadrilaterals; ``Q_eq`` is what Haynes and Howse print in Table 1.
-All measures are dimensionless. Per-cell arrays have shape ``(n_xi - 1, n_eta - 1)``.
+All measures are dimensionless. Per-cell arrays have shape ``(n_xi - 1, n_eta - 1)``, or ``(m,)`` on a mesh of blocks.
 
 On a folded cell nothing is equidistributed, aligned or interpolated: ``Q_eq``, ``Q_ali``, ``Q_geo`` and
 ``size_ratio`` are infinite there, and a mesh with such a cell has infinite interpolation errors.
@@ -23,11 +23,22 @@ from equimesh.fields.field import Field
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.monitor import Monitor
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_shapes import shapes
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells, UniformCells
-from equimesh.quality.interpolation import InterpolationErrors, compared, errors_of, norms, norms_of, sample
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells, MeshCells, UniformCells
+from equimesh.quality.interpolation import (
+    UNKNOWN,
+    InterpolationErrors,
+    compared,
+    errors_of,
+    norms,
+    norms_of,
+    require_same_cells,
+    sample,
+)
+from equimesh.quality.quad_cells import AnyMesh, QuadCells, cells_of
 from equimesh.quality.survey import ROWS, Survey
 from equimesh.quality.tally import ErrorRule, ErrorTally
 from equimesh.quality.triangles import triangle_errors
@@ -55,7 +66,9 @@ class Measure:
 
     @cached_property
     def cells(self) -> Array:
-        """The numbers, of shape ``(n_xi - 1, n_eta - 1)``; on a large mesh they are computed when first used.
+        """The numbers, one for each cell; on a large mesh they are computed when first used.
+
+        Their shape is ``(n_xi - 1, n_eta - 1)``, or ``(m,)`` on a mesh of blocks.
 
         Where a process holds some rows of a mesh, they are those of its own cells, and all processes have to ask.
         """
@@ -97,20 +110,26 @@ class Quality:
         """The measures as nested plain Python data, ready for JSON.
 
         Every per-cell measure becomes ``{"max", "min", "mean", "rms"}`` and, with ``arrays``, ``"cells"``:
-        nested lists, xi first. A number that is not finite becomes ``None``, since JSON has no infinity.
+        nested lists, xi first, or one list on a mesh of blocks. A number that is not finite becomes ``None``, since
+        JSON has no infinity.
         """
         result: dict[str, Any] = {}
         for name in PER_CELL:
             measured: Measure = getattr(self, name)
             result[name] = {kind: finite_or_none(getattr(measured, kind)) for kind in ("max", "min", "mean", "rms")}
             if arrays:
-                result[name]["cells"] = [[finite_or_none(value) for value in row] for row in measured.cells.tolist()]
+                result[name]["cells"] = _plain(measured.cells.tolist())
         for name in ("min_jacobian", "min_jacobian_over_mean"):
             result[name] = finite_or_none(getattr(self, name))
         error = self.interpolation_error
         names = ("l2", "l2_uniform", "gain_l2", "h1", "h1_uniform", "gain_h1")
         result["interpolation_error"] = error and {name: finite_or_none(getattr(error, name)) for name in names}
         return result
+
+
+def _plain(values: Any) -> Any:
+    """Nested lists of numbers, with ``None`` for those that are not finite."""
+    return [_plain(value) for value in values] if isinstance(values, list) else finite_or_none(values)
 
 
 def _values_elsewhere() -> Array:
@@ -121,22 +140,25 @@ PER_CELL = ROWS
 """The measures of :class:`Quality` that have one value per cell."""
 
 
-def measure(mesh: Mesh, monitor: Monitor, *, uniform: Mesh | None = None, gauss: int | None = None) -> Quality:
+def measure(
+    mesh: Mesh | QuadMesh, monitor: Monitor, *, uniform: Mesh | QuadMesh | None = None, gauss: int | None = None
+) -> Quality:
     """All quality measures of ``mesh`` for ``monitor``, which must be bound to a domain if it depends on one.
 
     ``uniform`` is the mesh of the same size that interpolation of u is compared with, by default the uniform mesh of
-    the unit square. ``gauss`` is the number of Gauss points per direction and cell; by default ``GAUSS_POINTS`` or, on
-    many cells, ``GAUSS_POINTS_BEYOND``, where the interpolation errors are those of
-    :func:`~equimesh.quality.interpolation.interpolation_errors`. Not finite where u or its gradient is not.
+    the unit square; a mesh of blocks has none, and its gains are then NaN. ``gauss`` is the number of Gauss points
+    per direction and cell; by default ``GAUSS_POINTS`` or, on many cells, ``GAUSS_POINTS_BEYOND``, where the
+    interpolation errors are those of :func:`~equimesh.quality.interpolation.interpolation_errors`. Not finite where u
+    or its gradient is not.
     """
     return measure_all(mesh, monitor, uniform=uniform, gauss=gauss)
 
 
 def measure_all(
-    mesh: Mesh | MeshWindow,
+    mesh: AnyMesh,
     monitor: Monitor,
     *,
-    uniform: Mesh | None = None,
+    uniform: Mesh | QuadMesh | None = None,
     domain: Domain = UNIT_SQUARE,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
@@ -150,7 +172,7 @@ def measure_all(
     some rows of a mesh, all processes call this, and get the quality of the whole mesh.
     """
     with np.errstate(all="ignore"):
-        cells, u, tally = BilinearCells(mesh), monitor.u, None
+        cells, u, tally = cells_of(mesh), monitor.u, None
         rule = CellPoints.gauss(gauss_points(cells, gauss))
         numbers = sample(cells.rows) if gauss is None else None
         if u is not None and kind == "quad" and cells.all_valid and numbers is None:
@@ -159,13 +181,13 @@ def measure_all(
         if u is None:
             errors = None
         elif kind == "triangle":
-            plain = window_image(cells.window, domain) if uniform is None else uniform
-            errors = triangle_errors(cells.window, u, plain)
+            errors = _triangle_errors(cells, u, uniform, domain)
         else:
-            there = _uniform_cells(cells.window, uniform, domain, numbers)
+            there = _uniform_cells(cells, uniform, domain, numbers)
             errors_by = error_rule(cells, gauss)
             here = norms_of(tally) if tally else norms(cells, u, errors_by, numbers, nodal=nodal, threads=threads)
-            errors = compared(cells, here, norms(there, u, errors_by, numbers, threads=threads))
+            second = UNKNOWN if there is None else norms(there, u, errors_by, numbers, threads=threads)
+            errors = compared(cells, here, second)
         return _quality(cells, monitor, rule, survey, errors)
 
 
@@ -176,15 +198,33 @@ def window_image(window: MeshWindow, domain: Domain) -> MeshWindow:
     return MeshWindow(mapped.x, mapped.y, window.rows)
 
 
-def _uniform_cells(window: MeshWindow, uniform: Mesh | None, domain: Domain, numbers: IntArray | None) -> Cells:
-    """The cells of the mesh that a mesh is compared with, where those with ``numbers`` or all are looked at."""
-    if uniform is None and numbers is not None:
-        return UniformCells(window.grid, domain, window.rows)
-    return BilinearCells(window_image(window, domain) if uniform is None else uniform)
+def _triangle_errors(
+    cells: MeshCells, u: Field, uniform: Mesh | QuadMesh | None, domain: Domain
+) -> InterpolationErrors:
+    if isinstance(cells, BilinearCells):
+        return triangle_errors(cells.window, u, window_image(cells.window, domain) if uniform is None else uniform)
+    assert isinstance(cells, QuadCells)
+    return triangle_errors(cells.mesh, u, uniform)
+
+
+def _uniform_cells(
+    cells: MeshCells, uniform: Mesh | QuadMesh | None, domain: Domain, numbers: IntArray | None
+) -> Cells | None:
+    """The cells of the mesh that a mesh is compared with, where those with ``numbers`` or all are looked at.
+
+    ``None`` where a mesh of blocks is compared with nothing.
+    """
+    if uniform is not None or not isinstance(cells, BilinearCells):
+        found = None if uniform is None else cells_of(uniform)
+        require_same_cells(cells, found)
+        return found
+    if numbers is not None:
+        return UniformCells(cells.window.grid, domain, cells.rows)
+    return BilinearCells(window_image(cells.window, domain))
 
 
 def _quality(
-    cells: BilinearCells, monitor: Monitor, rule: CellPoints, survey: Survey, errors: InterpolationErrors | None
+    cells: MeshCells, monitor: Monitor, rule: CellPoints, survey: Survey, errors: InterpolationErrors | None
 ) -> Quality:
     @cache
     def kept() -> Array:
@@ -196,7 +236,7 @@ def _quality(
         return values
 
     def compute(row: int) -> Array:
-        return (survey.q_eq if row == 0 else kept()[row]).reshape(-1, cells.shape[1])
+        return (survey.q_eq if row == 0 else kept()[row]).reshape(cells.own_shape)
 
     found = [
         Measure(**numbers._asdict(), compute=partial(compute, row)) for row, numbers in enumerate(survey.statistics)
@@ -210,7 +250,7 @@ def _quality(
         )
 
 
-def equidistribution(mesh: Mesh | MeshWindow, monitor: Monitor, *, gauss: int | None = None, threads: int = 1) -> Array:
+def equidistribution(mesh: AnyMesh, monitor: Monitor, *, gauss: int | None = None, threads: int = 1) -> Array:
     """``Q_eq`` of every cell: its share of the metric's total area, in units of the mean share.
 
     ``Q_eq(K) = N |K| sqrt(det M_K) / sum over K of |K| sqrt(det M_K)``, N the number of cells, M_K the mean
@@ -220,48 +260,48 @@ def equidistribution(mesh: Mesh | MeshWindow, monitor: Monitor, *, gauss: int | 
     of a mesh, all processes call this, and each gets the values of its own cells.
     """
     with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
+        cells = cells_of(mesh)
         rule = CellPoints.gauss(gauss_points(cells, gauss))
         found = Survey.of(cells, monitor, rule, threads=threads).q_eq
-        return np.reshape(found, (-1, cells.shape[1]))
+        return np.reshape(found, cells.own_shape)
 
 
-def alignment(mesh: Mesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
+def alignment(mesh: Mesh | QuadMesh, monitor: Monitor, *, gauss: int | None = None) -> Array:
     """``Q_ali`` of every cell: how far its shape is from a square in the metric M_K.
 
     ``Q_ali = tr(F'^T M_K F') / (2 sqrt(det M_K) det F')`` (Huang and Russell, chapter 4), F' the Jacobian
     matrix of the bilinear map of the unit square onto the cell. F' varies over the cell: the value is the
     largest, which is that of a corner. At least 1.
     """
-    return _cells_of(mesh, monitor, gauss, "q_ali")
+    return _values_of(mesh, monitor, gauss, "q_ali")
 
 
-def shape_regularity(mesh: Mesh) -> Array:
+def shape_regularity(mesh: Mesh | QuadMesh) -> Array:
     """``Q_geo`` of every cell: :func:`alignment` with the identity for the metric.
 
     At least 1, and 1 for a square; ``(r + 1/r) / 2`` for a rectangle of sides in the ratio r.
     """
     with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
+        cells = cells_of(mesh)
         out = np.empty((4, cells.count))
         shapes(cells.corners(cells.own), cells.valid, out)
-        return np.reshape(out[0], cells.shape)
+        return np.reshape(out[0], cells.own_shape)
 
 
-def _cells_of(mesh: Mesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
+def _values_of(mesh: Mesh | QuadMesh, monitor: Monitor, gauss: int | None, name: str) -> Array:
     with np.errstate(all="ignore"):
-        cells = BilinearCells(mesh)
+        cells = cells_of(mesh)
         rule = CellPoints.gauss(gauss_points(cells, gauss))
         quality = _quality(cells, monitor, rule, Survey.of(cells, monitor, rule), None)
         return np.asarray(getattr(quality, name).cells)
 
 
-def gauss_points(cells: BilinearCells, gauss: int | None = None) -> int:
+def gauss_points(cells: MeshCells, gauss: int | None = None) -> int:
     """The Gauss points per direction and cell for a mesh of this size, unless ``gauss`` gives them."""
     return gauss or next((points for most, points in GAUSS_POINTS if cells.count <= most), GAUSS_POINTS_BEYOND)
 
 
-def error_rule(cells: BilinearCells, gauss: int | None = None) -> ErrorRule:
+def error_rule(cells: MeshCells, gauss: int | None = None) -> ErrorRule:
     """The quadrature of interpolation errors on a mesh of this size, with ``gauss`` points if they are given."""
     points = gauss_points(cells, gauss)
     is_lean = gauss is None and points == GAUSS_POINTS_BEYOND
@@ -269,10 +309,10 @@ def error_rule(cells: BilinearCells, gauss: int | None = None) -> ErrorRule:
 
 
 def measure_interpolation(
-    mesh: Mesh,
+    mesh: Mesh | QuadMesh,
     u: Field | None,
     *,
-    uniform: Mesh | None = None,
+    uniform: Mesh | QuadMesh | None = None,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
 ) -> InterpolationErrors | None:
@@ -284,8 +324,8 @@ def measure_interpolation(
         return None
     if kind == "triangle":
         return triangle_errors(mesh, u, uniform)
-    cells = BilinearCells(mesh)
+    cells = cells_of(mesh)
     numbers = sample(cells.rows) if gauss is None else None
     with np.errstate(all="ignore"):
-        plain = _uniform_cells(cells.window, uniform, UNIT_SQUARE, numbers)
+        plain = _uniform_cells(cells, uniform, UNIT_SQUARE, numbers)
         return errors_of(cells, plain, u, error_rule(cells, gauss), numbers)

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from equimesh.fields.field import Field
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.mesh_window import WindowCells
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_maps import gather_values
-from equimesh.quality.cells import BilinearCells, pieces
+from equimesh.quality.cells import BilinearCells, MeshCells, pieces
 from equimesh.quality.interpolation import CENTRE, LargestError
+from equimesh.quality.quad_cells import AnyMesh, QuadCells, cells_of
 
 PROBES = 65_536
 """Probes of a mesh, about."""
@@ -23,17 +23,20 @@ SHARES = (0.7548776662466927, 0.5698402909980532)
 """Steps of the two coordinates of a sequence that fills the square evenly: powers of the plastic number."""
 
 
-def probe_errors(mesh: Mesh | MeshWindow, u: Field) -> tuple[LargestError, float]:
+def probe_errors(mesh: AnyMesh, u: Field) -> tuple[LargestError, float]:
     """The largest difference of u and its bilinear interpolant at the probes, and the range of u.
 
     The range is the largest value at the probes and the nodes minus the smallest one. The place is that of the probe.
     Every cell has as many probes, in other places of each. Values that are not finite
     have no part in it. Where a process holds some rows of a mesh, the result is that of all processes.
     """
-    window, cells = MeshWindow.of(mesh), BilinearCells(mesh)
+    cells = cells_of(mesh)
     with np.errstate(all="ignore"):
-        extremes = [found for first, last in window.rows.strips for found in _of_strip(cells, first, last, u)]
-        found = joined(window.rows.channel, np.array(extremes).reshape(-1, 5))
+        if isinstance(cells, QuadCells):
+            extremes = [*_of_blocks(cells, u)]
+        else:
+            extremes = [found for first, last in cells.rows.strips for found in _of_strip(cells, first, last, u)]
+        found = joined(cells.rows.channel, np.array(extremes).reshape(-1, 5))
         variation = float(np.fmax.reduce(found[:, 1]) - np.fmin.reduce(found[:, 0]))
     return LargestError(*map(float, found[found[:, 2].argmax(), 2:])), variation
 
@@ -52,7 +55,15 @@ def _of_strip(cells: BilinearCells, first: int, last: int, u: Field) -> Iterator
         yield _at_probes(cells, numbers, values, u)
 
 
-def _at_probes(cells: BilinearCells, numbers: IntArray, values: Array, u: Field) -> tuple[float, ...]:
+def _of_blocks(cells: QuadCells, u: Field) -> Iterator[tuple[float, ...]]:
+    """The same of a mesh of blocks."""
+    nodal = u.evaluate(*cells.nodes)[0]
+    yield float(np.nanmin(nodal)), float(np.nanmax(nodal)), 0.0, np.nan, np.nan
+    for _, numbers in cells.blocks_of(WindowCells.of(cells.rows), CENTRE):
+        yield _at_probes(cells, numbers, cells.corner_values(nodal, numbers), u)
+
+
+def _at_probes(cells: MeshCells, numbers: IntArray, values: Array, u: Field) -> tuple[float, ...]:
     """The same at the probes of some cells, where ``values`` are u at the corners."""
     corners = cells.corners(numbers)
     low, high, found = np.inf, -np.inf, (0.0, np.nan, np.nan)

@@ -19,7 +19,7 @@ from equimesh.numerics.channel import Channel
 from equimesh.numerics.gather import summed
 from equimesh.numerics.types import Array, BoolArray, IntArray
 from equimesh.quality.pieces import Pieces
-from equimesh.quality.selection import all_but_the_smallest, largest_of
+from equimesh.quality.selection import all_but_the_smallest, largest_of, scattered
 
 MAX_DIFFERENCE = 0.1
 """Largest difference of two integrals of squared errors, as a share of them: 5 % of the norms."""
@@ -101,6 +101,8 @@ def _checked(cells: WindowCells, count: int, first: Array, totals: Array) -> tup
 def _on_lattice(cells: WindowCells) -> BoolArray:
     """Whether a cell belongs to the sample, which meets every row and column."""
     numbers, columns = cells.numbers, cells.columns
+    if cells.rows.cells[1] == 1:  # a mesh of blocks
+        return scattered(numbers, CHECKED)
     if numbers.size and numbers[-1] - numbers[0] + 1 == numbers.size <= MAX_KEPT_CELLS:
         return _lattice(int(numbers[0]), numbers.size, columns).copy()
     return _lattice_of(numbers, columns)

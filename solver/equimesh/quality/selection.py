@@ -11,6 +11,9 @@ from equimesh.numerics.channel import Channel
 from equimesh.numerics.gather import joined, summed
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
+MIX = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
+"""Factors that mix the bits of a number: G. L. Steele, D. Lea, C. H. Flood, *Fast splittable pseudorandom number
+generators* (OOPSLA 2014)."""
 DIGIT_BITS = 8
 """Bits of a number that are compared at a time."""
 MAX_SENT = 4096
@@ -64,3 +67,16 @@ def all_but_the_smallest(values: Array, allowed: float, channel: Channel) -> Boo
     too_many = kinds[sums > allowed]
     first = int(too_many[0]) if too_many.size else np.iinfo(np.int64).max
     return np.asarray((keys >= first) & ~np.isnan(values))
+
+
+def scattered(numbers: IntArray, one_of: int) -> BoolArray:
+    """Which cells belong to a sample of one in ``one_of``: one of each run of consecutive numbers, at any place of it.
+
+    A lattice could meet the same rows of all blocks; the places are mixed instead, and are the same each time.
+    """
+    runs, places = np.divmod(numbers, one_of)
+    with np.errstate(over="ignore"):
+        mixed = (runs.astype(np.uint64) + np.uint64(1)) * np.uint64(MIX[0])
+        mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(MIX[1])
+        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(MIX[2])
+    return np.asarray((mixed ^ (mixed >> np.uint64(31))) % np.uint64(one_of) == places.astype(np.uint64))

@@ -14,8 +14,8 @@ from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_errors import mean_metrics
 from equimesh.quality.cell_maps import locate
-from equimesh.quality.cell_shapes import shapes, shares_and_alignments, size_ratios
-from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.cell_shapes import shapes, shares_and_alignments
+from equimesh.quality.cells import CellPoints, MeshCells
 from equimesh.quality.statistics import Statistics, fill_parts
 from equimesh.quality.tally import ErrorTally, share_blocks
 
@@ -39,7 +39,7 @@ class Survey:
     @classmethod
     def of(
         cls,
-        cells: BilinearCells,
+        cells: MeshCells,
         monitor: Monitor,
         rule: CellPoints,
         *,
@@ -80,7 +80,7 @@ class Survey:
         return cls(statistics=(statistics[0].times(float(factor)), *statistics[1:]), q_eq=q_eq, kept=kept)
 
 
-def _of_strips(cells: BilinearCells, blocks: list[slice], parts: Array, shares: Array) -> tuple[Array, float]:
+def _of_strips(cells: MeshCells, blocks: list[slice], parts: Array, shares: Array) -> tuple[Array, float]:
     """The statistics of all strips, of shape ``(strips, 7, 4)``, and the sum of all shares; from all processes."""
     starts = {first * cells.shape[1] for first, _ in cells.rows.strips}
     at = [k for k, block in enumerate(blocks) if block.start in starts]
@@ -93,7 +93,7 @@ def _of_strips(cells: BilinearCells, blocks: list[slice], parts: Array, shares: 
 
 
 def _measure(
-    cells: BilinearCells, monitor: Monitor, rule: CellPoints, block: slice, rows: Array, tally: ErrorTally | None
+    cells: MeshCells, monitor: Monitor, rule: CellPoints, block: slice, rows: Array, tally: ErrorTally | None
 ) -> float:
     """Fill ``rows`` of the measures of some cells, the first one not yet scaled; returns its sum over valid cells."""
     here = cells.places(block)
@@ -109,11 +109,11 @@ def _measure(
     shapes(corners, valid, rows[2:6])
     np.arctan(rows[4], out=rows[4])
     rows[4] /= 0.5 * np.pi
-    size_ratios(cells.shape[1], here.start, cells.valid, cells.area, rows[6])
+    cells.size_ratios(block, rows[6])
     return float(rows[0].sum() if cells.all_valid else rows[0].sum(where=valid))
 
 
-def _places(cells: BilinearCells, block: slice) -> slice:
+def _places(cells: MeshCells, block: slice) -> slice:
     return slice(block.start - cells.own.start, block.stop - cells.own.start)
 
 

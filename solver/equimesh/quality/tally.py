@@ -14,7 +14,7 @@ from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.cell_errors import add_errors, add_middles, add_values
 from equimesh.quality.cell_maps import locate
-from equimesh.quality.cells import BilinearCells, CellPoints, Cells
+from equimesh.quality.cells import BilinearCells, CellPoints, Cells, MeshCells
 
 MIN_CELLS_FOR_THREADS = 16_384
 """On fewer cells a second thread costs more than it saves."""
@@ -93,7 +93,7 @@ class ErrorTally:
         """
         chosen = WindowCells.of(cells.rows, numbers)
         count = chosen.numbers.size
-        if isinstance(cells, BilinearCells) and (nodal is not None or numbers is None):
+        if isinstance(cells, MeshCells) and (nodal is not None or numbers is None):
             nodal = u.evaluate(*cells.nodes)[0] if nodal is None else nodal
             values = cells.corner_values(nodal, chosen.numbers)
         else:

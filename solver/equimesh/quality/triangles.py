@@ -12,25 +12,27 @@ from collections.abc import Mapping
 import numpy as np
 
 from equimesh.fields.field import Field
-from equimesh.meshes.mesh import Mesh
-from equimesh.meshes.mesh_window import MeshWindow, WindowCells, WindowRows
+from equimesh.meshes.mesh_window import MeshWindow, WindowCells
 from equimesh.numerics.types import Array
 from equimesh.quality.cell_errors import add_errors
 from equimesh.quality.cell_maps import locate
-from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells
 from equimesh.quality.interpolation import (
     NO_ERROR,
+    UNKNOWN,
     Extremes,
     InterpolationErrors,
     LargestError,
     Norms,
     compared,
     noise,
+    require_same_cells,
     sample,
 )
 from equimesh.quality.pieces import BLOCK_PIECES, Pieces
+from equimesh.quality.quad_cells import AnyMesh, cells_of
 from equimesh.quality.resolution import resolved_integrals
-from equimesh_coupling.cuts import ANYWHERE, CUTS, better_cuts, corner_cuts
+from equimesh_coupling.cuts import ANYWHERE, CUTS, better_cuts
 
 GAUSS_POINTS = 3
 """Gauss points per direction of a triangle: exact for the squared error of a quadratic u."""
@@ -38,18 +40,20 @@ MIDDLE = (0.5, 1.0 / 3.0)
 """The place of the centre of a triangle in the cell with two corners at one point."""
 
 
-def triangle_errors(mesh: Mesh | MeshWindow, u: Field, uniform: Mesh | MeshWindow | None = None) -> InterpolationErrors:
+def triangle_errors(mesh: AnyMesh, u: Field, uniform: AnyMesh | None = None) -> InterpolationErrors:
     """The errors of linear interpolation of u on the triangles of ``mesh``, and on those of ``uniform``.
 
     Both are cut as :meth:`~equimesh.meshes.mesh_data.MeshData.triangles` cuts them. ``uniform`` is the uniform mesh of
-    the domain, by default of the unit square. On more than 150 000 cells the errors are those of a sample, as in
-    :func:`~equimesh.quality.interpolation.interpolation_errors`.
+    the domain, by default of the unit square; of blocks it is the mesh to compare with. On more than 150 000 cells the
+    errors are those of a sample, as in :func:`~equimesh.quality.interpolation.interpolation_errors`.
     """
-    window = MeshWindow.of(mesh)
-    uniform = MeshWindow.uniform(window.rows, window.x.shape[0]) if uniform is None else uniform
     with np.errstate(all="ignore"):
-        first, second = BilinearCells(window), BilinearCells(uniform)
-        return compared(first, _norms(first, u), _norms(second, u))
+        first = cells_of(mesh)
+        if isinstance(first, BilinearCells) and uniform is None:
+            uniform = MeshWindow.uniform(first.rows, first.window.x.shape[0])
+        second = None if uniform is None else cells_of(uniform)
+        require_same_cells(first, second)
+        return compared(first, _norms(first, u), UNKNOWN if second is None else _norms(second, u))
 
 
 def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
@@ -63,28 +67,28 @@ def halves(cells: Pieces, through: Mapping[int, int] = ANYWHERE) -> Pieces:
     return Pieces(corners[:, which, cell].reshape(8, -1), cells.values[which, cell])
 
 
-def squared_errors(cells: BilinearCells, u: Field) -> Array:
+def squared_errors(cells: MeshCells, u: Field) -> Array:
     """The integral of the squared error over the two triangles of every own cell, shape ``(cells,)``."""
     chosen = WindowCells.of(cells.rows)
     pieces = Pieces.of(cells, chosen.numbers, _values(cells, u, chosen))
-    (squares, _), _, _ = _leanly(halves(pieces, _corner_cuts(cells.rows)), u)
+    (squares, _), _, _ = _leanly(halves(pieces, cells.cuts), u)
     return np.asarray(squares.reshape(-1, 2).sum(axis=1))
 
 
-def _values(cells: BilinearCells, u: Field, chosen: WindowCells) -> Array:
+def _values(cells: MeshCells, u: Field, chosen: WindowCells) -> Array:
     """u at the corners of the ``chosen`` cells, shape ``(4, cells)``."""
     corners = cells.corners(chosen.numbers)
     return u.evaluate(corners[:4], corners[4:])[0]
 
 
-def _norms(cells: BilinearCells, u: Field) -> Norms:
+def _norms(cells: MeshCells, u: Field) -> Norms:
     if not cells.all_valid:
         return Norms(math.inf, math.inf, math.nan)
     numbers = sample(cells.rows)
     chosen = WindowCells.of(cells.rows, numbers)
     values = _values(cells, u, chosen)
     # of a sample the four cells at the corners, if they are in it at all, change nothing that could be seen
-    through = _corner_cuts(cells.rows) if numbers is None else ANYWHERE
+    through = cells.cuts if numbers is None else ANYWHERE
     triangles = halves(Pieces.of(cells, chosen.numbers, values), through)
     sums, largest, ends = _leanly(triangles, u)
     ends = min(ends[0], float(values.min(initial=math.inf))), max(ends[1], float(values.max(initial=-math.inf)))
@@ -94,12 +98,6 @@ def _norms(cells: BilinearCells, u: Field) -> Norms:
     found = resolved_integrals(triangles.some, chosen.repeated(2), sums, u, squares)
     l2, h1 = (math.sqrt(square * 2 * cells.count / found.cells) for square in found.squares)
     return Norms(l2, h1, extremes.size, found.resolved, extremes.variation, extremes.peak)
-
-
-def _corner_cuts(rows: WindowRows) -> dict[int, int]:
-    """The cuts through the corners of the domain, by the places of their cells among the own ones."""
-    cuts = corner_cuts(rows.cells)
-    return {cell - rows.own.start: cut for cell, cut in cuts.items() if rows.own.start <= cell < rows.own.stop}
 
 
 def _peak(triangles: Pieces, largest: Array) -> LargestError:

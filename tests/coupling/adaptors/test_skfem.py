@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import skfem
 
+from block_cases import l_shape
 from equimesh import Mesh
 from equimesh_coupling import BadValues, MeshParts, node_values
 from equimesh_coupling.adaptors.skfem import mesh_of
@@ -44,3 +45,14 @@ def test_other_elements_and_lengths_are_refused(quads: MeshParts) -> None:
     bilinear = skfem.Basis(mesh, skfem.ElementQuad1())
     with pytest.raises(BadValues, match="the vector of scikit-fem has 3 entries, and its basis 35 degrees of freedom"):
         node_values((bilinear, np.ones(3)), quads)
+
+
+def test_blocks_keep_their_sides_and_nodes() -> None:
+    mesh = l_shape()
+    for cells in ("quad", "triangle"):
+        found = mesh.to_skfem(cells=cells)
+        assert np.array_equal(found.p.T, mesh.points)
+        assert {name: len(facets) for name, facets in found.boundaries.items()} == {"inlet": 8, "outlet": 4, "wall": 20}
+        assert found.is_valid()
+    basis = skfem.Basis(mesh.to_skfem(), skfem.ElementQuad1())
+    assert node_values((basis, basis.project(lambda x: x[0] - x[1])), mesh) == pytest.approx(mesh.x - mesh.y)

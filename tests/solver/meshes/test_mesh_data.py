@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from block_cases import data_of, l_shape
 from equimesh.errors import InputError
 from equimesh.io.write import MeshData
 from equimesh.meshes.mesh import Mesh
@@ -68,3 +69,15 @@ def test_wrong_shapes() -> None:
         replace(DATA, cell_fields={"rho": DATA.u})
     with pytest.raises(InputError, match=r"the field v has shape \(7, 5, 2, 1\)"):
         replace(DATA, fields={"v": np.zeros((7, 5, 2, 1))})
+
+
+def test_blocks_have_one_value_for_each_node_and_cell() -> None:
+    data = data_of(l_shape())
+    with pytest.raises(InputError, match=r"q_eq has shape \(65,\), this mesh needs \(48,\)"):
+        replace(data, q_eq=data.u)
+    with pytest.raises(InputError, match=r"the field way has shape \(48, 2, 1\), this mesh needs \(48,\)"):
+        replace(data, cell_fields={"way": np.zeros((48, 2, 1))})
+    for needs_a_grid in ("computational", "grid_mesh"):
+        with pytest.raises(InputError, match="this needs a grid, and a mesh of blocks has no rows and columns"):
+            getattr(data, needs_a_grid)
+    assert DATA.grid_mesh is DATA.mesh

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from block_cases import channel, in_blocks
 from cases import problem
 from equimesh.domains.domain import map_mesh
 from equimesh.meshes.mesh import Mesh
@@ -72,3 +73,25 @@ def test_the_certificate_has_them_and_warns_over_60_degrees() -> None:
     gentle = em.solve(problem("tanh20", 17)).certificate
     assert 0.0 < gentle.faces.non_orthogonality < 60.0
     assert not [text for text in gentle.warnings if "Finite-volume" in text]
+
+
+def test_blocks_have_the_faces_of_their_grid() -> None:
+    grid = waves((17, 13), em.Rectangle())
+    found, expected = measure_faces(in_blocks(grid).mesh), measure_faces(grid)
+    assert found.summary() == pytest.approx(expected.summary(), rel=1e-12)
+    assert found.skewness == pytest.approx(expected.skewness, rel=1e-12)
+    bent = in_blocks(Mesh(np.where(grid.x == grid.x[8, 6], 0.9, grid.x), grid.y)).mesh
+    assert math.isnan(measure_faces(bent).non_orthogonality)
+
+
+def test_a_join_is_a_face_without_its_translation() -> None:
+    """Any column of the channel could be the one that is joined."""
+    mesh = channel()
+    block = mesh.blocks[0]
+    rolled = np.roll(mesh.points[block[:-1]], 4, axis=0)
+    rolled[:4, :, 0] -= 2.0
+    points = mesh.points.copy()
+    points[block[:-1]], points[block[-1]] = rolled, rolled[0] + [2.0, 0.0]
+    found, expected = measure_faces(mesh.moved(points)), measure_faces(mesh)
+    assert found.summary() == pytest.approx(expected.summary(), rel=1e-12)
+    assert found.skewness == pytest.approx(expected.skewness, rel=1e-12)
