@@ -110,8 +110,17 @@ def warm_up() -> None:
     carried = equimesh.MeshValues(np.round(nodes.x + nodes.y), transfer="conservative")
     averages = equimesh.MeshValues(nodes.x[1:, 1:], transfer="conservative", location="cells")
     equimesh.transfer(nodes, {"u": carried, "v": averages}, equimesh.Mesh(nodes.x**2, nodes.y))
+    _warm_up_blocks(nodes)
     with TemporaryDirectory() as folder:
         write_mesh(Path(folder) / "mesh.vtu", solution.data())
+
+
+def _warm_up_blocks(nodes: equimesh.Mesh) -> None:
+    """Carry fields between meshes that are no grids."""
+    first, then = (QuadMesh(points=p, cells=nodes.cells, sides={}) for p in (nodes.points, nodes.points**2))
+    carried = equimesh.MeshValues(np.round(first.x + first.y), transfer="conservative")
+    averages = equimesh.MeshValues(np.arange(64.0), transfer="conservative", location="cells")
+    equimesh.transfer(first, {"u": carried, "v": averages, "w": first.x}, then)
 
 
 def _least_errors(u: equimesh.Field) -> Iterator[equimesh.LeastError]:

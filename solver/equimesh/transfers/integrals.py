@@ -12,7 +12,10 @@ import numpy.typing as npt
 from equimesh.errors import SamplesError
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+from equimesh.transfers.measures import measures_of
+from equimesh.transfers.quad_cells import QuadCells
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +50,13 @@ class Cells:
         total[:-1, 1:] += parts[..., 3]
         return total.reshape(-1)
 
+    def around_nodes(self, of_cells: Array, extreme: np.ufunc) -> Array:
+        """The least or largest number of the cells around each node."""
+        padded = np.pad(of_cells.reshape(self.shape), 1, mode="edge")
+        along = extreme(padded[1:], padded[:-1])
+        found: Array = extreme(along[:, 1:], along[:, :-1])
+        return found
+
     @property
     def node_weights(self) -> Array:
         """The integral of the bilinear function that is 1 at one node and 0 at the others, for each node, flat."""
@@ -54,42 +64,30 @@ class Cells:
 
 
 def cells_of(mesh: Mesh) -> Cells:
-    """The cells of a valid mesh.
-
-    The integral of the bilinear function of a corner is ``area/6 + jacobian/12`` with the Jacobian of the corner: the
-    mean of the integrals of the linear functions on the triangles of the two ways to cut the cell.
-    """
+    """The cells of a valid mesh."""
     corners = np.stack([_corners(mesh.x).reshape(-1, 4), _corners(mesh.y).reshape(-1, 4)])
-    x, y = corners
-    dx, dy = np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y
-    jacobians = np.roll(dx, 1, axis=1) * dy - np.roll(dy, 1, axis=1) * dx
-    area = 0.25 * jacobians.sum(axis=1)
-    # The centroid of the two triangles that meet in the diagonal of the first corner.
-    one, other = jacobians[:, 1] / (2.0 * area), jacobians[:, 3] / (2.0 * area)
-    centroid = [
-        z[:, 0] + (one * (z[:, 1] + z[:, 2] - 2 * z[:, 0]) + other * (z[:, 2] + z[:, 3] - 2 * z[:, 0])) / 3.0
-        for z in (x, y)
-    ]
-    return Cells(
-        shape=(mesh.x.shape[0] - 1, mesh.x.shape[1] - 1),
-        area=area,
-        x=centroid[0],
-        y=centroid[1],
-        weights=area[:, None] / 6.0 + jacobians / 12.0,
-        corners=corners,
-    )
+    area, x, y, weights = measures_of(corners)
+    shape = (mesh.x.shape[0] - 1, mesh.x.shape[1] - 1)
+    return Cells(shape=shape, area=area, x=x, y=y, weights=weights, corners=corners)
 
 
-def integral(mesh: Mesh, values: npt.ArrayLike, location: Literal["nodes", "cells"] = "nodes") -> float:
+def integral(mesh: Mesh | QuadMesh, values: npt.ArrayLike, location: Literal["nodes", "cells"] = "nodes") -> float:
     """The integral of values on a valid mesh, which a conservative transfer keeps.
 
-    ``values`` are averages over the cells, shape ``(n_xi - 1, n_eta - 1)``, or values at the nodes, shape
-    ``(n_xi, n_eta)``, of a bilinear function. Raises :class:`~equimesh.errors.SamplesError` for another shape.
+    ``values`` are averages over the cells, or values at the nodes of a bilinear function, in the shapes
+    ``mesh.cell_shape`` and ``mesh.node_shape``: ``(n_xi - 1, n_eta - 1)`` and ``(n_xi, n_eta)`` on a grid. Raises
+    :class:`~equimesh.errors.SamplesError` for another shape.
     """
-    checked, cells = real_array(values, "values", ndim=2), cells_of(mesh)
-    wanted = cells.nodes if location == "nodes" else cells.shape
+    checked = real_array(values, "values", ndim=len(mesh.node_shape))
+    wanted = mesh.node_shape if location == "nodes" else mesh.cell_shape
     if checked.shape != wanted:
         raise SamplesError(f"values have shape {checked.shape}: {wanted} is needed for {location}", field="values")
+    if isinstance(mesh, QuadMesh):
+        of_quads = QuadCells.of(mesh)
+        if location == "nodes":
+            return total(of_quads.node_weights, checked[of_quads.kept])
+        return total(of_quads.area, checked)
+    cells = cells_of(mesh)
     return total(cells.node_weights if location == "nodes" else cells.area, checked.reshape(-1))
 
 

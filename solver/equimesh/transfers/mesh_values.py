@@ -14,6 +14,7 @@ from equimesh.errors import InputError, SamplesError
 from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 
 Transfer: TypeAlias = Literal["spline", "conservative"]
@@ -31,8 +32,9 @@ MAX_COMPONENTS = 16
 class MeshValues:
     """Values on a mesh, and the way that they are carried to another one by :func:`~equimesh.transfers.transfer`.
 
-    ``values`` has the shape ``(n_xi, n_eta)`` at nodes, ``(n_xi - 1, n_eta - 1)`` for averages over cells; a vector
-    has one more axis, of at most 16 components, each of which is carried by itself. ``transfer`` is ``"spline"`` for
+    ``values`` has the shape ``mesh.node_shape`` at nodes, ``mesh.cell_shape`` for averages over cells: on a grid
+    ``(n_xi, n_eta)`` and ``(n_xi - 1, n_eta - 1)``, on blocks the number of nodes and of cells. A vector has one more
+    axis, of at most 16 components, each of which is carried by itself. ``transfer`` is ``"spline"`` for
     smooth fields at nodes, ``"conservative"`` where the integral or bounds count; averages need the latter. ``bounds``,
     least and largest value, hold for the conservative transfer; without them the range of the values does.
 
@@ -57,18 +59,18 @@ class MeshValues:
         if self.bounds is not None:
             _check_bounds(self.bounds, self.transfer)
 
-    def on(self, mesh: Mesh, name: str) -> Array:
+    def on(self, mesh: Mesh | QuadMesh, name: str) -> Array:
         """The checked values on ``mesh``; raises :class:`~equimesh.errors.SamplesError` with the field ``name``."""
-        checked = real_array(self.values, name, ndim=_dimensions(self.values))
-        nodes = mesh.x.shape
-        cells = nodes[0] - 1, nodes[1] - 1
+        axes = len(mesh.node_shape)
+        checked = real_array(self.values, name, ndim=_dimensions(self.values, axes))
+        nodes, cells = mesh.node_shape, mesh.cell_shape
         wanted, other = (nodes, cells) if self.location == "nodes" else (cells, nodes)
-        shape = checked.shape[:2]
+        shape = checked.shape[:axes]
         if shape != wanted:
             raise SamplesError(_other_shape(name, shape, wanted, other, self.location), field=name)
-        if checked.ndim == 3 and not 1 <= checked.shape[2] <= MAX_COMPONENTS:
+        if checked.ndim > axes and not 1 <= checked.shape[axes] <= MAX_COMPONENTS:
             raise SamplesError(
-                f"{name} has {checked.shape[2]} components: a field has 1 to {MAX_COMPONENTS}", field=name
+                f"{name} has {checked.shape[axes]} components: a field has 1 to {MAX_COMPONENTS}", field=name
             )
         if self.bounds is not None and _is_beyond(checked, self.bounds):
             raise SamplesError(
@@ -86,12 +88,12 @@ def mesh_values(field: Any) -> MeshValues:
     return field if isinstance(field, MeshValues) else MeshValues(field)
 
 
-def _dimensions(values: Any) -> int:
-    """3 for the values of vectors, else 2, which is also what is wanted of values that are no array."""
+def _dimensions(values: Any, axes: int) -> int:
+    """The ``axes`` of one value at each place, and one more for vectors; ``axes`` also for what is no array."""
     try:
-        return 3 if np.ndim(values) == 3 else 2
+        return axes + 1 if np.ndim(values) == axes + 1 else axes
     except ValueError:  # lists of unequal lengths
-        return 2
+        return axes
 
 
 def _other_shape(
@@ -103,8 +105,9 @@ def _other_shape(
         word = "cells" if location == "nodes" else "nodes"
         hint = f"; for values of this shape give location='{word}'"
     else:
-        hint = "; transpose it" if shape == wanted[::-1] else ""
-    return f"{name} has shape {shape}, but {what} is needed, shape {wanted}, xi first{hint}"
+        hint = "; transpose it" if len(wanted) == 2 and shape == wanted[::-1] else ""
+    order = ", xi first" if len(wanted) == 2 else ""
+    return f"{name} has shape {shape}, but {what} is needed, shape {wanted}{order}{hint}"
 
 
 def _is_beyond(values: Array, bounds: tuple[float, float]) -> bool:

@@ -5,12 +5,12 @@ import numpy as np
 from equimesh.numerics.types import Array
 from equimesh.transfers.integrals import total
 from equimesh.transfers.overlaps import Overlaps
-from equimesh.transfers.repair import repair, share_out
+from equimesh.transfers.repair import giving_of, repair, share_out
 from equimesh.transfers.slopes import slopes_of_nodes
 
 
 def transfer_nodal(overlaps: Overlaps, values: Array, interpolated: Array) -> Array:
-    """Values at the old nodes as values at the new ones, shape ``(n_xi, n_eta)``, with the same integral.
+    """Values at the old nodes as values at the new ones, in the shape of the nodes, with the same integral.
 
     The integral is that of the bilinear function, the sum of the values times the weights of
     :meth:`~equimesh.transfers.integrals.Cells.node_weights`; the consistent and the lumped mass matrix of bilinear
@@ -27,20 +27,11 @@ def transfer_nodal(overlaps: Overlaps, values: Array, interpolated: Array) -> Ar
     means = np.sum(old.weights * of_corners, axis=1) / old.area
     integrals = overlaps.integrals(means, slopes_of_nodes(old, of_corners, means))
     low, high = overlaps.bounds(of_corners.min(axis=1), of_corners.max(axis=1))
-    lowest, highest = _around_nodes(new.shape, low, np.minimum), _around_nodes(new.shape, high, np.maximum)
+    lowest, highest = new.around_nodes(low, np.minimum), new.around_nodes(high, np.maximum)
     moved = np.clip(interpolated, lowest, highest)
     lacking = integrals - np.sum(new.weights * new.at_corners(moved), axis=1)
     weights = new.node_weights.reshape(new.nodes)
     moved += new.at_nodes(new.weights * (lacking / new.area)[:, None]).reshape(new.nodes) / weights
-    repair(moved, weights, lowest, highest)
+    repair(moved, weights, lowest, highest, giving_of(new))
     share_out(moved, weights, lowest, highest, total(old.node_weights, values.reshape(-1)))
     return moved
-
-
-def _around_nodes(shape: tuple[int, int], of_cells: Array, extreme: np.ufunc) -> Array:
-    """The least or largest number of the cells around each node."""
-    rows, columns = shape
-    padded = np.pad(of_cells.reshape(rows, columns), 1, mode="edge")
-    along = extreme(padded[1:], padded[:-1])
-    found: Array = extreme(along[:, 1:], along[:, :-1])
-    return found

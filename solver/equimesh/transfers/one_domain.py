@@ -8,8 +8,10 @@ from equimesh.errors import InputError
 from equimesh.inputs import describe_value
 from equimesh.meshes.grid import MIN_POINTS
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
+from equimesh.transfers.quad_domain import boundary_of, require_valid_quads
 
 # The distance of sides, as a share of the extent of the domain, that counts as rounding: also in single precision.
 MAX_ROUNDING = 1e-6
@@ -19,6 +21,9 @@ MAX_TURN = 1.0
 
 def require_valid(mesh: object) -> None:
     """Raise :class:`~equimesh.errors.InputError` for what is no mesh, a folded one, and less than 4 nodes a side."""
+    if isinstance(mesh, QuadMesh):
+        require_valid_quads(mesh)
+        return
     if not isinstance(mesh, Mesh):
         raise InputError(f"a mesh is needed, such as solution.mesh, not {describe_value(mesh)}", field="mesh")
     if min(mesh.x.shape) < MIN_POINTS:
@@ -34,7 +39,7 @@ def require_valid(mesh: object) -> None:
         )
 
 
-def require_one_domain(mesh: Mesh, new_mesh: Mesh) -> None:
+def require_one_domain(mesh: Mesh | QuadMesh, new_mesh: Mesh | QuadMesh) -> None:
     """Raise :class:`~equimesh.errors.InputError` unless both meshes are valid ones of the same domain.
 
     Each node on a side of one mesh must lie on a side of the other one: up to rounding where that is straight, and
@@ -43,17 +48,29 @@ def require_one_domain(mesh: Mesh, new_mesh: Mesh) -> None:
     """
     for one in (mesh, new_mesh):
         require_valid(one)
-    old, new = _sides(mesh), _sides(new_mesh)
+    if isinstance(mesh, QuadMesh) != isinstance(new_mesh, QuadMesh):
+        raise InputError(
+            "one mesh is that of a grid, the other one is not: fields are carried between two meshes of one kind",
+            field="mesh",
+        )
+    old, new = _boundary(mesh), _boundary(new_mesh)
     rounding = MAX_ROUNDING * max(np.ptp(mesh.x), np.ptp(mesh.y))
-    for others, sides in ((new, old), (old, new)):
-        points = np.concatenate(others)
-        found = first_beyond(points, np.concatenate([_edges(side) for side in sides]), rounding)
+    for (points, _), (_, edges) in ((new, old), (old, new)):
+        found = first_beyond(points, edges, rounding)
         if found >= 0:
             raise InputError(
                 f"the node at ({points[found, 0]:.6g}, {points[found, 1]:.6g}) of a side of one mesh does not lie on a"
                 " side of the other one: fields are carried between two meshes of one domain",
                 field="mesh",
             )
+
+
+def _boundary(mesh: Mesh | QuadMesh) -> tuple[Array, Array]:
+    """The nodes of the boundary, shape ``(nodes, 2)``, and its edges as in :func:`_edges`."""
+    if isinstance(mesh, QuadMesh):
+        return boundary_of(mesh)
+    sides = _sides(mesh)
+    return np.concatenate(sides), np.concatenate([_edges(side) for side in sides])
 
 
 def _sides(mesh: Mesh) -> list[Array]:

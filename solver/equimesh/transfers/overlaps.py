@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from equimesh.fields.mesh_map import walk
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
 from equimesh.transfers.clipping import MAX_CORNERS, clip_cell, moments
 from equimesh.transfers.integrals import Cells, cells_of
+from equimesh.transfers.quad_cells import QuadCells
+from equimesh.transfers.quad_overlaps import USUAL_OVERLAPS, centroids_of, find_quad_overlaps, longer
 
-Numbers = TypeVar("Numbers", Array, IntArray)
-
-# Old cells that meet one new cell, for the first size of the arrays.
-USUAL_OVERLAPS = 12
 # A cell whose covered share differs from 1 by more than rounding reaches beyond the old mesh, at a curved side.
 MAX_ROUNDING = 1e-9
 
@@ -31,8 +30,8 @@ class Overlaps:
     integrals of x and y over it, from the centroid of that old cell, are ``of_x[p]`` and ``of_y[p]``.
     """
 
-    old: Cells
-    new: Cells
+    old: Cells | QuadCells
+    new: Cells | QuadCells
     first: IntArray
     cell: IntArray
     area: Array
@@ -42,12 +41,26 @@ class Overlaps:
     """The area of each new cell that lies in the old mesh."""
 
     @classmethod
-    def of(cls, old: Mesh, new: Mesh) -> Overlaps:
-        """The common parts of two valid meshes."""
+    def of(cls, old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> Overlaps:
+        """The common parts of two valid meshes of one kind."""
+        if isinstance(old, QuadMesh) and isinstance(new, QuadMesh):
+            return cls._of_quads(old, new)
+        if isinstance(old, QuadMesh) or isinstance(new, QuadMesh):
+            raise AssertionError("the caller refuses meshes of two kinds")
         of_old, of_new = cells_of(old), cells_of(new)
         pairs = tuple((np.ascontiguousarray(m.x), np.ascontiguousarray(m.y)) for m in (old, new))
         first, cell, area, of_x, of_y = find_overlaps(pairs[0], pairs[1], (of_old.x, of_old.y))
         covered = np.add.reduceat(area, first[:-1])
+        return cls(old=of_old, new=of_new, first=first, cell=cell, area=area, of_x=of_x, of_y=of_y, covered=covered)
+
+    @classmethod
+    def _of_quads(cls, old: QuadMesh, new: QuadMesh) -> Overlaps:
+        """Those of two meshes of quadrilaterals; old cells beyond a periodic join count as themselves."""
+        unrolled, of_old, of_new = Unrolled.of(old), QuadCells.of(old), QuadCells.of(new)
+        nodes = np.array(new.x, dtype=float), np.array(new.y, dtype=float)
+        found = find_quad_overlaps(unrolled.search, centroids_of(unrolled), nodes, np.ascontiguousarray(new.cells))
+        first, cell, area, of_x, of_y = found
+        covered, cell = np.add.reduceat(area, first[:-1]), cell % unrolled.cells
         return cls(old=of_old, new=of_new, first=first, cell=cell, area=area, of_x=of_x, of_y=of_y, covered=covered)
 
     @property
@@ -156,11 +169,3 @@ def corners_of(x: Array, y: Array, i: int, j: int, x0: float, y0: float, quad: A
     quad[1, 0], quad[1, 1] = x[i + 1, j] - x0, y[i + 1, j] - y0
     quad[2, 0], quad[2, 1] = x[i + 1, j + 1] - x0, y[i + 1, j + 1] - y0
     quad[3, 0], quad[3, 1] = x[i, j + 1] - x0, y[i, j + 1] - y0
-
-
-@compiled
-def longer(values: Numbers, size: int) -> Numbers:
-    """The values at the beginning of a longer array."""
-    more = np.empty(size, dtype=values.dtype)
-    more[: values.size] = values
-    return more

@@ -1,10 +1,15 @@
 """Bounds and an integral at once: what is beyond a bound is given to neighbours that have room."""
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
-from equimesh.transfers.integrals import total
+from equimesh.transfers.integrals import Cells, total
+from equimesh.transfers.quad_cells import QuadCells
+from equimesh.transfers.quad_repair import give_around
 
 # How far, in cells, the neighbours are that take an excess, in the rounds of a repair.
 REACHES = (1, 1, 2, 2)
@@ -12,8 +17,14 @@ REACHES = (1, 1, 2, 2)
 MAX_ROUNDS = 4
 
 
-def repair(values: Array, weights: Array, lowest: Array, highest: Array) -> None:
+Giving: TypeAlias = Callable[[Array, Array, Array, Array, int], bool]
+"""Moves what is beyond a bound to values at most so far away; returns whether something was beyond."""
+
+
+def repair(values: Array, weights: Array, lowest: Array, highest: Array, give: Giving | None = None) -> None:
     """Bring values, shape ``(rows, columns)``, between their bounds, and keep the sum of weights times values.
+
+    On a mesh that is no grid the values are flat, and ``give`` knows the neighbours: see :func:`giving_of`.
 
     What is beyond a bound moves to the neighbours, in proportion to the room that they have. What does not find room
     there is shared out among all values (:func:`share_out`). The repair of M. Kucharik, M. Shashkov and B. Wendroff,
@@ -22,8 +33,9 @@ def repair(values: Array, weights: Array, lowest: Array, highest: Array) -> None
     if np.all((values >= lowest) & (values <= highest)):
         return
     aim = total(weights.reshape(-1), values.reshape(-1))
+    give = give_to_neighbours if give is None else give
     for reach in REACHES:
-        if not give_to_neighbours(values, weights, lowest, highest, reach):
+        if not give(values, weights, lowest, highest, reach):
             break
     np.clip(values, lowest, highest, out=values)
     share_out(values, weights, lowest, highest, aim)
@@ -42,6 +54,21 @@ def share_out(values: Array, weights: Array, lowest: Array, highest: Array, aim:
             return
         values += min(missing / whole, 1.0) * room
         np.clip(values, lowest, highest, out=values)
+
+
+def giving_of(cells: Cells | QuadCells) -> Giving:
+    """The way from the nodes of a mesh to their neighbours."""
+    if isinstance(cells, Cells):
+        return give_to_neighbours
+    cells_of_nodes = cells.links
+
+    def give(values: Array, weights: Array, lowest: Array, highest: Array, reach: int) -> bool:
+        was_beyond = False
+        for _ in range(reach):
+            was_beyond = give_around(values, weights, (lowest, highest), cells_of_nodes) or was_beyond
+        return was_beyond
+
+    return give
 
 
 @compiled

@@ -5,6 +5,7 @@ import numpy as np
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, Pair
 from equimesh.transfers.integrals import Cells
+from equimesh.transfers.quad_cells import QuadCells
 
 # A pair of differences of centroids spans at least this share of the product of their squares, or the slope is zero.
 MIN_SPAN = 1e-14
@@ -31,7 +32,7 @@ def slopes_of_averages(cells: Cells, averages: Array, least: float, most: float)
     return (slope_x, slope_y), (lowest, highest)
 
 
-def slopes_of_nodes(cells: Cells, of_corners: Array, averages: Array) -> Pair:
+def slopes_of_nodes(cells: Cells | QuadCells, of_corners: Array, averages: Array) -> Pair:
     """The slopes in each cell by the values at its corners, shape ``(cells, 4)``; flat.
 
     The gradient is the mean of that of the bilinear function, multiplied by the largest number in [0, 1] for which the

@@ -18,16 +18,18 @@ import numpy as np
 from equimesh.errors import SamplesError
 from equimesh.inputs import describe_value
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh.transfers.averages import transfer_averages
 from equimesh.transfers.mesh_values import MeshValues, mesh_values
 from equimesh.transfers.nodal import transfer_nodal
 from equimesh.transfers.one_domain import require_one_domain
 from equimesh.transfers.overlaps import Overlaps
+from equimesh.transfers.quad_cells import QuadCells
 from equimesh.transfers.spline import transfer_spline
 
 
-def transfer(mesh: Mesh, fields: Mapping[str, Any], new_mesh: Mesh) -> dict[str, Array]:
+def transfer(mesh: Mesh | QuadMesh, fields: Mapping[str, Any], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
     """Fields of ``mesh`` on ``new_mesh``, by their names, in the shapes of that mesh.
 
     A field is an array of shape ``(n_xi, n_eta)`` or ``(n_xi, n_eta, components)`` at the nodes, which is carried by
@@ -55,7 +57,7 @@ def named(fields: Any) -> dict[str, MeshValues]:
     return {name: mesh_values(field) for name, field in fields.items()}
 
 
-def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[str, Array]:
+def carry(mesh: Mesh | QuadMesh, given: Mapping[str, MeshValues], new_mesh: Mesh | QuadMesh) -> dict[str, Array]:
     """The same as :func:`transfer` between two valid meshes that are known to be of one domain."""
     checked = {name: field.on(mesh, name) for name, field in given.items()}
     if not checked:
@@ -66,19 +68,29 @@ def carry(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh) -> dict[s
         overlaps = Overlaps.of(mesh, new_mesh)
         for name, field in given.items():
             if field.transfer == "conservative":
-                moved[name] = _conserved(overlaps, field, checked[name], moved.get(name))
+                moved[name] = _conserved(overlaps, field, checked[name], moved.get(name), new_mesh)
     return {name: moved[name] for name in given}
 
 
-def _conserved(overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None) -> Array:
-    """One field, each component by itself."""
-    new = overlaps.new
-    moved = np.empty((new.shape if interpolated is None else new.nodes) + values.shape[2:])
-    for index in np.ndindex(*values.shape[2:]):
+def _conserved(
+    overlaps: Overlaps, field: MeshValues, values: Array, interpolated: Array | None, mesh: Mesh | QuadMesh
+) -> Array:
+    """One field on the new ``mesh``, each component by itself."""
+    shape, axes = (mesh.cell_shape if interpolated is None else mesh.node_shape), len(mesh.node_shape)
+    moved = np.empty(shape + values.shape[axes:])
+    for index in np.ndindex(*values.shape[axes:]):
         part = np.ascontiguousarray(values[(..., *index)])
         if interpolated is None:
-            found = transfer_averages(overlaps, part.reshape(-1), field.bounds).reshape(new.shape)
+            found = transfer_averages(overlaps, part.reshape(-1), field.bounds).reshape(shape)
         else:
-            found = transfer_nodal(overlaps, part, interpolated[(..., *index)])
+            found = _nodal(overlaps, part, interpolated[(..., *index)])
         moved[(..., *index)] = found
     return moved
+
+
+def _nodal(overlaps: Overlaps, values: Array, interpolated: Array) -> Array:
+    """Values at the nodes; those of tied nodes are one value."""
+    old, new = overlaps.old, overlaps.new
+    if isinstance(old, QuadCells) and isinstance(new, QuadCells):
+        return transfer_nodal(overlaps, values[old.kept], interpolated[new.kept])[new.number]
+    return transfer_nodal(overlaps, values, interpolated)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 import equimesh as em
 from equimesh.errors import InputError, SamplesError
+from equimesh.meshes.quad_mesh import QuadMesh
 from solver.fields.bent_meshes import smooth_mesh
+from solver.meshes.quad_cases import bent, corner, disc, ring, strip, turned
 from solver.transfers.cases import adapted
 
 
@@ -32,6 +35,58 @@ def test_each_field_is_carried_in_its_own_way() -> None:
     for k in range(2):
         whole = em.integral(old, of_cells[..., k], "cells")
         assert em.integral(new, moved["cells"][..., k], "cells") == pytest.approx(whole, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(corner(8), bent(corner(8), 0.02)), (bent(disc(6), 0.02), turned(disc(7), 0.2)), (strip(12), strip(9, 0.4, 0.03))],
+)
+def test_fields_are_carried_between_meshes_of_blocks(old: QuadMesh, new: QuadMesh) -> None:
+    step, centre = (np.sin(6 * old.x) > 0.2).astype(float), old.points[old.cells].mean(axis=1)[:, 0]
+    step[old.ties[:, 0]] = step[old.ties[:, 1]]  # copies have the values of their originals
+    averages = (np.sin(6 * centre) > 0.2).astype(float)
+    fields = {
+        "linear": old.y,
+        "vector": em.MeshValues(np.stack([step, 2 * step], axis=-1), transfer="conservative"),
+        "cells": em.MeshValues(averages, transfer="conservative", location="cells"),
+        "constant": em.MeshValues(np.full(len(old.points), 3.0), transfer="conservative"),
+    }
+    moved = em.transfer(old, fields, new)
+    assert np.abs(moved["linear"] - new.y).max() < 0.01
+    assert em.integral(new, moved["vector"][:, 1]) == pytest.approx(2 * em.integral(old, step), rel=1e-14)
+    assert em.integral(new, moved["cells"], "cells") == pytest.approx(em.integral(old, averages, "cells"), rel=1e-14)
+    for name in ("vector", "cells"):
+        assert -1e-15 <= moved[name].min() <= moved[name].max() <= 2.0 + 1e-15
+    assert np.abs(moved["vector"][:, 1] - 2 * moved["vector"][:, 0]).max() < 1e-14
+    assert np.ptp(moved["constant"]) < 1e-14
+    assert np.array_equal(moved["vector"][new.ties[:, 0]], moved["vector"][new.ties[:, 1]])
+
+
+@pytest.mark.parametrize("make", [corner, ring])
+def test_on_blocks_cubics_are_of_third_order_and_conservative_values_of_second(
+    make: Callable[[int], QuadMesh],
+) -> None:
+    def wave(mesh: QuadMesh) -> np.ndarray:
+        return np.sin(2 * mesh.x + mesh.y)
+
+    errors = []
+    for n in (8, 16, 32):
+        old, new = make(n), bent(make(n), 0.3 / n)
+        moved = em.transfer(old, {"u": wave(old), "c": em.MeshValues(wave(old), transfer="conservative")}, new)
+        errors.append([np.abs(values - wave(new)).max() for values in moved.values()])
+    for k, falls in ((0, 6.5), (1, 3.0)):
+        assert errors[0][k] / errors[1][k] > falls
+        assert errors[1][k] / errors[2][k] > falls
+
+
+def test_values_of_blocks_that_do_not_fit_are_refused() -> None:
+    mesh = corner(3)
+    with pytest.raises(SamplesError, match=r"u has shape \(27,\).* needed, shape \(40,\); for values of this shape"):
+        em.transfer(mesh, {"u": np.zeros(27)}, mesh)
+    with pytest.raises(SamplesError, match="u has 17 components"):
+        em.transfer(mesh, {"u": np.zeros((40, 17))}, mesh)
+    with pytest.raises(SamplesError, match=r"values have shape \(40,\): \(27,\) is needed for cells"):
+        em.integral(mesh, np.zeros(40), "cells")
 
 
 def test_on_curved_sides_bounds_come_before_integrals() -> None:

@@ -1,0 +1,234 @@
+"""The cell of a mesh of quadrilaterals that holds a point, and the place of the point in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from equimesh.meshes.quad_links import QuadLinks, links_of
+from equimesh.numerics.compiled import compiled
+from equimesh.numerics.types import Array, IntArray, Pair
+
+ROUNDING = 1e-12
+"""How far beyond an edge, as a share of its length, a point may lie that counts as one of the cell."""
+MAX_STEPS = 20
+"""Steps of Newton's method, at most, to the place in a cell."""
+MIN_STEP = 1e-8
+"""The next step after a smaller one would be lost in rounding."""
+FEW_STEPS, STEPS_ACROSS = 64, 8
+"""Steps from cell to cell, at most: so many, and so many times the cells across a square mesh."""
+MAX_BOXES = 4_000_000
+"""Boxes, at most, into which cells are sorted."""
+
+
+class Boxes(NamedTuple):
+    """Equal rectangles around all nodes, each with the cells whose own boxes meet it."""
+
+    low: Array
+    """The least x and y of all nodes."""
+    per_length: Array
+    """Boxes per length, along x and y."""
+    counts: IntArray
+    """Boxes along x and y."""
+    starts: IntArray
+    """Where the entries of each box begin in ``entries``."""
+    entries: IntArray
+    """The cells of the boxes."""
+
+
+class QuadPlaces(NamedTuple):
+    """Where points lie: the number of the cell of each, and its place ``(s, t)`` in the unit square of that cell."""
+
+    cell: IntArray
+    s: Array
+    t: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QuadSearch:
+    """Finds points in a valid mesh of quadrilaterals.
+
+    The search goes from cell to neighbouring cell, from the cell of the point before. Where it meets the boundary, as
+    at a hole, the cells nearby are tried, and at last the nearest edge of the boundary.
+    """
+
+    nodes: Pair
+    """x and y of the nodes."""
+    links: QuadLinks
+    boxes: Boxes
+    edges: IntArray
+    """The edges of the boundary, as ``4 cell + edge``."""
+
+    @classmethod
+    def of(cls, points: Array, cells: IntArray) -> QuadSearch:
+        """From ``points`` of shape ``(n, 2)`` and ``cells`` of shape ``(m, 4)``, counter-clockwise."""
+        links = links_of(cells, len(points))
+        nodes = np.array(points[:, 0], dtype=float), np.array(points[:, 1], dtype=float)
+        return cls(nodes=nodes, links=links, boxes=boxes_of(nodes, links.cells), edges=links.boundary())
+
+    def find(self, x: Array, y: Array, beyond: float = 0.0) -> QuadPlaces:
+        """The places of points, flat. A point outside of the mesh has that of the nearest point of the boundary.
+
+        Such a place may lie ``beyond`` the unit square by this share of its side. The cell of a point that is not
+        finite is -1.
+        """
+        points = tuple(np.array(q, dtype=float).reshape(-1) for q in (x, y))
+        size = points[0].size
+        places = QuadPlaces(np.empty(size, dtype=np.int64), np.empty(size), np.empty(size))
+        find_points((points[0], points[1]), self.nodes, self.links, self.boxes, self.edges, beyond, places)
+        return places
+
+
+def boxes_of(nodes: Pair, cells: IntArray) -> Boxes:
+    """The cells in boxes, of which there are about as many as cells."""
+    low = np.array([q.min() for q in nodes])
+    size = np.array([q.max() for q in nodes]) - low
+    count = min(len(cells), MAX_BOXES)
+    across = np.sqrt(size[0] * size[1] / count)
+    counts = np.clip(np.ceil(size / across), 1, count).astype(np.int64)
+    per_length = counts / size
+    starts = np.zeros(counts[0] * counts[1] + 1, dtype=np.int64)
+    empty = Boxes(low, per_length, counts, starts, np.empty(0, dtype=np.int64))
+    sort_cells(nodes, cells, empty, count_only=True)
+    found = Boxes(low, per_length, counts, np.cumsum(starts), np.empty(starts.sum(), dtype=np.int64))
+    sort_cells(nodes, cells, found, count_only=False)
+    return found
+
+
+@compiled
+def sort_cells(nodes: Pair, cells: IntArray, boxes: Boxes, count_only: bool) -> None:
+    """Add up how many cells meet each box, in the place after that of the box; or fill in the cells themselves."""
+    x, y = nodes
+    ends = boxes.starts.copy()
+    for cell in range(cells.shape[0]):
+        left = right = x[cells[cell, 0]]
+        low = high = y[cells[cell, 0]]
+        for corner in range(1, 4):
+            node = cells[cell, corner]
+            left, right = min(left, x[node]), max(right, x[node])
+            low, high = min(low, y[node]), max(high, y[node])
+        first_i, first_j = box_of(left, low, boxes)
+        last_i, last_j = box_of(right, high, boxes)
+        for i in range(first_i, last_i + 1):
+            for j in range(first_j, last_j + 1):
+                box = i * boxes.counts[1] + j
+                if count_only:
+                    boxes.starts[box + 1] += 1
+                else:
+                    boxes.entries[ends[box]] = cell
+                    ends[box] += 1
+
+
+@compiled
+def box_of(px: float, py: float, boxes: Boxes) -> tuple[int, int]:
+    """The box of a point, or the nearest one, as its numbers along x and y."""
+    i = int(min(max((px - boxes.low[0]) * boxes.per_length[0], 0.0), boxes.counts[0] - 1.0))
+    j = int(min(max((py - boxes.low[1]) * boxes.per_length[1], 0.0), boxes.counts[1] - 1.0))
+    return i, j
+
+
+@compiled
+def find_points(
+    points: Pair, nodes: Pair, links: QuadLinks, boxes: Boxes, edges: IntArray, beyond: float, places: QuadPlaces
+) -> None:
+    """Fill in the places of points. It is fast where each point is near the one before it."""
+    (px, py), cell = points, 0
+    for p in range(px.size):
+        if not (np.isfinite(px[p]) and np.isfinite(py[p])):
+            places.cell[p], places.s[p], places.t[p] = -1, 0.0, 0.0
+            continue
+        cell = find_cell(px[p], py[p], nodes, links, boxes, edges, cell)
+        places.cell[p] = cell
+        places.s[p], places.t[p] = place_in(px[p], py[p], nodes, links.cells[cell], beyond)
+
+
+@compiled
+def find_cell(px: float, py: float, nodes: Pair, links: QuadLinks, boxes: Boxes, edges: IntArray, cell: int) -> int:
+    """The cell that holds a point, or the one at the nearest edge of the boundary; the search begins at ``cell``."""
+    found = walk_cells(px, py, nodes, links, cell)
+    if found < 0:
+        found = search_box(px, py, nodes, links.cells, boxes)
+    if found < 0:
+        found = nearest_edge(px, py, nodes, links.cells, edges) // 4
+    return found
+
+
+@compiled
+def walk_cells(px: float, py: float, nodes: Pair, links: QuadLinks, cell: int) -> int:
+    """The cell of a point, found by steps from cell to cell; -1 where the steps end at the boundary."""
+    x, y = nodes
+    cells, neighbours = links.cells, links.neighbours
+    for _ in range(FEW_STEPS + STEPS_ACROSS * int(np.sqrt(cells.shape[0]))):  # more would be a circle
+        worst, to, is_outside = -ROUNDING, -1, False
+        for edge in range(4):
+            a, b = cells[cell, edge], cells[cell, (edge + 1) % 4]
+            ex, ey = x[b] - x[a], y[b] - y[a]
+            beyond = (ex * (py - y[a]) - ey * (px - x[a])) / (ex * ex + ey * ey)
+            if beyond < -ROUNDING:
+                is_outside = True
+                if beyond < worst and neighbours[cell, edge] >= 0:
+                    worst, to = beyond, neighbours[cell, edge]
+        if not is_outside:
+            return cell
+        if to < 0:
+            return -1
+        cell = to
+    return -1
+
+
+@compiled
+def search_box(px: float, py: float, nodes: Pair, cells: IntArray, boxes: Boxes) -> int:
+    """The cell of a point among those of its box; -1 where none holds it."""
+    x, y = nodes
+    i, j = box_of(px, py, boxes)
+    box = i * boxes.counts[1] + j
+    for at in range(boxes.starts[box], boxes.starts[box + 1]):
+        cell, inside = boxes.entries[at], True
+        for edge in range(4):
+            a, b = cells[cell, edge], cells[cell, (edge + 1) % 4]
+            ex, ey = x[b] - x[a], y[b] - y[a]
+            if ex * (py - y[a]) - ey * (px - x[a]) < -ROUNDING * (ex * ex + ey * ey):
+                inside = False
+                break
+        if inside:
+            return int(cell)
+    return -1
+
+
+@compiled
+def nearest_edge(px: float, py: float, nodes: Pair, cells: IntArray, edges: IntArray) -> int:
+    """The edge of the boundary that is nearest to a point, as ``4 cell + edge``."""
+    x, y = nodes
+    best, least = edges[0], np.inf
+    for at in range(edges.size):
+        cell, edge = edges[at] // 4, edges[at] % 4
+        a, b = cells[cell, edge], cells[cell, (edge + 1) % 4]
+        ex, ey, qx, qy = x[b] - x[a], y[b] - y[a], px - x[a], py - y[a]
+        along = min(max((qx * ex + qy * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+        distance = (qx - along * ex) ** 2 + (qy - along * ey) ** 2
+        if distance < least:
+            best, least = edges[at], distance
+    return int(best)
+
+
+@compiled
+def place_in(px: float, py: float, nodes: Pair, corners: IntArray, beyond: float) -> tuple[float, float]:
+    """The place of a point in the unit square of a cell by its bilinear map; at most so far ``beyond`` the square."""
+    x, y = nodes
+    x0, x1, x2, x3 = x[corners[0]], x[corners[1]], x[corners[2]], x[corners[3]]
+    y0, y1, y2, y3 = y[corners[0]], y[corners[1]], y[corners[2]], y[corners[3]]
+    s = t = 0.5
+    for _ in range(MAX_STEPS):
+        lower_x, upper_x = x0 + s * (x1 - x0), x3 + s * (x2 - x3)
+        lower_y, upper_y = y0 + s * (y1 - y0), y3 + s * (y2 - y3)
+        x_s, y_s = (1.0 - t) * (x1 - x0) + t * (x2 - x3), (1.0 - t) * (y1 - y0) + t * (y2 - y3)
+        x_t, y_t = upper_x - lower_x, upper_y - lower_y
+        r, q = px - lower_x - t * x_t, py - lower_y - t * y_t
+        det = x_s * y_t - x_t * y_s
+        ds, dt = (r * y_t - q * x_t) / det, (q * x_s - r * y_s) / det
+        s, t = min(max(s + ds, -beyond), 1.0 + beyond), min(max(t + dt, -beyond), 1.0 + beyond)
+        if abs(ds) + abs(dt) < MIN_STEP:
+            break
+    return s, t

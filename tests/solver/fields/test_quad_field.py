@@ -1,0 +1,106 @@
+"""Values at the nodes of blocks as functions of x and y."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.fields.hermite_field import HermiteField
+from equimesh.fields.quad_field import QuadField
+from equimesh.meshes.quad_mesh import QuadMesh
+from solver.fields.bent_meshes import smooth_mesh
+from solver.meshes.quad_cases import bent, corner, disc, inner_points, ring, strip
+
+
+def wave(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A smooth function."""
+    return np.sin(2 * x + y) * np.exp(y / 2)
+
+
+@pytest.mark.parametrize("limited", [False, True])
+@pytest.mark.parametrize("mesh", [corner(5), bent(disc(6), 0.03), ring(4)])
+def test_linear_functions_are_exact(mesh: QuadMesh, limited: bool) -> None:
+    x, y = inner_points(mesh).T
+    found = QuadField(mesh=mesh, values=1 + 2 * mesh.x - 3 * mesh.y, limited=limited).evaluate(x, y, order=2)
+    for part, wanted in zip(found, (1 + 2 * x - 3 * y, 2, -3, 0, 0, 0), strict=True):
+        assert np.abs(part - wanted).max() < 1e-10
+
+
+@pytest.mark.parametrize("make", [corner, disc, ring])
+def test_the_error_falls_with_the_cube_of_the_spacing(make: type) -> None:
+    errors = []
+    for n in (8, 16, 32):
+        mesh = make(n)
+        x, y = inner_points(mesh, 2000).T
+        errors.append(
+            np.abs(
+                QuadField(mesh=mesh, values=wave(mesh.x, mesh.y), limited=False).evaluate(x, y)[0] - wave(x, y)
+            ).max()
+        )
+    assert errors[0] / errors[1] > 6
+    assert errors[1] / errors[2] > 6
+
+
+def test_derivatives_are_those_of_the_values() -> None:
+    mesh, h = bent(disc(7), 0.03), 1e-5
+    u = QuadField(mesh=mesh, values=wave(mesh.x, mesh.y))
+    x, y = (0.8 * mesh.points[mesh.cells].mean(axis=1)).T
+    _, u_x, u_y, u_xx, u_xy, u_yy = u.evaluate(x, y, order=2)
+    for (dx, dy), first, (second, third) in (((h, 0), u_x, (u_xx, u_xy)), ((0, h), u_y, (u_xy, u_yy))):
+        ahead, behind = u.evaluate(x + dx, y + dy, order=1), u.evaluate(x - dx, y - dy, order=1)
+        slopes = [(one - other) / (2 * h) for one, other in zip(ahead, behind, strict=True)]
+        # A few points lie within h of an edge.
+        for found, wanted in zip(slopes, (first, second, third), strict=True):
+            assert np.quantile(np.abs(found - wanted), 0.97) < 1e-6
+
+
+def test_a_grid_has_the_same_function_inside() -> None:
+    grid = smooth_mesh(40)  # lines turn by less than 0.1 at each node
+    quads = QuadMesh(points=grid.points, cells=grid.cells, sides=grid.sides)
+    values = np.tanh(9 * (grid.x - 0.5 * grid.y - 0.3))
+    x, y = (grid.points[grid.cells].reshape(grid.x.shape[0] - 1, -1, 4, 2)[2:-2, 2:-2].mean(axis=2).reshape(-1, 2)).T
+    one = HermiteField(mesh=grid, values=values).evaluate(x, y, order=2)
+    other = QuadField(mesh=quads, values=values.reshape(-1)).evaluate(x, y, order=2)
+    for part, same in zip(one, other, strict=True):
+        assert np.abs(part - same).max() < 1e-9 * np.abs(part).max()
+
+
+def test_a_step_does_not_overshoot_where_it_is_limited() -> None:
+    mesh = bent(disc(10), 0.01)
+    values = (mesh.x > 0.1).astype(float)
+    x, y = inner_points(mesh, 2000).T
+    limited, free = (QuadField(mesh=mesh, values=values, limited=k).evaluate(x, y)[0] for k in (True, False))
+    assert -0.05 < limited.min() <= limited.max() < 1.05
+    assert free.max() > 1.05
+
+
+def test_u_goes_on_across_a_periodic_join() -> None:
+    mesh = strip(16, 0.02, 0.01)
+    u = QuadField(mesh=mesh, values=np.sin(2 * np.pi * mesh.x) + mesh.y)
+    x, y = np.linspace(0.7, 1.3, 61), np.full(61, 0.45)
+    for one, other in zip(u.evaluate(x, y, order=1), u.evaluate(x - 1.0, y, order=1), strict=True):
+        assert np.abs(one - other).max() < 1e-9
+    assert np.abs(u.evaluate(x, y)[0] - np.sin(2 * np.pi * x) - y).max() < 0.02
+
+
+def test_points_outside_and_points_that_are_none() -> None:
+    mesh = corner(6)
+    u = QuadField(mesh=mesh, values=mesh.x)
+    assert u.evaluate(np.array([[3.0], [-1.0]]), np.array([[0.5], [0.5]]))[0].tolist() == [[2.0], [0.0]]
+    assert np.isnan(u.evaluate(np.array([np.nan]), np.array([0.0]), order=1)).all()
+    assert "cells" in repr(u)
+
+
+def test_values_that_do_not_fit_are_refused_with_their_place() -> None:
+    mesh = corner(3)
+    values = np.zeros(len(mesh.points))
+    with pytest.raises(em.SamplesError, match="one value is needed at each"):
+        QuadField(mesh=mesh, values=values[:-1])
+    values[4] = 1e300
+    with pytest.raises(em.SamplesError, match=r"values\[4\] = 1e\+300"):
+        QuadField(mesh=mesh, values=values)
+    points = mesh.points.copy()
+    points[4] = 9.0
+    with pytest.raises(em.InputError, match="folded"):
+        QuadField(mesh=mesh.moved(points), values=np.zeros(len(points)))
