@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import cosdg, sindg
 
+from equimesh.domains.closing import close_seam, is_closed
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
@@ -19,6 +20,10 @@ UNIT: Interval = (0.0, 1.0)
 MAX_COORDINATE = 1e9  # size of a coordinate
 MIN_EXTENT = 1e-9  # extent of a domain, and its share of the coordinates; below it rounding would deform the cells
 FULL_TURN = 360.0
+QUARTER_TURN: Interval = (0.0, 90.0)
+"""The angles of a sector that gives none."""
+PERIODIC = ("x", "y", "both")
+"""The directions in which a rectangle may repeat itself."""
 
 
 class Domain(Protocol):
@@ -53,18 +58,37 @@ class Domain(Protocol):
 class Rectangle:
     """The rectangle of the points between ``x = (x0, x1)`` and ``y = (y0, y1)``; the unit square unless given.
 
-    s runs along x and t along y. Implements :class:`Domain`. Raises :class:`~equimesh.errors.InputError` with the field
-    ``"domain.x"`` or ``"domain.y"`` where the ends do not increase or are too large.
+    s runs along x and t along y. ``periodic`` names the directions in which the rectangle repeats itself: ``"x"``,
+    ``"y"`` or ``"both"``. Its two sides there are one line, the seam: grid lines that cross it are closed, and the
+    seam is free to bend. Implements :class:`Domain`. Raises :class:`~equimesh.errors.InputError` with the field
+    ``"domain.x"`` or ``"domain.y"`` where the ends do not increase or are too large, and ``"domain.periodic"``.
     """
 
     x: Interval = UNIT
     y: Interval = UNIT
+    periodic: Literal["x", "y", "both"] | None = None
 
     def __post_init__(self) -> None:
+        if self.periodic is not None and self.periodic not in PERIODIC:
+            raise InputError(
+                f"periodic = {str(self.periodic)[:20]!r}: choose 'x', 'y' or 'both', or leave it out for four sides",
+                field="domain.periodic",
+            )
         for name in ("x", "y"):
             ends = pair(getattr(self, name), f"domain.{name}")
             check_extent(ends, name, f"domain.{name}")
             object.__setattr__(self, name, ends)
+
+    @property
+    def closed_lines(self) -> tuple[bool, bool]:
+        """Whether the lines along x and those along y are closed."""
+        return self.periodic in ("x", "both"), self.periodic in ("y", "both")
+
+    @property
+    def periods(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The translations along a closed line: the width for those along x, the height for those along y."""
+        along_x, along_y = self.closed_lines
+        return (self.x[1] - self.x[0] if along_x else 0.0, 0.0), (0.0, self.y[1] - self.y[0] if along_y else 0.0)
 
     @property
     def is_unit_square(self) -> bool:
@@ -102,15 +126,22 @@ class AnnulusSector:
     """The points whose distance from ``center`` lies between ``radii``, in directions between ``angles`` (degrees).
 
     s runs outwards along the radius: left is the inner arc, right the outer one. t runs counter-clockwise along the
-    angle. A span of 360 degrees is a full ring, cut at the first angle. Implements :class:`Domain`. Raises
-    :class:`~equimesh.errors.InputError` with the field ``"domain.center"``, ``"domain.radii"`` or ``"domain.angles"``.
+    angle. A span of 360 degrees is a full ring, cut at the first angle. ``closed`` joins the two sides of the cut: the
+    lines around the ring are closed, and its seam, which begins at the first angle, is free to bend; the angles are
+    then 0 to 360 unless given. Implements :class:`Domain`. Raises :class:`~equimesh.errors.InputError` with the field
+    ``"domain.center"``, ``"domain.radii"``, ``"domain.angles"`` or ``"domain.closed"``.
     """
 
     center: tuple[float, float] = (0.0, 0.0)
     radii: Interval = (1.0, 2.0)
-    angles: Interval = (0.0, 90.0)
+    angles: Interval = QUARTER_TURN
+    closed: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.closed, bool):
+            raise InputError(f"closed = {str(self.closed)[:20]}: give True or False", field="domain.closed")
+        if self.closed and self.angles is QUARTER_TURN:
+            object.__setattr__(self, "angles", (0.0, FULL_TURN))
         for name in ("center", "radii", "angles"):
             object.__setattr__(self, name, pair(getattr(self, name), f"domain.{name}"))
         (inner, outer), (first, last) = self.radii, self.angles
@@ -131,6 +162,17 @@ class AnnulusSector:
                 f"angles = ({first:g}, {last:g}): the angles are in degrees, and must be at least 0.001 apart",
                 field="domain.angles",
             )
+        if self.closed and last - first != FULL_TURN:
+            raise InputError(
+                f"closed = True, but the angles ({first:g}, {last:g}) span {last - first:.9g} degrees: the lines around"
+                " a ring close after 360; give angles = (0, 360), or leave closed out",
+                field="domain.closed",
+            )
+
+    @property
+    def closed_lines(self) -> tuple[bool, bool]:
+        """Whether the lines outwards and those around are closed: the latter, if the ring is ``closed``."""
+        return False, self.closed
 
     def map(self, s: Array, t: Array) -> tuple[Array, Array]:
         """The physical points, as :meth:`Domain.map`."""
@@ -164,10 +206,16 @@ class AnnulusSector:
 
 
 def map_mesh(mesh: Mesh, domain: Domain) -> Mesh:
-    """The physical mesh whose nodes are the images of those of ``mesh``, a mesh of the reference square."""
+    """The physical mesh whose nodes are the images of those of ``mesh``, a mesh of the reference square.
+
+    The second copy of a seam is the first one, moved by the period exactly.
+    """
     if isinstance(domain, Rectangle) and domain.is_unit_square:
         return mesh
-    return Mesh(*domain.map(mesh.x, mesh.y))
+    x, y = domain.map(mesh.x, mesh.y)
+    if is_closed(domain):
+        close_seam(x, y, domain)
+    return Mesh(x, y)
 
 
 def points(s: npt.ArrayLike, t: npt.ArrayLike) -> tuple[Array, Array]:

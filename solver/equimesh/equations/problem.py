@@ -10,6 +10,7 @@ from equimesh.equations.boundary import Boundary, sides
 from equimesh.equations.mesh_equations import MeshEquations
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.errors import InputError
+from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
 from equimesh.monitors.monitor import Monitor
@@ -19,7 +20,7 @@ from equimesh.monitors.monitor import Monitor
 class Problem:
     """A mesh of ``domain``: locally equidistributed in the metric of ``monitor``, on the points of ``grid``.
 
-    The monitor is bound to the domain; raises :class:`~equimesh.errors.InputError` where it cannot be used there.
+    The monitor is bound to the domain, and its functions are continued where lines are closed; raises :class:`~equimesh.errors.InputError` where it cannot be used there.
     """
 
     monitor: Monitor
@@ -41,7 +42,7 @@ class Problem:
                 field="domain",
             )
         object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))
-        object.__setattr__(self, "monitor", self.monitor.on(self.domain))
+        object.__setattr__(self, "monitor", repeated(self.monitor, self.domain).on(self.domain))
 
     @cached_property
     def metric(self) -> ReferenceMetric:

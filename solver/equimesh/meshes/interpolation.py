@@ -43,7 +43,7 @@ def rule(coarse: int, fine: int, *, cubic: bool = True) -> Rule:
     first = np.clip(cell - 1, 0, coarse - WIDTH)
     at, weights = (cell - first) + (place - cell), np.zeros((WIDTH, fine))
     if cubic:
-        weights[:] = _lagrange(at)
+        weights[:] = lagrange(at)
     else:
         every = np.arange(fine)
         weights[cell - first, every], weights[cell - first + 1, every] = 1.0 - (place - cell), place - cell
@@ -70,7 +70,7 @@ def rows_needed(coarse: int, fine: int, rows: tuple[int, int]) -> tuple[int, int
     return int(first[rows[0]]), int(first[rows[1] - 1]) + WIDTH
 
 
-def _lagrange(at: Array) -> Array:
+def lagrange(at: Array) -> Array:
     """The weights of the cubic through the values at 0, 1, 2 and 3."""
     weights = np.ones((WIDTH, at.size))
     for k in range(WIDTH):

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from equimesh.domains.closing import is_closed
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
+from equimesh.monitors.extremes import extremes
 from equimesh.monitors.monitor import require_orthogonality, require_strength
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.numerics.compiled import compiled
@@ -111,7 +113,7 @@ class ArcLength:
         known = u[np.isfinite(u)]
         if known.size == 0:
             return 1.0
-        low, high = float(known.min()), float(known.max())
+        low, high = extremes(self.u, domain) if is_closed(domain) else (float(known.min()), float(known.max()))
         if not high - low > MAX_CONSTANT_SHARE * max(abs(low), abs(high)):
             return 0.0
         return math.sqrt(domain.area) / (high - low)

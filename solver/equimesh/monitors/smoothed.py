@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from equimesh.domains.domain import Domain
+from equimesh.domains.closing import Periods, periods_of
+from equimesh.domains.domain import Box, Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
+from equimesh.fields.periodic import within
 from equimesh.monitors.monitor import Monitor, map_of
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.spd import Matrices
-from equimesh.numerics.types import Array, Pair
+from equimesh.numerics.types import Array, BoolArray, Pair
 
 MAX_RADIUS = 0.25  # in units of the shorter extent of the box
 SAMPLES = 512  # of the monitor, in a direction of the reference square
@@ -26,6 +29,8 @@ MIN_TABLE_POINTS = 64  # along the shorter extent of the box
 MAX_TABLE_POINTS = 512  # along the shorter extent of the box
 MAX_LONG_TABLE_POINTS = 2048  # along the longer extent of the box
 MARGIN_POINTS = 3  # table points beyond the box: the spline reaches two of them
+REACH = 6.0  # of the Gaussian, in radii: what lies further away has no weight
+MAX_TURNS = 2  # periods beyond a seam within its reach
 OWN_VARIANCE = 1 / 6 + 1 / 3  # of the table's hat functions and of the cubic B-spline, in squared spacings
 
 
@@ -104,7 +109,7 @@ class Smoothed:
         """
         if self._table is None:
             raise InputError("a smoothed monitor is an average over a domain: call monitor.on(domain) first")
-        return self._table.at(x, y)
+        return self._table.at(*(within(self._domain, x, y) if self._domain is not None else (x, y)))
 
     def on(self, domain: Domain) -> Smoothed:
         """The monitor bound to ``domain``, with the table of its averages there.
@@ -123,8 +128,11 @@ class Smoothed:
 
 def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
     """The averages on a grid: samples weighted by area, spread, filtered, and divided by the filtered weights."""
-    (x0, x1), (y0, y1) = domain.box
+    (x0, x1), (y0, y1) = box = domain.box
     short, long = sorted((x1 - x0, y1 - y0))
+    if any(map(any, periods_of(domain))):  # what lies beyond a seam counts, too
+        (x0, x1), (y0, y1) = _beyond_seams(box, periods_of(domain), REACH * radius * short)
+        long = max(x1 - x0, y1 - y0)
     spacing = max(
         short / min(max(math.ceil(POINTS_PER_RADIUS / radius), MIN_TABLE_POINTS), MAX_TABLE_POINTS),
         long / MAX_LONG_TABLE_POINTS,
@@ -134,12 +142,13 @@ def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
     probe = Probe.of(domain, SAMPLES)
     m11, m12, m22 = monitor.metric(probe.x, probe.y)
     probe.require_finite((m11, m12, m22), "the metric is", field="smoothing")
-    sums = np.zeros((4, *shape))
-    _spread((probe.x, probe.y), probe.shares, (m11, m12, m22), Lattice(*origin, 1.0 / spacing), sums)
+    sums, lattice = np.zeros((4, *shape)), Lattice(*origin, 1.0 / spacing)
+    for x, y, found in _copies(probe, periods_of(domain), ((x0, x1), (y0, y1))):
+        _spread((x, y), probe.shares[found], (m11[found], m12[found], m22[found]), lattice, sums)
     deviation = math.sqrt(max((radius * short / spacing) ** 2 - OWN_VARIANCE, 0.0))
     if deviation > 0.0:
         for layer in sums:
-            gaussian_filter(layer, deviation, output=layer, mode="constant", truncate=6.0)
+            gaussian_filter(layer, deviation, output=layer, mode="constant", truncate=REACH)
     weights = sums[3]
     known = weights > 1e-9 * weights.max()
     entries = np.moveaxis(sums[:3], 0, -1) / np.where(known, weights, 1.0)[..., None]
@@ -147,6 +156,26 @@ def _averages(monitor: Monitor, domain: Domain, radius: float) -> Table:
         nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
         entries = entries[tuple(nearest)]
     return Table(entries=np.ascontiguousarray(entries), origin=origin, spacing=spacing)
+
+
+def _beyond_seams(box: Box, periods: Periods, reach: float) -> Box:
+    """The box, and so much beyond its sides that are seams."""
+    (x0, x1), (y0, y1) = box
+    along_x, along_y = (reach * any(period) for period in periods)
+    return (x0 - along_x, x1 + along_x), (y0 - along_y, y1 + along_y)
+
+
+def _copies(probe: Probe, periods: Periods, box: Box) -> Iterator[tuple[Array, Array, BoolArray]]:
+    """The samples in a box, and which of the probe's they are: its own, and their copies by whole periods."""
+    (x0, x1), (y0, y1) = box
+    turns = [range(-MAX_TURNS, MAX_TURNS + 1) if any(period) else range(1) for period in periods]
+    for i in turns[0]:
+        for j in turns[1]:
+            x = probe.x + (i * periods[0][0] + j * periods[1][0])
+            y = probe.y + (i * periods[0][1] + j * periods[1][1])
+            found = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+            if found.any():
+                yield x[found], y[found], found
 
 
 @compiled

@@ -11,12 +11,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from equimesh.domains.closing import is_closed
 from equimesh.equations.problem import Problem
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.nested import nested_grids, prolong, square_grids
 from equimesh.meshes.parts import Parts
 from equimesh.single_domain.climb import Climb, is_extrapolated
+from equimesh.single_domain.closed import ClosedClimb
 from equimesh.single_domain.level import Level
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.sweeps.sweep import memory_needed
@@ -29,8 +31,12 @@ def single_domain_steps(
 
     ``start`` is a mesh of the problem's own grid: Newton's method then begins there, without nested iteration.
     ``sweeps=False`` uses Newton's method on all levels: a reference, hundreds of times slower on fine grids. The last
-    step has ``converged`` or ``failed`` set; its mesh is valid in any case.
+    step has ``converged`` or ``failed`` set; its mesh is valid in any case. Where lines are closed, all of it is by
+    sweeps.
     """
+    if is_closed(problem.domain):
+        yield from ClosedClimb(problem, mode, threads).steps(start)
+        return
     if start is not None or not sweeps:
         grids = [problem.grid] if start is not None else nested_grids(problem.grid)
         yield from Climb(problem, mode, threads, grids).by_newton(start)
@@ -46,6 +52,9 @@ def steps_from(problem: Problem, start: Mesh, *, threads: int = 1) -> Iterator[S
 
     Where they do not converge, the steps of :func:`single_domain_steps` without a start.
     """
+    if is_closed(problem.domain):
+        yield from ClosedClimb(problem, Mode.TIGHT, threads).steps_from(start)
+        return
     own = Mesh(start.x.copy(), start.y.copy())
     label = Step(level=0, levels=1, grid=problem.grid, step=0, residual=math.nan, mesh=own)
     memory = np.empty(memory_needed(problem.grid.shape))

@@ -18,6 +18,7 @@ from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array
 from equimesh.single_domain.steps import ALGEBRAIC_SHARE, TIGHT_DEVIATION, Step, Steps
 from equimesh.sweeps.contraction import error_left
+from equimesh.sweeps.frame import WHOLE, Frame
 from equimesh.sweeps.sweep import Sweep
 
 # Algebraic error on a coarsest level that only serves as a start, in units of its spacing.
@@ -74,13 +75,13 @@ class Level:
     def steps(self) -> Steps:
         """Sweeps; returns the last step, or ``None`` where the iteration does not converge to a valid mesh."""
         metric, shape = self.problem.metric, self.problem.grid.shape
-        sweep = Sweep(metric, self.problem.boundary, self.parts, self.memory)
-        own = x, y = self.label.mesh.x, self.label.mesh.y
+        sweep = Sweep(metric, self.problem.boundary, self.parts, self.memory, self._frame)
+        own = x, y = self._start()
         halve, slow, moves = False, 0, [math.inf]
-        tolerance, smallest = max(TIGHT_DEVIATION, smallest_residual(metric, shape)), 0.0
+        tolerance, smallest = max(self._tight_deviation, smallest_residual(metric, shape)), 0.0
         if self.coarse is None:
             smallest = smallest_jacobian(x, y)
-        for count in range(1, (MAX_COLD_SWEEPS if self.coarse is None else MAX_SWEEPS) + 1):
+        for count in range(1, self._most_sweeps + 1):
             taken = sweep.guard(
                 x,
                 y,
@@ -101,7 +102,7 @@ class Level:
                 self.label,
                 step=count,
                 residual=taken.deviation,
-                mesh=Mesh(x, y),
+                mesh=self._mesh(x, y),
                 algebraic_error=left,
                 contraction=contraction,
             )
@@ -118,6 +119,29 @@ class Level:
                     return None
                 halve, slow, moves = True, 0, [math.inf]
         return None
+
+    @property
+    def _frame(self) -> Frame:
+        """The kind of the four sides of the grid."""
+        return WHOLE
+
+    @property
+    def _most_sweeps(self) -> int:
+        """The number of sweeps after which the level is given up."""
+        return MAX_COLD_SWEEPS if self.coarse is None else MAX_SWEEPS
+
+    @property
+    def _tight_deviation(self) -> float:
+        """The relative deviation of squared metric lengths at which a tight level ends."""
+        return TIGHT_DEVIATION
+
+    def _start(self) -> tuple[Array, Array]:
+        """The nodes with which the level begins, in the memory in which it may also end."""
+        return self.label.mesh.x, self.label.mesh.y
+
+    def _mesh(self, x: Array, y: Array) -> Mesh:
+        """The mesh of the nodes of a sweep."""
+        return Mesh(x, y)
 
     def _floor(self, smallest: float) -> float:
         """The lower bound of the smallest Jacobian after a sweep."""

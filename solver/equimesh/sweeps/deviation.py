@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from equimesh.domains.closing import is_closed
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.mesh import Mesh
@@ -12,6 +13,7 @@ from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.gather import joined
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
+from equimesh.sweeps.closed_deviation import closed_deviation
 from equimesh.sweeps.cell_metrics import cell_memory, cell_metrics
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.line_extremes import line_extremes
@@ -37,6 +39,8 @@ def deviation(
     rows. Where a process holds some rows of a mesh, all processes call this, and get the number of the whole mesh; they
     hold one row of nodes before their own ones. The result does not depend on the number of threads or processes.
     """
+    if is_closed(metric.domain):
+        return closed_deviation(metric, boundary, mesh if isinstance(mesh, Mesh) else Mesh(mesh.x, mesh.y))
     window = MeshWindow.of(mesh)
     rows = window.rows
     strips, n_eta = rows.strips, rows.shape[1]

@@ -17,6 +17,7 @@ from equimesh.meshes.parts import Parts
 from equimesh.meshes.strips import Node, cuts_of, nodes_across, nodes_inside, strips_of, subtree
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
+from equimesh.sweeps.closed_kernels import close_lines
 from equimesh.sweeps.kernels import Levels, Lines
 
 
@@ -25,10 +26,11 @@ class LineSums:
 
     ``strips`` and ``starts`` have the shape ``(strips, n_eta)``. ``pushes`` of shape ``(2, n_eta)`` are ``-2 P`` on the
     left and right side, as far as the process holds these. ``first`` are the squared metric lengths of the first edges
-    of the lines, ``levels`` the means and shifts of all lines.
+    of the lines, ``levels`` the means and shifts of all lines. ``closings`` of shape ``(strips, 4, n_eta)`` are the sums
+    that close the lines, where they are closed.
     """
 
-    def __init__(self, parts: Parts, summed: int) -> None:
+    def __init__(self, parts: Parts, summed: int, *, closed: bool = False) -> None:
         """Memory for the sums of the edges that begin in the rows of the grid from 1 to ``summed - 1``."""
         n_eta, own = parts.shape[1], parts.own.strips
         self.strips, self.starts = np.empty((len(own), n_eta)), np.empty((len(own), n_eta))
@@ -38,6 +40,7 @@ class LineSums:
         self._rows = np.array([first for first, _ in parts.strips], dtype=np.int64)
         self._tree = subtree(0, len(own))
         self._across = None if parts.is_whole else _Across(parts)
+        self.closings = np.empty((len(own), 4, n_eta)) if closed else None
 
     def solve(self, lines: Lines) -> float:
         """Find :attr:`levels` and :attr:`starts` from the sums of the strips, of all processes.
@@ -47,7 +50,7 @@ class LineSums:
         """
         if self._across is not None:
             return self._across.solve(self, lines)
-        return line_sums(
+        found = line_sums(
             self.first,
             self.strips,
             self._tree,
@@ -58,6 +61,9 @@ class LineSums:
             self.levels,
             self.starts,
         )
+        if self.closings is not None:
+            close_lines(self.closings, self.levels, self.starts)
+        return found
 
 
 class _Cut(NamedTuple):

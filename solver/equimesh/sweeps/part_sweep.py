@@ -10,7 +10,7 @@ from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.parts import Part, Parts
 from equimesh.meshes.strips import strips_of
 from equimesh.numerics.types import Array
-from equimesh.sweeps import kernels
+from equimesh.sweeps import closed_kernels, kernels
 from equimesh.sweeps.cell_metrics import cell_memory, cell_metrics
 from equimesh.sweeps.kernels import Lines, Moved, Nodes, Strip
 from equimesh.sweeps.line_sums import LineSums
@@ -20,8 +20,19 @@ from equimesh.sweeps.sides import finite_or_infinite
 class PartSweep:
     """The corrections of one part, with the memory for the metric of its cells."""
 
-    def __init__(self, metric: ReferenceMetric, parts: Parts, part: Part, summed: int) -> None:
-        """The xi-edges from rows of the grid below ``summed`` belong to the xi-lines."""
+    def __init__(
+        self,
+        metric: ReferenceMetric,
+        parts: Parts,
+        part: Part,
+        summed: int,
+        along_q: Array | None = None,
+    ) -> None:
+        """The xi-edges from rows of the grid below ``summed`` belong to the xi-lines.
+
+        ``along_q`` of shape ``(2, n_xi, n_eta)`` is working memory where the eta-lines are closed.
+        """
+        self._along_q = along_q
         self._metric, self._last = metric, parts.shape[0] - 1 - parts.begin
         self._first = 1 - parts.begin
         self._strips = [(k, Strip(*parts.strips[k], summed - parts.begin)) for k in part.strips]
@@ -46,7 +57,12 @@ class PartSweep:
                 kernels.end_edges(x, y, cells, 0, along_eta[0], sums.pushes[0], sums.first)
             if strip.last == self._last:
                 kernels.end_edges(x, y, cells, -1, along_eta[1], sums.pushes[1], sums.first)
-            found = kernels.eta_corrections(nodes, cells, strip, along_xi, lines, out, sums.strips[k])
+            if self._along_q is not None:
+                found = closed_kernels.closed_eta_corrections(nodes, cells, strip, out, self._along_q, sums.strips[k])
+            else:
+                found = kernels.eta_corrections(nodes, cells, strip, along_xi, lines, out, sums.strips[k])
+            if sums.closings is not None:
+                closed_kernels.closing_sums(strip, sums.edges, out, sums.closings[k])
             largest = max(largest, finite_or_infinite(found))
         return largest
 
@@ -57,6 +73,10 @@ class PartSweep:
         """
         found = np.zeros((len(self._strips), 2))
         for (k, strip), largest in zip(self._strips, found, strict=True):
-            kernels.xi_corrections(nodes, strip, sums.levels, sums.starts[k], out, largest)
+            data = nodes, strip, sums.levels, sums.starts[k], out
+            if self._along_q is None:
+                kernels.xi_corrections(*data, largest)
+            else:
+                closed_kernels.closed_xi_corrections(*data, self._along_q, largest)
         deviation, move = (max(map(finite_or_infinite, column), default=0.0) for column in found.T.tolist())
         return deviation, move

@@ -9,6 +9,7 @@ from equimesh.equations.boundary import Boundary
 from equimesh.equations.metric import ReferenceMetric, Tensor
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array, Pair
+from equimesh.sweeps.closed_kernels import closed_side_moves
 from equimesh.sweeps.frame import WHOLE, Frame
 from equimesh.sweeps.kernels import Lines, SidePair, side_moves
 from equimesh.sweeps.side_nodes import SideNodes
@@ -52,6 +53,11 @@ class Sides:
             return 0.0, 0.0, *moves
         deviation = largest = 0.0
         for axis, pair in enumerate(self._pairs(at, nodal)):
+            if self.frame.closed[1 - axis]:
+                if any(self.frame.physical[axis]):
+                    found, move = closed_side_moves(pair, self._strength, self.fluxes[axis], moves[axis])
+                    deviation, largest = max(deviation, finite_or_infinite(found)), max(largest, move)
+                continue
             lines = self._lines[axis]
             if rest is not None:
                 lines = lines._replace(rest=rest[1 - axis][:, [0, -1]].copy())

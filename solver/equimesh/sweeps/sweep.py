@@ -22,6 +22,7 @@ from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.folding import smallest_in_parts
 from equimesh.meshes.parts import Parts
 from equimesh.numerics.types import Array, Pair
+from equimesh.sweeps.closed_kernels import copy_ends
 from equimesh.sweeps.frame import WHOLE, Frame
 from equimesh.sweeps.kernels import Lines, Moved, Nodes
 from equimesh.sweeps.line_sums import LineSums
@@ -97,8 +98,9 @@ class Sweep:
         self.new_x, self.new_y, self._squares = arrays[0], arrays[1], arrays[2]
         self._along_p = arrays[3].reshape(-1).view(np.float32).reshape(2, *held)  # single precision is enough
         summed = frame.span(0, shape[0])[1]
-        self._sweeps = {part: PartSweep(metric, parts, part, summed) for part in parts.parts}
-        self._sums = LineSums(parts, summed)
+        along_q = np.empty((2, *held), dtype=np.float32) if frame.closed[1] else None
+        self._sweeps = {part: PartSweep(metric, parts, part, summed, along_q) for part in parts.parts}
+        self._sums = LineSums(parts, summed, closed=frame.closed[0])
         none = np.zeros((2, shape[1])), np.zeros((2, held[0]))
         self._lines = [Lines(*frame.span(k, shape[k]), none[k], frame.beyond[k], none[k]) for k in (0, 1)]
         self._sides = Sides(metric, boundary, shape, frame)
@@ -135,6 +137,7 @@ class Sweep:
             ends = sums.solve(lines[0])
             xi = parts.each(lambda part: sweeps[part].along_xi(nodes, out, sums))
             along_sides, lag = self._sides.place((x, y), (along[0], along[1]), (self.new_x, self.new_y), parts)
+            self._copy_ends()
         if not parts.is_whole:
             self._moved_side_nodes = at.moved(*along)
             parts.fill_halos(self.new_x, self.new_y)
@@ -143,6 +146,13 @@ class Sweep:
             finite_or_infinite(max(sides, ends, *eta, *deviations, lag)),
             finite_or_infinite(max(side_move, *moves, along_sides)),
         )
+
+    def _copy_ends(self) -> None:
+        """Let the outermost grid lines of closed directions follow the moved nodes."""
+        for axis in (1, 0):
+            if self.frame.closed[axis]:
+                copy_ends(self.new_x, axis, float(axis == 0))
+                copy_ends(self.new_y, axis, float(axis == 1))
 
     def _sides_before(self, x: Array, y: Array) -> SideNodes:
         """The nodes of the sides before a sweep."""
