@@ -90,6 +90,8 @@ def warm_up() -> None:
         (nodal, 33, equimesh.Rectangle(), None),
         (plain, 33, ring, schwarz),
         (plain, 33, ring, None),
+        (plain, 9, equimesh.AnnulusSector(closed=True), None),
+        (equimesh.Weight(rho=equimesh.Expression("1 + y")), 9, equimesh.Rectangle(periodic="x"), None),
         (curved, 33, equimesh.Rectangle(), None),
         (equimesh.Weight(rho=weight.rho, map="gradient"), 33, equimesh.Rectangle(), None),
         (equimesh.ArcLength(u=steep, a=1.0, b=0.0), 17, equimesh.Rectangle(), None),  # relaxed

@@ -20,7 +20,8 @@ from equimesh.monitors.monitor import Monitor
 class Problem:
     """A mesh of ``domain``: locally equidistributed in the metric of ``monitor``, on the points of ``grid``.
 
-    The monitor is bound to the domain, and its functions are continued where lines are closed; raises :class:`~equimesh.errors.InputError` where it cannot be used there.
+    The monitor is bound to the domain, and its functions are continued where lines are closed. Raises
+    :class:`~equimesh.errors.InputError` where it cannot be used there.
     """
 
     monitor: Monitor

@@ -74,6 +74,7 @@ class ClosedLevel(Level):
         return distance_closed(self._mesh(x, y), self.coarse.step.mesh, self._closed)
 
     def _finished(self, step: Step, own: tuple[Array, Array], error: float) -> Step:
+        del own  # it has copies beyond the seams
         mesh = closed_mesh(step.mesh, self._closed)
         return replace(step, mesh=mesh, converged=True, discretization_error=error)
 

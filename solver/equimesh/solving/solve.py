@@ -1,10 +1,12 @@
 """One call from a problem to its mesh: by a single-domain solve, a Schwarz iteration, or a descent."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
 
+from equimesh.domains.closing import closed_of, is_closed
 from equimesh.domains.domain import Rectangle, map_mesh
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
@@ -18,10 +20,12 @@ from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of, require_lines
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
+from equimesh.numerics.types import Array
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.announcer import Announcer
 from equimesh.solving.auto import choose_monitor, comparison_share
+from equimesh.solving.closed import require_open
 from equimesh.solving.finite_volumes import solve_for_finite_volumes
 from equimesh.solving.least_error import is_no_worse, solve_least_error
 from equimesh.solving.nodal_solution import solve_round
@@ -180,6 +184,7 @@ def _check_ways(problem: Problem, schwarz: Schwarz | None) -> None:
         raise InputError(NO_SUBDOMAINS, field="schwarz")
     if schwarz is not None:
         require_lines(problem.monitor)
+    require_open(problem, schwarz)
 
 
 def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
@@ -188,6 +193,7 @@ def _check_start(problem: Problem, initial: Initial | Mesh) -> None:
         _check_mesh(problem, initial)
     if (
         initial is Initial.UNIFORM
+        and not is_closed(problem.domain)
         and not isinstance(problem.monitor, NodalSolution | LeastError)
         and problem.grid.points > MAX_FACTORISED_POINTS
     ):
@@ -208,11 +214,17 @@ def _is_near(problem: Problem, start: Mesh) -> bool:
     return deviation(problem.metric, problem.boundary, start) <= MAX_START_DEVIATION
 
 
+def _sides(problem: Problem, start: Mesh) -> Iterator[Array]:
+    """How far the nodes of a mesh are from the sides of the reference square, or from the other copy of a seam."""
+    along_xi, along_eta = closed_of(problem.domain)
+    for closed, along, across in ((along_xi, start.x, start.y), (along_eta, start.y.T, start.x.T)):
+        yield from (along[-1] - along[0] - 1.0, across[-1] - across[0]) if closed else (along[0], along[-1] - 1.0)
+
+
 def _check_mesh(problem: Problem, start: Mesh) -> None:
     if start.x.shape != problem.grid.shape:
         raise InputError(f"the mesh to start from has {start.grid} points, the grid {problem.grid}", field="initial")
-    sides = start.x[0], start.x[-1] - 1.0, start.y[:, 0], start.y[:, -1] - 1.0
-    if start.is_folded or any(np.any(np.abs(side) > smallest_tolerance(problem)) for side in sides):
+    if start.is_folded or any(np.any(np.abs(side) > smallest_tolerance(problem)) for side in _sides(problem, start)):
         raise InputError(
             "the mesh to start from must be a valid one of the reference square: give the reference of a solution",
             field="initial",

@@ -11,14 +11,12 @@ The arrays of a closed direction begin and end with copies of the nodes on the o
 import numpy as np
 
 from equimesh.numerics.compiled import compiled, inlined, vectorised
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, SingleArray
 from equimesh.sweeps.kernels import Levels, Moved, Nodes, SidePair, Strip
 
 
 @compiled
-def closed_side_moves(
-    sides: SidePair, strength: tuple[float, float], flux: Array, moves: Array
-) -> tuple[float, float]:
+def closed_side_moves(sides: SidePair, strength: tuple[float, float], flux: Array, moves: Array) -> tuple[float, float]:
     """Corrections ``moves`` of the nodes along two opposite sides that are closed lines, and the ``flux`` of edges.
 
     Both have a copy of a node at either end. Returns as :func:`~equimesh.sweeps.kernels.side_moves`.
@@ -62,7 +60,7 @@ def closed_side_moves(
 
 @vectorised
 def closed_eta_corrections(
-    nodes: Nodes, m: Array, strip: Strip, out: Moved, along_q: Array, sums: Array
+    nodes: Nodes, m: Array, strip: Strip, out: Moved, along_q: SingleArray, sums: Array
 ) -> float:
     """As :func:`~equimesh.sweeps.kernels.eta_corrections` for eta-lines that are closed.
 
@@ -106,7 +104,7 @@ def closed_eta_corrections(
 
 
 @inlined
-def closed_row(nodes: Nodes, m: Array, i: int, c: int, running: Array, out: Moved, along_q: Array) -> None:
+def closed_row(nodes: Nodes, m: Array, i: int, c: int, running: Array, out: Moved, along_q: SingleArray) -> None:
     """As :func:`~equimesh.sweeps.kernels.move_row`, with the move per ``-2 Q`` for ``along_q``."""
     x, y = nodes
     n_eta = x.shape[1]
@@ -135,7 +133,7 @@ def closed_row(nodes: Nodes, m: Array, i: int, c: int, running: Array, out: Move
 
 @vectorised
 def closed_xi_corrections(
-    nodes: Nodes, strip: Strip, levels: Levels, running: Array, out: Moved, along_q: Array, largest: Array
+    nodes: Nodes, strip: Strip, levels: Levels, running: Array, out: Moved, along_q: SingleArray, largest: Array
 ) -> None:
     """As :func:`~equimesh.sweeps.kernels.xi_corrections`, and close the eta-lines.
 

@@ -13,8 +13,8 @@ from equimesh.numerics.compiled import vectorised
 from equimesh.numerics.gather import joined
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array
-from equimesh.sweeps.closed_deviation import closed_deviation
 from equimesh.sweeps.cell_metrics import cell_memory, cell_metrics
+from equimesh.sweeps.closed_deviation import closed_deviation
 from equimesh.sweeps.kernels import Nodes
 from equimesh.sweeps.line_extremes import line_extremes
 from equimesh.sweeps.side_nodes import SideNodes

@@ -26,8 +26,8 @@ class LineSums:
 
     ``strips`` and ``starts`` have the shape ``(strips, n_eta)``. ``pushes`` of shape ``(2, n_eta)`` are ``-2 P`` on the
     left and right side, as far as the process holds these. ``first`` are the squared metric lengths of the first edges
-    of the lines, ``levels`` the means and shifts of all lines. ``closings`` of shape ``(strips, 4, n_eta)`` are the sums
-    that close the lines, where they are closed.
+    of the lines, ``levels`` the means and shifts of all lines. ``closings`` of shape ``(strips, 4, n_eta)`` are the
+    sums that close the lines, where they are closed.
     """
 
     def __init__(self, parts: Parts, summed: int, *, closed: bool = False) -> None:

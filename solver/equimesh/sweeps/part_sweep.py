@@ -9,7 +9,7 @@ import numpy as np
 from equimesh.equations.metric import ReferenceMetric
 from equimesh.meshes.parts import Part, Parts
 from equimesh.meshes.strips import strips_of
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, SingleArray
 from equimesh.sweeps import closed_kernels, kernels
 from equimesh.sweeps.cell_metrics import cell_memory, cell_metrics
 from equimesh.sweeps.kernels import Lines, Moved, Nodes, Strip
@@ -26,7 +26,7 @@ class PartSweep:
         parts: Parts,
         part: Part,
         summed: int,
-        along_q: Array | None = None,
+        along_q: SingleArray | None = None,
     ) -> None:
         """The xi-edges from rows of the grid below ``summed`` belong to the xi-lines.
 

@@ -16,6 +16,8 @@ DOMAINS: dict[str, em.Domain] = {
     "unit square": em.Rectangle(),
     "rectangle": em.Rectangle(x=(-3.0, 5.0), y=(1.0, 1.5)),
     "sector": em.AnnulusSector(center=(1.0, -2.0), radii=(0.5, 1.5), angles=(20.0, 250.0)),
+    "periodic": em.Rectangle(x=(-3.0, 5.0), periodic="both"),
+    "closed ring": em.AnnulusSector(closed=True),
     "ring": em.AnnulusSector(angles=(0.0, 360.0)),
     "formulas": em.Quadrilateral(
         bottom=em.Curve.of_expressions("t", "0.2*sin(pi*t)"), top=RISING, left=LEFT, right=RIGHT

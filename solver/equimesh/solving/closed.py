@@ -1,0 +1,35 @@
+"""What can be solved where grid lines are closed."""
+
+from equimesh.domains.closing import is_closed
+from equimesh.equations.problem import Problem
+from equimesh.errors import InputError
+from equimesh.monitors.auto import Auto
+from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.monitor import map_of
+from equimesh.monitors.nodal_solution import NodalSolution
+from equimesh.schwarz.settings import Schwarz
+
+NO_SUBDOMAINS = (
+    "the lines of this domain are closed, and the subdomains of a Schwarz iteration end at sides: leave the Schwarz"
+    " settings out, or take a domain without closed lines"
+)
+"""Why closed lines with Schwarz settings are refused."""
+NO_GRADIENT_MAP = (
+    "the gradient map of a weight needs four sides, and the lines of this domain are closed: take map = 'lines'"
+)
+"""Why closed lines with a gradient map are refused."""
+
+
+def require_open(problem: Problem, schwarz: Schwarz | None) -> None:
+    """Raises :class:`~equimesh.errors.InputError` for what closed lines cannot be solved with."""
+    if not is_closed(problem.domain):
+        return
+    if schwarz is not None:
+        raise InputError(NO_SUBDOMAINS, field="schwarz")
+    if map_of(problem.monitor) != "lines":
+        raise InputError(NO_GRADIENT_MAP, field="monitor.map")
+    if isinstance(problem.monitor, NodalSolution | LeastError | Auto):
+        raise InputError(
+            "least error needs four sides, and the lines of this domain are closed: take another monitor",
+            field="monitor",
+        )
