@@ -1,0 +1,174 @@
+"""A domain of blocks: its initial mesh, and the curves on which the nodes of its boundary slide."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from equimesh.blocks.checks import check_not_folded
+from equimesh.blocks.counts import plan_of
+from equimesh.blocks.curves import BoundaryCurve
+from equimesh.blocks.description import Description
+from equimesh.blocks.initial import block_points, edge_lines
+from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
+from equimesh.blocks.sides import side_edges, sides_of
+from equimesh.blocks.sliding import BoundaryEdge, slide, with_lines
+from equimesh.domains.domain import Box
+from equimesh.errors import InputError
+from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+from equimesh.numerics.types import Array, BoolArray, IntArray
+
+# Places of a boundary edge of the mesh at which its box and its area are found: Gauss points, and the ends.
+GAUSS = np.polynomial.legendre.leggauss(5)
+# Places between two nodes on a curve in the search for the ends of the box.
+BOX_PLACES = 9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Blocks:
+    """A domain of one or more blocks. Build it by :meth:`of`, from a description, or from a mesh by ``of_mesh``.
+
+    - ``mesh``: the initial mesh, a :class:`~equimesh.meshes.quad_mesh.QuadMesh`, which is not folded.
+    - ``layout``: the topology: edges, vertices, counts.
+    - ``curves``: the curves of the boundary; straight parts are curves, too.
+    - ``boundary_edges``: the edges on the boundary, with the parameters of their nodes on their curve.
+    - ``node_curve``: for every node the number of its curve, -1 where it is free, -2 where it stays, shape ``(n,)``.
+    - ``node_parameter``: the parameter of every node on its curve, 0 for others, shape ``(n,)``.
+    """
+
+    mesh: QuadMesh
+    layout: Layout
+    curves: tuple[BoundaryCurve, ...]
+    boundary_edges: tuple[BoundaryEdge, ...]
+    node_curve: IntArray
+    node_parameter: Array
+    _document: Mapping[str, Any] | None = None
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any], folder: Path | str | None = None) -> Blocks:
+        """The domain that a description gives: the object of its JSON, as in the reference of descriptions.
+
+        Files of points lie in ``folder``. Raises :class:`~equimesh.errors.InputError` with the path of the entry, such
+        as ``domain.blocks[2].cells``; the message names the edge, the block or the place, and the remedy.
+        """
+        description = Description.of(document, None if folder is None else Path(folder))
+        plan = plan_of(description)
+        lines = edge_lines(description, plan)
+        count, blocks = plan.layout.numbering()
+        edge_nodes = plan.layout.edge_nodes(blocks)
+        mesh = QuadMesh(
+            points=block_points(plan, lines, blocks, count),
+            cells=np.concatenate([quads_of_block(block) for block in blocks]),
+            sides=side_edges(plan.layout, edge_nodes, sides_of(description, plan)),
+            blocks=blocks,
+            block_names=tuple(block.name for block in description.blocks),
+            ties=plan.layout.ties(blocks),
+        )
+        check_not_folded(
+            mesh,
+            tuple(block.field for block in description.blocks),
+            "move its corners, put a vertex on a bent edge and cut the block there, or take another grading",
+        )
+        numbers = {name: k for k, name in enumerate(description.vertices)}
+        return cls.assembled(
+            mesh,
+            plan.layout,
+            curves=tuple(description.curves.values()),
+            on_curves={
+                edge: (lines[edge].curve, lines[edge].parameters)
+                for edge in map(int, plan.layout.boundary)
+                if lines[edge].curve >= 0
+            },
+            corners=[numbers[name] for name in description.corners],
+            document=description.document,
+        )
+
+    @classmethod
+    def assembled(
+        cls,
+        mesh: QuadMesh,
+        layout: Layout,
+        *,
+        curves: Sequence[BoundaryCurve],
+        on_curves: Mapping[int, tuple[int, Array]],
+        corners: Iterable[int] = (),
+        document: Mapping[str, Any] | None = None,
+    ) -> Blocks:
+        """The domain of a mesh whose blocks fit to ``layout``.
+
+        ``on_curves`` has, by the number of an edge on the boundary, the number of its curve and the parameters of its
+        nodes from begin to end; all other edges on the boundary are straight. ``corners`` are vertices that stay.
+        """
+        edge_nodes = layout.edge_nodes(mesh.blocks)
+        used = sorted({number for number, _ in on_curves.values()})
+        place = {number: k for k, number in enumerate(used)}
+        placed = {edge: (place[number], t) for edge, (number, t) in on_curves.items()}
+        found, edges = with_lines(layout, mesh.points, edge_nodes, [curves[k] for k in used], placed)
+        node_curve, parameter = slide(layout, len(mesh.points), edges, found, edge_nodes, mesh.ties, set(corners))
+        return cls(
+            mesh=mesh,
+            layout=layout,
+            curves=found,
+            boundary_edges=edges,
+            node_curve=node_curve,
+            node_parameter=parameter,
+            _document=document,
+        )
+
+    @property
+    def points(self) -> int:
+        """The number of nodes of the initial mesh."""
+        return len(self.mesh.points)
+
+    @cached_property
+    def box(self) -> Box:
+        """The smallest box ``((x0, x1), (y0, y1))`` that holds the domain, along curves to about 1e-3 of a cell."""
+        low, high = self.mesh.points.min(axis=0), self.mesh.points.max(axis=0)
+        for edge in self.boundary_edges:
+            t, n = edge.parameters, len(edge.parameters)
+            between = np.interp(np.linspace(0, n - 1, BOX_PLACES * (n - 1) + 1), np.arange(n), t)
+            x, y, *_ = self.curves[edge.curve].evaluate(between)
+            low, high = np.minimum(low, [x.min(), y.min()]), np.maximum(high, [x.max(), y.max()])
+        return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+
+    @cached_property
+    def area(self) -> float:
+        """The area inside the curves of the boundary, from the areas of the cells and what lies beyond their edges."""
+        total = float(self.mesh.cell_areas().sum())
+        ways = {int(edge): way for edge, way in zip(self.layout.block_edges.ravel(), self._ways.ravel(), strict=True)}
+        for edge in self.boundary_edges:
+            t, corners = edge.parameters, self.mesh.points[edge.nodes]
+            half, middle = 0.5 * np.diff(t), 0.5 * (t[1:] + t[:-1])
+            x, y, x_t, y_t = self.curves[edge.curve].evaluate(middle[:, None] + half[:, None] * GAUSS[0])
+            from_x, from_y = corners[:-1, :1], corners[:-1, 1:]
+            parts = (half[:, None] * GAUSS[1] * ((x - from_x) * y_t - (y - from_y) * x_t)).sum()
+            total += 0.5 * float(parts) * (1.0 if ways[edge.edge] else -1.0)
+        return total
+
+    @property
+    def _ways(self) -> BoolArray:
+        """Whether each edge of a block has the block on its left, shape ``(b, 4)``."""
+        return np.asarray(self.layout.forward == np.array(RISES_WITH_BLOCK_ON_LEFT))
+
+    def description(self) -> dict[str, Any]:
+        """The description that the domain came from, as JSON; the points of files are in it.
+
+        Raises :class:`~equimesh.errors.InputError` for a domain that came from a mesh.
+        """
+        if self._document is None:
+            raise InputError("this domain came from a mesh, and has no description: keep the file of the mesh")
+        return dict(copy.deepcopy(self._document))
+
+    def refined(self, factor: float) -> Blocks:
+        """The same domain with ``factor`` times as many cells along each edge, rounded.
+
+        Raises :class:`~equimesh.errors.InputError` for a factor that is no positive number.
+        """
+        document = self.description()
+        return Blocks.of(document | {"refine": document.get("refine", 1) * factor})

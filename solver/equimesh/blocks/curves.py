@@ -1,0 +1,201 @@
+"""Boundary curves on which nodes slide: straight lines, circles, and curves that formulas give."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from equimesh.domains.curve import Curve
+from equimesh.errors import InputError
+from equimesh.numerics.types import Array
+
+Point: TypeAlias = tuple[float, float]
+
+# Places on a curve at which the search for the nearest point begins.
+SEARCH_POINTS = 1025
+# Steps of the search; each one halves the distance at least.
+SEARCH_STEPS = 40
+# The largest distance between begin and end of a closed formula, as a share of its speed.
+MAX_GAP_SHARE = 1e-9
+# The largest angle, in radians, between begin and end of a closed formula that has no corner there.
+MAX_BEND = 1e-6
+
+
+class BoundaryCurve(Protocol):
+    """A curve ``(x(t), y(t))`` with a parameter t between two ends; nodes that slide on it have t as their unknown.
+
+    ``box``, ``area`` and nodes of the finished mesh follow from it, so ``evaluate`` must be exact to rounding.
+    """
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The smallest and the largest t."""
+        ...
+
+    @property
+    def closed(self) -> bool:
+        """Whether the curve ends where it begins. Any t is then allowed, and repeats after ``ends[1] - ends[0]``."""
+        ...
+
+    @property
+    def corners(self) -> Array:
+        """Values of t at which the direction jumps; a closed curve with a corner at its begin has it once."""
+        ...
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t`` at values of t of any shape; slightly beyond the ends the curve is continued."""
+        ...
+
+    def nearest(self, x: Array, y: Array) -> Array:
+        """The t of the point of the curve that is nearest to each of these points, within the ends."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """The straight line from ``start`` to ``end``; t is the distance from ``start``. A :class:`BoundaryCurve`."""
+
+    start: Point
+    end: Point
+
+    @property
+    def length(self) -> float:
+        """The distance of the ends."""
+        return math.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
+
+    @property
+    def direction(self) -> Point:
+        """The unit vector from start to end."""
+        return (self.end[0] - self.start[0]) / self.length, (self.end[1] - self.start[1]) / self.length
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """0 and the length."""
+        return 0.0, self.length
+
+    @property
+    def closed(self) -> bool:
+        """A line is never closed."""
+        return False
+
+    @property
+    def corners(self) -> Array:
+        """A line has none."""
+        return np.empty(0)
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t``, as :meth:`BoundaryCurve.evaluate`."""
+        (x, y), (along_x, along_y) = self.start, self.direction
+        return x + along_x * t, y + along_y * t, np.full(np.shape(t), along_x), np.full(np.shape(t), along_y)
+
+    def nearest(self, x: Array, y: Array) -> Array:
+        """The foot of the perpendicular, or an end."""
+        along = (x - self.start[0]) * self.direction[0] + (y - self.start[1]) * self.direction[1]
+        return np.asarray(np.clip(along, 0.0, self.length))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle:
+    """The circle around ``center``; t is the angle in radians, counter-clockwise. A :class:`BoundaryCurve`."""
+
+    center: Point = (0.0, 0.0)
+    radius: float = 1.0
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """-pi and pi."""
+        return -math.pi, math.pi
+
+    @property
+    def closed(self) -> bool:
+        """A circle is closed."""
+        return True
+
+    @property
+    def corners(self) -> Array:
+        """A circle has none."""
+        return np.empty(0)
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t``, as :meth:`BoundaryCurve.evaluate`."""
+        cosine, sine = self.radius * np.cos(t), self.radius * np.sin(t)
+        return self.center[0] + cosine, self.center[1] + sine, -sine, cosine
+
+    def nearest(self, x: Array, y: Array) -> Array:
+        """The angle of the point, seen from the centre."""
+        return np.arctan2(y - self.center[1], x - self.center[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormulaCurve:
+    """A curve of :mod:`equimesh.domains.curve`, for t from 0 to 1; a :class:`BoundaryCurve`.
+
+    Raises :class:`~equimesh.errors.InputError` with the field ``where`` for a closed curve whose ends are apart.
+    """
+
+    curve: Curve
+    closed: bool = False
+    where: str = field(default="domain.curves", compare=False)
+
+    def __post_init__(self) -> None:
+        x, y, x_t, y_t = self.curve.evaluate(np.array([0.0, 1.0]))
+        gap = math.hypot(x[1] - x[0], y[1] - y[0])
+        if self.closed and gap > MAX_GAP_SHARE * float(np.hypot(x_t, y_t).max()):
+            raise InputError(
+                f"the curve is named closed, but begins at ({x[0]:.6g}, {y[0]:.6g}) and ends at ({x[1]:.6g},"
+                f' {y[1]:.6g}), {gap:.3g} apart: let t = 0 and t = 1 give one point, or leave out "closed"',
+                field=self.where,
+            )
+
+    @property
+    def corners(self) -> Array:
+        """0, where a closed curve begins in another direction than it ends; the formulas are smooth elsewhere."""
+        _, _, x_t, y_t = self.curve.evaluate(np.array([0.0, 1.0]))
+        cross, along = x_t[0] * y_t[1] - y_t[0] * x_t[1], x_t[0] * x_t[1] + y_t[0] * y_t[1]
+        is_corner = self.closed and abs(math.atan2(cross, along)) > MAX_BEND
+        return np.zeros(1 if is_corner else 0)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """0 and 1."""
+        return 0.0, 1.0
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t``, as :meth:`BoundaryCurve.evaluate`."""
+        return self.curve.evaluate(wrapped(self, np.asarray(t, dtype=np.float64)))
+
+    def nearest(self, x: Array, y: Array) -> Array:
+        """The nearest of many points of the curve, refined."""
+        return nearest_on(self, x, y, np.linspace(0.0, 1.0, SEARCH_POINTS))
+
+
+def wrapped(curve: BoundaryCurve, t: Array) -> Array:
+    """``t`` moved between the ends of a closed curve by whole turns; unchanged for an open one."""
+    first, last = curve.ends
+    return first + np.mod(t - first, last - first) if curve.closed else t
+
+
+def nearest_on(curve: BoundaryCurve, x: Array, y: Array, places: Array) -> Array:
+    """The t of the points of ``curve`` nearest to these points.
+
+    The search begins at the nearest of ``places`` and goes on by golden sections between its neighbours, which are
+    assumed to hold one smallest distance.
+    """
+    px, py = np.ravel(x).astype(np.float64), np.ravel(y).astype(np.float64)
+    at_x, at_y, *_ = curve.evaluate(places)
+    best = np.array([int(((at_x - a) ** 2 + (at_y - b) ** 2).argmin()) for a, b in zip(px, py, strict=True)], dtype=int)
+    low, high = places[np.maximum(best - 1, 0)], places[np.minimum(best + 1, len(places) - 1)]
+    t = places[best]
+    # Where the derivative of the squared distance changes its sign: bisection, which no kink disturbs.
+    for _ in range(SEARCH_STEPS):
+        cx, cy, x_t, y_t = curve.evaluate(t)
+        rises = (cx - px) * x_t + (cy - py) * y_t > 0.0
+        low, high = np.where(rises, low, t), np.where(rises, t, high)
+        t = 0.5 * (low + high)
+    ends = np.stack([t, places[best]])
+    cx, cy, *_ = curve.evaluate(ends)
+    distance = (cx - px) ** 2 + (cy - py) ** 2
+    return np.asarray(np.where(distance[0] <= distance[1], t, places[best])).reshape(np.shape(x))

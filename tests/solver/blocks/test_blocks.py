@@ -1,0 +1,64 @@
+"""Domains of blocks: area, box, round trips, refinement."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.blocks.blocks import Blocks
+from solver.blocks import documents
+
+
+def test_area_and_box_are_those_inside_the_curves() -> None:
+    corner = Blocks.of(documents.l_shape())
+    assert corner.area == pytest.approx(3.0, abs=1e-14)
+    assert corner.box == ((0.0, 2.0), (0.0, 2.0))
+    ring = Blocks.of(documents.ring())
+    assert ring.area == pytest.approx(3 * math.pi, rel=1e-13)
+    assert np.array(ring.box) == pytest.approx(np.array([[-2, 2], [-2, 2]]), abs=1e-9)
+    bump = Blocks.of(documents.channel())
+    top = math.sqrt(5) - 2
+    segment = 5 * math.asin(1 / math.sqrt(5)) - 2
+    assert bump.area == pytest.approx(3 - segment, rel=1e-12)
+    assert bump.points == len(bump.mesh.points)
+    assert bump.mesh.block_mesh(0).y[3, 0] == pytest.approx(top)
+
+
+def test_a_description_comes_back_exactly(tmp_path: Path) -> None:
+    for document in (documents.l_shape(), documents.ring(kind="blocks"), documents.channel(refine=2)):
+        text = json.dumps(document)
+        found = Blocks.of(json.loads(text))
+        assert json.dumps(found.description()) == text
+        again = Blocks.of(found.description())
+        assert np.array_equal(again.mesh.points, found.mesh.points)
+    found.description()["blocks"].clear()
+    assert found.description()["blocks"]
+    (tmp_path / "wall.csv").write_text("0, 0\n0.5, -0.1\n1, 0\n")
+    document = documents.l_shape(
+        curves={"wall": {"points": "wall.csv"}}, edges=[{"from": "a", "to": "b", "on": "wall"}]
+    )
+    inlined = Blocks.of(document, tmp_path).description()
+    assert inlined["curves"]["wall"]["points"] == [[0.0, 0.0], [0.5, -0.1], [1.0, 0.0]]
+
+
+def test_refined_domains_have_more_cells_on_the_same_curves() -> None:
+    coarse = Blocks.of(documents.ring())
+    fine = coarse.refined(2)
+    assert fine.layout.shapes == ((9, 49),)
+    assert np.abs(fine.mesh.block_mesh(0).x[::2, ::2] - coarse.mesh.block_mesh(0).x).max() < 1e-12
+    assert fine.refined(0.5).layout.shapes == coarse.layout.shapes
+    with pytest.raises(em.InputError, match="refine is 0"):
+        coarse.refined(0)
+
+
+def test_a_domain_without_description_says_so() -> None:
+    found = Blocks.of(documents.l_shape())
+    other = Blocks.assembled(found.mesh, found.layout, curves=(), on_curves={})
+    assert np.array_equal(other.node_curve, found.node_curve)
+    with pytest.raises(em.InputError, match="came from a mesh"):
+        other.description()

@@ -1,0 +1,71 @@
+"""Initial meshes: vertices on their curves, graded edges, copies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.blocks.blocks import Blocks
+from solver.blocks import documents
+
+
+def test_vertices_that_are_nearly_on_their_curve_are_moved_there() -> None:
+    document = documents.ring(vertices={"i": [1.01, 0.01], "o": [1.99, 0]})
+    mesh = Blocks.of(document).mesh
+    for name, radius in (("hole", 1.0), ("boundary", 2.0)):
+        edges = mesh.sides[name]
+        assert np.hypot(*mesh.points[edges[:, 0]].T) == pytest.approx(radius, abs=1e-14)
+
+
+def test_a_vertex_away_from_the_curve_is_refused_with_the_nearest_point() -> None:
+    document = documents.ring(vertices={"i": [1.2, 0], "o": [2, 0]})
+    with pytest.raises(em.InputError, match=r"edge i-i .* inner, .* \(1.2, 0\) is 0.2 away .* \(1, 0\)") as caught:
+        Blocks.of(document)
+    assert caught.value.field == "domain.edges[0].on"
+
+
+def test_a_vertex_of_two_curves_stands_where_they_meet() -> None:
+    document = {
+        "vertices": {"a": [0, 0], "b": [1, 0.02], "c": [1, 1], "d": [0, 1]},
+        "curves": {
+            "low": {"x": "t", "y": "0.3*t*(1 - t)"},
+            "right": {"circle": {"center": [1.5, 0.5], "radius": 0.5**0.5}},
+        },
+        "edges": [{"from": "a", "to": "b", "on": "low"}, {"from": "b", "to": "c", "on": "right"}],
+        "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [4, 4]}],
+    }
+    found = Blocks.of(document)
+    x, y = found.mesh.points[found.mesh.blocks[0][-1, 0]]
+    assert y == pytest.approx(0.3 * x * (1 - x), abs=1e-8)
+    assert math.hypot(x - 1.5, y - 0.5) == pytest.approx(math.sqrt(0.5), abs=1e-8)
+    document["curves"]["right"] = {"points": [[1.01, 0.0], [1.01, 1.0]]}
+    with pytest.raises(em.InputError, match="which do not meet"):
+        Blocks.of(document)
+
+
+def test_an_edge_through_a_corner_of_its_curve_is_refused() -> None:
+    square = {"points": [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]}
+    document = {
+        "vertices": {"a": [0, 0], "b": [1, 1], "c": [3, 1], "d": [3, 0]},
+        "curves": {"wall": square},
+        "edges": [{"from": "a", "to": "b", "on": "wall", "via": [1, 0]}],
+        "blocks": [{"corners": ["a", "d", "c", "b"], "cells": [4, 4]}],
+    }
+    with pytest.raises(em.InputError, match=r"edge a-b runs through the corner \(1, 0\) of the curve wall"):
+        Blocks.of(document)
+
+
+def test_a_loop_needs_a_curve() -> None:
+    with pytest.raises(em.InputError, match="the edge i-i begins and ends at one vertex"):
+        Blocks.of(documents.ring(edges=[{"from": "o", "to": "o", "on": "outer"}]))
+
+
+def test_copies_lie_apart_by_the_translation() -> None:
+    mesh = Blocks.of(documents.channel()).mesh
+    gap = mesh.points[mesh.ties[:, 0]] - mesh.points[mesh.ties[:, 1]]
+    assert gap == pytest.approx(np.tile([3.0, 0.0], (5, 1)), abs=1e-15)
+    heights = np.diff(mesh.y[mesh.ties[:, 1]])
+    assert heights[-1] / heights[0] == pytest.approx(3.0)
