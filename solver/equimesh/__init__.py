@@ -12,9 +12,11 @@ Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the ta
 """
 
 from equimesh.adapt.loop import adapt
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
 from equimesh.domains.quadrilateral import Quadrilateral
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
 from equimesh.errors import DecompositionError, EquimeshError, ExpressionError, InputError, Position, SamplesError
@@ -28,6 +30,7 @@ from equimesh.least_error.steps import Descent
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.curvature import Curvature
@@ -57,6 +60,7 @@ from equimesh.sequences.sequence import Sequence
 from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving.announcer import Event
+from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Relaxed
 from equimesh.solving.options import Initial
 from equimesh.solving.solution import Solution, SolveError
@@ -73,6 +77,7 @@ from equimesh_coupling.errors import BadValues, CouplingError, MissingLibrary, O
 __all__ = [  # noqa: RUF022 - grouped by noun
     # The problem: a monitor on a grid of a domain
     "Problem",
+    "BlockProblem",
     "Grid",
     "Boundary",
     # Domains: images of the unit square
@@ -81,6 +86,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "AnnulusSector",
     "Quadrilateral",
     "Curve",
+    "Blocks",
     # Fields: functions of x and y with derivatives
     "Field",
     "Expression",
@@ -135,6 +141,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "SubdomainRecord",
     # Results
     "Solution",
+    "BlockSolution",
     "Status",
     "Certificate",
     "Relaxed",
@@ -151,6 +158,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "ErrorIndicator",
     # Meshes and their quality
     "Mesh",
+    "QuadMesh",
     "MeshData",
     "Quality",
     "measure",

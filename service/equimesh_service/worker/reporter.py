@@ -59,7 +59,7 @@ class Reporter:
             more = {"max_q_eq": event.max_q_eq, "change": event.change, "min_jacobian": event.min_jacobian}
             self._report(SCHWARZ, event.iteration, residual, more)
             return
-        points = [event.grid.n_xi, event.grid.n_eta]
+        points = None if event.grid is None else [event.grid.n_xi, event.grid.n_eta]
         place: dict[str, Any] = {"level": event.level, "levels": event.levels, "grid": points}
         if isinstance(event, Descent):
             numbers: dict[str, Any] = {"error": event.error, "gain": event.gain, "min_jacobian": event.min_jacobian}

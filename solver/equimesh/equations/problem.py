@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.boundary import Boundary, sides
 from equimesh.equations.mesh_equations import MeshEquations
@@ -36,6 +37,11 @@ class Problem:
             raise InputError(
                 f"monitor = {str(self.monitor)[:40]!r} is no monitor: give one, such as ArcLength(u=...)",
                 field="monitor",
+            )
+        if isinstance(self.domain, Blocks):
+            raise InputError(
+                "a domain in blocks has its own mesh, and no grid: give BlockProblem(monitor=..., domain=...)",
+                field="domain",
             )
         if not (callable(getattr(self.domain, "map", None)) and callable(getattr(self.domain, "jacobian", None))):
             raise InputError(

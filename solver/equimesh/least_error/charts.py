@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from copy import copy
 from typing import Protocol
 
 import numpy as np
 
 from equimesh.domains.domain import Domain, Rectangle
 from equimesh.numerics.types import Array, IntArray, Pair
+
+FREE = -1
+"""The number of the curve of a node that is on none. That of a fixed node is less."""
 
 
 class Chart(Protocol):
@@ -20,6 +26,11 @@ class Chart(Protocol):
 
     def on(self, nodes: IntArray) -> Chart:
         """The chart of these nodes alone, for arrays of their unknowns; all else is that of the whole domain."""
+        ...
+
+    @property
+    def length(self) -> float:
+        """The size of the domain in the units of the unknowns."""
         ...
 
     def nodes(self, mesh: Array) -> Pair:
@@ -55,6 +66,11 @@ class DomainChart:
         """The chart itself: it is the same for all nodes."""
         return self
 
+    @property
+    def length(self) -> float:
+        """The side of the reference square."""
+        return 1.0
+
     def nodes(self, mesh: Array) -> Pair:
         """x and y of the nodes."""
         if self._is_identity:
@@ -86,4 +102,89 @@ class DomainChart:
                 a * x_t * x_t + 2.0 * b * x_t * y_t + d * y_t * y_t,
             ]
         )
+        return gradient, blocks
+
+
+class Slope(Protocol):
+    """A curve that can be evaluated."""
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t`` at values of t."""
+        ...
+
+
+class CurveChart:
+    """Coordinates of free nodes, and parameters of nodes on curves: these slide along their curve exactly.
+
+    The unknowns of a free node are x and y. The first unknown of a node on a curve is the parameter times the mean
+    speed of the curve, a length; the second is 0. Those of a fixed node are x and y, which do not change.
+    """
+
+    def __init__(self, curves: Sequence[Slope], on_curve: IntArray, parameters: Array, area: float) -> None:
+        """``on_curve`` are the numbers of the nodes' ``curves``, ``parameters`` their first parameters there.
+
+        ``on_curve`` is -1 for a free node, -2 for a fixed one. ``area`` is that of the domain.
+        """
+        self.area, self.length = area, math.sqrt(area)
+        self._curves = []
+        for number, curve in enumerate(curves):
+            nodes = np.flatnonzero(on_curve == number)
+            if nodes.size:
+                _, _, x_t, y_t = curve.evaluate(parameters[nodes])
+                self._curves.append((curve, nodes, float(np.hypot(x_t, y_t).mean())))
+        self.free = np.ones((2, on_curve.size))
+        self.free[1, on_curve >= 0] = 0.0
+        self.free[:, on_curve < FREE] = 0.0
+
+    def on(self, nodes: IntArray) -> CurveChart:
+        """The chart of these nodes alone, for arrays of their unknowns."""
+        place = np.full(self.free.shape[1], -1)
+        place[nodes] = np.arange(nodes.size)
+        chart = copy(self)
+        chart.free = self.free[:, nodes]
+        chart._curves = [
+            (curve, kept, speed)
+            for curve, on_curve, speed in self._curves
+            if (kept := place[on_curve][place[on_curve] >= 0]).size
+        ]
+        return chart
+
+    def unknowns(self, points: Array, parameters: Array) -> Array:
+        """The unknowns, shape ``(2, nodes)``, of nodes at ``points``, shape ``(2, nodes)``, with these parameters."""
+        mesh = points.copy()
+        for _, nodes, speed in self._curves:
+            mesh[0, nodes], mesh[1, nodes] = parameters[nodes] * speed, 0.0
+        return mesh
+
+    def parameters(self, mesh: Array) -> Array:
+        """The parameters of the nodes on their curves, 0 for other nodes, shape ``(nodes,)``."""
+        parameters = np.zeros(mesh.shape[1])
+        for _, nodes, speed in self._curves:
+            parameters[nodes] = mesh[0, nodes] / speed
+        return parameters
+
+    def nodes(self, mesh: Array) -> Pair:
+        """x and y of the nodes."""
+        x, y = mesh[0].copy(), mesh[1].copy()
+        for curve, nodes, speed in self._curves:
+            x[nodes], y[nodes], _, _ = curve.evaluate(mesh[0, nodes] / speed)
+        return x, y
+
+    def moves(self, mesh: Array, start: Array) -> Array:
+        """The displacements over the square root of the area."""
+        here, there = self.nodes(mesh), self.nodes(start)
+        return np.stack([(one - other) / self.length for one, other in zip(here, there, strict=True)])
+
+    def derivatives(self, mesh: Array, collected: Array, bends: Array, stiffness: Array) -> Pair:
+        """As :meth:`Chart.derivatives`: on a curve those along its tangent."""
+        collected[:2] += bends / self.length
+        collected[2::2] += stiffness / self.area
+        gradient, blocks = collected[:2], collected[2:]
+        for curve, nodes, speed in self._curves:
+            _, _, x_t, y_t = curve.evaluate(mesh[0, nodes] / speed)
+            x_t, y_t = x_t / speed, y_t / speed
+            (g, h), (a, b, d) = gradient[:, nodes], blocks[:, nodes]
+            gradient[0, nodes], gradient[1, nodes] = g * x_t + h * y_t, 0.0
+            blocks[0, nodes] = a * x_t * x_t + 2.0 * b * x_t * y_t + d * y_t * y_t
+            blocks[1, nodes], blocks[2, nodes] = 0.0, 1.0
         return gradient, blocks

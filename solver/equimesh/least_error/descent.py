@@ -22,7 +22,7 @@ PAIRS = 8
 STEPS_A_PRECONDITIONER = 5
 """Steps after which the blocks are renewed."""
 MAX_MOVE_CELLS = 2.0
-"""The longest move of a coordinate in one step, in spacings of the uniform mesh."""
+"""The longest move of a coordinate in one step, in spacings of a mesh with equal cells."""
 SHORTENING = 0.4
 """The factor by which a step that was not accepted is shortened."""
 MAX_TRIALS = 9
@@ -43,6 +43,11 @@ class Minimised(Protocol):
     @property
     def cells(self) -> Cells:
         """The cells of the mesh."""
+        ...
+
+    @property
+    def length(self) -> float:
+        """The size of the domain in the units of the unknowns."""
         ...
 
     def cut(self, mesh: Array) -> bool:
@@ -135,7 +140,7 @@ def search(
     slope, longest = float(np.vdot(now.gradient, direction)), float(np.abs(direction).max())
     if not (slope > 0.0 and math.isfinite(longest)):
         return None
-    length = min(1.0, MAX_MOVE_CELLS / math.sqrt(objective.cells.count) / longest)
+    length = min(1.0, MAX_MOVE_CELLS * objective.length / math.sqrt(objective.cells.count) / longest)
     for _ in range(MAX_TRIALS):
         moved = mesh - length * direction
         if objective.smallest_share(moved) > floor:

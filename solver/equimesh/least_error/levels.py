@@ -30,6 +30,11 @@ class Level:
     grid: Grid
 
     @property
+    def points(self) -> int:
+        """Number of nodes."""
+        return self.grid.points
+
+    @property
     def is_finest(self) -> bool:
         """Whether the grid is the requested one."""
         return self.number + 1 == self.count

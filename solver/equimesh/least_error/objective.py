@@ -120,6 +120,11 @@ class Objective:
             self._rule,
         )
 
+    @property
+    def length(self) -> float:
+        """The size of the domain in the units of the unknowns."""
+        return self._chart.length
+
     def nodes(self, mesh: Array) -> Nodes:
         """The physical nodes of a mesh."""
         return Nodes(*self._chart.nodes(mesh), self.cells.corners.reshape(-1))

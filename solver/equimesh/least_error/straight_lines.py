@@ -28,6 +28,11 @@ class StraightLines:
         """The cells of the mesh."""
         return self.objective.cells
 
+    @property
+    def length(self) -> float:
+        """The size of the domain in the units of the unknowns."""
+        return self.objective.length
+
     def lines(self, mesh: Array) -> Array:
         """The lines of a rectilinear mesh of shape ``(2, nodes)``: those through the nodes of two sides."""
         lines = np.zeros((2, max(self.shape)))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.curvature import NORMS
 from equimesh.monitors.least_error import CELLS, LeastError
 from equimesh.monitors.monitor import Monitor, require_orthogonality
-from equimesh.monitors.probe import bound_copy, is_bound_to
+from equimesh.monitors.probe import AnyDomain, bound_copy, is_bound_to
 from equimesh.numerics.types import Array
 
 PURPOSES = ("finite_volume",)
@@ -40,7 +39,7 @@ class Auto:
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
-    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+    _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
@@ -74,7 +73,7 @@ class Auto:
         """
         return self._bound.metric(x, y)
 
-    def on(self, domain: Domain) -> Auto:
+    def on(self, domain: AnyDomain) -> Auto:
         """The monitor bound to ``domain``.
 
         Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or its gradient is not finite.

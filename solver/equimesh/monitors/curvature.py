@@ -20,11 +20,10 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import brentq
 
-from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.monitor import Monitor, require_orthogonality
-from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors.probe import AnyDomain, Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array
@@ -58,7 +57,7 @@ class Curvature:
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
     alpha: float | None = field(default=None, init=False)
-    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+    _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
@@ -91,7 +90,7 @@ class Curvature:
         _metric(h11.ravel(), h12.ravel(), h22.ravel(), 1.0 / self.alpha, self.floor, self._kind, out)
         return out[0].reshape(shape), out[1].reshape(shape), out[2].reshape(shape)
 
-    def on(self, domain: Domain) -> Curvature:
+    def on(self, domain: AnyDomain) -> Curvature:
         """The monitor with the ``alpha`` of ``domain``.
 
         Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or its second derivatives are

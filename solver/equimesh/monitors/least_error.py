@@ -9,12 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.fields.field import Field, require_fields
 from equimesh.monitors.curvature import NORMS, Curvature
 from equimesh.monitors.monitor import Monitor, require_orthogonality
-from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.monitors.probe import AnyDomain, Probe, bound_copy, is_bound_to
 from equimesh.monitors.weakened import weaken
 from equimesh.numerics.types import Array
 
@@ -52,7 +51,7 @@ class LeastError:
     reference square. Every face is then orthogonal on a rectangle."""
     orthogonality: float | None = None
     """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
-    _domain: Domain | None = field(default=None, init=False, repr=False, compare=False)
+    _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_fields(self, "u")
@@ -76,7 +75,7 @@ class LeastError:
         """
         return self._curvature.metric(x, y)
 
-    def on(self, domain: Domain) -> LeastError:
+    def on(self, domain: AnyDomain) -> LeastError:
         """The monitor bound to ``domain``.
 
         Raises :class:`~equimesh.errors.InputError` at a point of the domain where u or a derivative that the norm needs

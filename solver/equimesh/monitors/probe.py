@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
 from equimesh.errors import InputError
 from equimesh.numerics.types import Array
 
 T = TypeVar("T", bound=Any)
+AnyDomain: TypeAlias = Domain | Blocks
+"""An image of the unit square, or a domain in blocks."""
 
 # Points in a direction: enough to detect fronts as thin as a hundredth of the domain.
 CELLS = 256
@@ -23,7 +26,8 @@ class Probe:
     """Points ``x``, ``y`` of a domain, flat arrays, and ``shares``: the share of its area that each represents.
 
     The images of the centres of a fine uniform grid of the reference square; their number does not depend on the
-    grid of the mesh. ``diameter`` is the longer extent of the domain's box.
+    grid of the mesh. On a domain in blocks they are the centres of the cells of its initial mesh. ``diameter`` is the
+    longer extent of the domain's box.
     """
 
     x: Array
@@ -32,23 +36,31 @@ class Probe:
     diameter: float
 
     @classmethod
-    def of(cls, domain: Domain, cells: int = CELLS) -> Probe:
-        """``cells`` by ``cells`` points of ``domain``."""
+    def of(cls, domain: AnyDomain, cells: int = CELLS) -> Probe:
+        """``cells`` by ``cells`` points of ``domain``; one for each cell of a domain in blocks."""
+        diameter = max(high - low for low, high in domain.box)
+        if isinstance(domain, Blocks):
+            mesh = domain.mesh
+            x, y = mesh.points[mesh.cells].mean(axis=1).T
+            areas = mesh.cell_areas()
+            return cls(x=x, y=y, shares=areas / areas.sum(), diameter=diameter)
         middle = (np.arange(cells) + 0.5) / cells
         s, t = (axis.ravel() for axis in np.meshgrid(middle, middle, indexing="ij"))
         x, y = domain.map(s, t)
         x_s, x_t, y_s, y_t = domain.jacobian(s, t)
         areas = x_s * y_t - x_t * y_s
-        diameter = max(high - low for low, high in domain.box)
         return cls(x=x, y=y, shares=areas / areas.sum(), diameter=diameter)
 
     @classmethod
-    def of_closure(cls, domain: Domain, cells: int = CELLS) -> Probe:
+    def of_closure(cls, domain: AnyDomain, cells: int = CELLS) -> Probe:
         """The images of the nodes, sides and corners included; ``shares`` are equal."""
+        diameter = max(high - low for low, high in domain.box)
+        if isinstance(domain, Blocks):
+            x, y = domain.mesh.points.T
+            return cls(x=x, y=y, shares=np.full(x.size, 1.0 / x.size), diameter=diameter)
         line = np.linspace(0.0, 1.0, cells + 1)
         s, t = (axis.ravel() for axis in np.meshgrid(line, line, indexing="ij"))
         x, y = domain.map(s, t)
-        diameter = max(high - low for low, high in domain.box)
         return cls(x=x, y=y, shares=np.full(x.size, 1.0 / x.size), diameter=diameter)
 
     def place(self, index: int) -> str:
@@ -71,12 +83,12 @@ class Probe:
             )
 
 
-def is_bound_to(bound: Domain | None, domain: Domain) -> bool:
+def is_bound_to(bound: AnyDomain | None, domain: AnyDomain) -> bool:
     """Whether a monitor bound to ``bound`` is bound to ``domain`` already."""
     return bound is domain or (bound is not None and type(bound) is type(domain) and bool(bound == domain))
 
 
-def bound_copy(monitor: T, domain: Domain, /, **found: object) -> T:
+def bound_copy(monitor: T, domain: AnyDomain, /, **found: object) -> T:
     """A copy of a frozen dataclass, bound to ``domain``, with further fields ``found`` there."""
     copy = replace(monitor)
     for name, value in {"_domain": domain, **found}.items():

@@ -13,6 +13,7 @@ from equimesh.inputs import finite_or_none
 from equimesh.least_error.iteration import LeastErrorSolve, Reached, last_compared
 from equimesh.least_error.levels import Level, nested_levels
 from equimesh.least_error.steps import Descent
+from equimesh.least_error.ways import mesh_of
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.arc_length import ArcLength
@@ -143,7 +144,7 @@ def _descended(
     solve = LeastErrorSolve(monitor=monitor, domain=problem.domain, grid=problem.grid, threads=options.threads)
     levels = nested_levels(problem.grid)[: level.number + 1]
     reached = _end_of(solve.coarse(level), options.part(course=Descending(levels, 2, last_compared(levels))))
-    errors = _errors(replace(problem, grid=level.grid), reached.record.mesh)
+    errors = _errors(replace(problem, grid=level.grid), mesh_of(reached.mesh, level.grid))
     return Tried(kind="least_error", settings=settings, monitor=monitor, errors=errors, coarse=reached)
 
 

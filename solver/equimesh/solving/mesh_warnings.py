@@ -12,6 +12,7 @@ from equimesh.fields.noise import noise_share
 from equimesh.fields.sample_scan import steps_of
 from equimesh.fields.samples import GridSamples
 from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Pair
@@ -66,9 +67,21 @@ def warnings(
     yield from _about_jumps(problem.monitor.u)
     yield from _about_resolution(errors)
     if status.succeeded:
-        yield from _about_thin_cells(meshes[0], problem.domain.area)
+        yield from _about_thin_cells(meshes[0].min_jacobian / problem.domain.area)
         yield from _about_structure(problem, meshes, errors)
     yield from _about_gains(errors)
+
+
+def block_warnings(mesh: QuadMesh, u: Field | None, errors: InterpolationErrors | None, faces: Faces) -> Iterator[str]:
+    """Sentences to read before using a mesh of blocks: about u, its interpolant, and thin or oblique cells."""
+    if errors is None or mesh.is_folded:
+        return
+    yield from _about_noise(u)
+    yield from _about_jumps(u)
+    yield from _about_resolution(errors)
+    yield from _about_thin_cells(mesh.min_jacobian)
+    yield from _about_large_errors(errors)
+    yield from about_faces(faces)
 
 
 def _about_rounding(problem: Problem, status: Status) -> Iterator[str]:
@@ -103,8 +116,7 @@ def _about_jumps(u: Field | None) -> Iterator[str]:
         )
 
 
-def _about_thin_cells(mesh: MeshWindow, area: float) -> Iterator[str]:
-    smallest = mesh.min_jacobian / area
+def _about_thin_cells(smallest: float) -> Iterator[str]:
     if 0.0 < smallest < MIN_SILENT_JACOBIAN:
         yield (
             f"The smallest Jacobian of a cell is {smallest:.1e} of that of the uniform mesh: u has a kink or a layer as"
@@ -129,8 +141,7 @@ def _about_structure(
     u = problem.monitor.u
     if u is None or errors.largest is None:
         return
-    (error, x, y), variation = errors.largest, errors.variation
-    uniform = _is_uniform(reference)
+    variation, uniform = errors.variation, _is_uniform(reference)
     if errors.l2 <= errors.rounding[0] and 0.0 < variation < MIN_VARIATION_SHARE * errors.size:
         yield (
             f"u counts as constant or linear: it varies by {variation:.2g}, and its size is {errors.size:.2g}. If it is"
@@ -138,7 +149,15 @@ def _about_structure(
         )
     elif uniform:
         yield from _about_uniformity(problem, mesh, u, errors)
-    elif error > MAX_ERROR_SHARE * variation and error > errors.rounding[0]:
+    else:
+        yield from _about_large_errors(errors)
+
+
+def _about_large_errors(errors: InterpolationErrors) -> Iterator[str]:
+    if errors.largest is None:
+        return
+    (error, x, y), variation = errors.largest, errors.variation
+    if error > MAX_ERROR_SHARE * variation and error > errors.rounding[0]:
         yield (
             f"Between the nodes near (x, y) = ({x:.4g}, {y:.4g}) u differs from its interpolant by"
             f" {_percent(error / variation)} of its range: the grid does not resolve it. Add grid points."

@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import TypedDict, TypeVar
 
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.announcer import Announcer, Course, Event, Observer
 
@@ -22,9 +23,10 @@ class Initial(StrEnum):
 class SolveArguments(TypedDict, total=False):
     """Options of :func:`~equimesh.solving.solve.solve`. Each of them may be left out."""
 
-    initial: Initial | Mesh
+    initial: Initial | Mesh | QuadMesh
     """The start: nested (default), uniform, or a mesh of the reference square, such as the ``reference`` of the
-    solution for a monitor a time step earlier. Where such a mesh is far from the solution, the start is nested.
+    solution for a monitor a time step earlier. Where such a mesh is far from the solution, the start is nested. On a
+    domain in blocks a mesh of the domain, such as the ``mesh`` of a solution.
     """
     mode: Mode
     """When a single-domain solve ends. Default: at the error of the grid. A Schwarz iteration has its own tolerance."""

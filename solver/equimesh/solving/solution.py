@@ -22,6 +22,7 @@ from equimesh.schwarz.rates import predicted_rate
 from equimesh.schwarz.records import Iteration, last_rate, plain
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
+from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.certificate import Aim, Candidate, Certificate, Estimate, Relaxed
 from equimesh.solving.measured_mesh import MeasuredMesh
 from equimesh.solving.status import Status
@@ -181,12 +182,15 @@ def status_unless_folded(status: Status, *, folded: bool) -> Status:
 
 
 class SolveError(EquimeshError):
-    """A solve that ended without the requested mesh. ``solution`` holds the partial result."""
+    """A solve that ended without the requested mesh. ``solution`` holds the partial result.
 
-    def __init__(self, message: str, solution: Solution) -> None:
+    It is a :class:`Solution`, or a :class:`~equimesh.solving.block_solution.BlockSolution` on a domain in blocks.
+    """
+
+    def __init__(self, message: str, solution: Solution | BlockSolution) -> None:
         super().__init__(message)
-        self.solution = solution
+        self.solution: Any = solution
 
-    def __reduce__(self) -> tuple[type["SolveError"], tuple[str, Solution]]:
+    def __reduce__(self) -> tuple[type["SolveError"], tuple[str, Solution | BlockSolution]]:
         """How it is pickled: a worker may raise it, and its caller gets it."""
         return type(self), (str(self), self.solution)

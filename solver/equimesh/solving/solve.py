@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Unpack
+from typing import Unpack, overload
 
 import numpy as np
 
 from equimesh.domains.closing import closed_of, is_closed
 from equimesh.domains.domain import Rectangle, map_mesh
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.newton_solve import MAX_FACTORISED_POINTS
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
@@ -15,6 +16,7 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.least_error.iteration import Reached
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of, require_lines
@@ -25,6 +27,8 @@ from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.announcer import Announcer
 from equimesh.solving.auto import choose_monitor, comparison_share
+from equimesh.solving.block_solution import BlockSolution
+from equimesh.solving.blocks import solve_block_problem
 from equimesh.solving.closed import require_open
 from equimesh.solving.finite_volumes import solve_for_finite_volumes
 from equimesh.solving.least_error import is_no_worse, solve_least_error
@@ -45,12 +49,21 @@ NO_SUBDOMAINS = (
     " exchange: leave the Schwarz settings out, or take the curvature or the arc-length monitor"
 )
 """Why least error with Schwarz settings is refused."""
+NO_BLOCKS = "initial is a mesh of blocks, and the problem has a grid: give a mesh of the reference square"
+"""Why a mesh of blocks is refused as the start of a grid."""
 
 
-def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> Solution:
+@overload
+def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> Solution: ...
+@overload
+def solve(problem: BlockProblem, schwarz: None = None, **options: Unpack[SolveArguments]) -> BlockSolution: ...
+def solve(
+    problem: Problem | BlockProblem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]
+) -> Solution | BlockSolution:
     """The mesh of ``problem``: of least error where its monitor asks for that, else locally equidistributed.
 
-    An equidistributed mesh is found by Schwarz iteration if ``schwarz`` is given, else on the whole grid.
+    An equidistributed mesh is found by Schwarz iteration if ``schwarz`` is given, else on the whole grid. The mesh of a
+    :class:`~equimesh.equations.block_problem.BlockProblem` is one of least error on blocks.
 
     ``options`` are those of :class:`~equimesh.solving.options.SolveArguments`: ``initial``, ``mode``,
     ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
@@ -60,9 +73,13 @@ def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[So
     :class:`~equimesh.errors.InputError` for values of options that cannot be used, and :class:`TypeError` for an option
     that does not exist.
     """
+    if isinstance(problem, BlockProblem):
+        return solve_block_problem(problem, schwarz, options)
     _check_arguments(problem, schwarz)
     arguments = complete_arguments(options)
     initial = arguments["initial"]
+    if isinstance(initial, QuadMesh):
+        raise InputError(NO_BLOCKS, field="initial")
     initial = initial if isinstance(initial, Mesh) else choice(Initial, initial, "initial")
     checked = SolveOptions(
         mode=choice(Mode, arguments["mode"], "mode"),

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.least_error.block_levels import block_levels
+from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.objective import Objective
 from equimesh.numerics.types import Array
+from equimesh.testing.geometries import cylinder, disc, naca0012_o
 from solver.least_error.bent import WEIGHTS, remainders, uniform
 
 GRID = em.Grid(n_xi=6, n_eta=17)
@@ -94,3 +97,35 @@ def test_copies_have_no_derivative_of_their_own() -> None:
     assert (here.gradient[:, copies] == 0.0).all()
     assert (here.gradient[:, originals] != 0.0).all()
     assert math.isfinite(here.value)
+
+
+@pytest.mark.parametrize("make", [disc, cylinder, naca0012_o])
+def test_the_taylor_remainder_falls_at_second_order_on_curves(make) -> None:  # type: ignore[no-untyped-def]
+    domain = make(400)
+    mesh = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
+    first, rng = mesh.first.unknowns, np.random.default_rng(5)
+    share = 0.02 * mesh.chart.length / math.sqrt(mesh.cells.count)
+    here_moves, direction = (rng.uniform(-share, share, first.shape) * mesh.chart.free for _ in range(2))
+    objective = Objective(WAVE, mesh.chart, mesh.cells, first, WEIGHTS, Rule())
+    here = objective.evaluate(first + 0.05 * here_moves)
+    assert here is not None
+
+    def value(h: float) -> float:
+        then = objective.evaluate(first + 0.05 * here_moves + h * direction)
+        assert then is not None
+        return then.value
+
+    first_rest, second_rest = remainders(value, float(np.vdot(here.gradient, direction)), 2e-3)
+    assert first_rest > 1e-12
+    assert first_rest / second_rest == pytest.approx(4.0, abs=0.6)
+    assert (here.gradient[mesh.chart.free == 0.0] == 0.0).all()
+
+
+def test_a_chart_of_some_nodes_is_the_same_there() -> None:
+    domain = disc(400)
+    mesh = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
+    nodes = np.sort(np.random.default_rng(6).permutation(domain.points)[:150])
+    part, first = mesh.chart.on(nodes), mesh.first.unknowns
+    x, y = mesh.chart.nodes(first)
+    assert np.array_equal(np.stack(part.nodes(first[:, nodes])), np.stack([x[nodes], y[nodes]]))
+    assert part.length == mesh.chart.length

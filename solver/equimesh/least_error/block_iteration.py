@@ -1,0 +1,157 @@
+"""The least-error mesh of a domain in blocks: descent on nested meshes, from the initial mesh of the domain."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from equimesh.blocks.blocks import Blocks
+from equimesh.least_error.block_levels import BlockLevel, block_levels
+from equimesh.least_error.block_mesh import BlockMesh, Place
+from equimesh.least_error.descent import descend
+from equimesh.least_error.elements import Rule
+from equimesh.least_error.iteration import MAX_EFFORT, MAX_MORE_STEPS, MIN_DECREASE, MORE_SLOPE_POINTS
+from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.steps import Descent
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.monitors.least_error import LeastError
+
+DISTORTION_WEIGHT = 0.6
+"""The weight of distortion in the objective for ``distortion = 1``."""
+SMOOTHNESS_WEIGHT = 1.0
+"""The weight of smoothness in the objective for ``smoothness = 1``."""
+LEVEL_FACTORS = (1.0, 2.0, 4.0)
+"""Factors of both weights on the finest mesh and on coarser ones; the last one on all that are coarser still."""
+MAX_COMPARED_POINTS = 2500
+"""Points of a coarse mesh, at most, on which weights are compared."""
+MAX_GAIN_POINTS = 129 * 129
+"""Points of the finest mesh on which the error of the initial mesh is measured for the records of its steps."""
+MAX_LIFTED_ERROR = 1.0
+"""The largest error of a mesh from a coarser one over that of the initial mesh; above it the descent begins anew."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlocksReached:
+    """The end of a descent on one of the nested meshes."""
+
+    place: Place
+    record: Descent
+    """The record of the last step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockSolve:
+    """A solve for the mesh of least error of ``monitor`` on a ``domain`` in blocks."""
+
+    monitor: LeastError
+    domain: Blocks
+    threads: int = 1
+    """How many threads share the work; the mesh does not depend on it."""
+
+    @cached_property
+    def levels(self) -> list[BlockLevel]:
+        """The nested meshes, from coarse to fine."""
+        return block_levels(self.domain.mesh)
+
+    @property
+    def effort(self) -> float:
+        """How much farther a descent goes than with the usual smoothness: less of it asks for a smaller error."""
+        return min(max(1.0, 1.0 / self.monitor.smoothness), MAX_EFFORT)
+
+    def steps(self, start: QuadMesh | None = None, coarse: BlocksReached | None = None) -> Iterator[Descent]:
+        """The records of all steps; the mesh of the last one is the result.
+
+        ``start`` is a valid mesh of the same domain and numbers, from which the descent begins on a coarse mesh, and on
+        the finest one again where that is better. Otherwise it begins with the initial mesh of the domain. ``coarse``
+        continues from the result of :meth:`compared`.
+        """
+        reached = coarse
+        for level in self.levels[0 if coarse is None else coarse.place.mesh.level.number + 1 :]:
+            reached = yield from self._descend(level, reached, start)
+
+    def compared(self) -> Generator[Descent, None, BlocksReached]:
+        """The records of the descent to the mesh on which weights are compared; returns its end."""
+        reached = yield from self._descend(self.levels[0], None, None)
+        for level in self.levels[1 : last_compared(self.levels) + 1]:
+            reached = yield from self._descend(level, reached, None)
+        return reached
+
+    def lifted_error(self, reached: BlocksReached) -> float:
+        """The error of a mesh on the next finer one, which tells more of how the descent will end there."""
+        number = reached.place.mesh.level.number + 1
+        if number == len(self.levels):
+            return reached.record.error
+        mesh = self._mesh(self.levels[number])
+        objective = self._objective(mesh)
+        return objective.error(reached.place.lifted(mesh, objective.smallest_share).unknowns)
+
+    def initial_error(self, reached: BlocksReached) -> float:
+        """The error of the initial mesh where :meth:`lifted_error` is measured."""
+        number = min(reached.place.mesh.level.number + 1, len(self.levels) - 1)
+        mesh = self._mesh(self.levels[number])
+        return self._objective(mesh).error(mesh.first.unknowns)
+
+    def _descend(
+        self, level: BlockLevel, before: BlocksReached | None, start: QuadMesh | None
+    ) -> Generator[Descent, None, BlocksReached]:
+        """Descent on one mesh, from the better one of that from the coarser mesh and of the given or initial one."""
+        mesh = self._mesh(level)
+        objective = self._objective(mesh)
+        first, name = mesh.first, "initial"
+        if start is not None:
+            sampled = mesh.of_points(start.points)
+            if objective.smallest_share(sampled.unknowns) > 0.0:
+                first, name = sampled, "given"
+        if before is not None:
+            lifted = before.place.lifted(mesh, objective.smallest_share)
+            if not objective.error(lifted.unknowns) > MAX_LIFTED_ERROR * objective.error(first.unknowns):
+                first, name = lifted, before.record.start
+        objective.cut(first.unknowns)
+        initial_error = objective.error(mesh.first.unknowns) if level.points <= MAX_GAIN_POINTS else None
+        steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
+
+        def record(step: int, place: Place, error: float, distortion: float) -> Descent:
+            return Descent(
+                level=level.number,
+                levels=level.count,
+                grid=None,
+                step=step,
+                steps=steps,
+                error=error,
+                gain=None if initial_error is None else initial_error / error if error > 0.0 else 1.0,
+                distortion=distortion,
+                min_jacobian=objective.smallest_share(place.unknowns),
+                mesh=place.quad_mesh(self.domain.mesh),
+                start=name,
+            )
+
+        last, place = None, first
+        for step, (unknowns, now) in enumerate(descend(objective, first.unknowns, steps, MIN_DECREASE / self.effort)):
+            place = Place(mesh=mesh, unknowns=unknowns)
+            last = record(step, place, now.error, now.distortion)
+            yield last
+        if last is None:
+            last = record(0, first, objective.error(first.unknowns), 0.0)
+            yield last
+        return BlocksReached(place=place, record=last)
+
+    def _mesh(self, level: BlockLevel) -> BlockMesh:
+        return BlockMesh.of(self.domain, level, are_cut=self.monitor.cells == "triangle" and level.is_finest)
+
+    def _objective(self, mesh: BlockMesh) -> Objective:
+        level, monitor = mesh.level, self.monitor
+        factor = LEVEL_FACTORS[min(level.count - 1 - level.number, len(LEVEL_FACTORS) - 1)]
+        weights = Weights(
+            distortion=factor * DISTORTION_WEIGHT * monitor.distortion,
+            smoothness=factor * SMOOTHNESS_WEIGHT * monitor.smoothness,
+        )
+        points = level.gauss_points + (MORE_SLOPE_POINTS if monitor.norm == "h1" else 0)
+        rule = Rule(norm=monitor.norm, cells=monitor.cells if level.is_finest else "quad", points=points)
+        first = mesh.first.unknowns
+        return Objective(monitor.u, mesh.chart, mesh.cells, first, weights, rule, self.threads)
+
+
+def last_compared(levels: Sequence[BlockLevel]) -> int:
+    """The number of the mesh on which weights are compared."""
+    return max((level.number for level in levels[:-1] if level.points <= MAX_COMPARED_POINTS), default=0)

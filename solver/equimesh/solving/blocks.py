@@ -1,0 +1,211 @@
+"""The solution on a domain in blocks: of least error, and never worse than the initial mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from equimesh.equations.block_problem import BlockProblem
+from equimesh.errors import InputError
+from equimesh.inputs import choice, finite_or_none
+from equimesh.least_error.block_iteration import BlockSolve, BlocksReached, last_compared
+from equimesh.least_error.block_levels import BlockLevel
+from equimesh.least_error.steps import Descent
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.monitors.auto import Auto
+from equimesh.monitors.least_error import LeastError
+from equimesh.numerics.threads import thread_count
+from equimesh.solving.announcer import Announcer
+from equimesh.solving.block_solution import BlockSolution
+from equimesh.solving.certificate import Candidate
+from equimesh.solving.courses import Descending, descent_work
+from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
+from equimesh.solving.solution import SolveError
+from equimesh.solving.status import Status
+
+WEIGHTS = ((0.5, 1.0), (0.5, 0.1))
+"""``distortion`` and ``smoothness`` that are compared for an ``Auto`` monitor; the first are the defaults."""
+NO_SUBDOMAINS = "the mesh of a domain in blocks is solved as a whole: leave the Schwarz settings out"
+"""Why Schwarz settings are refused."""
+KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
+NO_BETTER = "No mesh was found with a smaller error than that of the initial mesh, which this is."
+
+
+def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveArguments) -> BlockSolution:
+    """The solution of ``problem`` with the ``options`` of :func:`~equimesh.solving.solve.solve`.
+
+    Raises as that function. ``mode`` and ``allow_relaxed`` are no options here.
+    """
+    if schwarz is not None:
+        raise InputError(NO_SUBDOMAINS, field="schwarz")
+    for name in ("mode", "allow_relaxed"):
+        if name in options:
+            raise InputError(f"{name} belongs to equidistribution, which blocks do not have: leave it out", field=name)
+    arguments = complete_arguments(options)
+    initial = check_start(problem, arguments["initial"])
+    checked = SolveOptions(
+        mode=arguments["mode"],
+        allow_relaxed=True,
+        threads=thread_count(arguments["threads"]),
+        observer=Announcer.of(arguments["observe"]),
+    )
+    with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
+        solution = solve_blocks(problem, initial, checked)
+    if arguments["check"] and not solution.status.succeeded:
+        raise SolveError(solution.message, solution)
+    return solution
+
+
+def solve_blocks(problem: BlockProblem, initial: Initial | QuadMesh, options: SolveOptions) -> BlockSolution:
+    """The mesh of least error, whose gain over the initial mesh is at least 1 in L2 and in the norm of the monitor.
+
+    It is no worse than a mesh that is given to start from, either. Where the measures of the certificate see no gain,
+    the result is the initial mesh itself.
+    """
+    monitor = problem.monitor
+    start = initial if isinstance(initial, QuadMesh) else None
+    if isinstance(monitor, Auto) and start is None:
+        found = _chosen(problem, monitor, options)
+    else:
+        if isinstance(monitor, Auto):
+            monitor = monitor.least_error()
+        if not isinstance(monitor, LeastError):
+            raise TypeError("a least-error solve needs a LeastError or an Auto monitor")
+        solve = BlockSolve(monitor=monitor.on(problem.domain), domain=problem.domain, threads=options.threads)
+        found = _finish(problem, solve, start, options, None)
+    if start is not None:
+        found = _or_given(found, start)
+    if is_no_worse(found):
+        return found
+    return replace(found, mesh=problem.domain.mesh, note=NO_BETTER)
+
+
+def is_no_worse(solution: BlockSolution) -> bool:
+    """Whether the mesh interpolates u at least as well as the initial mesh, in L2 and in the norm of the monitor."""
+    errors = solution.interpolation
+    if errors is None or solution.mesh.is_folded_on(solution.threads):
+        return False
+    return all(errors.estimated_gain(one) >= 1.0 for one in {"l2", _norm(solution.problem)})
+
+
+def check_start(problem: BlockProblem, initial: Initial | Mesh | QuadMesh) -> Initial | QuadMesh:
+    """The start of a solve.
+
+    Raises :class:`~equimesh.errors.InputError` for a mesh of another domain, and for a folded one.
+    """
+    if isinstance(initial, Mesh):
+        raise InputError("initial is the mesh of a grid: give a QuadMesh of the domain in blocks", field="initial")
+    if not isinstance(initial, QuadMesh):
+        return choice(Initial, initial, "initial")
+    own = problem.domain.mesh
+    if initial.points.shape != own.points.shape or not np.array_equal(initial.cells, own.cells):
+        raise InputError(
+            f"the mesh to start from has {len(initial.points)} points, the domain {len(own.points)}: give a mesh with"
+            " the cells of the domain, such as that of a solution on it",
+            field="initial",
+        )
+    if initial.is_folded:
+        raise InputError("the mesh to start from has an inverted cell: give a valid one", field="initial")
+    return initial
+
+
+def _norm(problem: BlockProblem) -> str:
+    return problem.monitor.norm
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Tried:
+    """Weights that were compared, with the end of their descent on a coarse mesh and the error to expect."""
+
+    solve: BlockSolve
+    reached: BlocksReached
+    error: float
+
+    def candidate(self, first_error: float, *, chosen: bool) -> Candidate:
+        """The entry of the certificate."""
+        monitor = self.solve.monitor
+        gain = finite_or_none(first_error / self.error) if self.error > 0.0 else None
+        return Candidate(
+            kind="least_error",
+            settings={"norm": monitor.norm, "distortion": monitor.distortion, "smoothness": monitor.smoothness},
+            gain_l2=gain if monitor.norm == "l2" else None,
+            gain_h1=gain if monitor.norm == "h1" else None,
+            chosen=chosen,
+        )
+
+
+def _chosen(problem: BlockProblem, auto: Auto, options: SolveOptions) -> BlockSolution:
+    """The solution for the weights with the smallest error on a coarse mesh."""
+    tried: list[_Tried] = []
+    share = _comparison_share(BlockSolve(monitor=auto.least_error(), domain=problem.domain).levels)
+    for number, pair in enumerate(WEIGHTS):
+        monitor = auto.least_error(*pair).on(problem.domain)
+        solve = BlockSolve(monitor=monitor, domain=problem.domain, threads=options.threads)
+        words = f"comparing weights, {number + 1} of {len(WEIGHTS)}"
+        begin, end = (share * k / len(WEIGHTS) for k in (number, number + 1))
+        course = _course([level for level in solve.levels if level.number <= last_compared(solve.levels)])
+        reached = _end_of(solve.compared(), options.part(begin, end, words, course))
+        tried.append(_Tried(solve=solve, reached=reached, error=solve.lifted_error(reached)))
+    best = min(tried, key=lambda one: one.error)
+    first_error = best.solve.initial_error(best.reached)
+    entries = [one.candidate(first_error, chosen=one is best) for one in sorted(tried, key=lambda one: one.error)]
+    found = _finish(problem, best.solve, None, options.part(share), best.reached)
+    return replace(found, comparison=tuple(entries))
+
+
+def _finish(
+    problem: BlockProblem,
+    solve: BlockSolve,
+    start: QuadMesh | None,
+    options: SolveOptions,
+    coarse: BlocksReached | None,
+) -> BlockSolution:
+    """The solution at the end of a descent."""
+    done = -1 if coarse is None else coarse.place.mesh.level.number
+    telling = options.part(course=_course(solve.levels[done + 1 :]))
+    records = [telling.observe(record) for record in solve.steps(start, coarse)]
+    mesh = records[-1].mesh if records else problem.domain.mesh
+    if not isinstance(mesh, QuadMesh):
+        raise TypeError("a descent on blocks has meshes of quadrilaterals")
+    folded = mesh.is_folded_on(options.threads)
+    return BlockSolution(
+        problem=problem,
+        mesh=mesh,
+        status=Status.FOLDED if folded else Status.COMPLETED,
+        descent=tuple(record.numbers() for record in records),
+        threads=options.threads,
+    )
+
+
+def _or_given(found: BlockSolution, start: QuadMesh) -> BlockSolution:
+    """The solution, with the mesh that was given to start from where that has the smaller error."""
+    given = replace(found, mesh=found.initial.moved(start.points), note=KEPT)
+    errors, others = found.interpolation, given.interpolation
+    if errors is None or others is None:
+        return found
+    is_kept = others.l2 < errors.l2 if _norm(found.problem) == "l2" else others.h1 < errors.h1
+    return given if is_kept else found
+
+
+def _end_of(steps: Generator[Descent, None, BlocksReached], options: SolveOptions) -> BlocksReached:
+    """The end of a descent, after all steps were reported to the observer."""
+    while True:
+        try:
+            options.observe(next(steps))
+        except StopIteration as end:
+            reached: BlocksReached = end.value
+            return reached
+
+
+def _course(levels: Sequence[BlockLevel]) -> Descending:
+    return Descending(levels, 1, -1)
+
+
+def _comparison_share(levels: Sequence[BlockLevel]) -> float:
+    """The share of the comparison in the whole work."""
+    last = last_compared(levels)
+    first = len(WEIGHTS) * descent_work(levels[: last + 1], 1, -1)
+    return first / (first + descent_work(levels[last + 1 :], 1, -1))

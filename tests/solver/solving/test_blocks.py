@@ -1,0 +1,106 @@
+"""Solves on domains in blocks: never worse than the initial mesh, from given meshes, by chosen weights, and told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.least_error.steps import Descent
+from equimesh.solving import blocks as module
+from equimesh.testing.geometries import disc, l_shape, naca0012_o, pitz_daily
+
+FRONT = em.Expression("tanh(12*((x + 0.2)**2 + (y - 0.1)**2 - 0.5))")
+
+
+def problem(make=l_shape, nodes: int = 900, u: em.Field = FRONT, **settings) -> em.BlockProblem:  # type: ignore[no-untyped-def]
+    return em.BlockProblem(monitor=em.LeastError(u=u, **settings), domain=make(nodes))
+
+
+@pytest.mark.parametrize("make", [l_shape, disc, naca0012_o, pitz_daily])
+def test_the_mesh_is_better_than_the_initial_one_and_not_folded(make) -> None:  # type: ignore[no-untyped-def]
+    u = em.Expression("tanh(0.2*(x + 2*y - 20))") if make is pitz_daily else FRONT
+    solution = em.solve(problem(make, u=u))
+    assert solution.status is em.Status.COMPLETED
+    assert not solution.mesh.is_folded
+    assert solution.interpolation is not None
+    assert solution.interpolation.gain_l2 > 1.5
+    assert solution.message.startswith("All steps were taken")
+
+
+@pytest.mark.parametrize("settings", [{"norm": "h1"}, {"cells": "triangle"}], ids=str)
+def test_the_norm_and_the_cells_are_those_of_the_monitor(settings: dict[str, str]) -> None:
+    errors = em.solve(problem(**settings)).interpolation
+    assert errors is not None
+    assert errors.estimated_gain(settings.get("norm", "l2")) > 1.5
+
+
+def test_where_nothing_is_gained_the_mesh_is_the_initial_one() -> None:
+    solution = em.solve(problem(u=em.Expression("2*x - y")))
+    assert solution.mesh.distance(solution.initial) < 1e-14
+
+
+def test_a_worse_mesh_is_replaced_by_the_initial_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "is_no_worse", lambda _: False)
+    solution = em.solve(problem())
+    assert solution.mesh is solution.initial
+    assert solution.note == module.NO_BETTER
+
+
+def test_a_given_mesh_that_is_better_is_kept() -> None:
+    first = em.solve(problem(smoothness=0.05))
+    again = em.solve(problem(distortion=300.0, smoothness=300.0), initial=first.mesh)
+    assert again.interpolation is not None
+    assert first.interpolation is not None
+    assert again.interpolation.l2 <= first.interpolation.l2 * (1 + 1e-12)
+
+
+def test_weights_are_chosen_by_the_error() -> None:
+    heard: list[Descent] = []
+    asked = replace(problem(), monitor=em.Auto(u=FRONT))
+    solution = em.solve(asked, observe=heard.append)  # type: ignore[arg-type]
+    assert [one.chosen for one in solution.comparison] == [True, False]
+    gains = [one.gain_l2 for one in solution.comparison]
+    assert None not in gains
+    assert gains[0] > gains[1]  # type: ignore[operator]
+    fractions = [record.fraction for record in heard]
+    assert None not in fractions
+    assert fractions == sorted(fractions)  # type: ignore[type-var]
+    assert fractions[-1] > 0.9  # type: ignore[operator]
+    assert heard[0].phase.startswith("comparing weights, 1 of 2: descending, step 0 of")
+
+
+def test_starts_and_options_that_cannot_be_used_are_refused() -> None:
+    asked = problem(nodes=300)
+    own = asked.domain.mesh
+    with pytest.raises(em.InputError, match="cells of the domain"):
+        em.solve(asked, initial=l_shape(600).mesh)
+    with pytest.raises(em.InputError, match="inverted"):
+        em.solve(asked, initial=own.moved(own.points[::-1].copy()))
+    with pytest.raises(em.InputError, match="mesh of a grid"):
+        em.solve(asked, initial=em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5)))
+    with pytest.raises(em.InputError, match="Schwarz settings"):
+        em.solve(asked, em.Schwarz())  # type: ignore[call-overload]
+    with pytest.raises(em.InputError, match="equidistribution"):
+        em.solve(asked, mode=em.Mode.TIGHT)
+    with pytest.raises(TypeError, match="did you mean 'threads'"):
+        em.solve(asked, thread=1)  # type: ignore[call-overload]
+    grid = em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=5, n_eta=5))
+    with pytest.raises(em.InputError, match="mesh of blocks"):
+        em.solve(grid, initial=own)
+
+
+def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> None:
+    def folded(solution: em.BlockSolution, start: object) -> em.BlockSolution:  # noqa: ARG001
+        points = solution.initial.points[::-1].copy()
+        return replace(solution, mesh=solution.initial.moved(points), status=em.Status.FOLDED)
+
+    monkeypatch.setattr(module, "_or_given", folded)
+    monkeypatch.setattr(module, "is_no_worse", lambda _: True)
+    asked = problem(nodes=300)
+    with pytest.raises(em.SolveError) as caught:
+        em.solve(asked, initial=asked.domain.mesh)
+    assert isinstance(caught.value.solution, em.BlockSolution)
+    assert np.isfinite(caught.value.solution.mesh.points).all()
