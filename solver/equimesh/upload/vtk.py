@@ -4,37 +4,24 @@ Only the data of samples is decoded, and at most as many bytes and samples of it
 expanded block is known from the number of points before it is expanded. Cells are skipped.
 """
 
-import base64
-import binascii
-import lzma
 import re
-import zlib
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import Any, Literal, TypeAlias
-from xml.etree import ElementTree
+from collections.abc import Iterator
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from equimesh.errors import SamplesError
+from equimesh.io.vtk_xml import BROKEN, VtkXml
 from equimesh.numerics.types import Array
 from equimesh.upload.limits import MAX_SECTIONS, Limits
-from equimesh.upload.xml_tree import parse_xml
 
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]
 
-XML_TYPES = {f"{kind}{bits}": f"{kind[0].lower()}{bits // 8}" for kind in ("Int", "UInt") for bits in (8, 16, 32, 64)}
-XML_TYPES |= {"Float32": "f4", "Float64": "f8"}
-HEADER_TYPES = {"UInt32": "u4", "UInt64": "u8"}
 LEGACY_TYPES = {
     "char": "i1", "short": "i2", "int": "i4", "long": "i8", "vtkidtype": "i4", "vtktypeint64": "i8",
     "unsigned_char": "u1", "unsigned_short": "u2", "unsigned_int": "u4", "unsigned_long": "u8",
     "float": "f4", "double": "f8",
 }  # fmt: skip
-DECOMPRESSORS: dict[str, Callable[[], Any]] = {
-    "vtkZLibDataCompressor": zlib.decompressobj,
-    "vtkLZMADataCompressor": partial(lzma.LZMADecompressor, memlimit=2**26),
-}
 LEGACY_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 _BLANK_LINE = re.compile(rb"\n[^\S\n]*(\n|\Z)")
 _WORD = re.compile(rb"\S")
@@ -48,7 +35,7 @@ def read_vtu(data: bytes, limits: Limits) -> Cloud:
     Raises :class:`~equimesh.errors.SamplesError`.
     """
     try:
-        reader = _VtuReader(data, limits.max_bytes)
+        reader = VtkXml(data, limits.max_bytes)
         points, fields, total = [], [], 0
         for piece in reader.root.iter("Piece"):
             count = int(piece.attrib["NumberOfPoints"])
@@ -62,13 +49,7 @@ def read_vtu(data: bytes, limits: Limits) -> Cloud:
                 a for a in piece.iterfind("PointData/DataArray") if a.get("NumberOfComponents", "1") in ("", "1")
             ]
             fields.append({a.get("Name", ""): reader.array(a, count) for a in scalars})
-    except (
-        KeyError,
-        ValueError,
-        binascii.Error,
-        zlib.error,
-        lzma.LZMAError,
-    ) as error:
+    except BROKEN as error:
         if isinstance(error, SamplesError):
             raise
         raise SamplesError(f"the vtu file cannot be read: {str(error)[:200]}") from error
@@ -76,77 +57,6 @@ def read_vtu(data: bytes, limits: Limits) -> Cloud:
         raise SamplesError("the vtu file has no piece with points")
     common = [name for name in fields[0] if all(name in piece for piece in fields)]
     return np.concatenate(points), {name: np.concatenate([piece[name] for piece in fields]) for name in common}
-
-
-class _VtuReader:
-    """One VTK XML file: its tree, and how its arrays are encoded."""
-
-    def __init__(self, data: bytes, max_bytes: int) -> None:
-        head, tag, tail = data.partition(b"<AppendedData")
-        self.root = parse_xml(head + b"</VTKFile>" if tag else data, "vtu")
-        if self.root.tag != "VTKFile":
-            raise SamplesError(f"the vtu file starts with <{self.root.tag}>, not with <VTKFile>")
-        self.budget = max_bytes
-        attributes, _, appended = tail.partition(b"_")
-        self.appended = appended
-        self.raw = re.search(rb"""encoding\s*=\s*["']raw""", attributes) is not None
-        self.order: Literal["<", ">"] = ">" if self.root.get("byte_order") == "BigEndian" else "<"
-        self.header = np.dtype(HEADER_TYPES[self.root.get("header_type", "UInt32")]).newbyteorder(self.order)
-        compressor = self.root.get("compressor")
-        if compressor is not None and compressor not in DECOMPRESSORS:
-            raise SamplesError(f"the vtu file is compressed by {compressor}: save it with zlib or uncompressed")
-        self.decompressor = DECOMPRESSORS.get(compressor) if compressor else None
-
-    def array(self, element: ElementTree.Element, size: int) -> Array:
-        """The ``size`` numbers of a DataArray."""
-        name = element.get("Name", "points")
-        dtype = np.dtype(XML_TYPES[element.attrib["type"]]).newbyteorder(self.order)
-        self.budget -= size * 8
-        if size < 0 or self.budget < 0:
-            raise SamplesError(f"the vtu file holds more data than the limit allows (reached at {name!r})")
-        form = element.get("format", "ascii")
-        if form == "ascii":
-            values = np.array((element.text or "").split(None, size)[: size + 1], dtype=np.float64)
-        else:
-            block, raw = (element.text or "").strip().encode(), False
-            if form == "appended":
-                block, raw = self.appended[int(element.attrib["offset"]) :], self.raw
-            values = np.frombuffer(self._decoded(block, raw, size * dtype.itemsize), dtype).astype(np.float64)
-        if values.size != size:
-            raise SamplesError(f"array {name!r} of the vtu file has {values.size} numbers where {size} are expected")
-        return values
-
-    def _decoded(self, block: bytes, raw: bool, expected: int) -> bytes:
-        """The bytes of a block, which must be ``expected`` in number."""
-        item = self.header.itemsize
-        if self.decompressor is None:
-            found = _take(block, raw, item + expected)
-            declared = int(np.frombuffer(found[:item], self.header)[0])
-            if declared != expected:
-                raise SamplesError(f"an array of the vtu file has {declared} bytes where {expected} are expected")
-            return found[item:]
-        blocks = int(np.frombuffer(_take(block, raw, item), self.header)[0])
-        if blocks > len(block) // item:
-            raise SamplesError("an array of the vtu file ends too early")
-        sizes = np.frombuffer(_take(block, raw, (3 + blocks) * item), self.header)[3:].astype(object)
-        start = (3 + blocks) * item if raw else -(-(3 + blocks) * item // 3) * 4  # the header is encoded by itself
-        packed, done, at = _take(block[start:], raw, int(sum(sizes))), bytearray(), 0
-        for size in sizes:
-            done += self.decompressor().decompress(packed[at : at + size], expected - len(done) + 1)
-            at += size
-            if len(done) > expected:
-                break
-        if len(done) != expected:
-            raise SamplesError(f"an array of the vtu file does not expand to the {expected} bytes expected")
-        return bytes(done)
-
-
-def _take(block: bytes, raw: bool, count: int) -> bytes:
-    """The first ``count`` bytes of a raw or base64 block."""
-    found = block[:count] if raw else base64.b64decode(block[: -(-count // 3) * 4])[:count]
-    if len(found) != count:
-        raise SamplesError("an array of the vtu file ends too early")
-    return found
 
 
 def read_legacy_vtk(data: bytes, limits: Limits) -> Cloud:

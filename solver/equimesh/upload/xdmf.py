@@ -14,9 +14,9 @@ import h5py
 import numpy as np
 
 from equimesh.errors import SamplesError
+from equimesh.io.xml_tree import parse_xml
 from equimesh.numerics.types import Array
 from equimesh.upload.limits import Limits
-from equimesh.upload.xml_tree import parse_xml
 from equimesh.upload.zip_members import Members, open_zip
 
 Cloud: TypeAlias = tuple[Array, dict[str, Array]]

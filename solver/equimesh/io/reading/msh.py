@@ -1,0 +1,296 @@
+"""Meshes from Gmsh files: versions 2.2 and 4.1, as text or binary."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import meshio
+import numpy as np
+
+from equimesh.errors import InputError
+from equimesh.io.reading.plain_mesh import PlainMesh, refuse_cell
+from equimesh.io.reading.text_numbers import floats, integers, line_of
+from equimesh.numerics.types import Array, IntArray
+
+# Gmsh's numbers of the element types that are read, ...
+LINE, QUADRILATERAL, POINT = 1, 3, 15
+# ... the names of those that are refused, ...
+OTHERS: Final = {
+    2: "triangle", 4: "tetrahedron", 5: "hexahedron", 6: "prism", 7: "pyramid", 8: "line of the second order",
+    9: "triangle of the second order", 10: "quadrilateral of the second order",
+    16: "quadrilateral of the second order",
+}  # fmt: skip
+# ... and how many nodes they have.
+NODES: Final = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 15: 1, 16: 8}
+# The dimension of the sides, and of points.
+CURVE, VERTEX = 1, 0
+
+_HEAD = re.compile(rb"^\$([A-Za-z]\w*)[^\S\n]*\r?$", re.MULTILINE)
+
+
+@dataclass(eq=False)
+class _Found:
+    """What the elements of a file are, with the numbers of the file: ``(nodes, group)`` each."""
+
+    quads: list[IntArray] = field(default_factory=list)
+    lines: list[tuple[IntArray, int]] = field(default_factory=list)
+    vertices: list[tuple[int, int]] = field(default_factory=list)
+    names: dict[tuple[int, int], str] = field(default_factory=dict)
+
+    def mesh(self, points: Array, tags: IntArray) -> PlainMesh:
+        """The mesh, of nodes whose numbers in the file are ``tags``."""
+        place = _Places(tags)
+        sides: dict[str, list[IntArray]] = {
+            name: [] for (dimension, _), name in self.names.items() if dimension == CURVE
+        }
+        for nodes, group in self.lines:
+            if group:
+                sides.setdefault(self.names.get((CURVE, group), f"group_{group}"), []).append(nodes)
+        quads = np.concatenate(self.quads) if self.quads else np.empty((0, 4), np.int64)
+        return PlainMesh.of(
+            points,
+            place.of(quads),
+            {name: place.of(np.concatenate(edges)) for name, edges in sides.items() if edges},
+            {
+                self.names[VERTEX, group]: int(place.of(np.array([node]))[0])
+                for node, group in self.vertices
+                if (VERTEX, group) in self.names
+            },
+        )
+
+
+class _Places:
+    """From the numbers of nodes in the file to their places."""
+
+    def __init__(self, tags: IntArray) -> None:
+        self.count = len(tags)
+        self.first = int(tags[0]) if len(tags) else 0
+        self.order = None if np.array_equal(tags, np.arange(self.first, self.first + self.count)) else np.argsort(tags)
+        self.tags = tags if self.order is None else tags[self.order]
+        if self.order is not None and (self.tags[1:] == self.tags[:-1]).any():
+            twice = int(self.tags[1:][self.tags[1:] == self.tags[:-1]][0])
+            raise InputError(f"node {twice} is in the file twice", field="file")
+
+    def of(self, numbers: IntArray) -> IntArray:
+        """The places of nodes, by their ``numbers`` in the file."""
+        if self.order is None:
+            found, known = numbers - self.first, (numbers >= self.first) & (numbers < self.first + self.count)
+        else:
+            at = np.minimum(np.searchsorted(self.tags, numbers), self.count - 1)
+            found, known = self.order[at], self.tags[at] == numbers
+        if not known.all():
+            raise InputError(
+                f"an element has node {int(numbers[~known][0])}, which the file does not have", field="file"
+            )
+        return found
+
+
+def read_msh(data: bytes) -> PlainMesh:
+    """The mesh of a Gmsh file; its physical curves are the sides, its physical points the named places.
+
+    Curves of no physical group name no side; a group without a name is called ``group_<number>``. Raises
+    :class:`~equimesh.errors.InputError` for another version, for cells that are no quadrilaterals, and for a broken
+    file, with the line.
+
+    Source: Gmsh reference manual, "MSH file format".
+    """
+    sections = {name: (text, line) for name, text, line in _sections(data)}
+    if "MeshFormat" not in sections:
+        raise InputError("the file does not begin with $MeshFormat: it is no Gmsh file", field="file")
+    words = sections["MeshFormat"][0].split(None, 3)[:3]
+    version, kind = (word.decode("latin-1") for word in [*words, b"", b""][:2])
+    if kind == "1":
+        return _binary(data)
+    if version not in ("2.2", "2.1", "2", "4.1"):
+        message = f"line 2: version {version[:10]!r} of the Gmsh format: save the mesh in version 2.2 or 4.1"
+        raise InputError(message, field="file")
+    for name in ("Nodes", "Elements"):
+        if name not in sections:
+            raise InputError(f"the Gmsh file has no section ${name}", field="file")
+    found = _Found(names=_names(*sections.get("PhysicalNames", (b"0", 0))))
+    if version == "4.1":
+        groups = _groups_of_entities(*sections.get("Entities", (b"", 0)))
+        points, tags = _nodes_41(*sections["Nodes"])
+        _elements_41(*sections["Elements"], groups, points, found)
+    else:
+        points, tags = _nodes_22(*sections["Nodes"])
+        _elements_22(*sections["Elements"], points, found)
+    return found.mesh(points, tags)
+
+
+def _sections(data: bytes) -> Iterator[tuple[str, bytes, int]]:
+    """The name, the text and the first line of each section."""
+    at = 0
+    while (head := _HEAD.search(data, at)) is not None:
+        name = head[1]
+        end = data.find(b"\n$End" + name, head.end())
+        if end < 0:
+            where = f"line {line_of(data, head.start())}: the section ${name.decode('latin-1')}"
+            raise InputError(f"{where} does not end: the file is cut off", field="file")
+        start = head.end() + 1
+        yield name.decode("latin-1"), data[start : end + 1], line_of(data, start)
+        at = data.find(b"\n", end + 1)
+        if at < 0:
+            return
+
+
+def _names(text: bytes, line: int) -> dict[tuple[int, int], str]:
+    """The names of physical groups, by dimension and number."""
+    names = {}
+    for k, row in enumerate(text.split(b"\n")[1:], start=1):
+        parts = row.split(None, 2)
+        if not parts:
+            continue
+        try:
+            names[int(parts[0]), int(parts[1])] = parts[2].strip().strip(b'"').decode()
+        except (ValueError, IndexError) as error:
+            raise InputError(f"line {line + k}: {row[:40]!r} is no name of a physical group", field="file") from error
+    return names
+
+
+def _nodes_22(text: bytes, line: int) -> tuple[Array, IntArray]:
+    """Coordinates, shape ``(n, 3)``, and numbers of the nodes of version 2."""
+    flat = floats(text, line, "the nodes")
+    count = int(flat[0]) if len(flat) else 0
+    if len(flat) != 1 + 4 * count:
+        message = f"line {line}: {count} nodes take {4 * count} numbers, but {len(flat) - 1} follow"
+        raise InputError(message, field="file")
+    rows = flat[1:].reshape(count, 4)
+    return rows[:, 1:], rows[:, 0].astype(np.int64)
+
+
+def _nodes_41(text: bytes, line: int) -> tuple[Array, IntArray]:
+    """The same for version 4.1, which has them by the entity that they are on."""
+    flat = floats(text, line, "the nodes")
+    points, tags, at = [], [], 4
+    for _ in range(int(flat[0]) if len(flat) >= 4 else -1):
+        head = flat[at : at + 4]
+        if len(head) < 4 or not 0 <= head[3] <= len(flat):
+            raise InputError(f"line {line}: the nodes end too early", field="file")
+        count, columns = int(head[3]), 3 + (int(head[0]) if head[2] else 0)
+        first, end = at + 4 + count, at + 4 + count * (1 + columns)
+        if end > len(flat):
+            raise InputError(f"line {line}: the nodes end too early", field="file")
+        tags.append(flat[at + 4 : first].astype(np.int64))
+        points.append(flat[first:end].reshape(count, columns)[:, :3])
+        at = end
+    if not tags or at != len(flat):
+        raise InputError(f"line {line}: the blocks of nodes are not as many as their head says", field="file")
+    return np.concatenate(points), np.concatenate(tags)
+
+
+def _groups_of_entities(text: bytes, line: int) -> dict[tuple[int, int], list[int]]:
+    """The physical groups of points and curves of version 4.1, by dimension and number of the entity."""
+    rows = text.split(b"\n")
+    groups = {}
+    try:
+        counts = [int(word) for word in rows[0].split()] or [0, 0]
+        for k, row in enumerate(rows[1 : 1 + counts[0] + counts[1]]):
+            words, first = row.split(), 4 if k < counts[0] else 7
+            tags = [abs(int(word)) for word in words[first + 1 : first + 1 + int(words[first])]]
+            groups[VERTEX if k < counts[0] else CURVE, int(words[0])] = tags
+    except (ValueError, IndexError) as error:
+        raise InputError(f"line {line + len(groups)}: the entities cannot be read", field="file") from error
+    return groups
+
+
+def _elements_41(
+    text: bytes, line: int, groups: dict[tuple[int, int], list[int]], points: Array, found: _Found
+) -> None:
+    """Take the elements of version 4.1."""
+    flat, at = integers(text, line, "the elements"), 4
+    for _ in range(int(flat[0]) if len(flat) >= 4 else -1):
+        head = flat[at : at + 4].tolist()
+        if len(head) < 4:
+            raise InputError(f"line {line}: the elements end too early", field="file")
+        dimension, entity, kind, count = head
+        width = 1 + _nodes_of(kind)
+        end = at + 4 + count * width
+        if count < 0 or end > len(flat):
+            raise InputError(f"line {line}: the elements end too early", field="file")
+        rows = flat[at + 4 : end].reshape(count, width)
+        if count:
+            for group in groups.get((dimension, entity), []) or [0]:
+                _take(found, kind, rows[:, 0], rows[:, 1:], group, points)
+                if kind == QUADRILATERAL:
+                    break
+        at = end
+    if len(flat) < 4 or at != len(flat):
+        raise InputError(f"line {line}: the blocks of elements are not as many as their head says", field="file")
+
+
+def _elements_22(text: bytes, line: int, points: Array, found: _Found) -> None:
+    """Take the elements of version 2: rows of number, type, count of tags, tags (the first is the group), nodes."""
+    flat, at, rows = integers(text, line, "the elements"), 1, 0
+    while at + 3 <= len(flat):
+        kind, tags = int(flat[at + 1]), int(flat[at + 2])
+        width = 3 + tags + _nodes_of(kind)
+        if tags < 0 or at + width > len(flat):
+            break
+        same = _run(flat[at:], width, 4 if tags else 3)
+        table = flat[at : at + same * width].reshape(same, width)
+        _take(found, kind, table[:, 0], table[:, 3 + tags :], int(table[0, 3]) if tags else 0, points)
+        at, rows = at + same * width, rows + same
+    if at != len(flat) or not len(flat) or rows != flat[0]:
+        told = int(flat[0]) if len(flat) else 0
+        raise InputError(f"line {line}: {told} elements are told, but {rows} whole ones follow", field="file")
+
+
+def _run(flat: IntArray, width: int, last: int) -> int:
+    """How many rows of ``width`` numbers have the same numbers as the first in the columns 1 to ``last - 1``."""
+    most, size = len(flat) // width, 64
+    while True:
+        table = flat[: min(size, most) * width].reshape(-1, width)
+        other = (table[:, 1:last] != table[0, 1:last]).any(axis=1)
+        if other.any():
+            return int(other.argmax())
+        if size >= most:
+            return most
+        size *= 2
+
+
+def _nodes_of(kind: int) -> int:
+    if kind not in NODES:
+        raise InputError(f"the Gmsh file has elements of the type {kind}: save the mesh with order 1", field="file")
+    return NODES[kind]
+
+
+def _take(found: _Found, kind: int, numbers: IntArray, nodes: IntArray, group: int, points: Array) -> None:
+    """Add elements of one kind and group."""
+    if kind == QUADRILATERAL:
+        found.quads.append(nodes)
+    elif kind == LINE:
+        found.lines.append((nodes, group))
+    elif kind == POINT:
+        found.vertices += [(node, group) for node in nodes[:, 0].tolist()]
+    else:
+        raise refuse_cell(OTHERS[kind], int(numbers[0]), points, nodes[0] - 1)
+
+
+def _binary(data: bytes) -> PlainMesh:
+    """The mesh of a binary file, which meshio reads."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mesh.msh"
+        path.write_bytes(data)
+        try:
+            mesh = meshio.read(path, file_format="gmsh")
+        except (Exception, SystemExit) as error:  # meshio raises many kinds for broken files
+            raise InputError(f"the binary Gmsh file cannot be read: {str(error)[:200]}", field="file") from error
+    groups = mesh.cell_data.get("gmsh:physical", [np.zeros(len(block.data), np.int64) for block in mesh.cells])
+    found = _Found(names={(int(value[1]), int(value[0])): name for name, value in mesh.field_data.items()})
+    kinds = {"line": LINE, "quad": QUADRILATERAL, "vertex": POINT}
+    at = 0
+    for block, group in zip(mesh.cells, groups, strict=True):
+        nodes = np.asarray(block.data, dtype=np.int64)
+        if block.type not in kinds:
+            raise refuse_cell(block.type, at + 1, mesh.points, nodes[0])
+        for number in np.unique(group):
+            rows = nodes[np.asarray(group) == number]
+            _take(found, kinds[block.type], np.arange(len(rows)), rows, int(number), mesh.points)
+        at += len(nodes)
+    return found.mesh(np.asarray(mesh.points, dtype=np.float64), np.arange(len(mesh.points)))

@@ -1,0 +1,187 @@
+"""Meshes from Plot3D files of one or several blocks, as text or binary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from equimesh.errors import InputError
+from equimesh.io.reading.plain_mesh import PlainMesh
+from equimesh.io.reading.text_numbers import floats
+from equimesh.numerics.types import Array, IntArray
+
+# Nodes on the rims of blocks are one node where they are nearer than this part of the size of the mesh.
+SAME_PLACE: Final = 1e-10
+# What a text may have.
+_PRINTED: Final = bytes(range(32, 127)) + b"\t\r\n"
+# Blocks of a file, and nodes of a block along a direction, at most.
+MAX_BLOCKS, MAX_NODES = 100_000, 10_000_000
+
+
+@dataclass(frozen=True)
+class _Head:
+    """One reading of the first ``length`` numbers of a file: how many nodes each block has, and coordinates of each."""
+
+    shapes: tuple[tuple[int, int], ...]
+    dimension: int
+    length: int
+
+    @property
+    def nodes(self) -> int:
+        """The nodes of all blocks."""
+        return sum(i * j for i, j in self.shapes)
+
+
+def read_plot3d(data: bytes) -> PlainMesh:
+    """The mesh of a Plot3D file: 2D, or 3D with one layer of nodes; one or several blocks, with or without iblank.
+
+    Numbers may be text, or binary with or without the marks of Fortran's records, with 4 or 8 bytes in either order.
+    Nodes of blocks at the same place become one node. A block closed on itself is joined in the same way. The file
+    has no names, so the mesh has no named sides. Raises :class:`~equimesh.errors.InputError` for a broken file.
+
+    Source: P. Walatka et al., PLOT3D user's manual, NASA TM 101067 (1990), chapter 8.
+    """
+    blocks = [
+        np.ascontiguousarray(values.reshape(head.dimension, n_j, n_i).transpose(2, 1, 0))
+        for head, found in (_text(data) if _is_text(data) else _binary(data),)
+        for (n_i, n_j), values in zip(head.shapes, found, strict=True)
+    ]
+    return joined(blocks, {})
+
+
+def joined(blocks: list[Array], sides: dict[str, list[tuple[int, IntArray]]]) -> PlainMesh:
+    """One mesh of ``blocks`` of coordinates, shape ``(n_i, n_j, 2 or 3)``; nodes at the same place become one.
+
+    ``sides`` are lists of the number of a block and of edges, shape ``(k, 2)``, of its nodes ``i * n_j + j``.
+    """
+    points = np.concatenate([block.reshape(-1, block.shape[2]) for block in blocks])
+    starts = np.concatenate([[0], np.cumsum([block.shape[0] * block.shape[1] for block in blocks])])
+    numbers = [np.arange(start, start + b.shape[0] * b.shape[1]).reshape(b.shape[:2]) for start, b in
+               zip(starts, blocks, strict=False)]  # fmt: skip
+    rim = np.concatenate([np.concatenate([n[0], n[-1], n[1:-1, 0], n[1:-1, -1]]) for n in numbers])
+    if not np.isfinite(points).all():
+        node = int((~np.isfinite(points).all(axis=1)).argmax())
+        block = int(np.searchsorted(starts, node, side="right")) - 1
+        raise InputError(f"block {block} of the file has the coordinates {points[node].tolist()}", field="file")
+    new = _merged(points, rim)
+    first = np.unique(new, return_index=True)[1]
+    cells = np.concatenate(
+        [np.stack([n[:-1, :-1], n[1:, :-1], n[1:, 1:], n[:-1, 1:]], axis=-1).reshape(-1, 4) for n in numbers]
+    )
+    edges = {
+        name: np.concatenate([new[starts[block] + table] for block, table in tables]) for name, tables in sides.items()
+    }
+    return PlainMesh.of(points[first], new[cells], edges)
+
+
+def _merged(points: Array, rim: IntArray) -> IntArray:
+    """A number for each point, the same at the same place, in the order in which they first occur."""
+    size = float(np.ptp(points, axis=0).max())
+    pairs = (
+        KDTree(points[rim]).query_pairs(SAME_PLACE * size, output_type="ndarray")
+        if size > 0.0
+        else np.empty((0, 2), int)
+    )
+    one, other = rim[pairs[:, 0]], rim[pairs[:, 1]]
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(len(points), len(points)))
+    group = connected_components(graph, directed=False)[1]
+    first = np.full(int(group.max()) + 1, len(points))
+    np.minimum.at(first, group, np.arange(len(points)))
+    number = np.empty(len(first), np.int64)
+    number[np.argsort(first)] = np.arange(len(first))
+    found: IntArray = number[group]
+    return found
+
+
+def _is_text(data: bytes) -> bool:
+    return not data[:4096].translate(None, _PRINTED)
+
+
+def _text(data: bytes) -> tuple[_Head, list[Array]]:
+    """The head of a text, and the coordinates of each block."""
+    text = data.replace(b",", b" ").replace(b"D", b"e").replace(b"d", b"e")
+    if b"*" in text:
+        text = b" ".join(_repeated(word) for word in text.split())
+    flat = floats(text, 1, "the coordinates")
+    for head in _heads(flat):
+        for blanked in (0, 1):
+            if head.length + head.nodes * (head.dimension + blanked) == len(flat):
+                return head, _cut(flat, head, head.length, blanked)
+    raise _no_plot3d()
+
+
+def _cut(flat: Array, head: _Head, at: int, blanked: int) -> list[Array]:
+    """The coordinates of each block, which begin at number ``at``; ``blanked`` more numbers of each node are left."""
+    found = []
+    for i, j in head.shapes:
+        found.append(flat[at : at + head.dimension * i * j])
+        at += (head.dimension + blanked) * i * j
+    return found
+
+
+def _repeated(word: bytes) -> bytes:
+    """Fortran's ``3*0.5`` written out."""
+    count, star, value = word.partition(b"*")
+    if not star or not count.isdigit() or int(count) > MAX_NODES:
+        return word
+    return b" ".join([value] * int(count))
+
+
+def _heads(numbers: npt.NDArray[Any]) -> Iterator[_Head]:
+    """What the first numbers may mean: plane blocks or blocks of one layer, several or one."""
+    for dimension, several in ((2, True), (2, False), (3, True), (3, False)):
+        blocks, start = 1, int(several)
+        if several:
+            blocks = int(numbers[0]) if len(numbers) and 1 <= numbers[0] <= MAX_BLOCKS else 0
+        length = start + dimension * blocks
+        if not blocks or length > len(numbers):
+            continue
+        rows = numbers[start:length].reshape(blocks, dimension)
+        good = (rows >= 1) & (rows <= MAX_NODES) & (rows == np.floor(rows))
+        if good.all() and (rows[:, :2] >= 2).all() and (dimension == 2 or (rows[:, 2] == 1).all()):
+            yield _Head(tuple((int(row[0]), int(row[1])) for row in rows), dimension, length)
+
+
+def _binary(data: bytes) -> tuple[_Head, list[Array]]:
+    """The head of a binary file, and the coordinates of each block; iblank has 4 bytes a node."""
+    for order in ("<", ">"):
+        body = b"".join(_records(data, order)) or data
+        for head in _heads(np.frombuffer(body[: len(body) // 4 * 4], f"{order}i4")):
+            for size, blanked in ((8, 0), (8, 1), (4, 0), (4, 1)):
+                if 4 * head.length + head.nodes * (head.dimension * size + 4 * blanked) != len(body):
+                    continue
+                found, at = [], 4 * head.length
+                for i, j in head.shapes:
+                    count = head.dimension * i * j
+                    found.append(np.frombuffer(body, f"{order}f{size}", count, at).astype(np.float64))
+                    at += count * size + 4 * blanked * i * j
+                return head, found
+    raise _no_plot3d()
+
+
+def _no_plot3d() -> InputError:
+    message = (
+        "the file is no Plot3D grid of plane blocks: the numbers of nodes at its begin do not fit the coordinates"
+        " behind them; 3D blocks must have one node in the third direction"
+    )
+    return InputError(message, field="file")
+
+
+def _records(data: bytes, order: str) -> list[bytes]:
+    """Fortran's records without their marks; none where the file has no such marks."""
+    found, at, mark = [], 0, np.dtype(f"{order}u4")
+    while at + 8 <= len(data):
+        size = int(np.frombuffer(data, mark, 1, at)[0])
+        end = at + 4 + size
+        if end + 4 > len(data) or int(np.frombuffer(data, mark, 1, end)[0]) != size:
+            return []
+        found.append(data[at + 4 : end])
+        at = end + 4
+    return found if at == len(data) else []

@@ -1,0 +1,98 @@
+"""A mesh of quadrilaterals from a file, by the suffix of its name or by the name of a format."""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from equimesh.errors import InputError
+from equimesh.io.reading import poly_mesh
+from equimesh.io.reading.msh import read_msh
+from equimesh.io.reading.plain_mesh import PlainMesh
+from equimesh.io.reading.plot3d import read_plot3d
+from equimesh.io.reading.poly_mesh import read_poly_mesh
+from equimesh.io.reading.su2 import read_su2
+from equimesh.io.reading.vtu import read_vtu
+
+# The reader of each format; that of ``foam`` takes a zip of the files of a polyMesh.
+READERS: Final[dict[str, Callable[[bytes], PlainMesh]]] = {
+    "msh": read_msh,
+    "vtu": read_vtu,
+    "su2": read_su2,
+    "p3d": read_plot3d,
+    "foam": lambda data: read_poly_mesh(_zipped(data)),
+}
+# The format of a file by the suffix of its name.
+FORMAT_OF: Final = {
+    ".msh": "msh", ".vtu": "vtu", ".su2": "su2", ".p3d": "p3d", ".xyz": "p3d", ".x": "p3d", ".zip": "foam",
+}  # fmt: skip
+# The most bytes of one file inside a zip.
+MAX_EXPANDED: Final = 1 << 31
+# Where an OpenFOAM case has its mesh.
+POLY_MESH: Final = Path("constant") / "polyMesh"
+
+
+def read_mesh(path: str | os.PathLike[str], format: str | None = None) -> PlainMesh:
+    """The mesh of a file, or of a folder with a ``polyMesh``: itself, ``constant``, or the case.
+
+    ``format`` is a name of ``READERS``; by default the suffix tells it. Raises :class:`~equimesh.errors.InputError` for
+    an unknown format, for a file that cannot be read, and for a mesh that is not one of quadrilaterals in a plane.
+    """
+    source = Path(path)
+    if source.is_dir():
+        folder = next(
+            (at for at in (source / POLY_MESH, source / "polyMesh", source) if (at / "faces").is_file()), None
+        )
+        if folder is None:
+            raise InputError(f"the folder {source.name} has no constant/polyMesh with a file 'faces'", field="path")
+        files = {name: (folder / name).read_bytes() for name in poly_mesh.FILES if (folder / name).is_file()}
+        return _read(lambda: read_poly_mesh(files), "polyMesh")
+    found = format or FORMAT_OF.get(source.suffix.lower())
+    if found is None:
+        message = f"the suffix of {source.name} is of no known format: give one of {', '.join(READERS)} as the format"
+        raise InputError(message, field="format")
+    try:
+        data = source.read_bytes()
+    except OSError as error:
+        raise InputError(f"{source.name} cannot be read: {error.strerror}", field="path") from error
+    return read_bytes(data, found)
+
+
+def read_bytes(data: bytes, format: str) -> PlainMesh:
+    """The mesh of the content of a file in a ``format`` of ``READERS``; raises as :func:`read_mesh`."""
+    if format not in READERS:
+        raise InputError(f"format = {format!r}: choose one of {', '.join(READERS)}", field="format")
+    return _read(lambda: READERS[format](data), format)
+
+
+def _read(reader: Callable[[], PlainMesh], name: str) -> PlainMesh:
+    """What the reader returns; whatever a broken file raises becomes an error that says so."""
+    try:
+        with np.errstate(invalid="ignore", over="ignore"):
+            return reader()
+    except InputError:
+        raise
+    except (ValueError, IndexError, KeyError, OverflowError, TypeError, MemoryError) as error:
+        raise InputError(f"the {name} file cannot be read: {str(error)[:200]}", field="file") from error
+
+
+def _zipped(data: bytes) -> dict[str, bytes]:
+    """The files of a polyMesh in a zip, in any folder."""
+    files = {}
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            for entry in archive.infolist():
+                name = Path(entry.filename).name
+                if name in poly_mesh.FILES:
+                    if entry.file_size > MAX_EXPANDED:
+                        raise InputError(f"{name} in the zip has {entry.file_size} bytes: too many", field="file")
+                    files[name] = archive.read(entry)
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError) as error:
+        raise InputError(f"the zip cannot be read: {str(error)[:200]}", field="file") from error
+    return files

@@ -1,0 +1,59 @@
+"""Many numbers from a text at once, with the line of the first word that is no number."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from equimesh.errors import InputError
+from equimesh.numerics.types import Array, IntArray
+
+T = TypeVar("T", np.int64, np.float64)
+
+
+def integers(text: bytes, first_line: int, what: str) -> IntArray:
+    """The integers of ``text``, which begins in line ``first_line`` of a file; ``what`` they are, for messages.
+
+    Raises :class:`~equimesh.errors.InputError` with the line of the first word that is no integer.
+    """
+    return _numbers(text, np.int64, first_line, what)
+
+
+def floats(text: bytes, first_line: int, what: str) -> Array:
+    """The same as :func:`integers` for real numbers, to the last bit."""
+    return _numbers(text, np.float64, first_line, what)
+
+
+def line_of(data: bytes, place: int) -> int:
+    """The number of the line, from 1, in which byte ``place`` is."""
+    return data.count(b"\n", 0, place) + 1
+
+
+def _numbers(text: bytes, kind: type[T], first_line: int, what: str) -> npt.NDArray[T]:
+    words = len(text.split())
+    found: npt.NDArray[T] = np.empty(0, kind)
+    if words:
+        try:
+            found = np.fromstring(text, kind, sep=" ")
+        except (ValueError, DeprecationWarning):
+            found = np.empty(0, kind)
+    if len(found) != words:
+        line, word = _first_bad(text, kind)
+        noun = "integer" if kind is np.int64 else "number"
+        raise InputError(f"line {first_line + line}: {word[:30]!r} is no {noun}, among {what}", field="file")
+    return found
+
+
+def _first_bad(text: bytes, kind: type[T]) -> tuple[int, str]:
+    """The line, from 0, and the first word that is no number of this kind."""
+    for number, line in enumerate(text.split(b"\n")):
+        for word in line.split():
+            try:
+                kind(int(word) if kind is np.int64 else float(word))
+            except (ValueError, OverflowError):
+                return number, word.decode("latin-1")
+            if b"_" in word or not word.isascii():
+                return number, word.decode("latin-1")
+    return 0, text[:30].decode("latin-1")

@@ -1,0 +1,107 @@
+"""Plot3D files in all their kinds, blocks that are joined, and what broken ones are told."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from equimesh.io.reading.plot3d import joined
+from equimesh.io.reading.read import read_bytes
+from equimesh.numerics.types import Array
+from solver.io.reading.plain import refusal, small
+
+
+def two_blocks() -> list[Array]:
+    """The small mesh in two blocks of 2 x 3 and 3 x 3 nodes, the second with its directions exchanged."""
+    points = small().points.reshape(4, 3, 2)
+    return [points[:2], points[1:].swapaxes(0, 1)]
+
+
+def numbers(blocks: list[Array], *, dimension: int, blanked: bool) -> tuple[list[int], list[Array]]:
+    """The head and the values of each block."""
+    head = [len(blocks)]
+    values = []
+    for block in blocks:
+        head += [*block.shape[:2], 1][:dimension]
+        flat = [block[..., k].ravel(order="F") for k in range(2)]
+        if dimension == 3:
+            flat.append(np.full(flat[0].size, 0.5))
+        if blanked:
+            flat.append(np.ones(flat[0].size))
+        values.append(np.concatenate(flat))
+    return head, values
+
+
+def text(blocks: list[Array], *, dimension: int = 2, blanked: bool = False) -> bytes:
+    head, values = numbers(blocks, dimension=dimension, blanked=blanked)
+    rows = [" ".join(map(str, head)), *(" ".join(map(repr, value.tolist())) for value in values)]
+    return "\n".join(rows).encode()
+
+
+def binary(blocks: list[Array], order: str, kind: str, *, records: bool, blanked: bool) -> bytes:
+    head, values = numbers(blocks, dimension=2, blanked=False)
+    pieces = [np.array(head[:1], f"{order}i4").tobytes(), np.array(head[1:], f"{order}i4").tobytes()]
+    for value in values:
+        ones = np.ones(len(value) // 2, f"{order}i4").tobytes() if blanked else b""
+        pieces.append(value.astype(f"{order}{kind}").tobytes() + ones)
+    if records:
+        pieces = [m + p + m for p in pieces for m in (np.array([len(p)], f"{order}i4").tobytes(),)]
+    return b"".join(pieces)
+
+
+@pytest.mark.parametrize(("dimension", "blanked"), list(itertools.product((2, 3), (False, True))))
+def test_texts_of_any_kind(dimension: int, blanked: bool) -> None:
+    check(read_bytes(text(two_blocks(), dimension=dimension, blanked=blanked), "p3d"))
+
+
+@pytest.mark.parametrize(
+    ("order", "kind", "records", "blanked"), list(itertools.product("<>", ("f8", "f4"), (False, True), (False, True)))
+)
+def test_binary_files_of_any_kind(order: str, kind: str, records: bool, blanked: bool) -> None:
+    data = binary(two_blocks(), order, kind, records=records, blanked=blanked)
+    check(read_bytes(data, "p3d"), 1e-7 if kind == "f4" else 0.0)
+
+
+def check(found: object, apart: float = 0.0) -> None:
+    """The two blocks have their three common nodes once; points are in the order of the file."""
+    one, other = two_blocks()
+    wanted = np.concatenate([one.reshape(-1, 2), other[:, 1:].reshape(-1, 2)])
+    np.testing.assert_allclose(found.points, wanted, rtol=0, atol=apart)  # type: ignore[attr-defined]
+    assert found.cells.shape == (6, 4)  # type: ignore[attr-defined]
+    assert len(np.unique(found.cells)) == 12  # type: ignore[attr-defined]
+
+
+def test_one_block_without_its_number_and_with_repeated_numbers() -> None:
+    mesh = read_bytes(b"2 3\n0, 1.D0, 0 1 0 1  2*0.0 2*0.5 2*1.0", "p3d")
+    assert mesh.points.tolist() == [[0, 0], [0, 0.5], [0, 1], [1, 0], [1, 0.5], [1, 1]]
+    assert mesh.cells.tolist() == [[0, 3, 4, 1], [1, 4, 5, 2]]
+
+
+def test_a_block_that_closes_on_itself_has_its_seam_once() -> None:
+    angle = np.linspace(0, 2 * np.pi, 13)
+    block = np.stack([r * np.stack([np.cos(angle), np.sin(angle)], -1) for r in (1, 1.5, 2)], 1)
+    mesh = read_bytes(text([block]), "p3d")
+    assert len(mesh.points) == 36
+    assert len(mesh.cells) == 24
+    assert mesh.cells[-2:, 1].tolist() == [0, 1]
+
+
+def test_sides_are_edges_of_blocks() -> None:
+    mesh = joined(two_blocks(), {"left": [(0, np.array([[2, 1], [1, 0]]))], "cut": [(1, np.array([[0, 3], [3, 6]]))]})
+    assert mesh.sides["left"].tolist() == [[2, 1], [1, 0]]
+    assert mesh.sides["cut"].tolist() == [[3, 4], [4, 5]]
+
+
+BROKEN = {
+    "no Plot3D grid of plane blocks": text(two_blocks())[:-30],
+    "line 2: '0.1x' is no number": b"2 2\n0 0.1x 0 1 0 0 1 1",
+    "block 0 of the file has the coordinates [nan, 0.0]": b"2 2\nnan 1 0 1 0 0 1 1",
+}
+
+
+@pytest.mark.parametrize("told", BROKEN)
+def test_broken_files_are_refused(told: str) -> None:
+    assert told in refusal(BROKEN[told], "p3d")
+    assert "no Plot3D grid" in refusal(binary(two_blocks(), "<", "f8", records=False, blanked=False)[:-8], "p3d")

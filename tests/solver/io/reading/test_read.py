@@ -1,0 +1,68 @@
+"""A mesh from a file: the format by the suffix, and whatever is broken becomes one kind of error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from equimesh.errors import InputError
+from equimesh.io.foam import foam_files
+from equimesh.io.gmsh import gmsh_text
+from equimesh.io.reading.read import READERS, read_bytes, read_mesh
+from equimesh.io.su2 import su2_text
+from equimesh.io.vtu import write_vtu
+from solver.io.reading.plain import same, small
+from solver.io.reading.test_plot3d import text, two_blocks
+from solver.io.reading.test_poly_mesh import zipped
+
+
+def test_the_format_is_that_of_the_suffix_or_the_named_one(tmp_path: Path) -> None:
+    mesh = small()
+    text = su2_text(mesh.points, mesh.cells, mesh.sides)
+    (tmp_path / "mesh.SU2").write_text(text)
+    (tmp_path / "mesh.txt").write_text(text)
+    assert same(read_mesh(tmp_path / "mesh.SU2"), mesh)
+    assert same(read_mesh(tmp_path / "mesh.txt", "su2"), mesh)
+    with pytest.raises(InputError, match=r"the suffix of mesh.txt is of no known format: give one of msh, vtu"):
+        read_mesh(tmp_path / "mesh.txt")
+    with pytest.raises(InputError, match="choose one of msh, vtu, su2, p3d, foam"):
+        read_bytes(b"", "stl")
+    with pytest.raises(InputError, match=r"none.su2 cannot be read"):
+        read_mesh(tmp_path / "none.su2")
+    with pytest.raises(InputError, match="has no constant/polyMesh"):
+        read_mesh(tmp_path)
+
+
+def whole(tmp_path: Path) -> dict[str, bytes]:
+    """One file of each format."""
+    mesh = small()
+    write_vtu(tmp_path / "mesh.vtu", mesh.points, mesh.cells, point_data={}, cell_data={})
+    subdomain = np.zeros(6, int)
+    msh = gmsh_text(mesh.points, mesh.cells, mesh.sides, subdomain=subdomain, point_data={}, cell_data={})
+    return {
+        "msh": msh.encode(),
+        "vtu": (tmp_path / "mesh.vtu").read_bytes(),
+        "su2": su2_text(mesh.points, mesh.cells, mesh.sides).encode(),
+        "p3d": text(two_blocks()),
+        "foam": zipped(foam_files(mesh.points, mesh.cells, mesh.sides)),
+    }
+
+
+@pytest.mark.parametrize("format", READERS)
+def test_broken_files_raise_nothing_but_input_errors(tmp_path: Path, format: str) -> None:
+    data, random = whole(tmp_path)[format], np.random.default_rng(3)
+    refused = 0
+    for _ in range(60):
+        broken = bytearray(data[: random.integers(1, len(data))] if random.random() < 0.3 else data)
+        for _ in range(random.integers(1, 4)):
+            place = int(random.integers(len(broken)))
+            broken[place : place + int(random.integers(0, 3))] = random.choice(
+                [b"9", b"-", b"x", b"1e999", b"nan", b" "]
+            )
+        try:
+            read_bytes(bytes(broken), format)
+        except InputError:
+            refused += 1
+    assert refused > 5

@@ -1,0 +1,63 @@
+"""Settings of the Schwarz iteration between blocks: subdomains, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.least_error.block_schwarz import BlockSchwarz
+from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
+
+ROW = np.arange(4 * 3).reshape(4, 3)
+
+
+def row_of_blocks() -> QuadMesh:
+    """Three blocks in a row, of one column of two cells each; cells are in another order than blocks."""
+    blocks = tuple(ROW[k : k + 2] for k in (2, 0, 1))
+    points = np.stack(np.meshgrid(np.arange(4.0), np.arange(3.0), indexing="ij"), axis=-1).reshape(-1, 2)
+    return QuadMesh(points=points, cells=quads_of_block(ROW), sides={}, blocks=blocks, block_names=("c", "a", "b"))
+
+
+def test_each_block_is_a_subdomain_unless_groups_say_otherwise() -> None:
+    mesh = row_of_blocks()
+    assert BlockSchwarz().owners(mesh).tolist() == [1, 1, 2, 2, 0, 0]
+    for groups in ([["a", "c"], ["b"]], (("a", 0), (2,))):
+        assert BlockSchwarz(groups=groups).owners(mesh).tolist() == [0, 0, 1, 1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("groups", "field", "words"),
+    [
+        ([["a", "b"]], "schwarz.groups", "the block c is in no group"),
+        ([["a", "b"], ["c", 1]], "schwarz.groups", "the block a is in two groups"),
+        ([["a", "b"], ["d"]], "schwarz.groups[1]", "no block d: the blocks are c, a, b"),
+        ([["a", "b"], [3]], "schwarz.groups[1]", "no block 3"),
+        ([["a", "b"], [True]], "schwarz.groups[1]", "no block True"),
+    ],
+)
+def test_groups_that_are_no_partition_are_refused(groups: Any, field: str, words: str) -> None:
+    with pytest.raises(em.InputError, match=words) as caught:
+        BlockSchwarz(groups=groups).owners(row_of_blocks())
+    assert caught.value.field == field
+
+
+@pytest.mark.parametrize("name", ["overlap", "local_steps", "max_exchanges"])
+@pytest.mark.parametrize("value", [0, 2.0, True, "4", 10**6])
+def test_numbers_of_the_wrong_kind_are_refused(name: str, value: object) -> None:
+    with pytest.raises(em.InputError, match=f"{name} = ") as caught:
+        BlockSchwarz(**{name: value})  # type: ignore[arg-type]
+    assert caught.value.field == f"schwarz.{name}"
+
+
+@pytest.mark.parametrize("groups", [[], "ab", [[]], ["a", "b"]])
+def test_groups_of_the_wrong_kind_are_refused(groups: Any) -> None:
+    with pytest.raises(em.InputError, match="a list of groups"):
+        BlockSchwarz(groups=groups)
+
+
+def test_exchanges_take_the_steps_of_the_whole_mesh_unless_a_number_is_given() -> None:
+    assert [BlockSchwarz().exchanges(steps) for steps in (1, 8, 9, 30)] == [1, 1, 2, 4]
+    assert BlockSchwarz(max_exchanges=3).exchanges(30) == 3
