@@ -86,6 +86,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "AnnulusSector",
     "Quadrilateral",
     "Curve",
+    # A domain of several blocks: holes, steps, airfoils
     "Blocks",
     # Fields: functions of x and y with derivatives
     "Field",

@@ -13,7 +13,7 @@ import numpy as np
 
 from equimesh.blocks.checks import check_not_folded
 from equimesh.blocks.counts import plan_of
-from equimesh.blocks.curves import BoundaryCurve
+from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
 from equimesh.blocks.initial import block_points, edge_lines
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
@@ -24,10 +24,13 @@ from equimesh.errors import InputError
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
-# Places of a boundary edge of the mesh at which its box and its area are found: Gauss points, and the ends.
+# Places between two nodes on a curve at which its area is summed.
 GAUSS = np.polynomial.legendre.leggauss(5)
-# Places between two nodes on a curve in the search for the ends of the box.
+# Places between two nodes on a curve in the first search for the ends of the box.
 BOX_PLACES = 9
+# Places of each closer search, and the number of these searches.
+ZOOM_PLACES = 33
+ZOOMS = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,14 +131,17 @@ class Blocks:
 
     @cached_property
     def box(self) -> Box:
-        """The smallest box ``((x0, x1), (y0, y1))`` that holds the domain, along curves to about 1e-3 of a cell."""
-        low, high = self.mesh.points.min(axis=0), self.mesh.points.max(axis=0)
+        """The smallest box ``((x0, x1), (y0, y1))`` that holds the domain, to rounding."""
+        found = [[float(line.min()), float(line.max())] for line in (self.mesh.x, self.mesh.y)]
         for edge in self.boundary_edges:
-            t, n = edge.parameters, len(edge.parameters)
-            between = np.interp(np.linspace(0, n - 1, BOX_PLACES * (n - 1) + 1), np.arange(n), t)
-            x, y, *_ = self.curves[edge.curve].evaluate(between)
-            low, high = np.minimum(low, [x.min(), y.min()]), np.maximum(high, [x.max(), y.max()])
-        return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+            curve, n = self.curves[edge.curve], len(edge.parameters)
+            if isinstance(curve, Line):
+                continue
+            between = np.interp(np.linspace(0, n - 1, BOX_PLACES * (n - 1) + 1), np.arange(n), edge.parameters)
+            for axis, ends in enumerate(found):
+                ends[0] = min(ends[0], -_furthest(curve, between, axis, -1.0))
+                ends[1] = max(ends[1], _furthest(curve, between, axis, 1.0))
+        return (found[0][0], found[0][1]), (found[1][0], found[1][1])
 
     @cached_property
     def area(self) -> float:
@@ -172,3 +178,12 @@ class Blocks:
         """
         document = self.description()
         return Blocks.of(document | {"refine": document.get("refine", 1) * factor})
+
+
+def _furthest(curve: BoundaryCurve, t: Array, axis: int, sign: float) -> float:
+    """The largest of ``sign`` times a coordinate: the best of the places ``t``, and closer searches around it."""
+    for _ in range(ZOOMS + 1):
+        values = sign * curve.evaluate(t)[axis]
+        best = int(values.argmax())
+        t = np.linspace(t[max(best - 1, 0)], t[min(best + 1, len(t) - 1)], ZOOM_PLACES)
+    return float(values[best])
