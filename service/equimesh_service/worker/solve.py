@@ -118,7 +118,8 @@ def warm_up() -> None:
 
 
 def _warm_up_blocks(nodes: equimesh.Mesh) -> None:
-    """Carry fields between meshes that are no grids."""
+    """Find the blocks of a mesh, and carry fields between meshes that are no grids."""
+    equimesh.Blocks.of_mesh(nodes.points, nodes.cells, nodes.sides)
     first, then = (QuadMesh(points=p, cells=nodes.cells, sides={}) for p in (nodes.points, nodes.points**2))
     carried = equimesh.MeshValues(np.round(first.x + first.y), transfer="conservative")
     averages = equimesh.MeshValues(np.arange(64.0), transfer="conservative", location="cells")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,10 +18,15 @@ from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
 from equimesh.blocks.initial import block_points, edge_lines
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
+from equimesh.blocks.recovery.boundary import Corner, with_places
+from equimesh.blocks.recovery.recovered import recover
 from equimesh.blocks.sides import side_edges, sides_of
 from equimesh.blocks.sliding import BoundaryEdge, slide, with_lines
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
+from equimesh.io.reading.descriptions import DESCRIPTIONS, description_format, read_description
+from equimesh.io.reading.plain_mesh import PlainMesh
+from equimesh.io.reading.read import read_mesh
 from equimesh.meshes.quad_mesh import QuadMesh, quads_of_block
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
@@ -91,6 +97,85 @@ class Blocks:
             corners=[numbers[name] for name in description.corners],
             document=description.document,
         )
+
+    @classmethod
+    def of_mesh(
+        cls,
+        points: object,
+        cells: object,
+        sides: Mapping[str, Any],
+        *,
+        corners: Iterable[Corner] = (),
+        corner_angle: float | None = None,
+        names: Mapping[str, str] | None = None,
+    ) -> Blocks:
+        """The domain of any mesh of quadrilaterals, cut into blocks by lines from its irregular nodes and corners.
+
+        ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 4)``, ``sides`` the edges of each named side, shape
+        ``(k, 2)``, in any direction. Nodes and cells keep their numbers; clockwise cells are turned. Edges without a
+        name become the sides ``side_1``, ``side_2``, ... from corner to corner; ``names`` renames sides, by their old
+        names.
+
+        Between corners the boundary is recognised as straight or as a circle; else it is a spline through its nodes.
+        Nodes slide on it. ``corners`` stay: numbers of nodes, or places (x, y) whose nearest node of the boundary is
+        one. So do the ends of sides, and nodes at which the boundary turns by more than ``corner_angle`` degrees; by
+        default by more than 30, or by at least one degree and five times as much as at both neighbours.
+
+        Raises :class:`~equimesh.errors.InputError` for triangles, cells that are folded or overlap, nodes at the same
+        place, cells that share a part of an edge, several pieces, and sides inside the mesh; the message names the
+        place and the remedy.
+        """
+        found = recover(points, cells, sides, corners=corners, corner_angle=corner_angle, names=names)
+        return cls.assembled(
+            found.mesh, found.layout, curves=found.curves, on_curves=found.on_curves, corners=found.corners.tolist()
+        )
+
+    @classmethod
+    def of_plain(
+        cls,
+        mesh: PlainMesh,
+        *,
+        corners: Iterable[Corner | str] = (),
+        corner_angle: float | None = None,
+        names: Mapping[str, str] | None = None,
+    ) -> Blocks:
+        """The same as :meth:`of_mesh` for a mesh as a file holds it; ``corners`` may also be names of its points."""
+        return cls.of_mesh(
+            mesh.points,
+            mesh.cells,
+            mesh.sides,
+            corners=with_places(corners, mesh.places),
+            corner_angle=corner_angle,
+            names=names,
+        )
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike[str],
+        format: str | None = None,
+        *,
+        corners: Iterable[Corner | str] = (),
+        corner_angle: float | None = None,
+        names: Mapping[str, str] | None = None,
+    ) -> Blocks:
+        """The domain of a file: a description (``.json``, ``blockMeshDict``), or a mesh, as :meth:`of_plain` takes it.
+
+        Meshes are ``.msh``, ``.vtu``, ``.su2``, Plot3D (``.p3d``, ``.xyz``), and the folder of an OpenFOAM case or of
+        its ``polyMesh``. The suffix tells the format, unless ``format`` names it: ``"json"``, ``"blockMeshDict"``,
+        ``"msh"``, ``"vtu"``, ``"su2"``, ``"p3d"`` or ``"zip"``, a zip of a ``polyMesh``. ``corners``, ``corner_angle``
+        and ``names`` are for meshes.
+
+        Raises :class:`~equimesh.errors.InputError` for a file that cannot be read, with the line where there is one.
+        """
+        kind = format or description_format(path)
+        if kind not in DESCRIPTIONS:
+            mesh = read_mesh(path, format)
+            return cls.of_plain(mesh, corners=corners, corner_angle=corner_angle, names=names)
+        if names or corner_angle is not None or tuple(corners):
+            message = "corners, corner_angle and names are for meshes: a description has its own corners and sides"
+            raise InputError(message, field="corners")
+        return cls.of(read_description(path, kind), Path(path).parent)
 
     @classmethod
     def assembled(

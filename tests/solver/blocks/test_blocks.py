@@ -11,6 +11,10 @@ import pytest
 
 import equimesh as em
 from equimesh.blocks.blocks import Blocks
+from equimesh.blocks.sliding import FIXED, FREE
+from equimesh.io.reading.plain_mesh import PlainMesh
+from equimesh.io.su2 import su2_text
+from equimesh.testing import geometries
 from solver.blocks import documents
 
 
@@ -62,3 +66,44 @@ def test_a_domain_without_description_says_so() -> None:
     assert np.array_equal(other.node_curve, found.node_curve)
     with pytest.raises(em.InputError, match="came from a mesh"):
         other.description()
+
+
+@pytest.mark.parametrize("name", ["l_shape", "cylinder", "naca0012_o", "naca0012_c", "ring", "disc", "pitz_daily"])
+def test_the_mesh_of_a_description_has_the_same_blocks_when_it_is_taken_apart(name: str) -> None:
+    wanted = getattr(geometries, name)(600)
+    mesh = wanted.mesh
+    found = Blocks.of_mesh(mesh.points, mesh.cells, mesh.sides, corner_angle=80.0 if name.startswith("naca") else None)
+    assert found.mesh.sides.keys() == mesh.sides.keys()
+    for side, edges in mesh.sides.items():
+        np.testing.assert_array_equal(np.unique(found.mesh.sides[side], axis=0), np.unique(edges, axis=0))
+    assert found.layout.block_count <= wanted.layout.block_count
+    assert found.area == pytest.approx(wanted.area, rel=2e-3)
+    corners = np.flatnonzero(wanted.node_curve == FIXED)
+    assert set(np.flatnonzero(found.node_curve == FIXED)) >= set(corners)
+    assert ((found.node_curve == FREE) == (wanted.node_curve == FREE)).all()
+
+
+def test_domains_from_files(tmp_path: Path) -> None:
+    (tmp_path / "l.json").write_text(json.dumps(documents.l_shape()))
+    first = Blocks.read(tmp_path / "l.json")
+    assert first.description() == documents.l_shape()
+    (tmp_path / "mesh.su2").write_text(su2_text(first.mesh.points, first.mesh.cells, first.mesh.sides))
+    mesh = Blocks.read(tmp_path / "mesh.su2", corners=[0])
+    np.testing.assert_array_equal(mesh.mesh.points, first.mesh.points)
+    assert mesh.layout.block_count == 3
+    assert mesh.node_curve[0] == FIXED
+    (tmp_path / "blockMeshDict").write_text(
+        "vertices ((0 0 0) (1 0 0) (1 1 0) (0 1 0) (0 0 1) (1 0 1) (1 1 1) (0 1 1));"
+        " blocks (hex (0 1 2 3 4 5 6 7) (3 2 1) simpleGrading (1 1 1));"
+    )
+    assert Blocks.read(tmp_path / "blockMeshDict").layout.shapes == ((4, 3),)
+    with pytest.raises(em.InputError, match="a description has its own corners"):
+        Blocks.read(tmp_path / "l.json", corners=[0])
+    with pytest.raises(em.InputError, match=r"the suffix of mesh.stl"):
+        Blocks.read(tmp_path / "mesh.stl")
+
+
+def test_corners_of_a_file_by_name() -> None:
+    grid = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
+    plain = PlainMesh(points=grid.points, cells=grid.cells, sides=grid.sides, places={"te": 8})
+    assert Blocks.of_plain(plain, corners=["te"]).layout.block_count == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -21,6 +22,11 @@ from equimesh.numerics.types import Array, IntArray
 SAME_PLACE: Final = 1e-10
 # What a text may have.
 _PRINTED: Final = bytes(range(32, 127)) + b"\t\r\n"
+# The faces of a neutral map file at the least and largest i, and at the least and largest j.
+FACES: Final = (3, 4, 5, 6)
+# What a neutral map file calls an interface of blocks.
+INTERFACE: Final = "ONE_TO_ONE"
+_MAP_ROW = re.compile(r"\s*'?([^'#]*?[^'#\s\d][^'#]*?)'?((?:\s+-?\d+){6})\s*(?:$|[-\d#])")
 # Blocks of a file, and nodes of a block along a direction, at most.
 MAX_BLOCKS, MAX_NODES = 100_000, 10_000_000
 
@@ -39,21 +45,23 @@ class _Head:
         return sum(i * j for i, j in self.shapes)
 
 
-def read_plot3d(data: bytes) -> PlainMesh:
+def read_plot3d(data: bytes, neutral_map: bytes | None = None) -> PlainMesh:
     """The mesh of a Plot3D file: 2D, or 3D with one layer of nodes; one or several blocks, with or without iblank.
 
     Numbers may be text, or binary with or without the marks of Fortran's records, with 4 or 8 bytes in either order.
-    Nodes of blocks at the same place become one node. A block closed on itself is joined in the same way. The file
-    has no names, so the mesh has no named sides. Raises :class:`~equimesh.errors.InputError` for a broken file.
+    Nodes of blocks at the same place become one node. A block closed on itself is joined in the same way. The names
+    of the sides come from a ``neutral_map`` file; without it the mesh has none. Raises
+    :class:`~equimesh.errors.InputError` for a broken file, with the line of the map.
 
-    Source: P. Walatka et al., PLOT3D user's manual, NASA TM 101067 (1990), chapter 8.
+    Sources: P. Walatka et al., PLOT3D user's manual, NASA TM 101067 (1990), chapter 8; NASA Geometry Laboratory,
+    "Neutral Map File Format".
     """
     blocks = [
         np.ascontiguousarray(values.reshape(head.dimension, n_j, n_i).transpose(2, 1, 0))
         for head, found in (_text(data) if _is_text(data) else _binary(data),)
         for (n_i, n_j), values in zip(head.shapes, found, strict=True)
     ]
-    return joined(blocks, {})
+    return joined(blocks, sides_of_map(neutral_map, blocks) if neutral_map is not None else {})
 
 
 def joined(blocks: list[Array], sides: dict[str, list[tuple[int, IntArray]]]) -> PlainMesh:
@@ -79,6 +87,37 @@ def joined(blocks: list[Array], sides: dict[str, list[tuple[int, IntArray]]]) ->
         name: np.concatenate([new[starts[block] + table] for block, table in tables]) for name, tables in sides.items()
     }
     return PlainMesh.of(points[first], new[cells], edges)
+
+
+def sides_of_map(data: bytes, blocks: list[Array]) -> dict[str, list[tuple[int, IntArray]]]:
+    """The sides that a neutral map file names, for :func:`joined`; interfaces are left out, the places tell them.
+
+    A line has a name, the number of a block and of its face, and two ranges of nodes, of which one is 1 to 1.
+    """
+    sides: dict[str, list[tuple[int, IntArray]]] = {}
+    for number, row in enumerate(data.decode("utf-8", "replace").splitlines(), start=1):
+        found = _MAP_ROW.match(row)
+        if found is None or found[1].upper() == INTERFACE:
+            continue
+        block, face, *ends = (int(word) for word in found[2].split())
+        first, last = ends[:2] if ends[0] != ends[1] else ends[2:]
+        if not 1 <= block <= len(blocks) or face not in FACES:
+            raise InputError(f"line {number} of the map: there is no face {face} of a block {block}", field="file")
+        n_i, n_j = blocks[block - 1].shape[:2]
+        most = n_j if face in FACES[:2] else n_i
+        if not (min(first, last) >= 1 and max(first, last) <= most):
+            message = f"line {number} of the map: nodes {first} to {last}, but the face has {most}"
+            raise InputError(message, field="file")
+        along = np.arange(min(first, last) - 1, max(first, last))
+        at = {
+            FACES[0]: along,
+            FACES[1]: (n_i - 1) * n_j + along,
+            FACES[2]: along * n_j,
+            FACES[3]: along * n_j + n_j - 1,
+        }
+        line = at[face]
+        sides.setdefault(found[1], []).append((block - 1, np.column_stack([line[:-1], line[1:]])))
+    return sides
 
 
 def _merged(points: Array, rim: IntArray) -> IntArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -20,18 +21,21 @@ from equimesh.io.reading.poly_mesh import read_poly_mesh
 from equimesh.io.reading.su2 import read_su2
 from equimesh.io.reading.vtu import read_vtu
 
-# The reader of each format; that of ``foam`` takes a zip of the files of a polyMesh.
+# The reader of each format of meshes; ``zip`` is a zip of the files of a polyMesh, or of Plot3D with its map.
 READERS: Final[dict[str, Callable[[bytes], PlainMesh]]] = {
     "msh": read_msh,
     "vtu": read_vtu,
     "su2": read_su2,
     "p3d": read_plot3d,
-    "foam": lambda data: read_poly_mesh(_zipped(data)),
+    "zip": lambda data: _packed(data),
 }
 # The format of a file by the suffix of its name.
 FORMAT_OF: Final = {
-    ".msh": "msh", ".vtu": "vtu", ".su2": "su2", ".p3d": "p3d", ".xyz": "p3d", ".x": "p3d", ".zip": "foam",
+    ".msh": "msh", ".vtu": "vtu", ".su2": "su2", ".p3d": "p3d", ".xyz": "p3d", ".x": "p3d", ".zip": "zip",
 }  # fmt: skip
+# The suffixes of Plot3D inside a zip, and of the map next to it.
+PLOT3D: Final = (".p3d", ".xyz", ".x")
+MAP: Final = ".nmf"
 # The most bytes of one file inside a zip.
 MAX_EXPANDED: Final = 1 << 31
 # Where an OpenFOAM case has its mesh.
@@ -41,7 +45,8 @@ POLY_MESH: Final = Path("constant") / "polyMesh"
 def read_mesh(path: str | os.PathLike[str], format: str | None = None) -> PlainMesh:
     """The mesh of a file, or of a folder with a ``polyMesh``: itself, ``constant``, or the case.
 
-    ``format`` is a name of ``READERS``; by default the suffix tells it. Raises :class:`~equimesh.errors.InputError` for
+    ``format`` is a name of ``READERS``; by default the suffix tells it. A Plot3D file takes the names of its sides from
+    a neutral map next to it, of the same name with the suffix ``.nmf``. Raises :class:`~equimesh.errors.InputError` for
     an unknown format, for a file that cannot be read, and for a mesh that is not one of quadrilaterals in a plane.
     """
     source = Path(path)
@@ -61,6 +66,9 @@ def read_mesh(path: str | os.PathLike[str], format: str | None = None) -> PlainM
         data = source.read_bytes()
     except OSError as error:
         raise InputError(f"{source.name} cannot be read: {error.strerror}", field="path") from error
+    beside = source.with_suffix(MAP)
+    if found == "p3d" and beside.is_file():
+        return _read(lambda: read_plot3d(data, beside.read_bytes()), found)
     return read_bytes(data, found)
 
 
@@ -82,17 +90,18 @@ def _read(reader: Callable[[], PlainMesh], name: str) -> PlainMesh:
         raise InputError(f"the {name} file cannot be read: {str(error)[:200]}", field="file") from error
 
 
-def _zipped(data: bytes) -> dict[str, bytes]:
-    """The files of a polyMesh in a zip, in any folder."""
+def _packed(data: bytes) -> PlainMesh:
+    """The mesh of a zip: the files of a polyMesh in any folder, or a Plot3D file with its map."""
     files = {}
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             for entry in archive.infolist():
-                name = Path(entry.filename).name
-                if name in poly_mesh.FILES:
+                name = Path(entry.filename)
+                if name.name in poly_mesh.FILES or name.suffix.lower() in (*PLOT3D, MAP):
                     if entry.file_size > MAX_EXPANDED:
                         raise InputError(f"{name} in the zip has {entry.file_size} bytes: too many", field="file")
-                    files[name] = archive.read(entry)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError) as error:
+                    files[name.suffix.lower() or name.name] = archive.read(entry)
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
         raise InputError(f"the zip cannot be read: {str(error)[:200]}", field="file") from error
-    return files
+    grid = next((files[suffix] for suffix in PLOT3D if suffix in files), None)
+    return read_poly_mesh(files) if grid is None else read_plot3d(grid, files.get(MAP))

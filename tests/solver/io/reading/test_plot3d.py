@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from equimesh.io.reading.plot3d import joined
+from equimesh.errors import InputError
+from equimesh.io.reading.plot3d import joined, read_plot3d
 from equimesh.io.reading.read import read_bytes
 from equimesh.numerics.types import Array
 from solver.io.reading.plain import refusal, small
@@ -92,6 +93,31 @@ def test_sides_are_edges_of_blocks() -> None:
     mesh = joined(two_blocks(), {"left": [(0, np.array([[2, 1], [1, 0]]))], "cut": [(1, np.array([[0, 3], [3, 6]]))]})
     assert mesh.sides["left"].tolist() == [[2, 1], [1, 0]]
     assert mesh.sides["cut"].tolist() == [[3, 4], [4, 5]]
+
+
+MAP = """# a comment
+2
+1 2 3 1
+2 3 3 1
+'ONE_TO_ONE' 1 4 1 3 1 1 2 5 1 1 1 3 TRUE
+'left' 1 3 1 3 1 1
+two words 2 4 1 1 1 3
+'lower' 1 5 1 1 1 2
+'lower' 2 3 1 3 1 1
+"""
+
+
+def test_a_map_names_the_sides() -> None:
+    mesh = read_plot3d(text(two_blocks()), MAP.encode())
+    assert {name: len(edges) for name, edges in mesh.sides.items()} == {"left": 2, "two words": 2, "lower": 3}
+    np.testing.assert_array_equal(np.unique(mesh.sides["left"]), [0, 1, 2])
+    assert (mesh.points[mesh.sides["lower"], 1] < 0.02).all()
+    for row, told in (
+        ("'left' 1 3 1 4 1 1", "line 1 of the map: nodes 1 to 4, but the face has 3"),
+        ("w 3 3 1 2 1 1", "no face 3 of a block 3"),
+    ):
+        with pytest.raises(InputError, match=told):
+            read_plot3d(text(two_blocks()), row.encode())
 
 
 BROKEN = {

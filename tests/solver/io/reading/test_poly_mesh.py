@@ -31,7 +31,7 @@ def zipped(texts: dict[str, str]) -> bytes:
 
 
 def test_our_own_layer_comes_back_to_the_bit(tmp_path: Path) -> None:
-    assert same(read_bytes(zipped(files()), "foam"), small())
+    assert same(read_bytes(zipped(files()), "zip"), small())
     folder = tmp_path / "constant" / "polyMesh"
     folder.mkdir(parents=True)
     for name, text in files().items():
@@ -42,13 +42,13 @@ def test_our_own_layer_comes_back_to_the_bit(tmp_path: Path) -> None:
 
 def test_a_layer_across_another_axis() -> None:
     turned = re.sub(r"^\((\S+) (\S+) (\S+)\)$", r"(\1 \3 \2)", files()["points"], flags=re.MULTILINE)
-    assert same(read_bytes(zipped(files() | {"points": turned}), "foam"), small())
+    assert same(read_bytes(zipped(files() | {"points": turned}), "zip"), small())
 
 
 def test_comments_and_groups_of_other_writers() -> None:
     boundary = files()["boundary"].replace("type patch;", "type wall; inGroups 1(wall); // two words", 1)
     note = files()["faces"].replace("faceList;", "faceList; /* 4(9 9\n9 9) */")
-    assert same(read_bytes(zipped(files() | {"boundary": boundary, "faces": note}), "foam"), small())
+    assert same(read_bytes(zipped(files() | {"boundary": boundary, "faces": note}), "zip"), small())
 
 
 BROKEN = {
@@ -75,11 +75,11 @@ def test_other_meshes_are_refused_with_what_is_wrong(told: str) -> None:
             new = re.sub(*change, texts[name], count=1)
             assert new != texts[name]
             texts[name] = new
-    assert told in refusal(zipped(texts), "foam")
+    assert told in refusal(zipped(texts), "zip")
 
 
 def test_a_zip_that_is_none() -> None:
-    assert "the zip cannot be read" in refusal(b"PK", "foam")
+    assert "the zip cannot be read" in refusal(b"PK", "zip")
 
 
 def test_a_layer_of_two_cells_is_refused() -> None:

@@ -27,7 +27,7 @@ def test_the_format_is_that_of_the_suffix_or_the_named_one(tmp_path: Path) -> No
     assert same(read_mesh(tmp_path / "mesh.txt", "su2"), mesh)
     with pytest.raises(InputError, match=r"the suffix of mesh.txt is of no known format: give one of msh, vtu"):
         read_mesh(tmp_path / "mesh.txt")
-    with pytest.raises(InputError, match="choose one of msh, vtu, su2, p3d, foam"):
+    with pytest.raises(InputError, match="choose one of msh, vtu, su2, p3d, zip"):
         read_bytes(b"", "stl")
     with pytest.raises(InputError, match=r"none.su2 cannot be read"):
         read_mesh(tmp_path / "none.su2")
@@ -46,7 +46,7 @@ def whole(tmp_path: Path) -> dict[str, bytes]:
         "vtu": (tmp_path / "mesh.vtu").read_bytes(),
         "su2": su2_text(mesh.points, mesh.cells, mesh.sides).encode(),
         "p3d": text(two_blocks()),
-        "foam": zipped(foam_files(mesh.points, mesh.cells, mesh.sides)),
+        "zip": zipped(foam_files(mesh.points, mesh.cells, mesh.sides)),
     }
 
 

@@ -1,0 +1,1 @@
+"""From a mesh of quadrilaterals to its blocks: edges, lines of irregular nodes, boundary lines."""

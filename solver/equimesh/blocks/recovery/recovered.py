@@ -1,0 +1,142 @@
+"""From points, cells and sides to all that a domain of blocks consists of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.blocks.curves import BoundaryCurve
+from equimesh.blocks.layout import Layout
+from equimesh.blocks.recovery.boundary import Boundary, Corner
+from equimesh.blocks.recovery.half_edges import HalfEdges, counter_clockwise
+from equimesh.blocks.recovery.separatrices import blocks_of
+from equimesh.blocks.recovery.shapes import curve_through
+from equimesh.blocks.recovery.topology import layout_of
+from equimesh.errors import InputError
+from equimesh.inputs import real_array
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.numerics.types import Array, IntArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recovered:
+    """What a domain of blocks is assembled from: its mesh and layout, and for each boundary edge its curve.
+
+    ``on_curves`` has, by the number of an edge of the layout, the number of its curve and the parameters of its nodes
+    from begin to end. ``corners`` are the vertices that stay in their place.
+    """
+
+    mesh: QuadMesh
+    layout: Layout
+    curves: tuple[BoundaryCurve, ...]
+    on_curves: Mapping[int, tuple[int, Array]]
+    corners: IntArray
+
+
+def recover(
+    points: object,
+    cells: object,
+    sides: Mapping[str, object],
+    *,
+    corners: Iterable[Corner] = (),
+    corner_angle: float | None = None,
+    names: Mapping[str, str] | None = None,
+) -> Recovered:
+    """The blocks of any mesh of quadrilaterals, by lines from its irregular nodes and corners.
+
+    The arguments are those of :meth:`equimesh.blocks.blocks.Blocks.of_mesh`, which has the errors, too.
+    """
+    places = real_array(points, "points", ndim=2)
+    if places.shape[1] != 2:
+        raise InputError(f"points has shape {places.shape}: it must be (n, 2)", field="points")
+    quads = counter_clockwise(places, _cells(cells, len(places)))
+    edges = HalfEdges.of(places, quads)
+    tables = {name: _table(table, len(places), f"sides.{name}", 2) for name, table in sides.items()}
+    boundary = Boundary.of(places, edges, tables, corners=corners, corner_angle=corner_angle)
+    vertices = np.zeros(len(places), np.bool_)
+    vertices[boundary.corners] = True
+    blocks, block_cells = blocks_of(edges, vertices)
+    layout, nodes = layout_of(blocks)
+    mesh = QuadMesh(points=places, cells=quads, sides=_renamed(boundary.sides, names or {}), blocks=tuple(blocks))
+    vars(mesh)["block_cells"] = tuple(block_cells)
+    size = float(np.ptp(places, axis=0).max())
+    found = [curve_through(places, line, size) for line in boundary.lines]
+    parameters = [t for _, t in found]
+    return Recovered(
+        mesh=mesh,
+        layout=layout,
+        curves=tuple(curve for curve, _ in found),
+        on_curves=_on_curves(layout, mesh, boundary, parameters),
+        corners=np.flatnonzero(np.isin(nodes, boundary.corners)),
+    )
+
+
+def _on_curves(
+    layout: Layout, mesh: QuadMesh, boundary: Boundary, parameters: list[Array]
+) -> dict[int, tuple[int, Array]]:
+    """For each edge on the boundary the number of its line, and the parameters of its nodes."""
+    line_at, place_at = np.full(len(mesh.points), -1), np.zeros(len(mesh.points), np.int64)
+    following = np.full(len(mesh.points), -1)
+    for number, line in enumerate(boundary.lines):
+        nodes = np.append(line.nodes, line.nodes[0]) if line.is_closed else line.nodes
+        line_at[nodes[:-1]], place_at[nodes[:-1]] = number, np.arange(len(nodes) - 1)
+        following[nodes[:-1]] = nodes[1:]
+    result, edge_nodes = {}, layout.edge_nodes(mesh.blocks)
+    for edge in layout.boundary.tolist():
+        nodes = edge_nodes[edge]
+        along = following[nodes[0]] == nodes[1]
+        first = nodes[0] if along else nodes[-1]
+        number, place = int(line_at[first]), int(place_at[first]) + np.arange(len(nodes))
+        t = parameters[number]
+        if boundary.lines[number].is_closed:
+            turns, place = np.divmod(place, len(t) - 1)
+            values = t[place] + turns * (t[-1] - t[0])
+        else:
+            values = t[place]
+        result[edge] = number, values if along else values[::-1]
+    return result
+
+
+def _cells(value: object, count: int) -> IntArray:
+    """The cells as an array of four nodes each."""
+    cells = np.asarray(value)
+    if cells.ndim == 2 and cells.shape[1] == 3:
+        message = (
+            "cells has three columns, which are triangles: only quadrilaterals can be adapted; make a mesh of"
+            " quadrilaterals, in Gmsh by Recombine with the subdivision algorithm 'All Quads'"
+        )
+        raise InputError(message, field="cells")
+    found = _table(value, count, "cells", 4)
+    if len(found) == 0:
+        raise InputError("cells is empty: a mesh has at least one cell", field="cells")
+    unused = np.bincount(found.ravel(), minlength=count) == 0
+    if unused.any():
+        raise InputError(f"node {int(unused.argmax())} is in no cell: leave out such points", field="points")
+    return found
+
+
+def _table(value: object, count: int, field: str, columns: int) -> IntArray:
+    """Rows of node numbers."""
+    table = np.asarray(value)
+    if table.ndim != 2 or table.shape[1] != columns or table.dtype.kind not in "iu":
+        message = f"{field} has the shape {table.shape} and the type {table.dtype}: integers, shape (k, {columns})"
+        raise InputError(message, field=field)
+    bad = (table < 0) | (table >= count)
+    if bad.any():
+        row = int(bad.any(axis=1).argmax())
+        message = f"{field}[{row}] has the nodes {table[row].tolist()}: nodes have the numbers 0 to {count - 1}"
+        raise InputError(message, field=field)
+    return np.ascontiguousarray(table, dtype=np.int64)
+
+
+def _renamed(sides: Mapping[str, IntArray], names: Mapping[str, str]) -> dict[str, IntArray]:
+    """The sides with other names; sides that get one name become one side."""
+    for name in names:
+        if name not in sides:
+            raise InputError(f"names has {name!r}, but the sides are {', '.join(sides)}", field="names")
+    found: dict[str, list[IntArray]] = {}
+    for name, edges in sides.items():
+        found.setdefault(names.get(name, name), []).append(edges)
+    return {name: np.concatenate(tables) for name, tables in found.items()}
