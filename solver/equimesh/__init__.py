@@ -24,6 +24,7 @@ from equimesh.fields.chunked_samples import ChunkedSamples
 from equimesh.fields.expression import Expression
 from equimesh.fields.field import Field
 from equimesh.fields.nodal_field import NodalField
+from equimesh.fields.quad_field import QuadField
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.least_error.steps import Descent
@@ -41,7 +42,8 @@ from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.monitors.smoothed import Smoothed
 from equimesh.monitors.tensor import Tensor, Weight
 from equimesh.quality.measures import Quality, measure
-from equimesh.rounds.round import Round, adapt_round
+from equimesh.rounds.next_mesh import Round
+from equimesh.rounds.round import adapt_round
 from equimesh.schwarz.conditions import (
     Classical,
     LinearRobin,
@@ -95,6 +97,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "ChunkedSamples",
     "ScatteredSamples",
     "NodalField",
+    "QuadField",
     # Values on a mesh, and the way to another mesh
     "MeshValues",
     "transfer",

@@ -5,43 +5,69 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from numbers import Integral
-from typing import Any, TypeAlias
+from typing import Any, Generic, TypedDict, Unpack, overload
 
-import numpy as np
-
-from equimesh.adapt.indicated import indicated_mesh
-from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
+from equimesh.adapt.rounds import BlockRounds, Following, GridRounds, Looked, M, Rounds
+from equimesh.blocks.blocks import Blocks
+from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.errors import InputError
-from equimesh.fields.recovered import reference_on
 from equimesh.least_error.elements import Norm
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.numerics.threads import thread_count
-from equimesh.numerics.types import Array
-from equimesh.rounds.recovery import moved_cells
-from equimesh.rounds.round import Knowledge
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
 from equimesh_coupling.cells import ErrorIndicator, cell_values
 from equimesh_coupling.values import node_values
 
 MAX_ROUNDS = 100
 """The most rounds that can be requested."""
+OWN_POINTS = "a domain in blocks has a number of points of its own, by its counts of cells: leave n out"
+"""Why a number of points is refused."""
 
 
+class AdaptArguments(TypedDict, Generic[M], total=False):
+    """The other arguments of :func:`adapt`."""
+
+    rounds: int
+    norm: Norm
+    threads: int | None
+    observe: Callable[[AdaptRound[M]], None] | None
+
+
+@overload
 def adapt(
     solve: Callable[[Mesh], Any],
     n: int | tuple[int, int],
     *,
     domain: Domain = UNIT_SQUARE,
+    **options: Unpack[AdaptArguments[Mesh]],
+) -> Adaptation[Mesh]: ...
+@overload
+def adapt(
+    solve: Callable[[QuadMesh], Any],
+    n: None = None,
+    *,
+    domain: Blocks,
+    **options: Unpack[AdaptArguments[QuadMesh]],
+) -> Adaptation[QuadMesh]: ...
+def adapt(
+    solve: Callable[[Any], Any],
+    n: int | tuple[int, int] | None = None,
+    *,
+    domain: Domain | Blocks = UNIT_SQUARE,
     rounds: int = 5,
     norm: Norm = "l2",
     threads: int | None = None,
-    observe: Callable[[AdaptRound[Mesh]], None] | None = None,
-) -> Adaptation[Mesh]:
+    observe: Callable[[AdaptRound[Any]], None] | None = None,
+) -> Adaptation[Mesh] | Adaptation[QuadMesh]:
     """The mesh of ``n`` points a direction, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
-    ``solve(mesh)`` solves on an :class:`~equimesh.meshes.mesh.Mesh`, which has the methods ``to_skfem()``,
+    A domain in blocks has a number of points of its own: leave ``n`` out there. The first mesh is its initial one.
+
+    ``solve(mesh)`` solves on an :class:`~equimesh.meshes.mesh.Mesh`, or a
+    :class:`~equimesh.meshes.quad_mesh.QuadMesh` of blocks, which has the methods ``to_skfem()``,
     ``to_dolfinx(comm)`` and so on, and returns one of these: values at the nodes, a field of a library with an adaptor,
     :class:`~equimesh_coupling.cells.CellAverages`, or an :class:`~equimesh_coupling.cells.ErrorIndicator` of the cells.
     It is called first on the uniform mesh, then at most ``rounds`` times. ``norm`` is that of the error that meshes
@@ -52,20 +78,35 @@ def adapt(
     first solve raises. Later the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the
     exception. Raises :class:`~equimesh.errors.InputError` for arguments that cannot be used.
     """
+    if isinstance(domain, Blocks):
+        if n is not None:
+            raise InputError(f"n = {str(n)[:40]!r}: {OWN_POINTS}", field="n")
+        _check(solve, rounds, norm)
+        _check_observer(observe)
+        on_blocks = BlockRounds(domain=domain, norm=norm, threads=thread_count(threads))
+        return _loop(solve, on_blocks, rounds, observe)
     grid, threads = _grid(n), thread_count(threads)
     _check(solve, rounds, norm)
-    _check_others(domain, observe)
-    done: list[AdaptRound[Mesh]] = []
+    _check_domain(domain)
+    _check_observer(observe)
+    return _loop(solve, GridRounds(grid=grid, domain=domain, norm=norm, threads=threads), rounds, observe)
 
-    def following() -> tuple[Mesh, float, str]:
-        return map_mesh(Mesh.uniform(grid), domain), 0.0, "given"
 
+def _loop(
+    solve: Callable[[Any], Any],
+    by: Rounds[M],
+    rounds: int,
+    observe: Callable[[AdaptRound[M]], None] | None,
+) -> Adaptation[M]:
+    """The loop itself, for meshes of any kind."""
+    done: list[AdaptRound[M]] = []
+    following: Following[M] = by.first
     while True:
         try:
             mesh, moved, start = following()
             # The solver gets its own arrays, which it may change.
-            returned = solve(Mesh(mesh.x.copy(), mesh.y.copy()))
-            record, following = _looked_at(returned, mesh, domain, norm, threads)
+            returned = solve(by.copied(mesh))
+            record, following = _looked_at(returned, mesh, by)
             require_same_kind(done, is_indicator=isinstance(returned, ErrorIndicator))
         except Exception as failure:
             if not done:
@@ -78,46 +119,11 @@ def adapt(
             return ended(done, rounds)
 
 
-Following: TypeAlias = Callable[[], tuple[Mesh, float, str]]
-"""The next mesh, how far it moves, and the name of its start."""
-Looked: TypeAlias = tuple[AdaptRound[Mesh], Following]
-"""The record of what a solver returned, and the way to the next mesh."""
-
-
-def _looked_at(returned: Any, mesh: Mesh, domain: Domain, norm: Norm, threads: int) -> Looked:
+def _looked_at(returned: Any, mesh: M, by: Rounds[M]) -> Looked[M]:
     """The record of what a solver returned, and the way to the next mesh."""
     if isinstance(returned, ErrorIndicator):
-        return _indicated(mesh, cell_values(returned, mesh), domain, norm, threads)
-    return _known(mesh, node_values(returned, mesh), domain, norm, threads)
-
-
-def _known(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: int) -> Looked:
-    """The record of nodal values, and the way to the next mesh."""
-    known = Knowledge.of(mesh, values, domain, threads)
-
-    def following() -> tuple[Mesh, float, str]:
-        found = known.next_mesh(norm, threads)
-        return map_mesh(found.reference, domain), found.moved_cells, found.chosen
-
-    record = AdaptRound(
-        number=0,
-        mesh=mesh,
-        values=values,
-        estimate=0.0 if known.is_exact else known.estimate,
-        estimate_h1=known.estimate_h1,
-        unresolved=known.unresolved,
-    )
-    return record, following
-
-
-def _indicated(mesh: Mesh, values: Array, domain: Domain, norm: Norm, threads: int) -> Looked:
-    """The record of an error indicator, and the way to the next mesh."""
-
-    def following() -> tuple[Mesh, float, str]:
-        found = indicated_mesh(mesh, values, domain, norm, threads)
-        return found, moved_cells(reference_on(mesh, domain), reference_on(found, domain)), "weight"
-
-    return AdaptRound(number=0, mesh=mesh, values=values, estimate=float(np.linalg.norm(values))), following
+        return by.indicated(mesh, cell_values(returned, mesh))
+    return by.known(mesh, node_values(returned, mesh))
 
 
 def _grid(n: Any) -> Grid:
@@ -141,12 +147,16 @@ def _check(solve: object, rounds: object, norm: object) -> None:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
 
 
-def _check_others(domain: object, observe: object) -> None:
-    """Refuse a domain and an observer that cannot be used."""
+def _check_domain(domain: object) -> None:
+    """Refuse what is no domain."""
     if not (callable(getattr(domain, "map", None)) and callable(getattr(domain, "jacobian", None))):
         raise InputError(
             f"domain = {str(domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
             field="domain",
         )
+
+
+def _check_observer(observe: object) -> None:
+    """Refuse an observer that cannot be called."""
     if observe is not None and not callable(observe):
         raise InputError("observe is no function: give one that takes the record of a round", field="observe")

@@ -8,6 +8,7 @@ from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.nodal_solution import NodalSolution
 
 NO_LINES = (
     "a metric is equidistributed along grid lines from side to side, and lines that run through several blocks meet"
@@ -28,14 +29,15 @@ NO_CELL_CENTRES = (
 class BlockProblem:
     """The mesh of a ``domain`` in blocks on which the error of interpolating u is least.
 
-    ``monitor`` is a :class:`~equimesh.monitors.least_error.LeastError`, or an :class:`~equimesh.monitors.auto.Auto`,
-    which chooses its weights. It is bound to the domain. The mesh has the nodes, cells and sides of the initial mesh of
+    ``monitor`` is a :class:`~equimesh.monitors.least_error.LeastError`, an :class:`~equimesh.monitors.auto.Auto`,
+    which chooses its weights, or a :class:`~equimesh.monitors.nodal_solution.NodalSolution` with values on a mesh of
+    the domain. It is bound to the domain. The mesh has the nodes, cells and sides of the initial mesh of
     the domain, with other positions of the nodes.
 
     Raises :class:`~equimesh.errors.InputError` for other monitors and domains, and where u is not finite.
     """
 
-    monitor: LeastError | Auto
+    monitor: LeastError | Auto | NodalSolution
     domain: Blocks
 
     def __post_init__(self) -> None:
@@ -46,7 +48,7 @@ class BlockProblem:
                 field="domain",
             )
         monitor = self.monitor
-        if not isinstance(monitor, LeastError | Auto):
+        if not isinstance(monitor, LeastError | Auto | NodalSolution):
             raise InputError(NO_LINES, field="monitor")
         if isinstance(monitor, LeastError) and monitor.rectilinear:
             raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import overload
 
 import numpy.typing as npt
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.least_error.elements import Norm
 from equimesh.least_error.ways import mesh_of
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.numerics.threads import thread_count
+from equimesh.rounds.block_round import BlockKnowledge
 from equimesh.rounds.candidates import Search
+from equimesh.rounds.next_mesh import KEPT, AnyMesh, NextMesh, Round
 from equimesh.rounds.recovery import Recovery, moved_cells
 
-KEPT = "kept"
-"""The name of the mesh before, where no candidate is valid or the values are those of a linear function."""
+TWO_KINDS = (
+    "the mesh is one of a grid and the domain one of blocks, or the other way round: a mesh in blocks needs its domain"
+    " in blocks"
+)
+"""Why a mesh and a domain of two kinds are refused."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +62,7 @@ class Knowledge:
         """Whether the estimate is nothing but rounding."""
         return not self.estimate > self.recovery.rounding
 
-    def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh:
+    def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh[Mesh]:
         """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly."""
         before = self.recovery.mesh
         search = Search(u=self.recovery.u, domain=self.recovery.domain, before=before, norm=norm, threads=threads)
@@ -74,71 +81,53 @@ class Knowledge:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NextMesh:
-    """The mesh for the next solve."""
-
-    reference: Mesh
-    """It on the reference square."""
-    chosen: str
-    """The name of the candidate that it was."""
-    candidates: Mapping[str, float]
-    """The candidates, with the errors of the interpolant of the recovered u on them in the requested norm."""
-    gain: float
-    """The error of the interpolant of the recovered u in the requested norm, on the mesh before over that on this one.
-
-    Both are measured at the same points of each cell, which are fewer than those of the estimate. Where the values do
-    not resolve the solution it can be below 1.
-    """
-    moved_cells: float
-    """The root mean square of the moves of the nodes, in spacings of the uniform mesh."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Round:
-    """The next mesh, and what the values say of the mesh that they are on."""
-
-    mesh: Mesh
-    """The next mesh of the domain, with as many nodes."""
-    reference: Mesh
-    """The same mesh on the reference square."""
-    estimate: float
-    """As :attr:`Knowledge.estimate`, 0 where that is nothing but rounding."""
-    estimate_h1: float
-    """As :attr:`Knowledge.estimate_h1`."""
-    unresolved: float
-    """As :attr:`Knowledge.unresolved`."""
-    chosen: str
-    """As :attr:`NextMesh.chosen`."""
-    candidates: Mapping[str, float]
-    """As :attr:`NextMesh.candidates`."""
-    gain: float
-    """As :attr:`NextMesh.gain`."""
-    moved_cells: float
-    """As :attr:`NextMesh.moved_cells`."""
-
-
+@overload
 def adapt_round(
     mesh: Mesh, values: npt.ArrayLike, domain: Domain = UNIT_SQUARE, norm: Norm = "l2", threads: int = 1
-) -> Round:
-    """The next mesh for a solution that is known by ``values`` of shape ``(n_xi, n_eta)`` at the nodes of ``mesh``.
+) -> Round[Mesh]: ...
+@overload
+def adapt_round(
+    mesh: QuadMesh, values: npt.ArrayLike, domain: Blocks, norm: Norm = "l2", threads: int = 1
+) -> Round[QuadMesh]: ...
+def adapt_round(
+    mesh: Mesh | QuadMesh,
+    values: npt.ArrayLike,
+    domain: Domain | Blocks = UNIT_SQUARE,
+    norm: Norm = "l2",
+    threads: int = 1,
+) -> Round[Mesh] | Round[QuadMesh]:
+    """The next mesh for a solution that is known by ``values`` at the nodes of ``mesh``.
 
-    ``mesh`` is one of ``domain``, of any kind. u is recovered from the values as in
-    :class:`~equimesh.fields.hermite_field.HermiteField`. The next mesh has the smallest measured error of its
-    interpolant, in ``norm``, among descents from ``mesh`` and meshes of straight lines. A pure function: equal
-    arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120 microseconds of
-    processor time a point of a rectangle.
+    ``values`` have the shape ``mesh.node_shape``: ``(n_xi, n_eta)`` on a grid, ``(n,)`` on blocks. ``mesh`` is one of
+    ``domain``, of any kind. u is recovered from the values as in
+    :class:`~equimesh.fields.hermite_field.HermiteField`, on blocks as in
+    :class:`~equimesh.fields.quad_field.QuadField`. The next mesh has the smallest measured error of its interpolant, in
+    ``norm``, among descents from ``mesh`` and meshes of straight lines, on blocks from the initial mesh of the domain.
+    A pure function: equal arguments give an equal mesh bit by bit, for any number of ``threads``. It takes 70 to 120
+    microseconds of processor time a point of a rectangle.
 
     Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
-    :class:`~equimesh.errors.InputError` for a folded mesh, another norm or number of threads.
+    :class:`~equimesh.errors.InputError` for a folded mesh, a mesh and a domain of two kinds, another norm or number of
+    threads.
     """
     if norm not in NORMS:
         raise InputError(f"norm = {norm!r}: choose 'l2' or 'h1'", field="norm")
     threads = thread_count(threads)
+    if isinstance(mesh, QuadMesh) and isinstance(domain, Blocks):
+        of_blocks = BlockKnowledge.of(mesh, values, domain, threads)
+        following = of_blocks.next_mesh(norm, threads)
+        return _round(of_blocks, following, following.reference)
+    if isinstance(mesh, QuadMesh) or isinstance(domain, Blocks):
+        raise InputError(TWO_KINDS, field="mesh")
     known = Knowledge.of(mesh, values, domain, threads)
     found = known.next_mesh(norm, threads)
+    is_kept = found.reference is known.recovery.mesh
+    return _round(known, found, mesh if is_kept else map_mesh(found.reference, domain))
+
+
+def _round(known: Knowledge | BlockKnowledge, found: NextMesh[AnyMesh], mesh: AnyMesh) -> Round[AnyMesh]:
     return Round(
-        mesh=mesh if found.reference is known.recovery.mesh else map_mesh(found.reference, domain),
+        mesh=mesh,
         reference=found.reference,
         estimate=0.0 if known.is_exact else known.estimate,
         estimate_h1=known.estimate_h1,

@@ -17,11 +17,13 @@ from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
 from equimesh.solving.announcer import Announcer
 from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.certificate import Candidate
 from equimesh.solving.courses import Descending, descent_work
+from equimesh.solving.nodal_solution import solve_block_round
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import Status
@@ -66,6 +68,8 @@ def solve_blocks(problem: BlockProblem, initial: Initial | QuadMesh, options: So
     the result is the initial mesh itself.
     """
     monitor = problem.monitor
+    if isinstance(monitor, NodalSolution):
+        return solve_block_round(problem, options.threads)
     start = initial if isinstance(initial, QuadMesh) else None
     if isinstance(monitor, Auto) and start is None:
         found = _chosen(problem, monitor, options)

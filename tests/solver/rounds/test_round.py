@@ -10,8 +10,9 @@ from equimesh.domains.domain import UNIT_SQUARE, map_mesh
 from equimesh.errors import InputError, SamplesError
 from equimesh.least_error.elements import Norm, Rule
 from equimesh.rounds.candidates import Search
+from equimesh.rounds.next_mesh import KEPT, Round
 from equimesh.rounds.recovery import Recovery, measured
-from equimesh.rounds.round import KEPT, Round, adapt_round
+from equimesh.rounds.round import adapt_round
 
 FRONT = em.Expression("tanh(20*(x + y/2 - 0.75))")
 SECTOR = em.AnnulusSector(radii=(1.0, 2.0), angles=(0.0, 60.0))

@@ -8,6 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.rounds.round import adapt_round
 from equimesh.solving.nodal_solution import NOT_BETTER
+from equimesh.testing.geometries import l_shape
 
 GRID = em.Grid(n_xi=17, n_eta=17)
 NODES = em.Mesh.uniform(GRID)
@@ -50,3 +51,28 @@ def test_what_a_round_cannot_have() -> None:
         em.solve(em.Problem(monitor=monitor, grid=em.Grid(n_xi=9, n_eta=9)))
     with pytest.raises(em.InputError, match="leave the Schwarz settings out"):
         em.solve(em.Problem(monitor=monitor, grid=GRID), em.Schwarz(subdomains=(2, 1)))
+
+
+def test_on_blocks_the_solution_is_that_of_the_round() -> None:
+    domain = l_shape(300)
+    mesh = domain.mesh
+    values = np.tanh(9 * (mesh.x + mesh.y - 1))
+    problem = em.BlockProblem(monitor=em.NodalSolution(u=em.QuadField(mesh=mesh, values=values)), domain=domain)
+    solution = em.solve(problem, threads=1)
+    found = em.adapt_round(mesh, values, domain)
+    assert np.array_equal(solution.mesh.points, found.mesh.points)
+    assert solution.estimate is not None
+    assert (solution.estimate.l2, solution.status) == (found.estimate, em.Status.COMPLETED)
+    assert solution.certificate.comparison[0].chosen
+    assert solution.interpolation.gain_l2 > 1.5
+    assert solution.data().u.shape == mesh.node_shape
+
+
+def test_values_on_a_mesh_of_another_kind_are_refused() -> None:
+    domain, grid = l_shape(300), em.Mesh.uniform(em.Grid(n_xi=9, n_eta=9))
+    of_grid = em.NodalSolution(u=em.NodalField(mesh=grid, values=grid.x))
+    of_blocks = em.NodalSolution(u=em.QuadField(mesh=domain.mesh, values=domain.mesh.x))
+    with pytest.raises(em.InputError, match="on a mesh of a grid and the domain is in blocks"):
+        em.BlockProblem(monitor=of_grid, domain=domain)
+    with pytest.raises(em.InputError, match="on a mesh of a grid and the domain is in blocks"):
+        em.solve(em.Problem(monitor=of_blocks, grid=grid.grid))

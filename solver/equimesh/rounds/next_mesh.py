@@ -1,0 +1,61 @@
+"""The mesh for the next solve, with what is known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
+
+AnyMesh = TypeVar("AnyMesh", Mesh, QuadMesh)
+"""The class of the meshes: those of grids, or of blocks."""
+KEPT = "kept"
+"""The name of the mesh before, where no candidate is valid or the values are those of a linear function."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NextMesh(Generic[AnyMesh]):
+    """The mesh for the next solve."""
+
+    reference: AnyMesh
+    """It on the reference square; of blocks the mesh itself."""
+    chosen: str
+    """The name of the candidate that it was."""
+    candidates: Mapping[str, float]
+    """The candidates, with the errors of the interpolant of the recovered u on them in the requested norm."""
+    gain: float
+    """The error of the interpolant of the recovered u in the requested norm, on the mesh before over that on this one.
+
+    Both are measured at the same points of each cell, which are fewer than those of the estimate. Where the values do
+    not resolve the solution it can be below 1.
+    """
+    moved_cells: float
+    """The root mean square of the moves of the nodes, in spacings of the uniform mesh, on blocks in lengths of the mean
+    cell.
+    """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Round(Generic[AnyMesh]):
+    """The next mesh, and what the values say of the mesh that they are on."""
+
+    mesh: AnyMesh
+    """The next mesh of the domain, with as many nodes."""
+    reference: AnyMesh
+    """The same mesh on the reference square; of blocks the mesh itself."""
+    estimate: float
+    """As :attr:`~equimesh.rounds.round.Knowledge.estimate`, 0 where that is nothing but rounding."""
+    estimate_h1: float
+    """As :attr:`~equimesh.rounds.round.Knowledge.estimate_h1`."""
+    unresolved: float
+    """As :attr:`~equimesh.rounds.round.Knowledge.unresolved`."""
+    chosen: str
+    """As :attr:`NextMesh.chosen`."""
+    candidates: Mapping[str, float]
+    """As :attr:`NextMesh.candidates`."""
+    gain: float
+    """As :attr:`NextMesh.gain`."""
+    moved_cells: float
+    """As :attr:`NextMesh.moved_cells`."""

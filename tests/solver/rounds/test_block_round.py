@@ -1,0 +1,76 @@
+"""One round of adapting on domains in blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import equimesh as em
+from equimesh.least_error.elements import Rule
+from equimesh.rounds.block_recovery import measured_on_blocks
+from equimesh.rounds.block_round import WHOLE, BlockKnowledge
+from equimesh.rounds.candidates import PARTS
+from equimesh.rounds.next_mesh import KEPT
+from equimesh.testing.geometries import disc, l_shape
+
+DOMAIN = l_shape(500)
+FRONT = em.Expression("tanh(15*(x + y - 1))")
+
+
+def values_on(mesh: em.QuadMesh) -> np.ndarray:
+    """The front at the nodes."""
+    return FRONT.evaluate(mesh.x, mesh.y)[0]
+
+
+def test_two_rounds_lower_the_error_and_begin_from_both_meshes() -> None:
+    mesh = DOMAIN.mesh
+    errors = [measured_on_blocks(FRONT, mesh, Rule(norm="l2", points=3))]
+    names = []
+    for _ in range(2):
+        found = em.adapt_round(mesh, values_on(mesh), DOMAIN)
+        mesh = found.mesh
+        names.append({*found.candidates})
+        errors.append(measured_on_blocks(FRONT, mesh, Rule(norm="l2", points=3)))
+        assert not mesh.is_folded
+        assert np.array_equal(mesh.cells, DOMAIN.mesh.cells)
+        assert found.candidates[found.chosen] == min(found.candidates.values())
+    assert names == [{WHOLE}, {WHOLE, PARTS}]
+    assert errors[0] / errors[1] > 1.8
+    assert errors[0] / errors[2] > 3.0
+
+
+def test_equal_arguments_give_equal_meshes_on_any_number_of_threads() -> None:
+    mesh = DOMAIN.mesh
+    one, other = (em.adapt_round(mesh, values_on(mesh), DOMAIN, "h1", threads) for threads in (1, 2))
+    assert np.array_equal(one.mesh.points, other.mesh.points)
+    assert one.gain == other.gain > 1.0
+
+
+def test_nodes_of_a_curve_stay_on_it() -> None:
+    domain = disc(300)
+    found = em.adapt_round(domain.mesh, np.tanh(9 * domain.mesh.x), domain)
+    on = domain.node_curve >= 0
+    assert np.abs(np.hypot(found.mesh.x, found.mesh.y)[on] - 1.0).max() < 1e-12
+    assert found.moved_cells > 0.3
+
+
+def test_a_linear_function_keeps_its_mesh() -> None:
+    mesh = DOMAIN.mesh
+    found = em.adapt_round(mesh, 1 + mesh.x, DOMAIN)
+    assert (found.mesh is mesh, found.chosen, found.estimate, found.moved_cells) == (True, KEPT, 0.0, 0.0)
+
+
+def test_a_thin_front_is_not_resolved_and_a_smooth_function_is() -> None:
+    mesh = DOMAIN.mesh
+    thin = BlockKnowledge.of(mesh, np.tanh(200 * (mesh.x + mesh.y - 1)), DOMAIN)
+    smooth = BlockKnowledge.of(mesh, np.sin(mesh.x + mesh.y), DOMAIN)
+    assert thin.unresolved > 0.15 > 0.05 > smooth.unresolved
+    assert not thin.is_exact
+
+
+def test_a_mesh_and_a_domain_of_two_kinds_are_refused() -> None:
+    grid = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5))
+    with pytest.raises(em.InputError, match="one of a grid and the domain one of blocks"):
+        em.adapt_round(grid, grid.x, DOMAIN)
+    with pytest.raises(em.InputError, match="one of a grid and the domain one of blocks"):
+        em.adapt_round(DOMAIN.mesh, DOMAIN.mesh.x)
