@@ -95,6 +95,7 @@ ELSEWHERE = {
     "choose",
     "clip_cell",
     "clip_half_plane",
+    "closed_row",
     "continue_line",
     "corner_at",
     "corners_from",
