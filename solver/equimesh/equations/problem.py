@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from equimesh.blocks.blocks import Blocks
+from equimesh.domains.closing import is_closed
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.equations.boundary import Boundary, sides
 from equimesh.equations.mesh_equations import MeshEquations
@@ -15,6 +16,13 @@ from equimesh.fields.periodic import repeated
 from equimesh.inputs import choice
 from equimesh.meshes.grid import Grid
 from equimesh.monitors.monitor import Monitor
+from equimesh.monitors.nodal_solution import NodalSolution
+
+NO_NODAL_SOLUTION = (
+    "slopes are recovered from the values at nodes on four sides, and the lines of this domain are closed: take"
+    " LeastError or Auto with the NodalField itself as u"
+)
+"""Why closed lines with the recovery of a solver's solution are refused."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +56,8 @@ class Problem:
                 f"domain = {str(self.domain)[:40]!r} is no domain: give one, such as Rectangle(x=(0, 2), y=(0, 1))",
                 field="domain",
             )
+        if is_closed(self.domain) and isinstance(self.monitor, NodalSolution):
+            raise InputError(NO_NODAL_SOLUTION, field="monitor")
         object.__setattr__(self, "boundary", choice(Boundary, self.boundary, "boundary"))
         object.__setattr__(self, "monitor", repeated(self.monitor, self.domain).on(self.domain))
 

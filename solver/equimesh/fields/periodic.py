@@ -11,9 +11,12 @@ from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import AnnulusSector, Domain, Interval, Rectangle
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
+from equimesh.fields.hermite_field import HermiteField
+from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.on_domain import OnDomain
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array, Pair
 
 T = TypeVar("T", bound=Any)
@@ -98,7 +101,10 @@ def repeated_field(field: Field, domain: Domain, name: str) -> Field:
     if isinstance(field, Periodic):
         return field
     if isinstance(domain, Rectangle):
-        _require_repeated(field, domain, name)
+        if isinstance(field, NodalField | HermiteField):
+            _require_repeated_nodes(field, domain, name)
+        else:
+            _require_repeated(field, domain, name)
         return Periodic(field=_tiled(field, (domain.x, domain.y), domain.closed_lines), domain=domain)
     if isinstance(domain, AnnulusSector) and isinstance(field, OnDomain):
         unit = (0.0, 1.0)
@@ -131,6 +137,22 @@ def _require_repeated(field: Field, domain: Rectangle, name: str) -> None:
             )
 
 
+def _require_repeated_nodes(field: NodalField | HermiteField, domain: Rectangle, name: str) -> None:
+    """Refuse values at nodes that differ at the two copies of a node of a seam."""
+    allowed = MAX_JUMP * float(np.ptp(field.values)) + MAX_ROUNDING * float(np.abs(field.values).max())
+    for axis, closed in enumerate(domain.closed_lines):
+        lines = np.moveaxis(field.values, axis, 0)
+        jump = np.abs(lines[-1] - lines[0])
+        k = int(np.argmax(jump))
+        if closed and jump[k] > allowed:
+            raise InputError(
+                f"the rectangle is periodic in {'xy'[axis]}, but {name} is not: node {k} of the seam has the values"
+                f" {lines[0][k]:.6g} and {lines[-1][k]:.6g} on its two sides; give both copies of a node one value, or"
+                " leave periodic out",
+                field="domain.periodic",
+            )
+
+
 def _allowed_jump(field: Field, domain: Rectangle) -> float:
     """The difference of two values of a function that is no jump."""
     line = np.linspace(0.0, 1.0, RANGE_POINTS)
@@ -144,7 +166,9 @@ def _tiled(field: Field, box: tuple[Interval, Interval], closed: tuple[bool, boo
     """Samples on a grid with some more of them beyond closed sides; other functions as they are."""
     if isinstance(field, ScatteredSamples):
         field = field.grid
-    if not isinstance(field, GridSamples) or not hasattr(field, "box"):
+    if isinstance(field, NodalField | HermiteField):
+        return _tiled_nodes(field, box, closed)
+    if not isinstance(field, GridSamples):
         return field
     axes, values = [field.x, field.y], field.values
     for axis in (0, 1):
@@ -154,6 +178,26 @@ def _tiled(field: Field, box: tuple[Interval, Interval], closed: tuple[bool, boo
     if axes[0] is field.x and axes[1] is field.y:
         return field
     return GridSamples(x=axes[0], y=axes[1], values=values, box=box)
+
+
+def _tiled_nodes(
+    field: NodalField | HermiteField, box: tuple[Interval, Interval], closed: tuple[bool, bool]
+) -> NodalField | HermiteField:
+    """Values at the nodes of a closed mesh, with half a turn more of them beyond each seam: these may bend."""
+    parts = [field.mesh.x, field.mesh.y, field.values]
+    for axis in (0, 1):
+        if not closed[axis]:
+            continue
+        nodes = parts[0].shape[axis] - 1
+        number = np.arange(-(nodes // 2), nodes + nodes // 2 + 1)
+        turns = number // nodes
+        for k, part in enumerate(parts):
+            lines = np.moveaxis(part, axis, 0)[number % nodes]
+            if k == axis:
+                lines = lines + (box[axis][1] - box[axis][0]) * turns[:, None]
+            parts[k] = np.moveaxis(lines, 0, axis)
+    x, y, values = (np.ascontiguousarray(part) for part in parts)
+    return type(field)(mesh=Mesh(x, y), values=values)
 
 
 def _around(axis: Array, values: Array, ends: Interval) -> tuple[Array, Array]:

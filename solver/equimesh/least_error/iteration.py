@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import Domain, map_mesh
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.charts import DomainChart
@@ -22,6 +23,7 @@ from equimesh.least_error.starts import product, rectilinear, resampled
 from equimesh.least_error.steps import Descent
 from equimesh.least_error.straight_lines import StraightLines
 from equimesh.least_error.ways import Way, coordinates_of, mesh_of
+from equimesh.meshes.closed import Closed, interpolated_closed
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.interpolation import interpolated_values
 from equimesh.meshes.mesh import Mesh
@@ -94,6 +96,11 @@ class LeastErrorSolve:
         )
 
     @property
+    def closed(self) -> Closed:
+        """Whether lines along xi, and those along eta, are closed."""
+        return closed_of(self.domain)
+
+    @property
     def effort(self) -> float:
         """How much farther a descent goes than with the usual smoothness: less of it asks for a smaller error."""
         return min(max(1.0, 1.0 / self.monitor.smoothness), MAX_EFFORT)
@@ -124,7 +131,7 @@ class LeastErrorSolve:
     def _continue(self, start: Mesh, levels: list[Level]) -> Iterator[Descent]:
         """The records of the steps from a given mesh."""
         *coarse, finest = levels
-        given, mesh = Way.given(self.weights, start), coordinates_of(start)
+        given, mesh = Way.given(self.weights, start, self.closed), coordinates_of(start)
         if coarse:
             reached = yield from self._coarse(coarse, start, uniform_only=False)
             if self._lifted_error(reached, finest) < self._error(given, finest, mesh):
@@ -142,7 +149,7 @@ class LeastErrorSolve:
         if start is not None:
             reached += yield from self._from_given(coarse[-1], start)
         if not reached:
-            for way in [Way.uniform(self.weights)] if uniform_only else self._ways(coarse[-1]):
+            for way in [Way.uniform(self.weights, closed=self.closed)] if uniform_only else self._ways(coarse[-1]):
                 reached.append((yield from self._climb(way, coarse)))
         if not fine:
             best = min(reached, key=lambda end: end.record.error)
@@ -178,7 +185,7 @@ class LeastErrorSolve:
 
     def _ways(self, level: Level) -> Iterator[Way]:
         """The ways that are compared: from the uniform mesh, and from the best rectilinear one if that is better."""
-        uniform = Way.uniform(self.weights)
+        uniform = Way.uniform(self.weights, closed=self.closed)
         yield uniform
         objective = self._objective(level, uniform, self._norm(level))
         best, least = None, objective.error(uniform.start(level.grid))
@@ -188,24 +195,32 @@ class LeastErrorSolve:
             lines = self._lines(MAX_LINES, floor)
             if lines is None:
                 continue
-            mesh = product(*(resampled(line, n) for line, n in zip(lines, level.grid.shape, strict=True)))
+            mesh = product(
+                *(
+                    resampled(line, n, closed=closed)
+                    for line, n, closed in zip(lines, level.grid.shape, self.closed, strict=True)
+                )
+            )
             if objective.smallest_share(mesh) > 0.0:
                 error = objective.error(mesh)
                 if error < least:
                     best, least = floor, error
         lines = None if best is None else self._lines(MAX_FINE_LINES, best)
         if lines is not None:
-            yield Way(name="rectilinear", s=lines[0], t=lines[1], weights=self.weights)
+            yield Way(name="rectilinear", s=lines[0], t=lines[1], weights=self.weights, closed=self.closed)
 
     def _lines(self, most: int, floor: float) -> tuple[Array, Array] | None:
         """Rectilinear lines, at most ``most`` of each family."""
         counts = min(self.grid.n_xi, most), min(self.grid.n_eta, most)
-        return rectilinear(self.monitor.u, self.domain, counts, self.monitor.norm, floor)
+        return rectilinear(self.monitor.u, self.domain, counts, self.monitor.norm, floor, closed=self.closed)
 
     def _from_given(self, level: Level, start: Mesh) -> Generator[Descent, None, list[Reached]]:
         """The end of the descent from a given mesh, on a coarse grid; none where it is folded there."""
-        way = Way.uniform(self.weights, "given")
-        sampled = np.stack([interpolated_values(q, level.grid.shape).reshape(-1) for q in (start.x, start.y)])
+        way = Way.uniform(self.weights, "given", self.closed)
+        if any(self.closed):
+            sampled = coordinates_of(interpolated_closed(start, level.grid, self.closed))
+        else:
+            sampled = np.stack([interpolated_values(q, level.grid.shape).reshape(-1) for q in (start.x, start.y)])
         if mesh_of(sampled, level.grid).is_folded:
             return []
         return [(yield from self._descend(way, level, sampled))]
@@ -281,7 +296,7 @@ class LeastErrorSolve:
         return Objective(
             self.monitor.u,
             DomainChart(self.domain),
-            cells_of_grid(level.grid.shape),
+            cells_of_grid(level.grid.shape, self.closed),
             way.start(level.grid),
             replace(way.weights, smoothness=way.weights.smoothness * level.grid.cells),
             rule,

@@ -20,27 +20,40 @@ EXPONENTS = {"l2": 0.2, "h1": 1.0 / 3.0}
 """The power of the integral of the squared second derivative that is the density of lines with the least error."""
 INSET_SHARE = 0.1
 """The share of a spacing by which lines are moved from a side where u has no finite slope."""
+ENDS = 4
+"""Lines of a closed family that are repeated at either end, so that interpolation goes on there."""
+BISECTIONS = 60
+"""Halvings of the range in which the beginning of a closed family is sought: to rounding."""
 ROUNDING_SHARE = 1e-13
 """The share of the largest derivative of u that counts as rounding in a derivative, or in its change."""
 
 
 def rectilinear(
-    u: Field, domain: Domain, counts: tuple[int, int], norm: Norm, floor: float
+    u: Field,
+    domain: Domain,
+    counts: tuple[int, int],
+    norm: Norm,
+    floor: float,
+    *,
+    closed: tuple[bool, bool] = (False, False),
 ) -> tuple[Array, Array] | None:
     """The positions of ``counts`` lines along s and along t, of a mesh whose lines are straight.
 
     Each family is equidistributed in the density of least error of piecewise linear interpolation, for the mean over
     the other family: the integral of ``u_ss^2`` to the power 1/5 in L2, 1/3 in H1, smoothed over neighbours. ``floor``
-    times its mean is added: more of it leaves more lines where u is flat. ``None`` where u is not finite.
+    times its mean is added: more of it leaves more lines where u is flat. The lines of a ``closed`` direction go on
+    after a turn; their mean position is that of uniform ones, so that it does not matter where they begin. ``None``
+    where u is not finite.
     """
     s, t = (np.linspace(0.0, 1.0, count) for count in counts)
     for _ in range(MAX_PASSES):
-        few_s, few_t = resampled(s, min(s.size, MAX_CROSSINGS)), resampled(t, min(t.size, MAX_CROSSINGS))
+        few_s = resampled(s, min(s.size, MAX_CROSSINGS), closed=closed[0])
+        few_t = resampled(t, min(t.size, MAX_CROSSINGS), closed=closed[1])
         along_s, along_t = _finite_slopes(u, domain, s, few_t)[0], _finite_slopes(u, domain, few_s, t)[1].T
         if not (np.isfinite(along_s).all() and np.isfinite(along_t).all()):
             return None
-        new_s = _equidistributed(s, along_s, few_t, EXPONENTS[norm], floor)
-        new_t = _equidistributed(t, along_t, few_s, EXPONENTS[norm], floor)
+        new_s = _equidistributed(s, along_s, _shares(few_t, closed[1]), EXPONENTS[norm], floor, closed[0])
+        new_t = _equidistributed(t, along_t, _shares(few_s, closed[0]), EXPONENTS[norm], floor, closed[1])
         change = max(_change(s, new_s), _change(t, new_t))
         s, t = new_s, new_t
         if change < MIN_CHANGE_CELLS:
@@ -53,14 +66,26 @@ def product(s: Array, t: Array) -> Array:
     return np.stack([q.reshape(-1) for q in np.meshgrid(s, t, indexing="ij")])
 
 
-def resampled(line: Array, count: int) -> Array:
-    """The positions of ``count`` lines, by monotone interpolation of those in ``line``."""
+def resampled(line: Array, count: int, *, closed: bool = False) -> Array:
+    """The positions of ``count`` lines, by monotone interpolation of those in ``line``; it may be a closed family."""
     if line.size == count:
         return line
     at = np.linspace(0.0, line.size - 1.0, count)
     if line.size == 2:
         return at
+    if closed:
+        number = np.arange(-ENDS, line.size + ENDS)
+        turns, node = np.divmod(number, line.size - 1)
+        return np.asarray(PchipInterpolator(number, line[node] + turns)(at))
     return np.asarray(PchipInterpolator(np.arange(line.size), line)(at))
+
+
+def _shares(line: Array, closed: bool) -> Array:
+    """The length that each line stands for, in a mean over the family."""
+    if not closed:
+        return np.gradient(line)
+    steps = np.diff(line)
+    return np.append(0.5 * (steps + np.roll(steps, 1)), 0.0)
 
 
 def _finite_slopes(u: Field, domain: Domain, s: Array, t: Array) -> tuple[Array, Array]:
@@ -92,21 +117,42 @@ def _sum(one: Array, other: Array) -> Array:
     return np.where(np.isfinite(both) & (np.abs(both) <= smallest), 0.0, both)
 
 
-def _equidistributed(line: Array, slopes: Array, other: Array, exponent: float, floor: float) -> Array:
-    """The line moved to equal integrals of its density; second derivatives are differences of ``slopes``."""
+def _equidistributed(line: Array, slopes: Array, shares: Array, exponent: float, floor: float, closed: bool) -> Array:
+    """The line moved to equal integrals of its density; second derivatives are differences of ``slopes``.
+
+    ``shares`` are the lengths for which the lines of the other family stand.
+    """
     steps, changes = np.diff(line), np.diff(slopes, axis=0)
     changes[np.abs(changes) <= ROUNDING_SHARE * np.abs(slopes).max()] = 0.0
     bends = changes / steps[:, None]
     size = float(np.abs(bends).max())
     if not size > 0.0:
         return line
-    density = ((bends / size) ** 2 @ np.gradient(other)) ** exponent
-    padded = np.pad(density, 1, mode="edge")
+    density = ((bends / size) ** 2 @ shares) ** exponent
+    padded = np.pad(density, 1, mode="wrap" if closed else "edge")
     density = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
     density += floor * float(density @ steps)
     integral = np.concatenate([[0.0], np.cumsum(density * steps)])
+    if closed:
+        return _with_uniform_mean(integral, line)
     moved = np.interp(np.linspace(0.0, integral[-1], line.size), integral, line)
     moved[0], moved[-1] = 0.0, 1.0
+    return np.asarray(moved)
+
+
+def _with_uniform_mean(integral: Array, line: Array) -> Array:
+    """A closed family at equal integrals of its density, with the mean position of uniform lines."""
+    total, cells = float(integral[-1]), line.size - 1
+    knots = np.concatenate([integral[:-1] - total, integral[:-1], integral + total])
+    places = np.concatenate([line[:-1] - 1.0, line[:-1], line + 1.0])
+    at = np.linspace(0.0, total, line.size)
+    low, high = -total, total
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        mean = float(np.interp(at[:-1] + middle, knots, places).mean())
+        low, high = (middle, high) if mean < 0.5 * (cells - 1) / cells else (low, middle)
+    moved = np.interp(at + low, knots, places)
+    moved[-1] = moved[0] + 1.0
     return np.asarray(moved)
 
 

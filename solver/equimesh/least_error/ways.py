@@ -8,10 +8,14 @@ import numpy as np
 
 from equimesh.least_error.objective import Weights
 from equimesh.least_error.starts import product, resampled
+from equimesh.meshes.closed import Closed, closed_mesh, interpolated_across, interpolated_closed
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.interpolation import interpolated_values
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
+
+OPEN: Closed = (False, False)
+"""No lines are closed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,18 +26,20 @@ class Way:
     s: Array
     t: Array
     weights: Weights
+    closed: Closed = OPEN
+    """Whether lines along xi, and those along eta, are closed."""
     _starts: dict[Grid, Array] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def uniform(cls, weights: Weights, name: str = "uniform") -> Way:
+    def uniform(cls, weights: Weights, name: str = "uniform", closed: Closed = OPEN) -> Way:
         """From the uniform mesh."""
         ends = np.array([0.0, 1.0])
-        return cls(name=name, s=ends, t=ends, weights=weights)
+        return cls(name=name, s=ends, t=ends, weights=weights, closed=closed)
 
     @classmethod
-    def given(cls, weights: Weights, mesh: Mesh) -> Way:
+    def given(cls, weights: Weights, mesh: Mesh, closed: Closed = OPEN) -> Way:
         """From a given mesh on its own grid, where no mesh with a lower objective has a larger error; else uniform."""
-        way = cls.uniform(weights, "given")
+        way = cls.uniform(weights, "given", closed)
         way._starts[mesh.grid] = coordinates_of(mesh)
         return way
 
@@ -45,7 +51,8 @@ class Way:
     def start(self, grid: Grid) -> Array:
         """The first mesh on a grid, shape ``(2, nodes)``."""
         if grid not in self._starts:
-            self._starts[grid] = product(resampled(self.s, grid.n_xi), resampled(self.t, grid.n_eta))
+            s = resampled(self.s, grid.n_xi, closed=self.closed[0])
+            self._starts[grid] = product(s, resampled(self.t, grid.n_eta, closed=self.closed[1]))
         return self._starts[grid]
 
     def lifted(self, mesh: Array, coarse: Grid, fine: Grid) -> Array:
@@ -54,6 +61,8 @@ class Way:
         Linear interpolation of positions does not fold where every coarse line is a fine one. The first mesh of the
         grid where all of them fold.
         """
+        if any(self.closed):
+            return self._lifted_across(mesh, coarse, fine)
         start, first = self.start(fine), self.start(coarse)
         nothing = np.zeros(1)
         for origin, cubic, added in ((first, True, start), (first, False, start), (nothing, False, nothing)):
@@ -66,6 +75,18 @@ class Way:
             if not mesh_of(flat, fine).is_folded:
                 return flat
         return start
+
+    def _lifted_across(self, mesh: Array, coarse: Grid, fine: Grid) -> Array:
+        """As :meth:`lifted`, for a mesh with closed lines: displacements and positions go on across its seams."""
+        start, first = self.start(fine), self.start(coarse)
+        parts = (mesh - first).reshape(2, *coarse.shape)
+        for cubic in (True, False):
+            moved = [interpolated_across(part, fine.shape, self.closed, cubic=cubic).reshape(-1) for part in parts]
+            lifted = closed_mesh(mesh_of(np.stack(moved) + start, fine), self.closed)
+            if not lifted.is_folded:
+                return coordinates_of(lifted)
+        lifted = interpolated_closed(mesh_of(mesh, coarse), fine, self.closed, cubic=False)
+        return start if lifted.is_folded else coordinates_of(lifted)
 
 
 def mesh_of(mesh: Array, grid: Grid) -> Mesh:

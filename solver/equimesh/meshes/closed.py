@@ -70,17 +70,23 @@ def prolong_closed(mesh: Mesh, grid: Grid, closed: Closed, coarser: Mesh | None 
 
 def interpolated_closed(mesh: Mesh, grid: Grid, closed: Closed, *, cubic: bool = True) -> Mesh:
     """The interpolant of a mesh on another grid; closed lines have no ends at which a rule would be one-sided."""
-    ends = (WIDTH // 2 * closed[0], WIDTH // 2 * closed[1])
-    rules = [
-        _rule(coarse, fine, end, cubic=cubic)
-        for coarse, fine, end in zip(mesh.grid.shape, grid.shape, ends, strict=True)
-    ]
-    found = []
-    for axis, q in enumerate((mesh.x, mesh.y)):
-        fine = np.empty(grid.shape)
-        interpolate(_extended(q, axis, closed, ends, ends), rules[0], rules[1], (0, grid.n_xi), fine, True)
-        found.append(fine)
+    found = [interpolated_across(q, grid.shape, closed, axis, cubic=cubic) for axis, q in enumerate((mesh.x, mesh.y))]
     return closed_mesh(Mesh(*found), closed)
+
+
+def interpolated_across(
+    values: Array, shape: tuple[int, int], closed: Closed, axis: int | None = None, *, cubic: bool = True
+) -> Array:
+    """Nodal values of a mesh with closed lines on a grid of another shape.
+
+    ``axis`` is that of the coordinate that they are, which grows by 1 along a closed line; ``None`` for values that
+    do not grow.
+    """
+    ends = (WIDTH // 2 * closed[0], WIDTH // 2 * closed[1])
+    rules = [_rule(coarse, n, end, cubic=cubic) for coarse, n, end in zip(values.shape, shape, ends, strict=True)]
+    fine = np.empty(shape)
+    interpolate(_extended(values, axis, closed, ends, ends), rules[0], rules[1], (0, shape[0]), fine, True)
+    return fine
 
 
 def distance_closed(mesh: Mesh, coarse: Mesh, closed: Closed) -> float:
@@ -118,7 +124,7 @@ def _rule(coarse: int, fine: int, ends: int, *, cubic: bool) -> Rule:
     return Rule((first + ends).astype(np.uint64), weights)
 
 
-def _extended(q: Array, axis: int, closed: Closed, before: tuple[int, int], after: tuple[int, int]) -> Array:
+def _extended(q: Array, axis: int | None, closed: Closed, before: tuple[int, int], after: tuple[int, int]) -> Array:
     """A coordinate (``axis`` 0: x, 1: y) with copied nodes before the first ones and after the last ones."""
     for direction in (0, 1):
         if not closed[direction]:

@@ -3,10 +3,7 @@
 from equimesh.domains.closing import is_closed
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
-from equimesh.monitors.auto import Auto
-from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.monitor import map_of
-from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.schwarz.settings import Schwarz
 
 NO_SUBDOMAINS = (
@@ -28,8 +25,3 @@ def require_open(problem: Problem, schwarz: Schwarz | None) -> None:
         raise InputError(NO_SUBDOMAINS, field="schwarz")
     if map_of(problem.monitor) != "lines":
         raise InputError(NO_GRADIENT_MAP, field="monitor.map")
-    if isinstance(problem.monitor, NodalSolution | LeastError | Auto):
-        raise InputError(
-            "least error needs four sides, and the lines of this domain are closed: take another monitor",
-            field="monitor",
-        )

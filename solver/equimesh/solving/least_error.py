@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.least_error.iteration import LeastErrorSolve, Reached, last_compared
 from equimesh.least_error.levels import nested_levels
 from equimesh.least_error.steps import Descent
+from equimesh.meshes.closed import closed_mesh
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.solving.courses import Descending
@@ -74,7 +76,7 @@ def _others(solve: LeastErrorSolve, last: Descent) -> Iterator[Iterator[Descent]
 
 def _or_given(found: Solution, start: Mesh, norm: str) -> Solution:
     """The solution, with the mesh that was given to start from where that has the smaller error in ``norm``."""
-    reference = Mesh.of_unit_square(start.x, start.y)
+    reference = closed_mesh(start, closed_of(found.problem.domain))
     given = replace(found, mesh=map_mesh(reference, found.problem.domain), reference=reference, note=KEPT)
     errors, others = found.interpolation, given.interpolation
     if errors is None or others is None:
@@ -96,7 +98,8 @@ def _finish(problem: Problem, steps: Iterable[Descent], options: SolveOptions, r
     first = len(records)
     for record in steps:
         records.append(options.observe(record))
-    reference = Mesh.of_unit_square(records[-1].mesh.x, records[-1].mesh.y)
+    last = records[-1].mesh
+    reference = closed_mesh(Mesh(last.x, last.y), closed_of(problem.domain))
     mesh = map_mesh(reference, problem.domain)
     return Solution(
         problem=problem,
