@@ -11,7 +11,7 @@ CELLS: Final = ("quad", "triangle")
 class MeshFormat:
     """A file format: its short ``name``, file name ``suffix``, ``media_type``, and the programs that read it.
 
-    ``cells`` are the kinds of cells that it can hold.
+    ``cells`` are the kinds of cells that it can hold. ``grids_only`` formats hold no mesh of blocks.
     """
 
     name: str
@@ -19,6 +19,7 @@ class MeshFormat:
     media_type: str
     description: str
     cells: tuple[Cells, ...] = CELLS
+    grids_only: bool = False
 
 
 FORMATS: Final = {
@@ -42,46 +43,62 @@ FORMATS: Final = {
             media_type="application/vnd.vtk.vts+xml",
             description="VTK XML structured grid, i along xi and j along eta, quadrilaterals: ParaView, VisIt, PyVista",
             cells=("quad",),
+            grids_only=True,
+        ),
+        MeshFormat(
+            name="vtm",
+            suffix=".vtm.zip",
+            media_type="application/x-vtm+zip",
+            description="zip of mesh.vtm and a VTK XML structured grid for each block, quadrilaterals: ParaView,"
+            " VisIt, PyVista",
+            cells=("quad",),
         ),
         MeshFormat(
             name="xdmf",
             suffix=".xdmf.zip",
             media_type="application/zip",
-            description="zip of mesh.xdmf, mesh.h5, facets.xdmf, facets.h5 (side tags 1 left, 2 right, 3"
-            " bottom, 4 top): FEniCSx dolfinx, legacy FEniCS, ParaView",
+            description="zip of mesh.xdmf, mesh.h5, facets.xdmf, facets.h5 (the numbers of the sides"
+            " as tags): FEniCSx dolfinx, legacy FEniCS, ParaView",
         ),
         MeshFormat(
             name="msh",
             suffix=".msh",
             media_type="model/mesh",
-            description="Gmsh 2.2 text with physical groups left, right, bottom, top, domain: Gmsh, FreeFEM"
+            description="Gmsh 2.2 text with physical groups of the sides, such as left, and domain: Gmsh, FreeFEM"
             " (gmshload), scikit-fem, FEniCSx dolfinx, PETSc, deal.II, MFEM, NGSolve, FiPy, SfePy",
         ),
         MeshFormat(
             name="medit",
             suffix=".mesh",
             media_type="model/x-medit",
-            description="Medit text with references 1 left, 2 right, 3 bottom, 4 top: FreeFEM (readmesh,"
-            " triangles), Mmg",
+            description="Medit text with the numbers of the sides as references: FreeFEM (readmesh, triangles), Mmg",
         ),
         MeshFormat(
             name="su2",
             suffix=".su2",
             media_type="model/x-su2",
-            description="SU2 text with markers left, right, bottom, top: SU2",
+            description="SU2 text with a marker for each side: SU2",
+        ),
+        MeshFormat(
+            name="p3d",
+            suffix=".p3d.zip",
+            media_type="application/x-plot3d+zip",
+            description="zip of mesh.xyz, a Plot3D grid of all blocks as text, and mesh.nmf, the neutral map file with"
+            " interfaces and sides, quadrilaterals: codes for structured blocks, PyVista",
+            cells=("quad",),
         ),
         MeshFormat(
             name="foam",
             suffix=".foam.zip",
             media_type="application/x-openfoam+zip",
-            description="zip of constant/polyMesh, one cell thick, with patches left, right, bottom, top, and"
+            description="zip of constant/polyMesh, one cell thick, with a patch for each side, and"
             " frontAndBack of type empty: OpenFOAM",
         ),
         MeshFormat(
             name="npz",
             suffix=".npz",
             media_type="application/x-npz",
-            description="NumPy arrays x, y, u, cells, q_eq, subdomain and the edges left, right, bottom, top",
+            description="NumPy arrays x, y, u, cells, q_eq, subdomain and the edges of the sides",
         ),
     )
 }

@@ -1,18 +1,52 @@
-"""Reading meshes back from npz files."""
+"""The arrays of npz files, and reading meshes back from them."""
 
 import os
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import SIDES, Mesh
 from equimesh.meshes.mesh_data import MeshData
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh_coupling.cuts import quads_of_triangles
 
 STEP: Final = "step_json"  # the bytes of the JSON of a step: numbers, which every reader of npz files can read
+# What the names of the arrays of sides and blocks begin with in the file of a mesh of blocks.
+SIDE, BLOCK = "sides/", "blocks/"
+TIES: Final = "ties"
 NPZ_ARRAYS: Final = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, *SIDES})  # others are fields
+
+Arrays: TypeAlias = dict[str, Any]
+
+
+def mesh_arrays(data: MeshData, cells: npt.NDArray[np.int64], every: int) -> Arrays:
+    """The arrays of an npz file by their names; ``every`` is the number of its ``cells`` from one quadrilateral.
+
+    A mesh of blocks has flat arrays of nodes, ``sides/<name>`` for the edges of each side, ``blocks/<name>`` for the
+    nodes of each block, and ``ties``.
+    """
+    mesh = data.mesh
+    arrays: Arrays = {"x": mesh.x, "y": mesh.y}
+    if isinstance(mesh, QuadMesh):
+        arrays |= {f"{SIDE}{name}": edges for name, edges in mesh.sides.items()}
+        arrays |= {f"{BLOCK}{name}": nodes for name, nodes in zip(mesh.block_names, mesh.blocks, strict=True)}
+        arrays[TIES] = mesh.ties
+    else:
+        arrays |= mesh.sides
+    if data.u is not None:
+        arrays["u"] = data.u
+    arrays |= {**data.fields, **data.cell_fields}
+    if data.step:
+        arrays[STEP] = np.frombuffer(data.step.encode(), np.uint8)
+    arrays["cells"] = cells
+    for name, values in (("q_eq", data.q_eq), ("subdomain", data.subdomain)):
+        arrays[name] = np.repeat(values.ravel(), every)
+    return arrays
 
 
 def load_npz(path: str | os.PathLike[str]) -> MeshData:
@@ -23,22 +57,49 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
     """
     try:
         with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in ("x", "y", "cells", "q_eq", "subdomain")}
-            u = archive.get("u")
-            step = archive[STEP].tobytes().decode() if STEP in archive.files else ""
-            others = {name: archive[name] for name in archive.files if name not in NPZ_ARRAYS}
-        shape = (arrays["x"].shape[0] - 1, arrays["x"].shape[1] - 1)
+            arrays = {name: archive[name] for name in archive.files}
         every = 2 if arrays["cells"].shape[1] == 3 else 1
+        mesh = _mesh_of(arrays, every)
+        shape = mesh.cell_shape
         q_eq, subdomain = (arrays[name].ravel()[::every].reshape(shape) for name in ("q_eq", "subdomain"))
-        in_cells = {name: values for name, values in others.items() if values.shape[:2] == shape}
+        step = arrays[STEP].tobytes().decode() if STEP in arrays else ""
     except (KeyError, ValueError, IndexError, EOFError, AttributeError, zipfile.BadZipFile) as error:
         raise InputError(f"{Path(path).name} is not a mesh written by equimesh: {error}", field="path") from error
+    others = _fields_of(arrays, mesh)
+    in_cells = {name: values for name, values in others.items() if values.shape[: len(shape)] == shape}
     return MeshData(
-        mesh=Mesh(arrays["x"], arrays["y"]),
-        u=u,
+        mesh=mesh,
+        u=arrays.get("u"),
         q_eq=q_eq,
         subdomain=subdomain,
         fields={name: values for name, values in others.items() if name not in in_cells},
         cell_fields=in_cells,
         step=step,
     )
+
+
+def _mesh_of(arrays: Arrays, every: int) -> Mesh | QuadMesh:
+    x, y, cells = arrays["x"], arrays["y"], arrays["cells"]
+    if x.ndim != 1:
+        return Mesh(x, y)
+    blocks = _named(arrays, BLOCK)
+    return QuadMesh(
+        points=np.column_stack([x, y]),
+        cells=quads_of_triangles(cells) if every == 2 else cells,
+        sides=_named(arrays, SIDE),
+        blocks=tuple(blocks.values()),
+        block_names=tuple(blocks),
+        ties=arrays[TIES],
+    )
+
+
+def _fields_of(arrays: Arrays, mesh: Mesh | QuadMesh) -> Arrays:
+    """The arrays that are neither of the mesh nor of all meshes."""
+    if isinstance(mesh, Mesh):
+        return {name: values for name, values in arrays.items() if name not in NPZ_ARRAYS}
+    known = NPZ_ARRAYS - {*SIDES} | {TIES}
+    return {name: array for name, array in arrays.items() if name not in known and not name.startswith((SIDE, BLOCK))}
+
+
+def _named(arrays: Mapping[str, Any], prefix: str) -> Arrays:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

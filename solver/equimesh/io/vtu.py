@@ -7,6 +7,7 @@ import binascii
 import os
 import sys
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, BinaryIO, Final, TypeAlias
 from xml.sax.saxutils import quoteattr
 
@@ -21,6 +22,7 @@ Pairs: TypeAlias = npt.NDArray[np.uint16]
 
 CELL_TYPES: Final = {3: 5, 4: 9}  # VTK's numbers of triangle and quadrilateral, by their corners
 NUMBERS: Final = {"f": "Float", "i": "Int", "u": "UInt"}
+NO_FIELD_DATA: Final[Mapping[str, Array]] = MappingProxyType({})
 PIECE: Final = 3 << 16  # bytes encoded at a time; three become four characters
 _LETTERS = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 _PAIRS: Final = np.frombuffer(b"".join(bytes((a, b)) for a in _LETTERS for b in _LETTERS), np.uint16)
@@ -33,18 +35,20 @@ def write_vtu(
     *,
     point_data: Mapping[str, Array],
     cell_data: Mapping[str, Array],
+    field_data: Mapping[str, Array] = NO_FIELD_DATA,
 ) -> None:
     """Write ``points`` of shape ``(n, 2)``, in the plane z = 0, and ``cells`` ``(m, 3)`` or ``(m, 4)`` with their data.
 
-    Data are flat arrays of numbers, by name. Raises ``OSError`` where the file cannot be written.
+    Data are flat arrays of numbers, by name; ``field_data`` are arrays of any length. Raises ``OSError`` where the
+    file cannot be written.
     """
     index = np.int32 if cells.size <= np.iinfo(np.int32).max else np.int64
     count, corners = cells.shape
     with open(path, "wb") as file:
-        file.write(
-            f"{head('UnstructuredGrid')}<UnstructuredGrid>\n"
-            f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{count}">\n'.encode()
-        )
+        file.write(f"{head('UnstructuredGrid')}<UnstructuredGrid>\n".encode())
+        if field_data:
+            write_section(file, "FieldData", field_data, tuples=True)
+        file.write(f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{count}">\n'.encode())
         write_section(file, "Points", {"Points": in_space(points)})
         offsets = np.arange(corners, cells.size + 1, corners, dtype=index)
         types = np.full(count, CELL_TYPES[corners], dtype=np.uint8)
@@ -69,13 +73,17 @@ def in_space(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return result
 
 
-def write_section(file: BinaryIO, name: str, arrays: Mapping[str, Array]) -> None:
-    """Write arrays, flat or with one column for each component, as the section ``name`` of a file."""
+def write_section(file: BinaryIO, name: str, arrays: Mapping[str, Array], *, tuples: bool = False) -> None:
+    """Write arrays, flat or with one column for each component, as the section ``name`` of a file.
+
+    With ``tuples`` each array says how many rows it has, which field data must.
+    """
     file.write(f"<{name}>\n".encode())
     for label, values in arrays.items():
         kind = f"{NUMBERS[values.dtype.kind]}{8 * values.itemsize}"
         components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-        file.write(f'<DataArray type="{kind}" Name={quoteattr(label)}{components} format="binary">'.encode())
+        rows = f' NumberOfTuples="{len(values)}"' if tuples else ""
+        file.write(f'<DataArray type="{kind}" Name={quoteattr(label)}{components}{rows} format="binary">'.encode())
         native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
         _encode_bytes(file, native.reshape(-1).view(np.uint8))
         file.write(b"</DataArray>\n")

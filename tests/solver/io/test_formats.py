@@ -8,7 +8,7 @@ from equimesh.io.formats import FORMATS
 
 
 def test_each_format_is_described() -> None:
-    assert list(FORMATS) == ["vtu", "vtk", "vts", "xdmf", "msh", "medit", "su2", "foam", "npz"]
+    assert list(FORMATS) == ["vtu", "vtk", "vts", "vtm", "xdmf", "msh", "medit", "su2", "p3d", "foam", "npz"]
     for name, known in FORMATS.items():
         assert known.name == name
         assert known.suffix.startswith(".")
