@@ -31,7 +31,9 @@ SCHWARZ = (
     "max_iterations",
     "compare",
 )
-MESH_SUFFIXES = (".vtu", ".vtk", ".vts", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".foam.zip", ".npz")
+MESH_SUFFIXES = (
+    ".vtu", ".vtk", ".vts", ".vtm.zip", ".xdmf", ".xdmf.zip", ".msh", ".mesh", ".su2", ".p3d.zip", ".foam.zip", ".npz",
+)  # fmt: skip
 OUTPUT = ".vtu .vtk .vts .xdmf .msh .mesh .su2 .foam.zip .npz, or the folder of an OpenFOAM case"
 PART_SUFFIXES = (".pvts", ".pvtu", ".vtkhdf")
 PLOT_SUFFIXES = (".png", ".svg")

@@ -21,6 +21,8 @@ FORMATS = ("vtu", "vtk", "vts", "xdmf", "msh", "su2", "npz")  # whose suffix is 
 SUFFIXES: Mapping[str, str] = {
     ".xdmf.zip": "xdmf",
     ".foam.zip": "foam",
+    ".vtm.zip": "vtm",
+    ".p3d.zip": "p3d",
     ".zip": "xdmf",
     ".mesh": "medit",
     **{f".{name}": name for name in FORMATS},

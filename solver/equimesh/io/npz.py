@@ -18,7 +18,7 @@ from equimesh_coupling.cuts import quads_of_triangles
 STEP: Final = "step_json"  # the bytes of the JSON of a step: numbers, which every reader of npz files can read
 # What the names of the arrays of sides and blocks begin with in the file of a mesh of blocks.
 SIDE, BLOCK = "sides/", "blocks/"
-TIES: Final = "ties"
+TIES: Final = "ties/nodes"
 NPZ_ARRAYS: Final = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, *SIDES})  # others are fields
 
 Arrays: TypeAlias = dict[str, Any]
@@ -28,7 +28,7 @@ def mesh_arrays(data: MeshData, cells: npt.NDArray[np.int64], every: int) -> Arr
     """The arrays of an npz file by their names; ``every`` is the number of its ``cells`` from one quadrilateral.
 
     A mesh of blocks has flat arrays of nodes, ``sides/<name>`` for the edges of each side, ``blocks/<name>`` for the
-    nodes of each block, and ``ties``.
+    nodes of each block, and ``ties/nodes``. Names of fields have no slash.
     """
     mesh = data.mesh
     arrays: Arrays = {"x": mesh.x, "y": mesh.y}

@@ -1,4 +1,4 @@
-"""Mesh files in the formats that solvers read. This is the only module that imports meshio."""
+"""Mesh files in the formats that solvers read."""
 
 import os
 import zipfile

@@ -11,7 +11,9 @@ import pytest
 
 from equimesh.io.foam import foam_files, plane_faces
 from equimesh.io.write import Cells, write_mesh
-from equimesh.meshes.mesh import SIDES
+from equimesh.meshes.grid import Grid
+from equimesh.meshes.joins import joins_of
+from equimesh.meshes.mesh import SIDES, Mesh
 from solver.io.files import DATA, KINDS, areas, check_edges, written
 
 NAMES = ["points", "faces", "owner", "neighbour", "boundary"]
@@ -134,3 +136,29 @@ def test_two_cells_share_one_face() -> None:
     assert faces.edges.tolist() == [[2, 3], [1, 0], [4, 5], [0, 2], [2, 4], [5, 3], [3, 1]]
     assert faces.owner.tolist() == [0, 0, 1, 0, 1, 1, 0]
     assert faces.neighbour.tolist() == [1]
+
+
+class TestJoins:
+    SQUARE = np.arange(20).reshape(5, 4)
+
+    def files(self) -> dict[str, str]:
+        mesh = Mesh.uniform(Grid(n_xi=5, n_eta=4))
+        ties = np.column_stack([self.SQUARE[-1], self.SQUARE[0]])
+        return foam_files(mesh.points, mesh.cells, mesh.sides, joins_of(mesh.points, mesh.sides, ties))
+
+    def test_both_sides_are_cyclic_patches_that_name_each_other(self) -> None:
+        boundary = self.files()["boundary"]
+        for name, other, way in (("left", "right", "1.0"), ("right", "left", "-1.0")):
+            patch = boundary.partition(f"{name}\n{{")[2].partition("}")[0]
+            assert "type cyclic;" in patch
+            assert f"neighbourPatch {other};" in patch
+            assert f"separationVector ({way} " in patch
+        assert "type patch;" in boundary.partition("bottom\n{")[2].partition("}")[0]
+
+    def test_faces_are_in_one_order_and_go_around_in_opposite_directions_from_one_corner(self) -> None:
+        found = rows_of(self.files()["faces"])
+        inner = 3 * 4 + 2 * 4 + 1 - 4
+        left, right = (np.array(found[start : start + 3], dtype=int) for start in (17, 20))
+        assert inner == 17
+        assert np.array_equal(right[:, 0], left[:, 0] + 16)
+        assert np.array_equal(right[:, ::-1][:, :3], left[:, 1:] + 16)

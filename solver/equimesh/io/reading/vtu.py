@@ -22,6 +22,8 @@ OTHERS: Final = {
 }  # fmt: skip
 # Cell data whose integers name the sides that lines belong to; the first one in the file is taken.
 SIDE_DATA: Final = ("side", "boundary", "gmsh:physical", "CellEntityIds", "tag", "cell_tags")
+# What the names of field data with the edges of a side begin with.
+SIDE_DATA_PREFIX: Final = "sides/"
 # Bytes of arrays that a file may have, at most.
 MAX_BYTES: Final = 1 << 32
 
@@ -29,8 +31,9 @@ MAX_BYTES: Final = 1 << 32
 def read_vtu(data: bytes) -> PlainMesh:
     """The mesh of a ``.vtu`` file of one piece.
 
-    Lines among the cells are edges of sides, which an integer in their cell data names (``SIDE_DATA``): ``group_<k>``.
-    Raises :class:`~equimesh.errors.InputError` for cells that are no quadrilaterals, and for a broken file.
+    Field data whose names begin with ``sides/`` are the edges of sides: so :func:`~equimesh.io.write.write_mesh` writes
+    them. Else lines among the cells are edges of sides: an integer in their cell data (``SIDE_DATA``) gives ``group_<k>``. It
+    raises :class:`~equimesh.errors.InputError` for cells that are no quadrilaterals, and for a broken file.
     """
     try:
         reader = VtkXml(data, MAX_BYTES)
@@ -65,9 +68,9 @@ def _mesh(reader: VtkXml, piece: ElementTree.Element) -> PlainMesh:
         cell = int(other.argmax())
         kind = OTHERS.get(int(types[cell]), f"cell of the type {types[cell]}")
         raise refuse_cell(kind, cell, points, nodes[starts[cell] : offsets[cell]])
-    sides: dict[str, IntArray] = {}
+    sides = _named_sides(reader)
     lines = _rows(nodes, starts, offsets, types == LINE, 2)
-    if len(lines):
+    if len(lines) and not sides:
         sides = _sides(reader, piece, lines, types == LINE)
     quads = _rows(nodes, starts, offsets, (types == QUADRILATERAL) | (types == PIXEL), 4)
     pixels = types[(types == QUADRILATERAL) | (types == PIXEL)] == PIXEL
@@ -81,6 +84,17 @@ def _rows(nodes: IntArray, starts: IntArray, offsets: IntArray, wanted: Array, c
     if (offsets[wanted] - first != corners).any():
         raise InputError(f"a cell of the vtu file does not have the {corners} nodes of its type", field="file")
     found: IntArray = nodes[first[:, None] + np.arange(corners)]
+    return found
+
+
+def _named_sides(reader: VtkXml) -> dict[str, IntArray]:
+    """The edges of sides in the field data, by their names."""
+    found = {}
+    for array in reader.root.iterfind("UnstructuredGrid/FieldData/DataArray"):
+        name = array.get("Name", "")
+        if name.startswith(SIDE_DATA_PREFIX) and array.get("NumberOfComponents") == "2":
+            numbers = reader.array(array, 2 * int(array.get("NumberOfTuples", "0")))
+            found[name.removeprefix(SIDE_DATA_PREFIX)] = numbers.astype(np.int64).reshape(-1, 2)
     return found
 
 
