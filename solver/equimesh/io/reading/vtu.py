@@ -32,8 +32,9 @@ def read_vtu(data: bytes) -> PlainMesh:
     """The mesh of a ``.vtu`` file of one piece.
 
     Field data whose names begin with ``sides/`` are the edges of sides: so :func:`~equimesh.io.write.write_mesh` writes
-    them. Else lines among the cells are edges of sides: an integer in their cell data (``SIDE_DATA``) gives ``group_<k>``. It
-    raises :class:`~equimesh.errors.InputError` for cells that are no quadrilaterals, and for a broken file.
+    them. Else lines among the cells are edges of sides, and one of the cell data ``SIDE_DATA`` gives the name
+    ``group_<k>``. Raises :class:`~equimesh.errors.InputError` for cells that are no quadrilaterals, and for a broken
+    file.
     """
     try:
         reader = VtkXml(data, MAX_BYTES)
