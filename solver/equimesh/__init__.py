@@ -12,6 +12,7 @@ Decomposition*. Begin reading in ``schwarz/iteration.py``. ``__all__`` is the ta
 """
 
 from equimesh.adapt.loop import adapt
+from equimesh.blocks.block_grid import BlockGrid
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import AnnulusSector, Domain, Rectangle
@@ -27,6 +28,7 @@ from equimesh.fields.nodal_field import NodalField
 from equimesh.fields.quad_field import QuadField
 from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
+from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
@@ -90,6 +92,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Curve",
     # A domain of several blocks: holes, steps, airfoils
     "Blocks",
+    "BlockGrid",
     # Fields: functions of x and y with derivatives
     "Field",
     "Expression",
@@ -115,6 +118,7 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     "Smoothed",
     # Settings of the Schwarz iteration
     "Schwarz",
+    "BlockSchwarz",
     "Ordering",
     "LocalSolver",
     "Acceleration",

@@ -9,13 +9,16 @@ from functools import cached_property
 from equimesh.blocks.blocks import Blocks
 from equimesh.least_error.block_levels import BlockLevel, block_levels
 from equimesh.least_error.block_mesh import BlockMesh, Place
+from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.iteration import MAX_EFFORT, MAX_MORE_STEPS, MIN_DECREASE, MORE_SLOPE_POINTS
-from equimesh.least_error.objective import Objective, Weights
+from equimesh.least_error.objective import Evaluation, Objective, Weights
+from equimesh.least_error.restricted import Merged
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
+from equimesh.numerics.types import Array
 
 DISTORTION_WEIGHT = 0.6
 """The weight of distortion in the objective for ``distortion = 1``."""
@@ -48,6 +51,8 @@ class BlockSolve:
     domain: Blocks
     threads: int = 1
     """How many threads share the work; the mesh does not depend on it."""
+    subdomains: BlockSubdomains | None = None
+    """The subdomains that descend on the finest mesh; ``None`` for a descent of the whole mesh."""
 
     @cached_property
     def levels(self) -> list[BlockLevel]:
@@ -109,7 +114,7 @@ class BlockSolve:
                 first, name = lifted, before.record.start
         objective.cut(first.unknowns)
         initial_error = objective.error(mesh.first.unknowns) if level.points <= MAX_GAIN_POINTS else None
-        steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
+        steps = self._most_steps(level)
 
         def record(step: int, place: Place, error: float, distortion: float) -> Descent:
             return Descent(
@@ -127,7 +132,7 @@ class BlockSolve:
             )
 
         last, place = None, first
-        for step, (unknowns, now) in enumerate(descend(objective, first.unknowns, steps, MIN_DECREASE / self.effort)):
+        for step, (unknowns, now) in enumerate(self._moves(mesh, objective, first.unknowns)):
             place = Place(mesh=mesh, unknowns=unknowns)
             last = record(step, place, now.error, now.distortion)
             yield last
@@ -135,6 +140,32 @@ class BlockSolve:
             last = record(0, first, objective.error(first.unknowns), 0.0)
             yield last
         return BlocksReached(place=place, record=last)
+
+    def follow(self, first: Array) -> None:
+        """Descend in the subdomains of this part, where another part leads the same solve, from the mesh ``first``."""
+        mesh = self._mesh(self.levels[-1])
+        objective = self._objective(mesh)
+        objective.cut(first)
+        for _ in self._moves(mesh, objective, first):
+            pass
+
+    def _most_steps(self, level: BlockLevel) -> int:
+        """Steps on a mesh at most; exchanges where subdomains descend."""
+        steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
+        return self.subdomains.settings.exchanges(steps) if self.subdomains and level.is_finest else steps
+
+    def _moves(
+        self, mesh: BlockMesh, objective: Objective, first: Array
+    ) -> Iterator[tuple[Array, Evaluation | Merged]]:
+        """The meshes of a descent of the whole mesh, or of its subdomains."""
+        least = MIN_DECREASE / self.effort
+        if self.subdomains is None or not mesh.level.is_finest:
+            return descend(objective, first, self._most_steps(mesh.level), least)
+        if self.subdomains.channel.number == LEADER:
+            self.subdomains.lead(self.monitor, first)
+        return self.subdomains.descend(
+            objective, self.domain.mesh, first, self._most_steps(mesh.level), least, self.threads
+        )
 
     def _mesh(self, level: BlockLevel) -> BlockMesh:
         return BlockMesh.of(self.domain, level, are_cut=self.monitor.cells == "triangle" and level.is_finest)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from equimesh.equations.block_problem import BlockProblem
+from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
@@ -50,6 +51,8 @@ class BlockSolution:
     """Details of the status."""
     remedy: str = ""
     """What to try; empty when nothing is wrong."""
+    schwarz: BlockSchwarz | None = None
+    """The settings of the Schwarz iteration between blocks; ``None`` for a solve of the whole mesh."""
     threads: int = 1
     """The threads of the solve; as many measure the quality of a large mesh."""
 

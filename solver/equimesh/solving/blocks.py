@@ -12,6 +12,8 @@ from equimesh.errors import InputError
 from equimesh.inputs import choice, finite_or_none
 from equimesh.least_error.block_iteration import BlockSolve, BlocksReached, last_compared
 from equimesh.least_error.block_levels import BlockLevel
+from equimesh.least_error.block_schwarz import BlockSchwarz
+from equimesh.least_error.block_subdomains import BlockSubdomains
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -30,8 +32,11 @@ from equimesh.solving.status import Status
 
 WEIGHTS = ((0.5, 1.0), (0.5, 0.1))
 """``distortion`` and ``smoothness`` that are compared for an ``Auto`` monitor; the first are the defaults."""
-NO_SUBDOMAINS = "the mesh of a domain in blocks is solved as a whole: leave the Schwarz settings out"
-"""Why Schwarz settings are refused."""
+NO_RECTANGLES = (
+    "the subdomains of Schwarz(...) are rectangles of one grid, and this domain has blocks: give BlockSchwarz(), whose"
+    " subdomains are the blocks, or None"
+)
+"""Why settings of another Schwarz iteration are refused."""
 KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
 NO_BETTER = "No mesh was found with a smaller error than that of the initial mesh, which this is."
 
@@ -41,8 +46,8 @@ def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveAr
 
     Raises as that function. ``mode`` and ``allow_relaxed`` are no options here.
     """
-    if schwarz is not None:
-        raise InputError(NO_SUBDOMAINS, field="schwarz")
+    if schwarz is not None and not isinstance(schwarz, BlockSchwarz):
+        raise InputError(NO_RECTANGLES, field="schwarz")
     for name in ("mode", "allow_relaxed"):
         if name in options:
             raise InputError(f"{name} belongs to equidistribution, which blocks do not have: leave it out", field=name)
@@ -54,14 +59,22 @@ def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveAr
         threads=thread_count(arguments["threads"]),
         observer=Announcer.of(arguments["observe"]),
     )
+    subdomains = None if schwarz is None else BlockSubdomains(settings=schwarz)
+    if schwarz is not None:
+        schwarz.owners(problem.domain.mesh)  # refuse what does not fit before any work is done
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
-        solution = solve_blocks(problem, initial, checked)
+        solution = solve_blocks(problem, initial, checked, subdomains)
     if arguments["check"] and not solution.status.succeeded:
         raise SolveError(solution.message, solution)
     return solution
 
 
-def solve_blocks(problem: BlockProblem, initial: Initial | QuadMesh, options: SolveOptions) -> BlockSolution:
+def solve_blocks(
+    problem: BlockProblem,
+    initial: Initial | QuadMesh,
+    options: SolveOptions,
+    subdomains: BlockSubdomains | None = None,
+) -> BlockSolution:
     """The mesh of least error, whose gain over the initial mesh is at least 1 in L2 and in the norm of the monitor.
 
     It is no worse than a mesh that is given to start from, either. Where the measures of the certificate see no gain,
@@ -72,13 +85,15 @@ def solve_blocks(problem: BlockProblem, initial: Initial | QuadMesh, options: So
         return solve_block_round(problem, options.threads)
     start = initial if isinstance(initial, QuadMesh) else None
     if isinstance(monitor, Auto) and start is None:
-        found = _chosen(problem, monitor, options)
+        found = _chosen(problem, monitor, options, subdomains)
     else:
         if isinstance(monitor, Auto):
             monitor = monitor.least_error()
         if not isinstance(monitor, LeastError):
             raise TypeError("a least-error solve needs a LeastError or an Auto monitor")
-        solve = BlockSolve(monitor=monitor.on(problem.domain), domain=problem.domain, threads=options.threads)
+        solve = BlockSolve(
+            monitor=monitor.on(problem.domain), domain=problem.domain, threads=options.threads, subdomains=subdomains
+        )
         found = _finish(problem, solve, start, options, None)
     if start is not None:
         found = _or_given(found, start)
@@ -141,13 +156,15 @@ class _Tried:
         )
 
 
-def _chosen(problem: BlockProblem, auto: Auto, options: SolveOptions) -> BlockSolution:
+def _chosen(
+    problem: BlockProblem, auto: Auto, options: SolveOptions, subdomains: BlockSubdomains | None
+) -> BlockSolution:
     """The solution for the weights with the smallest error on a coarse mesh."""
     tried: list[_Tried] = []
     share = _comparison_share(BlockSolve(monitor=auto.least_error(), domain=problem.domain).levels)
     for number, pair in enumerate(WEIGHTS):
         monitor = auto.least_error(*pair).on(problem.domain)
-        solve = BlockSolve(monitor=monitor, domain=problem.domain, threads=options.threads)
+        solve = BlockSolve(monitor=monitor, domain=problem.domain, threads=options.threads, subdomains=subdomains)
         words = f"comparing weights, {number + 1} of {len(WEIGHTS)}"
         begin, end = (share * k / len(WEIGHTS) for k in (number, number + 1))
         course = _course([level for level in solve.levels if level.number <= last_compared(solve.levels)])
@@ -181,6 +198,7 @@ def _finish(
         status=Status.FOLDED if folded else Status.COMPLETED,
         descent=tuple(record.numbers() for record in records),
         threads=options.threads,
+        schwarz=None if solve.subdomains is None else solve.subdomains.settings,
     )
 
 

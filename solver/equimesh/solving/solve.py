@@ -14,6 +14,7 @@ from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_tolerance
 from equimesh.errors import InputError
 from equimesh.inputs import choice
+from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.least_error.iteration import Reached
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -51,19 +52,29 @@ NO_SUBDOMAINS = (
 """Why least error with Schwarz settings is refused."""
 NO_BLOCKS = "initial is a mesh of blocks, and the problem has a grid: give a mesh of the reference square"
 """Why a mesh of blocks is refused as the start of a grid."""
+NO_BLOCK_SCHWARZ = (
+    "BlockSchwarz() is for a BlockProblem, whose domain has blocks: give Schwarz(subdomains=(2, 1)), or None for a"
+    " single domain"
+)
+"""Why settings for blocks are refused for a grid."""
 
 
 @overload
 def solve(problem: Problem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]) -> Solution: ...
 @overload
-def solve(problem: BlockProblem, schwarz: None = None, **options: Unpack[SolveArguments]) -> BlockSolution: ...
 def solve(
-    problem: Problem | BlockProblem, schwarz: Schwarz | None = None, **options: Unpack[SolveArguments]
+    problem: BlockProblem, schwarz: BlockSchwarz | None = None, **options: Unpack[SolveArguments]
+) -> BlockSolution: ...
+def solve(
+    problem: Problem | BlockProblem,
+    schwarz: Schwarz | BlockSchwarz | None = None,
+    **options: Unpack[SolveArguments],
 ) -> Solution | BlockSolution:
     """The mesh of ``problem``: of least error where its monitor asks for that, else locally equidistributed.
 
     An equidistributed mesh is found by Schwarz iteration if ``schwarz`` is given, else on the whole grid. The mesh of a
-    :class:`~equimesh.equations.block_problem.BlockProblem` is one of least error on blocks.
+    :class:`~equimesh.equations.block_problem.BlockProblem` is one of least error on blocks, by a Schwarz iteration
+    between them with :class:`~equimesh.least_error.block_schwarz.BlockSchwarz`.
 
     ``options`` are those of :class:`~equimesh.solving.options.SolveArguments`: ``initial``, ``mode``,
     ``allow_relaxed``, ``threads``, ``observe`` and ``check``.
@@ -75,6 +86,8 @@ def solve(
     """
     if isinstance(problem, BlockProblem):
         return solve_block_problem(problem, schwarz, options)
+    if isinstance(schwarz, BlockSchwarz):
+        raise InputError(NO_BLOCK_SCHWARZ, field="schwarz")
     _check_arguments(problem, schwarz)
     arguments = complete_arguments(options)
     initial = arguments["initial"]

@@ -104,3 +104,36 @@ def test_a_folded_mesh_is_never_a_success(monkeypatch: pytest.MonkeyPatch) -> No
         em.solve(asked, initial=asked.domain.mesh)
     assert isinstance(caught.value.solution, em.BlockSolution)
     assert np.isfinite(caught.value.solution.mesh.points).all()
+
+
+@pytest.mark.parametrize("make", [l_shape, disc, naca0012_o])
+def test_schwarz_between_blocks_gains_as_much_as_the_whole(make) -> None:  # type: ignore[no-untyped-def]
+    asked = problem(make, 1600)
+    whole, between = em.solve(asked), em.solve(asked, em.BlockSchwarz())
+    assert (whole.schwarz, between.schwarz) == (None, em.BlockSchwarz())
+    assert between.status is em.Status.COMPLETED
+    assert not between.mesh.is_folded
+    assert whole.interpolation is not None
+    assert between.interpolation is not None
+    assert between.interpolation.gain_l2 > 0.9 * whole.interpolation.gain_l2
+    threads = em.solve(asked, em.BlockSchwarz(), threads=2)
+    assert np.array_equal(threads.mesh.points, between.mesh.points)
+
+
+def test_subdomains_go_with_chosen_weights_and_groups_with_names() -> None:
+    domain = l_shape(900)
+    groups = [["lower"], ["upper_left", "upper_right"]]
+    solution = em.solve(em.BlockProblem(monitor=em.Auto(u=FRONT), domain=domain), em.BlockSchwarz(groups=groups))
+    assert len(solution.comparison) == 2
+    assert solution.interpolation is not None
+    assert solution.interpolation.gain_l2 > 1.5
+
+
+def test_settings_that_do_not_fit_the_problem_are_refused() -> None:
+    grid = em.Problem(monitor=em.LeastError(u=FRONT), grid=em.Grid(n_xi=9, n_eta=9))
+    with pytest.raises(em.InputError, match="give BlockSchwarz"):
+        em.solve(problem(), em.Schwarz())  # type: ignore[call-overload]
+    with pytest.raises(em.InputError, match="for a BlockProblem"):
+        em.solve(grid, em.BlockSchwarz())  # type: ignore[call-overload]
+    with pytest.raises(em.InputError, match="no block 7"):
+        em.solve(problem(), em.BlockSchwarz(groups=[[0, 7]]))

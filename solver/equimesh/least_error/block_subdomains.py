@@ -1,0 +1,67 @@
+"""The subdomains of the finest mesh of a domain in blocks, and the parts of a computation that hold them.
+
+The first part, which leads, solves the coarse meshes and measures; the others follow: they wait until the finest mesh
+is reached, and descend in their subdomains. A part alone leads nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.least_error.block_schwarz import BlockSchwarz
+from equimesh.least_error.objective import Objective
+from equimesh.least_error.regions import regions_of
+from equimesh.least_error.restricted import Merged, RestrictedDescent
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.monitors.least_error import LeastError
+from equimesh.numerics.channel import ALONE, Channel
+from equimesh.numerics.types import Array
+
+LEADER = 0
+"""The number of the part that leads."""
+BEGIN = "begin"
+"""The tag of a message with which a descent begins: the weights, and the mesh; none of both is the end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockSubdomains:
+    """Subdomains by their ``settings``, which the parts of ``channel`` hold."""
+
+    settings: BlockSchwarz
+    channel: Channel = ALONE
+
+    def descend(
+        self, objective: Objective, mesh: QuadMesh, first: Array, exchanges: int, min_decrease: float, threads: int
+    ) -> Iterator[tuple[Array, Merged]]:
+        """The meshes after each exchange, from ``first`` on, with their objective; the same in all parts.
+
+        ``mesh`` has the blocks. All parts of the channel have to call it, with the same arguments.
+        """
+        regions = regions_of(objective.cells, self.settings.owners(mesh), self.settings.overlap)
+        shared = RestrictedDescent(objective, regions, threads, self.channel)
+        for merged, now in shared.descend(first, exchanges, self.settings.local_steps, min_decrease):
+            yield shared.whole(merged), now
+
+    def lead(self, monitor: LeastError, first: Array) -> None:
+        """Let the other parts begin a descent from ``first`` with the weights of ``monitor``."""
+        self._tell(np.array([monitor.distortion, monitor.smoothness]), first)
+
+    def dismiss(self) -> None:
+        """Let the other parts end."""
+        self._tell(np.empty(0), np.empty(0))
+
+    def orders(self) -> Iterator[tuple[tuple[float, float], Array]]:
+        """The distortion and the smoothness, and the first mesh, of each descent that the leader begins."""
+        while True:
+            weights, first = self.channel.receive(LEADER, BEGIN)
+            if not first.size:
+                return
+            yield (float(weights[0]), float(weights[1])), np.ascontiguousarray(first)
+
+    def _tell(self, weights: Array, first: Array) -> None:
+        for part in range(self.channel.count):
+            if part != LEADER:
+                self.channel.send(part, BEGIN, [weights, first])
