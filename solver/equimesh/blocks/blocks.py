@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,8 +21,9 @@ from equimesh.blocks.initial import block_points, edge_lines
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
 from equimesh.blocks.recovery.boundary import Corner, with_places
 from equimesh.blocks.recovery.recovered import recover
+from equimesh.blocks.resampled import resampled
 from equimesh.blocks.sides import side_edges, sides_of
-from equimesh.blocks.sliding import BoundaryEdge, slide, with_lines
+from equimesh.blocks.sliding import FIXED, BoundaryEdge, slide, with_lines
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
 from equimesh.io.reading.descriptions import DESCRIPTIONS, description_format, read_description
@@ -257,12 +259,27 @@ class Blocks:
         return dict(copy.deepcopy(self._document))
 
     def refined(self, factor: float) -> Blocks:
-        """The same domain with ``factor`` times as many cells along each edge, rounded.
+        """The same domain with ``factor`` times as many cells along each edge, rounded; at least 1 cell stays.
 
-        Raises :class:`~equimesh.errors.InputError` for a factor that is no positive number.
+        A domain that came from a description is built from it again. Else nodes stand between those of the mesh, by
+        cubic splines, and on the same curves. Raises :class:`~equimesh.errors.InputError` for a factor that is no
+        positive number, and where the finer or coarser mesh folds.
         """
-        document = self.description()
-        return Blocks.of(document | {"refine": document.get("refine", 1) * factor})
+        if not (isinstance(factor, (int, float)) and 0 < factor < math.inf):
+            raise InputError(f"factor = {factor!r}: a positive number", field="factor")
+        if self._document is not None:
+            document = self.description()
+            return Blocks.of(document | {"refine": document.get("refine", 1) * factor})
+        layout = self.layout.coarser(1.0 / factor)
+        mesh, on_curves = resampled(self.mesh, self.layout, self.curves, self.boundary_edges, layout)
+        check_not_folded(mesh, ("domain",) * layout.block_count, "take a factor nearer to 1")
+        stays = {
+            int(vertex)
+            for vertices, nodes in zip(self.layout.edges, self.layout.edge_nodes(self.mesh.blocks), strict=True)
+            for vertex, node in zip(vertices, nodes[[0, -1]], strict=True)
+            if self.node_curve[node] == FIXED
+        }
+        return Blocks.assembled(mesh, layout, curves=self.curves, on_curves=on_curves, corners=stays)
 
 
 def _furthest(curve: BoundaryCurve, t: Array, axis: int, sign: float) -> float:

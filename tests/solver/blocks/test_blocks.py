@@ -56,7 +56,7 @@ def test_refined_domains_have_more_cells_on_the_same_curves() -> None:
     assert fine.layout.shapes == ((9, 49),)
     assert np.abs(fine.mesh.block_mesh(0).x[::2, ::2] - coarse.mesh.block_mesh(0).x).max() < 1e-12
     assert fine.refined(0.5).layout.shapes == coarse.layout.shapes
-    with pytest.raises(em.InputError, match="refine is 0"):
+    with pytest.raises(em.InputError, match="factor = 0: a positive number"):
         coarse.refined(0)
 
 
