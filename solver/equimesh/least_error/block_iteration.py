@@ -72,6 +72,8 @@ class BlockSolve:
         continues from the result of :meth:`compared`.
         """
         reached = coarse
+        if coarse is not None and coarse.place.mesh.level.is_finest:
+            yield coarse.record
         for level in self.levels[0 if coarse is None else coarse.place.mesh.level.number + 1 :]:
             reached = yield from self._descend(level, reached, start)
 

@@ -81,7 +81,7 @@ def test_starts_and_options_that_cannot_be_used_are_refused() -> None:
         em.solve(asked, initial=own.moved(own.points[::-1].copy()))
     with pytest.raises(em.InputError, match="mesh of a grid"):
         em.solve(asked, initial=em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5)))
-    with pytest.raises(em.InputError, match="Schwarz settings"):
+    with pytest.raises(em.InputError, match="rectangles of one grid"):
         em.solve(asked, em.Schwarz())  # type: ignore[call-overload]
     with pytest.raises(em.InputError, match="equidistribution"):
         em.solve(asked, mode=em.Mode.TIGHT)
