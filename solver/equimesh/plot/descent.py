@@ -22,8 +22,10 @@ def draw_descent(records: Sequence[Mapping[str, Any]], path: str | Path) -> None
     """Draw the steps of a least-error solve: above the error, below how many times smaller it is than at the start.
 
     ``records`` are those of ``descent`` in the JSON object of ``GET /v1/meshes/{id}/convergence``. Each grid has a
-    colour, and each first mesh a style of its lines. A gain that is not known leaves a gap.
+    colour, and each first mesh a style of its lines. A gain that is not known leaves a gap. Records of blocks have no
+    ``grid`` but a number of ``points``, and gains against the mesh that they began with.
     """
+    of_blocks = any(not record.get("grid") for record in records)
     with figure_file(path, 6.6, 6.2) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
         colours: dict[str, str] = {}
@@ -46,8 +48,13 @@ def draw_descent(records: Sequence[Mapping[str, Any]], path: str | Path) -> None
             number = STARTS.index(start)
             marker, line_style = MARKERS[number], LINE_STYLES[number]
             upper.plot([], [], color="#888888", marker=marker, linestyle=line_style, label=f"from a {start} mesh")
-        upper.set(title="Descent on nested grids", ylabel="interpolation error", yscale="log")
-        lower.set(xlabel="step", ylabel="times smaller than\non the uniform mesh", yscale="log")
+        title = f"Descent on nested {'meshes' if of_blocks else 'grids'}"
+        upper.set(title=title, ylabel="interpolation error", yscale="log")
+        lower.set(
+            xlabel="step",
+            ylabel=f"times smaller than\non the {'initial' if of_blocks else 'uniform'} mesh",
+            yscale="log",
+        )
         upper.legend(fontsize=9)
         for axes in (upper, lower):
             axes.grid(True)
@@ -59,8 +66,9 @@ def _lines(
     """The grid and the start of each part of the descent, the numbers of its steps, and its records."""
 
     def part(numbered: tuple[int, Mapping[str, Any]]) -> tuple[str, str]:
-        grid = numbered[1].get("grid") or ("?", "?")
-        return f"{grid[0]} x {grid[1]}", str(numbered[1].get("start", ""))
+        grid = numbered[1].get("grid")
+        size = f"{grid[0]} x {grid[1]}" if grid else str(numbered[1].get("points", "?"))
+        return size, str(numbered[1].get("start", ""))
 
     for key, members in groupby(enumerate(records), part):
         pairs = list(members)

@@ -1,5 +1,6 @@
 """How good a mesh is: measures of its cells, and how well it interpolates u."""
 
+from equimesh.quality.angles import Angles, measure_angles
 from equimesh.quality.comparison import ComparedMesh, UniformComparison, compare_with_uniform
 from equimesh.quality.measures import (
     Measure,
@@ -11,6 +12,7 @@ from equimesh.quality.measures import (
 )
 
 __all__ = [
+    "Angles",
     "ComparedMesh",
     "Measure",
     "Quality",
@@ -19,5 +21,6 @@ __all__ = [
     "compare_with_uniform",
     "equidistribution",
     "measure",
+    "measure_angles",
     "shape_regularity",
 ]

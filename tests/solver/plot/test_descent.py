@@ -40,3 +40,11 @@ def test_the_history_of_a_solution_is_drawn(tmp_path: Path) -> None:
     draw_convergence(solution.convergence(), path)
     assert "Descent on nested grids" in texts(path)
     assert "17 x 33 points" in texts(path)
+
+
+def test_levels_of_blocks_are_named_by_their_points(tmp_path: Path) -> None:
+    path = tmp_path / "descent.svg"
+    coarse, fine = record(0, 1, "initial", points=225), record(1, 1, "initial", points=833)
+    draw_descent([{name: value for name, value in one.items() if name != "grid"} for one in (coarse, fine)], path)
+    for words in ("225 points", "833 points", "Descent on nested meshes", "on the initial mesh"):
+        assert words in texts(path), words
