@@ -44,6 +44,7 @@ from equimesh_client.records.parts import FileOfParts, PartRecord, Parts
 from equimesh_client.records.quality import Measure, Quality
 from equimesh_client.records.sequences import SequenceRecord
 from equimesh_client.records.state import Progress
+from equimesh_client.spec.blocks import Blocks, MeshFile
 from equimesh_client.spec.domains import AnnulusSector, Quadrilateral, Rectangle
 from equimesh_client.spec.fields import Field
 from equimesh_client.spec.mesh import Target
@@ -85,6 +86,7 @@ __all__ = [
     "Auto",
     "BadArgument",
     "BadValues",
+    "Blocks",
     "Candidate",
     "CellAverages",
     "Certificate",
@@ -114,6 +116,7 @@ __all__ = [
     "MeshArrays",
     "MeshCanceled",
     "MeshFailed",
+    "MeshFile",
     "MissingLibrary",
     "Motion",
     "NodalSolution",

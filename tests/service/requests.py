@@ -51,3 +51,25 @@ CURVED: dict[str, Any] = {
     "top": {"points": [[0, 1], [1, 1]]},
     "left": {"x": "0", "y": "t"},
 }
+
+
+# A channel with a step, in three blocks.
+STEP: dict[str, Any] = {
+    "kind": "blocks",
+    "vertices": {
+        "a": [-1, 0.5],
+        "b": [0, 0.5],
+        "c": [0, 1],
+        "d": [-1, 1],
+        "e": [2, 0.5],
+        "f": [2, 1],
+        "g": [0, 0],
+        "h": [2, 0],
+    },
+    "blocks": [
+        {"corners": ["a", "b", "c", "d"], "cells": [6, 4]},
+        {"corners": ["b", "e", "f", "c"], "cells": [12, 4], "name": "upper"},
+        {"corners": ["g", "h", "e", "b"], "cells": [12, 4]},
+    ],
+    "sides": {"inlet": [["d", "a"]], "outlet": [["h", "e"], ["e", "f"]], "step": [["a", "b"], ["b", "g"]]},
+}

@@ -8,7 +8,7 @@ from typing import Any
 from equimesh_cli.exits import Exit
 from equimesh_cli.options.address import DEFAULT_URL, add_url
 from equimesh_cli.options.mesh import parameter
-from equimesh_cli.options.monitors import domain
+from equimesh_cli.options.monitors import domain, domain_file
 from equimesh_cli.parser import add_command
 
 EXAMPLES = """\
@@ -39,8 +39,12 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("u", metavar="EXPR", help="u(x, y)")
     parser.add_argument("--parameter", metavar="NAME=VALUE", action="append", default=[], type=parameter)
     parser.add_argument("--t", type=float, help="value of the name t")
-    parser.add_argument(
+    domains = parser.add_mutually_exclusive_group()
+    domains.add_argument(
         "--domain", type=domain, help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 or @FILE (the unit square)"
+    )
+    domains.add_argument(
+        "--domain-file", dest="domain", metavar="FILE", type=domain_file, help="a mesh of quadrilaterals, or blocks"
     )
     add_url(parser, default=None)
     parser.set_defaults(run=run)

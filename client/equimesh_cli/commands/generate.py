@@ -37,6 +37,7 @@ examples:
   equimesh generate 'tanh(20*(x-y))' -n 65 --monitor curvature \\
       --domain annulus:1,2,0,90 -o mesh.vtu
   equimesh generate 'tanh(20*(x-y))' -n 4097 --monitor curvature -o mesh.pvts
+  equimesh generate 'tanh(20*(x-y))' --domain-file cylinder.msh -o mesh.vtu
   equimesh generate x*y -n 33 --url http://meshes.example:8000 --json
 
 """
@@ -82,6 +83,7 @@ def run(options: argparse.Namespace) -> int:
     """Request a mesh, wait, download, report."""
     check_options(options, suffixes=(*MESH_SUFFIXES, *PART_SUFFIXES))
     from equimesh_client import Client, DeadlineExceeded, MeshFailed
+    from equimesh_client.spec.domains import has_own_points
 
     quiet, picture = options.quiet or None, picture_of(options)
     with Client(options.url, key=options.key) as client:
@@ -104,7 +106,8 @@ def run(options: argparse.Namespace) -> int:
             certificate = mesh.certificate
             aim = None if certificate is None else certificate.target
             n_xi, n_eta = points_of(options) if aim is None else aim.grid
-            print(f"{n_xi} x {n_eta} points: {mesh.record['convergence']['message']}")
+            points = mesh.record["points"] if has_own_points(options.domain) else f"{n_xi} x {n_eta}"
+            print(f"{points} points: {mesh.record['convergence']['message']}")
             if certificate is not None:
                 print(certificate)
             print(mesh.quality)

@@ -16,8 +16,12 @@ from equimesh_cli.parser import add_command
 from equimesh_cli.viewer import told
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
     import equimesh
-    from equimesh import Event, Solution
+    from equimesh import BlockSolution, Event, Solution
+
+    AnySolution: TypeAlias = Solution | BlockSolution
 
 BYTES_PER_POINT = 600
 """Memory of a solve and its quality measures, measured at 1025 x 1025 points."""
@@ -45,6 +49,7 @@ examples:
   equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' \\
       --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
   equimesh solve 'tanh(20*(x-y))' --target-error 1e-4 -o mesh.vtu
+  equimesh solve 'tanh(9*(x*x + y*y - 1))' --domain-file channel.json -o mesh.msh
 
 needs the solver: pip install 'equimesh[solver]', and [plot] for --plot and --open
 
@@ -79,8 +84,7 @@ def run(options: argparse.Namespace) -> int:
     from equimesh_client import Certificate, Convergence, Quality
 
     n_xi, n_eta = points_of(options)
-    grid = em.Grid(n_xi=n_xi, n_eta=n_eta)
-    _check_memory(grid)
+    _check_memory(em.Grid(n_xi=n_xi, n_eta=n_eta))
     picture = picture_of(options)
     if picture is not None and find_spec("matplotlib") is None:
         raise Refused("a picture needs matplotlib: pip install 'equimesh[plot]'")
@@ -98,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         _print_json(solution, files, certificate=certificate, quality=quality, convergence=convergence)
     elif not options.quiet:
-        print(f"{solution.problem.grid} points: {solution.message}")
+        print(f"{_points_of(solution)} points: {solution.message}")
         print(Certificate.from_json(certificate))
         print(Quality.from_json(quality))
         if options.subdomains is not None:
@@ -110,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _report_failure(options: argparse.Namespace, solution: Solution, picture: Picture | None) -> None:
+def _report_failure(options: argparse.Namespace, solution: AnySolution, picture: Picture | None) -> None:
     """Write and report the partial mesh of a failed solve."""
     files = _write(options, solution, picture) if options.partial and not solution.mesh.is_folded else []
     if options.json:
@@ -125,9 +129,15 @@ def _report_failure(options: argparse.Namespace, solution: Solution, picture: Pi
             print(f"wrote {file}, a partial mesh")
 
 
-def _print_json(solution: Solution, files: list[str], **parts: Any) -> None:
+def _print_json(solution: AnySolution, files: list[str], **parts: Any) -> None:
     report = {"status": solution.status.value, "message": solution.message, **parts, "files": files}
     print(json.dumps(report, indent=2))
+
+
+def _points_of(solution: AnySolution) -> str:
+    """The points of a mesh: in both directions, or of blocks in all."""
+    grid = getattr(solution.problem, "grid", None)
+    return str(solution.mesh.x.size if grid is None else grid)
 
 
 def _check_memory(grid: equimesh.Grid) -> None:
@@ -140,7 +150,7 @@ def _check_memory(grid: equimesh.Grid) -> None:
         )
 
 
-def _write(options: argparse.Namespace, solution: Solution, picture: Picture | None) -> list[str]:
+def _write(options: argparse.Namespace, solution: AnySolution, picture: Picture | None) -> list[str]:
     """Write the requested files and return their names."""
     files = []
     if options.output is not None:
@@ -149,17 +159,22 @@ def _write(options: argparse.Namespace, solution: Solution, picture: Picture | N
         write_mesh(options.output, solution.data(), cells=options.cells)
         files.append(str(options.output))
     if picture is not None:
+        from equimesh import BlockSolution
         from equimesh.plot import comparison, convergence, meshes
 
         match picture.kind:
             case "convergence":
                 convergence.draw_convergence(solution.convergence(), picture.path)
             case "comparison":
-                comparison.draw_comparison(solution.against_uniform, picture.path)
+                if isinstance(solution, BlockSolution):
+                    comparison.draw_comparison(solution.against_initial, picture.path)
+                else:
+                    comparison.draw_comparison(solution.against_uniform, picture.path)
             case "quality":
                 meshes.draw_quality(solution.data(), picture.path)
             case _:
-                meshes.draw_mesh(solution.data(), picture.path, decomposition=solution.decomposition)
+                parts = None if isinstance(solution, BlockSolution) else solution.decomposition
+                meshes.draw_mesh(solution.data(), picture.path, decomposition=parts)
         files.append(str(picture.path))
     return files
 

@@ -11,7 +11,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any, Literal
 
 from equimesh_cli.exits import Refused
-from equimesh_cli.options.monitors import add_monitor_options, check_monitor, domain
+from equimesh_cli.options.monitors import add_monitor_options, check_monitor, domain, domain_file
 
 if TYPE_CHECKING:
     from equimesh_client import Schwarz, Target
@@ -71,12 +71,20 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         help="take the grid with this interpolation error, in place of -n",
     )
     mesh.add_argument("--target-norm", choices=("l2", "h1"), help="error of u, or of its gradient (l2)")
-    mesh.add_argument(
+    domains = mesh.add_mutually_exclusive_group()
+    domains.add_argument(
         "--domain",
         metavar="DOMAIN",
         type=domain,
         help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 (degrees), or @FILE with any domain as JSON "
         "(the unit square)",
+    )
+    domains.add_argument(
+        "--domain-file",
+        metavar="FILE",
+        dest="domain",
+        type=domain_file,
+        help="a mesh of quadrilaterals that is the domain (.msh, .vtu, .su2, ...), or blocks as .json; not with -n",
     )
     mesh.add_argument(
         "--boundary",
@@ -171,6 +179,7 @@ def check_options(options: argparse.Namespace, *, suffixes: Sequence[str] = MESH
     """
     check_monitor(options)
     _check_target(options)
+    _check_points(options)
     _check_cells(options)
     _check_picture(options)
     given = [name for name in SCHWARZ if getattr(options, name) is not None]
@@ -202,6 +211,15 @@ def _check_picture(options: argparse.Namespace) -> None:
 def _check_cells(options: argparse.Namespace) -> None:
     if options.cells == "triangle" and str(options.output or "").lower().endswith(".vts"):
         raise Refused("a .vts file holds no triangles: choose another format, or leave out --cells")
+
+
+def _check_points(options: argparse.Namespace) -> None:
+    """Refuse a grid for a domain that has points of its own."""
+    from equimesh_client.spec.domains import has_own_points
+
+    given = options.n_xi is not None or options.n_eta is not None or options.target_error is not None
+    if given and has_own_points(options.domain):
+        raise Refused("the mesh of the domain has points of its own: leave out -n, --n-eta and --target-error")
 
 
 def _check_target(options: argparse.Namespace) -> None:

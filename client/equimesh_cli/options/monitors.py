@@ -167,5 +167,25 @@ def domain(text: str) -> Domain:
     raise argparse.ArgumentTypeError(f"{text!r} is not like rectangle:0,2,0,1, annulus:1,2,0,90 or @domain.json")
 
 
+def domain_file(text: str) -> Domain:
+    """The domain in a file: a mesh of quadrilaterals, or JSON of any domain, or of blocks without a kind."""
+    from equimesh_client import BadArgument, Blocks, MeshFile
+
+    path = Path(text)
+    if not path.exists():
+        raise argparse.ArgumentTypeError(f"{text}: there is no such file")
+    if path.suffix.lower() != ".json":
+        return MeshFile(file=path)
+    try:
+        document = json.loads(path.read_bytes())
+        if isinstance(document, dict) and document.get("kind", "blocks") != "blocks":
+            return domain(f"@{text}")
+        return Blocks.of(document, folder=path.parent)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{text}: {error.strerror or error}") from None
+    except (ValueError, BadArgument) as error:
+        raise argparse.ArgumentTypeError(f"{text} holds no domain: {error}") from None
+
+
 def _flag(name: str) -> str:
     return "--for" if name == "purpose" else f"-{name}" if len(name) == 1 else f"--{name}"

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from equimesh import Domain, Expression, ExpressionError, specs
+from equimesh import Blocks, Domain, Expression, ExpressionError, specs
 from equimesh_cli.exits import Refused
 from equimesh_cli.options.mesh import points_of, schwarz_of, target_of
 from equimesh_cli.options.monitors import monitor_of
@@ -39,14 +39,14 @@ def build(options: argparse.Namespace) -> specs.BuiltSpec:
     """The problem. A faulty expression raises :class:`Refused`, with a caret under the fault."""
     document = document_of(options)
     with _carets(document):
-        return specs.build(document, specs.samples_in(Path()))
+        return specs.build(document, specs.samples_in(Path()), specs.meshes_in(Path()))
 
 
-def build_expression(options: argparse.Namespace) -> tuple[Expression, Domain]:
+def build_expression(options: argparse.Namespace) -> tuple[Expression, Domain | Blocks]:
     """The expression U, checked on the domain, and the domain; raises as :func:`build`."""
     source, domain = _expression(options.u, options), domain_json(options.domain or Rectangle())
     with _carets({**source, "domain": domain}):
-        where = specs.build_domain(domain)
+        where = specs.build_domain(domain, specs.meshes_in(Path()))
         return specs.build_expression(source, where), where
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Mapping
 from inspect import isawaitable
+from pathlib import Path
 from typing import Any, Unpack
 
 from equimesh_client.aio.mesh import AsyncMesh
@@ -15,7 +16,7 @@ from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.monitors import Norm
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
-from equimesh_client.spec.sources import StoredSamples
+from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
@@ -211,6 +212,11 @@ class AsyncSamplesStore:
         settings = self._session.settings
         flow = flows.upload(u, n_samples, domain, settings, settings.deadline(deadline))
         return StoredSamples.from_json(await self._session.run(flow))
+
+    async def upload_mesh(self, path: str | Path, *, deadline: float | None = None) -> StoredSamples:
+        """A mesh file stored once; ``MeshFile(file=stored.id)`` is then the domain of any number of meshes."""
+        call = protocol.upload_mesh(read_mesh_file(path))
+        return StoredSamples.from_json(await self._session.fetch(call, deadline))
 
     async def get(self, samples_id: str, *, deadline: float | None = None) -> StoredSamples:
         """The stored samples of that id."""

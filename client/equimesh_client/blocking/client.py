@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, Unpack
 
 from equimesh_client.blocking.mesh import Mesh
@@ -13,7 +14,7 @@ from equimesh_client.spec.domains import Domain, domain_json
 from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.monitors import Norm
 from equimesh_client.spec.request import GenerateArguments, request_of_spec
-from equimesh_client.spec.sources import StoredSamples
+from equimesh_client.spec.sources import StoredSamples, read_mesh_file
 from equimesh_client.wire import flows, protocol
 from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
@@ -243,6 +244,11 @@ class SamplesStore:
         settings = self._session.settings
         flow = flows.upload(u, n_samples, domain, settings, settings.deadline(deadline))
         return StoredSamples.from_json(self._session.run(flow))
+
+    def upload_mesh(self, path: str | Path, *, deadline: float | None = None) -> StoredSamples:
+        """A mesh file stored once; ``MeshFile(file=stored.id)`` is then the domain of any number of meshes."""
+        call = protocol.upload_mesh(read_mesh_file(path))
+        return StoredSamples.from_json(self._session.fetch(call, deadline))
 
     def get(self, samples_id: str, *, deadline: float | None = None) -> StoredSamples:
         """The stored samples of that id."""

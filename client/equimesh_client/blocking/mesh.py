@@ -160,7 +160,7 @@ class Mesh(Coupled, MeshState):
 
     @property
     def points(self) -> Array:
-        """Node coordinates, shape ``(n_xi * n_eta, 2)``."""
+        """Node coordinates, shape ``(n, 2)``, where n is ``n_xi * n_eta`` for a grid."""
         return self.arrays().points
 
     @property
@@ -170,17 +170,22 @@ class Mesh(Coupled, MeshState):
 
     @property
     def boundary(self) -> Mapping[str, IntArray]:
-        """Edges ``(k, 2)`` of the sides ``left``, ``right``, ``bottom`` and ``top``."""
+        """Edges ``(k, 2)`` of the sides ``left``, ``right``, ``bottom`` and ``top``, or of those of blocks by name."""
         return self.arrays().boundary
 
     @property
+    def blocks(self) -> Mapping[str, IntArray]:
+        """Of a mesh of blocks the nodes of each block, shape ``(n_i, n_j)``, by its name; else empty."""
+        return self.arrays().blocks
+
+    @property
     def x(self) -> Array:
-        """The x coordinates, shape ``(n_xi, n_eta)``."""
+        """The x coordinates, shape ``(n_xi, n_eta)``, or ``(n,)`` of blocks."""
         return self.arrays().x
 
     @property
     def y(self) -> Array:
-        """The y coordinates, shape ``(n_xi, n_eta)``."""
+        """The y coordinates, shape ``(n_xi, n_eta)``, or ``(n,)`` of blocks."""
         return self.arrays().y
 
     @property

@@ -25,7 +25,8 @@ class Convergence:
 
     ``iterations`` starts with the initial mesh and is empty on a single domain. ``rate`` is the observed decrease per
     iteration, ``predicted_rate`` the theoretical one; None where unknown. ``descent`` has a row for each step of a
-    least-error solve: ``level``, ``grid``, ``start``, ``step``, ``error``, ``gain``, ``distortion``, ``min_jacobian``.
+    least-error solve: ``level``, ``grid`` (on blocks ``points``), ``start``, ``step``, ``error``, ``gain``,
+    ``distortion``, ``min_jacobian``.
     """
 
     iterations: tuple[Mapping[str, Any], ...]
@@ -79,9 +80,9 @@ class Convergence:
     def _descent_table(self) -> str:
         last: dict[tuple[object, ...], Mapping[str, Any]] = {}
         for row in self.descent:
-            last[*row.get("grid", ()), row.get("start")] = row
+            last[_points_of(row), row.get("start")] = row
         rows = [
-            [" x ".join(map(str, row.get("grid", ()))), str(row.get("start", "")), str(row.get("step", ""))]
+            [_points_of(row), str(row.get("start", "")), str(row.get("step", ""))]
             + [number(real_or_nan(row.get(name))) for name in ("error", "gain", "min_jacobian")]
             for row in last.values()
         ]
@@ -89,6 +90,11 @@ class Convergence:
 
     def __str__(self) -> str:
         return self.table()
+
+
+def _points_of(row: Mapping[str, Any]) -> str:
+    """The points of a step of a descent: of a grid in both directions, of blocks in all."""
+    return " x ".join(map(str, row.get("grid") or (row.get("points", ""),)))
 
 
 def _count_text(row: Mapping[str, Any], name: str) -> str:

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from equimesh_client.errors import BadArgument
+from equimesh_client.spec.blocks import Blocks, MeshFile
 
 Json: TypeAlias = dict[str, Any]
 Pair: TypeAlias = tuple[float, float]
@@ -85,11 +86,15 @@ class Quadrilateral:
         return None
 
 
-Domain: TypeAlias = Rectangle | AnnulusSector | Quadrilateral
+Domain: TypeAlias = Rectangle | AnnulusSector | Quadrilateral | Blocks | MeshFile
+MESHES = ("blocks", "mesh")
+"""The kinds of domains that have points of their own."""
 KINDS: Mapping[str, type[Domain]] = {
     "rectangle": Rectangle,
     "annulus_sector": AnnulusSector,
     "quadrilateral": Quadrilateral,
+    "blocks": Blocks,
+    "mesh": MeshFile,
 }
 
 
@@ -97,9 +102,15 @@ def domain_json(domain: Domain | Mapping[str, Any]) -> Json:
     """The JSON of a domain; a mapping is such JSON already."""
     if isinstance(domain, Mapping):
         return dict(domain)
-    if isinstance(domain, Rectangle | AnnulusSector | Quadrilateral):
+    if isinstance(domain, tuple(KINDS.values())):
         return domain.json()
-    raise BadArgument(f"a domain is a Rectangle, AnnulusSector or Quadrilateral, or its JSON; not {domain!r:.80}")
+    kinds = "a Rectangle, AnnulusSector, Quadrilateral, Blocks or MeshFile"
+    raise BadArgument(f"a domain is {kinds}, or its JSON; not {domain!r:.80}")
+
+
+def has_own_points(domain: Domain | Mapping[str, Any] | None) -> bool:
+    """Whether the points of a mesh are those of its domain, as of blocks, which no grid is given for."""
+    return domain is not None and domain_json(domain).get("kind") in MESHES
 
 
 def read_domain(document: object) -> Domain:
@@ -108,15 +119,22 @@ def read_domain(document: object) -> Domain:
         raise BadArgument("a domain is a JSON object with a kind")
     fields = dict(document)
     kind = fields.pop("kind", "rectangle")
-    domain_class = KINDS.get(kind) if isinstance(kind, str) else None
+    domain_class: Any = KINDS.get(kind) if isinstance(kind, str) else None
     if domain_class is None:
         raise BadArgument(f"unknown kind of domain {kind!r}; there are {', '.join(KINDS)}")
+    if domain_class is Blocks:
+        return Blocks.of(fields)
     known = tuple(domain_class.__dataclass_fields__)
     unknown = [name for name in fields if name not in known]
     if unknown:
         raise BadArgument(f"a domain of kind {kind} has no {', '.join(map(str, unknown))}; it has {', '.join(known)}")
+    if domain_class is MeshFile:
+        if not isinstance(fields.get("file"), str):
+            raise BadArgument("a domain of kind mesh needs its file, a text")
+        return MeshFile(**fields)
     if domain_class is not Quadrilateral:
-        return domain_class(**{name: _as_tuple(name, value) for name, value in fields.items()})
+        found: Domain = domain_class(**{name: _as_tuple(name, value) for name, value in fields.items()})
+        return found
     missing = [name for name in known if name not in fields]
     if missing:
         raise BadArgument(f"a quadrilateral needs its four curves; missing: {', '.join(missing)}")

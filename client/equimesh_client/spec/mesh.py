@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any, Literal, TypedDict
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.spec.domains import Domain, domain_json
+from equimesh_client.spec.domains import Domain, domain_json, has_own_points
 from equimesh_client.spec.monitors import Json, Monitor
 from equimesh_client.spec.schwarz import Schwarz
 
@@ -151,6 +151,8 @@ def mesh_spec(
     target = options["target"]
     if target is not None and (n_xi, n_eta) != (DEFAULT_POINTS, DEFAULT_POINTS):
         raise BadArgument("a target takes the place of n: give one of them")
+    if has_own_points(options["domain"]) and (n_xi, n_eta) != (DEFAULT_POINTS, DEFAULT_POINTS):
+        raise BadArgument("the blocks of a domain have numbers of cells of their own: leave n out, and refine them")
     spec: Json = {
         "monitor": dict(monitor),
         "grid": {"n_xi": n_xi, "n_eta": n_eta},
@@ -160,10 +162,11 @@ def mesh_spec(
         "cells": str(cells),
     }
     if target is not None:
-        del spec["grid"]
         spec["target"] = target.json() if isinstance(target, Target) else dict(target)
     if options["domain"] is not None:
         spec["domain"] = domain_json(options["domain"])
+    if target is not None or has_own_points(options["domain"]):
+        del spec["grid"]
     if options["mode"] != DEFAULTS["mode"]:
         spec["mode"] = str(options["mode"])
     if not options["allow_relaxed"]:

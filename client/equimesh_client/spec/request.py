@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from equimesh_client.errors import BadArgument
+from equimesh_client.spec.blocks import MeshFile
 from equimesh_client.spec.domains import UNIT_BOX, Box, read_domain
 from equimesh_client.spec.mesh import MeshOptions, mesh_spec
 from equimesh_client.spec.monitors import ArcLength, Auto, Json, Read, monitor_json
@@ -61,6 +62,16 @@ class GenerateArguments:
         if domain is None or not any(map(needs_box, functions)):
             return UNIT_BOX
         return (read_domain(domain) if isinstance(domain, Mapping) else domain).box
+
+    @property
+    def mesh_file(self) -> MeshFile | None:
+        """The domain where it is a file on this machine, which the service needs first; else None."""
+        domain = self.options["domain"]
+        return domain if isinstance(domain, MeshFile) and domain.is_local else None
+
+    def on(self, domain: MeshFile) -> GenerateArguments:
+        """The same arguments with another domain."""
+        return replace(self, options={**self.options, "domain": domain})
 
     def request(self, box: Box) -> MeshRequest:
         """The request, with callables and arrays sampled on ``box``."""

@@ -112,6 +112,15 @@ def read_upload(path: str | Path) -> Upload:
     return Upload(filename=path.name, data=data, media_type=MEDIA_TYPES[path.suffix.lower()])
 
 
+def read_mesh_file(path: str | Path) -> Upload:
+    """The mesh file at ``path`` as an upload; raises :class:`BadArgument` where it cannot be read."""
+    path = Path(path)
+    try:
+        return Upload(filename=path.name, data=path.read_bytes())
+    except OSError as error:
+        raise BadArgument(f"{path}: {error.strerror or error}") from error
+
+
 def upload_of(u: object, *, n_samples: int = 129, box: Box = UNIT_BOX) -> Upload:
     """Samples of any kind that :func:`source_of` accepts, as a file to upload."""
     if isinstance(u, Upload):

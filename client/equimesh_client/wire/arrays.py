@@ -28,6 +28,11 @@ class MeshArrays(Coupled):
     A step of a sequence has ``fields`` at nodes or in cells, the ``velocity`` of its nodes, which is their displacement
     since the step before, of shape ``(n_xi, n_eta, 2)``, and ``step``, the JSON that the service says of it. Other
     meshes have no fields, None, and an empty mapping.
+
+    A mesh of blocks has ``x``, ``y`` and ``u`` of shape ``(n,)``, ``q_eq`` and ``subdomain`` of shape ``(m,)``, where
+    ``subdomain`` is the number of the block, and in ``boundary`` the sides by their names. ``blocks`` are the nodes of
+    each block, of shape ``(n_i, n_j)``, by its name; ``ties`` are nodes that are one unknown, a copy and its original,
+    of shape ``(k, 2)``. A grid has no blocks, and None.
     """
 
     x: Array
@@ -40,30 +45,36 @@ class MeshArrays(Coupled):
     fields: Mapping[str, Array] = field(default_factory=dict)
     velocity: Array | None = None
     step: Mapping[str, Any] = field(default_factory=dict)
+    blocks: Mapping[str, IntArray] = field(default_factory=dict)
+    ties: IntArray | None = None
 
     @cached_property
     def points(self) -> Array:
-        """Node coordinates, shape ``(n_xi * n_eta, 2)``."""
+        """Node coordinates, shape ``(n, 2)``, where n is ``n_xi * n_eta`` for a grid."""
         return np.column_stack([self.x.ravel(), self.y.ravel()])
 
     def mesh_parts(self, cells: Cells | None = None) -> MeshParts:
         """Points, cells and sides for other libraries; ``cells`` as requested, or else as they are."""
-        n_xi, n_eta = self.x.shape
-        parts = MeshParts(points=self.points, cells=self.cells, sides=self.boundary, shape=(n_xi, n_eta))
-        return parts.mesh_parts(cells)
+        shape = (self.x.shape[0], self.x.shape[1]) if self.x.ndim == 2 else None
+        return MeshParts(points=self.points, cells=self.cells, sides=self.boundary, shape=shape).mesh_parts(cells)
 
 
+# What the names of the arrays of sides and of blocks begin with in the file of a mesh of blocks.
+SIDE, BLOCK = "sides/", "blocks/"
+# The array of nodes that are one unknown.
+TIES = "ties"
 STEP = "step_json"
 """The array with the bytes of the JSON of a step."""
-KNOWN = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, *SIDES})
+KNOWN = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, TIES, *SIDES})
 
 
 def arrays_of(npz: bytes) -> MeshArrays:
     """The arrays of an npz mesh file. Raises :class:`DownloadDamaged` when it is not one."""
     try:
         with np.load(io.BytesIO(npz), allow_pickle=False) as file:
-            shape = (file["x"].shape[0] - 1, file["x"].shape[1] - 1)
+            is_grid = file["x"].ndim == 2
             every = 2 if file["cells"].shape[1] == 3 else 1
+            shape = tuple(n - 1 for n in file["x"].shape) if is_grid else (len(file["cells"]) // every,)
             step = json.loads(file[STEP].tobytes()) if STEP in file.files else {}
             velocity = step.get("velocity")  # its name among the arrays
             return MeshArrays(
@@ -73,10 +84,22 @@ def arrays_of(npz: bytes) -> MeshArrays:
                 cells=file["cells"].astype(np.int64),
                 q_eq=file["q_eq"].ravel()[::every].reshape(shape),
                 subdomain=file["subdomain"].ravel()[::every].reshape(shape).astype(np.int64),
-                boundary={side: file[side].astype(np.int64) for side in SIDES},
-                fields={name: file[name] for name in file.files if name not in KNOWN and name != velocity},
+                boundary={side: file[side].astype(np.int64) for side in SIDES} if is_grid else _named(file, SIDE),
+                fields={name: file[name] for name in file.files if _is_field(name, velocity)},
                 velocity=None if velocity is None else file[velocity],
                 step=step,
+                blocks=_named(file, BLOCK),
+                ties=file[TIES].astype(np.int64) if TIES in file.files else None,
             )
     except (KeyError, ValueError, OSError, EOFError, IndexError, zipfile.BadZipFile) as error:
         raise DownloadDamaged(f"the npz file of the mesh cannot be read: {error}") from error
+
+
+def _named(file: Any, start: str) -> dict[str, IntArray]:
+    """The arrays whose names begin with ``start``, by the rest of their names."""
+    return {name.removeprefix(start): file[name].astype(np.int64) for name in file.files if name.startswith(start)}
+
+
+def _is_field(name: str, velocity: str | None) -> bool:
+    """Whether an array of a mesh file is a field of a step."""
+    return name not in KNOWN and name != velocity and not name.startswith((SIDE, BLOCK))

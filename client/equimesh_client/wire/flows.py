@@ -23,7 +23,7 @@ from equimesh_client.errors import (
 from equimesh_client.records.state import FINISHED
 from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
 from equimesh_client.spec.request import GenerateArguments, MeshRequest
-from equimesh_client.spec.sources import needs_box, upload_of
+from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of
 from equimesh_client.wire import protocol
 from equimesh_client.wire.deadline import Deadline, Settings
 from equimesh_client.wire.downloads import Download, PartFile
@@ -143,8 +143,13 @@ def fetch(call: Call, settings: Settings, deadline: Deadline | None = None) -> F
 def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline) -> Flow[MeshRequest]:
     """The request for the mesh of `generate`.
 
-    One file of samples is sent with the request. Several are stored at the service first, equal ones once.
+    One file of samples is sent with the request. Several are stored at the service first, equal ones once, and so is a
+    mesh file that is the domain.
     """
+    mesh_file = arguments.mesh_file
+    if mesh_file is not None:
+        reply = yield from request(protocol.upload_mesh(read_mesh_file(mesh_file.file)), settings, deadline)
+        arguments = arguments.on(replace(mesh_file, file=str(protocol.json_of(reply)["id"])))
     box, domain = arguments.box(), arguments.options["domain"]
     if box is None and domain is not None:
         box = yield from box_of(domain, settings, deadline)

@@ -7,6 +7,7 @@ import numpy as np
 
 from equimesh_client.errors import BadArgument, MeshCanceled, MeshFailed
 from equimesh_client.records.state import MeshState
+from equimesh_client.records.tables import Array
 from equimesh_client.wire.arrays import MeshArrays
 
 
@@ -31,13 +32,11 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
     sides = list(arrays.boundary.items())
     empty = np.zeros(0, dtype=np.int64)
     kind, parts = ("triangle", 2) if arrays.cells.shape[1] == 3 else ("quad", 1)
-    along_xi, along_eta = (np.linspace(0.0, 1.0, n) for n in arrays.x.shape)
-    xi, eta = np.meshgrid(along_xi, along_eta, indexing="ij")
     of_cells = {"Q_eq": (arrays.q_eq, np.nan), "subdomain": (arrays.subdomain, -1)}  # each with its value on sides
     return meshio.Mesh(
         arrays.points,
         [(kind, arrays.cells), *(("line", edges) for _, edges in sides)],
-        point_data={**({} if arrays.u is None else {"u": arrays.u.ravel()}), "xi": xi.ravel(), "eta": eta.ravel()},
+        point_data={**({} if arrays.u is None else {"u": arrays.u.ravel()}), **_reference(arrays)},
         cell_data={
             name: [np.repeat(values.ravel(), parts), *(np.full(len(edges), none) for _, edges in sides)]
             for name, (values, none) in of_cells.items()
@@ -47,3 +46,11 @@ def meshio_mesh(arrays: MeshArrays) -> Any:
             for place, (name, edges) in enumerate(sides, start=1)
         },
     )
+
+
+def _reference(arrays: MeshArrays) -> dict[str, Array]:
+    """The coordinates ``xi`` and ``eta`` of the nodes of a grid; blocks have none."""
+    if arrays.x.ndim == 1:
+        return {}
+    xi, eta = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in arrays.x.shape), indexing="ij")
+    return {"xi": xi.ravel(), "eta": eta.ravel()}

@@ -176,6 +176,11 @@ def upload_samples(upload: Upload) -> Call:
     return Call(method="POST", path="/v1/samples", headers=headers, body=body)
 
 
+def upload_mesh(upload: Upload) -> Call:
+    """Store a mesh file once, as the domain of any number of meshes."""
+    return replace(upload_samples(upload), query={"kind": "mesh"})
+
+
 def stored_samples(samples_id: str, *, method: str = "GET") -> Call:
     """Look up or delete stored samples."""
     return Call(method=method, path=f"/v1/samples/{quote(samples_id, safe='')}", headers={"Accept": "application/json"})

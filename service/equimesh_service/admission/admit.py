@@ -14,11 +14,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeVar
 
+from equimesh import specs
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.limits import Limits
 from equimesh_service.admission import in_parts
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
+from equimesh_service.assembly.domain_mesh import MESH, convert_mesh
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
 from equimesh_service.assembly.problem import check, check_schwarz, require_valid, translate_errors
 from equimesh_service.assembly.samples import Arrays, Upload
@@ -28,7 +30,7 @@ from equimesh_service.files.port import Files
 from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
-from equimesh_service.spec.mesh import CheckedSpec, GridSpec, read_spec
+from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, GridSpec, read_spec
 from equimesh_service.spec.schwarz import SchwarzSpec
 from equimesh_service.spec.sources import UPLOAD
 from equimesh_service.store.rows import NewSamples, SamplesRow
@@ -42,6 +44,8 @@ _MAX_REMEMBERED = 1000
 # Bytes of a point in the files of a mesh in parts: x, y, z and u.
 BYTES_OF_POINT = 32
 _VERSION = version("equimesh")
+_NO_MESH = "these are samples of a function: upload the file of a mesh with POST /v1/samples?kind=mesh"
+_NO_SAMPLES = "this is the mesh of a domain, which has no values: upload samples with POST /v1/samples"
 Result = TypeVar("Result")
 
 
@@ -54,6 +58,7 @@ class Admitted:
     digest: str  # equal for specs of the same points
     built: BuiltSpec | None = None  # the problem of a spec that was checked in this process
     upload: NewSamples | None = None  # samples that are not stored yet
+    nodes: int | None = None  # of a mesh of blocks: its points
 
     @property
     def is_in_parts(self) -> bool:
@@ -121,10 +126,11 @@ class Admission:
         place = _find_upload_place(spec, upload)
         check_schwarz(spec.canonical)
         rows = {
-            name: self.find_samples(name, at, caller)
+            name: self.find_stored(name, at, caller)
             for at, name in spec.stored.items()
-            if name != UPLOAD and name not in files
+            if (name != UPLOAD or at == MESH_PLACE) and name not in files
         }
+        nodes = self._count_nodes(spec, rows) if spec.has_blocks else None
         built, new = None, None
         if upload is not None:
             built, new, row = self._receive(short, rows, upload, place, caller)
@@ -139,7 +145,7 @@ class Admission:
         if upload is not None or files:
             self._remember(spec.monitor_digest)
         hashes = {row.id: row.sha256 for row in rows.values()}
-        return Admitted(spec.canonical, hashes, spec.points_digest, built, new)
+        return Admitted(spec.canonical, hashes, spec.points_digest, built, new, nodes)
 
     @property
     def _limits(self) -> SpecLimits:
@@ -156,9 +162,24 @@ class Admission:
             raise problem_at(pointer, "there are no samples with this id; POST /v1/samples gives one")
         return row
 
+    def find_stored(self, name: str, pointer: str, caller: Caller) -> SamplesRow:
+        """The row of samples for a function, or of the mesh for a domain; raises a 422 problem for one of the other."""
+        row = self.find_samples(name, pointer, caller)
+        is_mesh, needs_mesh = row.summary["kind"] == MESH, pointer == MESH_PLACE
+        if is_mesh != needs_mesh:
+            raise problem_at(pointer, _NO_MESH if needs_mesh else _NO_SAMPLES)
+        return row
+
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and store them; the second value is whether they are new."""
         with self._convert(upload, "", alone=True) as (path, summary):
+            return self._keep(path, summary, caller, durable=True)
+
+    def keep_mesh(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
+        """Read an uploaded mesh that is to be a domain, and store it as samples are."""
+        with self.files.unfinished(".npz") as path, self.files.unfinished(".upload") as source:
+            source.write_bytes(upload.data)
+            summary = self.work("", convert_mesh, source, upload.filename, path, self.settings.max_points)
             return self._keep(path, summary, caller, durable=True)
 
     def keep_upload(self, admitted: Admitted, caller: Caller) -> None:
@@ -257,9 +278,9 @@ class Admission:
 
     def _check_limits(self, checked: CheckedSpec) -> None:
         spec = checked.spec
-        if spec.grid is None:
+        if spec.target is not None:
             self._check_target(checked)
-        else:
+        elif spec.grid is not None:
             self._check_grid(spec.grid, whole=checked.canonical["parts"] is None)
         self._limits.check(checked.sources)
         if spec.schwarz is not None and spec.grid is not None:
@@ -283,6 +304,22 @@ class Admission:
             message = f"{points} points; {self.product} has at most {most}: lower n_xi or n_eta{more}"
             raise problem_at("/grid", message)
 
+    def _count_nodes(self, checked: CheckedSpec, rows: Mapping[str, SamplesRow]) -> int:
+        """The number of points of a mesh of blocks; raises a 422 problem where there are too many."""
+        domain = checked.canonical["domain"]
+        if "file" in domain:
+            place, nodes = MESH_PLACE, int(rows[domain["file"]].summary["shape"][0])
+            remedy = "take a coarser one"
+        else:
+            with translate_errors():
+                place, nodes = "/domain", specs.count_points(domain)
+            remedy = "lower the cells of its blocks, or refine"
+        most = self.settings.max_points
+        if nodes > most:
+            message = f"the mesh has {nodes} points; {self.product} has at most {most}: {remedy}{self._way_to_more}"
+            raise problem_at(place, message)
+        return nodes
+
     @property
     def _way_to_more(self) -> str:
         return "" if self.settings.has_cluster else "; a service with a cluster (EQUIMESH_ENGINE=dask) takes more"
@@ -303,7 +340,8 @@ class Admission:
 
 def _find_upload_place(spec: CheckedSpec, upload: Upload | None) -> str:
     """The pointer of the first place that names the upload, "" without an upload; raises a 422 problem."""
-    place = next((pointer for pointer, name in spec.stored.items() if name == UPLOAD), "")
+    places = (pointer for pointer, name in spec.stored.items() if name == UPLOAD and pointer != MESH_PLACE)
+    place = next(places, "")
     if place and upload is None:
         message = 'send the request as multipart, with parts "spec" and "samples", or give the id of stored samples'
         raise problem_at(place, message)

@@ -21,16 +21,20 @@ def known_format(name: str) -> str:
 def check_format(format: str, spec: Mapping[str, Any]) -> None:
     """Raise a 406 problem for a format in which the mesh of a canonical spec is no file."""
     if spec["parts"] is None:
-        check_whole(format, spec["cells"])
+        is_grid = spec["grid"] is not None or spec["target"] is not None
+        check_whole(format, spec["cells"], is_grid=is_grid)
     else:
         check_head(format)
 
 
-def check_whole(format: str, cells: str) -> None:
-    """Raise a 406 problem for a format that no whole mesh has, or that does not hold these cells."""
+def check_whole(format: str, cells: str, *, is_grid: bool = True) -> None:
+    """Raise a 406 problem for a format that no whole mesh has, or that does not hold these cells, or no blocks."""
     if format not in FORMATS:
         detail = f"A {format} file is the head of a mesh in parts, and this mesh is whole."
         raise Problem("not-acceptable", f"{detail} Request one of {', '.join(FORMATS)}.")
+    if not is_grid and FORMATS[format].grids_only:
+        known = ", ".join(name for name, form in FORMATS.items() if not form.grids_only)
+        raise Problem("not-acceptable", f"A {format} file is a grid, and this mesh has blocks. Request one of {known}.")
     if cells not in FORMATS[format].cells:
         raise Problem("not-acceptable", f"A {format} file holds no {cells}s. Request cells=quad or another format.")
 

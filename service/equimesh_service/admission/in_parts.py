@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from equimesh_service.problems.problem import problem_at
 from equimesh_service.settings import Settings
-from equimesh_service.spec.mesh import CheckedSpec, MeshSpec
+from equimesh_service.spec.mesh import CheckedSpec
 from equimesh_service.spec.monitors import AnyMonitor
 
 # The sentences for monitors that are measured or moved on the whole grid, by their kinds.
@@ -15,6 +15,7 @@ NO_PARTS = {
 }
 _NO_CLUSTER = "meshes in parts need a cluster, and this service has none (EQUIMESH_ENGINE=dask): leave parts out"
 _NO_TARGET = "the grid of a target is found on one machine: give a grid in place of the target"
+_NO_BLOCKS = "a mesh of blocks is computed on one machine: take a domain with four sides"
 _NO_SCHWARZ = "a mesh in parts is solved by sweeps of its whole grid: leave schwarz out"
 _NO_GRADIENT = "a gradient map is solved on one machine: take the map lines"
 _NO_BOUND = "a bound of the angles is kept on one machine: leave orthogonality out"
@@ -44,14 +45,17 @@ def assign(checked: CheckedSpec, settings: Settings) -> CheckedSpec:
 
 def _check(checked: CheckedSpec, remedy: str) -> None:
     """Raise a 422 problem for what a mesh in parts cannot have; the ``remedy`` asks for no parts."""
-    for pointer, message in _faults(checked.spec):
+    for pointer, message in _faults(checked):
         raise problem_at(pointer, f"{message}, or {remedy}")
 
 
-def _faults(spec: MeshSpec) -> Iterator[tuple[str, str]]:
+def _faults(checked: CheckedSpec) -> Iterator[tuple[str, str]]:
     """The pointer and the sentence of everything that a mesh in parts cannot have."""
+    spec = checked.spec
     if spec.target is not None:
         yield "/target", _NO_TARGET
+    if checked.has_blocks:
+        yield "/domain", _NO_BLOCKS
     if spec.schwarz is not None:
         yield "/schwarz", _NO_SCHWARZ
     if spec.monitor.kind in NO_PARTS:

@@ -255,6 +255,7 @@ def _new_mesh(admitted: Admitted, caller: Caller, format: str | None) -> NewMesh
         request_id=log_context.current().request_id or None,
         trace=tracing.traceparent(),
         fingerprint=admitted.points_fingerprint,
+        nodes=admitted.nodes,
     )
 
 

@@ -31,6 +31,9 @@ def check_first_spec(admitted: Admitted) -> Admitted:
     """The spec of a sequence's first mesh; raises a 422 problem for one without a grid."""
     if admitted.spec["target"] is not None:
         raise problem_at("/target", "the meshes of a sequence have one grid: give it in place of the target")
+    if admitted.nodes is not None:
+        message = "the meshes of a sequence have a grid, which blocks have not: take a domain with four sides"
+        raise problem_at("/domain", message)
     if admitted.is_in_parts:
         message = "the meshes of a sequence are computed on one machine: request fewer points, and leave parts out"
         raise problem_at("/parts", message)

@@ -7,15 +7,16 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 
-from equimesh import Boundary, Initial, specs
+from equimesh import Blocks, Boundary, Initial, specs
 from equimesh.fields.expression import FUNCTIONS, LIMITS
 from equimesh.io.write import CELLS, FORMATS
 from equimesh_service.api.resources import DomainReport, ExpressionReport
 from equimesh_service.api.routing import KEY_PROBLEMS, Reader, ServiceDependency, problems
+from equimesh_service.assembly.domain_mesh import blocks_of
 from equimesh_service.assembly.problem import translate_errors
 from equimesh_service.spec import domains, monitors, schwarz
 from equimesh_service.spec.document import parse
-from equimesh_service.spec.mesh import MODE_USES, read_expression_check
+from equimesh_service.spec.mesh import MESH_PLACE, MODE_USES, read_expression_check
 from equimesh_service.spec.step import LOCATIONS, MAX_COMPONENTS, MAX_FIELDS, OUTRUNS, TRANSFERS
 from equimesh_service.wire import body as bodies
 from equimesh_service.worker.names import PICTURES, PLOTS
@@ -43,12 +44,19 @@ _BODY = {
     responses={**problems(400, 408, 413, 415, 422), **KEY_PROBLEMS},
     openapi_extra={"requestBody": _BODY},
 )
-async def check(request: Request, service: ServiceDependency, caller: Reader) -> ExpressionReport:  # noqa: ARG001
+async def check(request: Request, service: ServiceDependency, caller: Reader) -> ExpressionReport:
     """Parse the expression and evaluate it on the domain, the unit square unless given.
 
     A 422 tells what is wrong, and at which column.
     """
-    return await service.check(_report, await bodies.read_plain_json(request, service.settings.max_body))
+    data = await bodies.read_plain_json(request, service.settings.max_body)
+
+    def find(name: str, settings: Mapping[str, Any]) -> Blocks:
+        row = service.admission.find_stored(name, MESH_PLACE, caller)
+        with service.files.local(row.sha256) as path:
+            return blocks_of(path, settings)
+
+    return await service.check(_report, data, find)
 
 
 @router.get(
@@ -108,10 +116,10 @@ def _list_uses(uses: Mapping[str, str]) -> list[dict[str, str]]:
     return [{"name": name, "when_to_use": use} for name, use in uses.items()]
 
 
-def _report(data: bytes) -> ExpressionReport:
+def _report(data: bytes, find_mesh: specs.FindMesh) -> ExpressionReport:
     document = read_expression_check(parse(data)).model_dump(mode="json")
     with translate_errors():
-        domain = specs.build_domain(document.pop("domain"))
+        domain = specs.build_domain(document.pop("domain"), find_mesh)
         expression = specs.build_expression(document, domain)
     shape = DomainReport(box=[list(ends) for ends in domain.box], area=domain.area)
     return ExpressionReport(**expression.summary(_CHECKED_POINTS, domain), domain=shape)

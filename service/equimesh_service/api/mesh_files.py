@@ -45,7 +45,7 @@ async def mesh_file(
         return await send_file(
             request, service.files, file, form.head_media_type, filename=name, headers=headers, status=status
         )
-    check_whole(format, cells)
+    check_whole(format, cells, is_grid=row.has_grid)
     artifact = await service.artifact(row.id, file_name(format, cells))
     return await mesh_bytes(request, service, row.id, format, artifact, headers=headers, status=status)
 

@@ -193,7 +193,12 @@ class MeshResource(BaseModel):
     id: str
     status: Status
     label: str | None
-    grid: GridSize = Field(description="Of a mesh with a target, before its end, the largest that it may take.")
+    grid: GridSize | None = Field(
+        description="Of a mesh with a target, before its end, the largest that it may take; null for a mesh of blocks."
+    )
+    points: int = Field(
+        description="The number of its nodes; with a target, before its end, the most that it may have."
+    )
     cells: str
     created_at: datetime
     started_at: datetime | None
@@ -243,10 +248,13 @@ class SamplesResource(BaseModel):
     """Stored samples of a monitor function."""
 
     id: str
-    kind: Literal["grid", "scattered", "nodal"] = Field(description="nodal: at the nodes of a mesh.")
-    shape: list[int]
-    min: float
-    max: float
+    kind: Literal["grid", "scattered", "nodal", "mesh"] = Field(
+        description="nodal: at the nodes of a mesh; mesh: no samples, but a mesh that is a domain."
+    )
+    shape: list[int] = Field(description="The numbers of samples; of a mesh those of its nodes and cells.")
+    min: float | None = Field(None, description="The least value; null for a mesh.")
+    max: float | None = Field(None, description="The largest value; null for a mesh.")
+    sides: list[str] | None = Field(None, description="The names of the sides of a mesh; null for samples.")
     size: int = Field(description="Bytes of the stored npz file.")
     created_at: datetime
     links: dict[str, str]
@@ -322,7 +330,8 @@ def mesh_resource(row: MeshRow, root: str) -> MeshResource:
         id=row.id,
         status=row.status,  # type: ignore[arg-type]
         label=row.label,
-        grid=GridSize(n_xi=n_xi, n_eta=n_eta),
+        grid=GridSize(n_xi=n_xi, n_eta=n_eta) if row.has_grid else None,
+        points=n_xi * n_eta,
         cells=row.cells,
         created_at=_moment(row.created_at),
         started_at=None if started is None else _moment(started),

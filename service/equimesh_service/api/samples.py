@@ -57,11 +57,18 @@ async def create(
     filename: Annotated[
         str | None, Query(max_length=200, description="Its suffix gives the format of a raw body.")
     ] = None,
+    kind: Annotated[
+        Literal["samples", "mesh"], Query(description="mesh: the file is a mesh of quadrilaterals, to be a domain.")
+    ] = "samples",
 ) -> Response:
-    """Samples of a function as npz, npy, csv, json, vtu, vtk or xdmf; the same samples give the same id."""
+    """Samples of a function as npz, npy, csv, json, vtu, vtk or xdmf; the same samples give the same id.
+
+    With `kind=mesh` it is a mesh for `{"kind": "mesh", "file": id}` in a domain.
+    """
     upload = await read_upload(request, service.settings.max_body, filename)
     await service.quotas.check_bytes(caller, len(upload.data))
-    row, new = await service.check(service.admission.keep, upload, caller)
+    keep = service.admission.keep if kind == "samples" else service.admission.keep_mesh
+    row, new = await service.check(keep, upload, caller)
     service.metrics.count_upload()
     headers = {"Location": f"{service.settings.root}/v1/samples/{row.id}"}
     return JSONResponse(

@@ -1,14 +1,16 @@
 """From a spec to the objects of the solver; input errors become problems with a pointer into the spec."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from equimesh import Field, specs
+from equimesh import Blocks, Field, specs
 from equimesh.domains.domain import Box
 from equimesh.errors import InputError
 from equimesh.solving.target import require_reachable
+from equimesh_service.assembly.domain_mesh import blocks_of
 from equimesh_service.assembly.samples import Arrays, field_of
 from equimesh_service.problems.problem import complaint_of, input_problem
 from equimesh_service.spec.document import escape_token
@@ -19,6 +21,7 @@ Samples: TypeAlias = Path | Arrays
 """Stored samples, or those of this request."""
 SamplesOf: TypeAlias = Callable[[str], Samples]
 """The samples with an id."""
+_NUMBER = re.compile(r"\[(\d+)\]")
 
 
 def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
@@ -27,15 +30,18 @@ def build(spec: Spec, find: SamplesOf) -> specs.BuiltSpec:
     def samples(name: str, box: Box) -> Field:
         return field_of(find(name), box)
 
+    def mesh(name: str, settings: Mapping[str, Any]) -> Blocks:
+        return blocks_of(find(name), settings)
+
     with translate_errors():
-        return specs.build(spec, samples)
+        return specs.build(spec, samples, mesh)
 
 
 def check(spec: Spec, samples: Mapping[str, Samples]) -> specs.BuiltSpec:
     """What :func:`build` returns; also raises for a target out of reach. ``samples`` are found by their ids."""
     built = build(spec, samples.__getitem__)
     if built.target is not None:
-        problem = built.problem
+        problem = built.grid_problem
         with translate_errors():
             require_reachable(built.target, monitor=problem.monitor, domain=problem.domain, boundary=problem.boundary)
     return built
@@ -58,5 +64,6 @@ def translate_errors(section: str = "") -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        pointer = section + "".join(map(escape_token, filter(None, error.field.split("."))))
+        tokens = _NUMBER.sub(r".\1", error.field).split(".")  # blocks[2].cells of the solver is blocks/2/cells
+        pointer = section + "".join(map(escape_token, filter(None, tokens)))
         raise input_problem([complaint_of(error, pointer)]) from None

@@ -4,12 +4,15 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import FailFast, Field, Tag
 
+from equimesh_service.spec.blocks import BlocksSpec, MeshFileSpec
 from equimesh_service.spec.strict import TAG, Pair, Parameters, Strict, by_key, by_kind
 
 USES = {
     "rectangle": "A box; the unit square unless x and y are given.",
     "annulus_sector": "A part of a ring: around a cylinder, in a bend of a pipe.",
     "quadrilateral": "Four curved sides, by formulas or through points: channels, blades, patches of a larger domain.",
+    "blocks": "Holes, steps, obstacles, airfoils: blocks between named vertices. With least_error or auto.",
+    "mesh": "A mesh of quadrilaterals that you have, from Gmsh or a solver. With least_error or auto.",
 }
 
 
@@ -60,10 +63,12 @@ class QuadrilateralSpec(Strict):
     left: Curve = Field(description="From bottom to top.")
 
 
-AnyDomain: TypeAlias = RectangleSpec | AnnulusSectorSpec | QuadrilateralSpec
+AnyDomain: TypeAlias = RectangleSpec | AnnulusSectorSpec | QuadrilateralSpec | BlocksSpec | MeshFileSpec
 Domain = Annotated[
     Annotated[RectangleSpec, Tag(TAG + "rectangle")]
     | Annotated[AnnulusSectorSpec, Tag(TAG + "annulus_sector")]
-    | Annotated[QuadrilateralSpec, Tag(TAG + "quadrilateral")],
+    | Annotated[QuadrilateralSpec, Tag(TAG + "quadrilateral")]
+    | Annotated[BlocksSpec, Tag(TAG + "blocks")]
+    | Annotated[MeshFileSpec, Tag(TAG + "mesh")],
     by_kind(*USES, default="rectangle"),
 ]

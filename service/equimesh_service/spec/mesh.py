@@ -13,6 +13,7 @@ from pydantic import Field, FiniteFloat
 
 from equimesh_service.problems.problem import problem_at
 from equimesh_service.problems.sentences import WITHOUT_NUL
+from equimesh_service.spec.blocks import BlocksSpec, MeshFileSpec
 from equimesh_service.spec.domains import Domain, RectangleSpec
 from equimesh_service.spec.monitors import (
     ArcLengthSpec,
@@ -29,6 +30,8 @@ from equimesh_service.spec.strict import Parameters, Strict, either, validate
 
 # The most parts that a spec may ask for; how many a grid can have is checked by the solver.
 MAX_PARTS = 4096
+# The JSON pointer of the mesh that is a domain.
+MESH_PLACE = "/domain/file"
 MODE_USES = {
     "discretization": "Meshes to compute on: iterates until the error of the solution on the grid is small beside that "
     "of the grid itself.",
@@ -59,7 +62,8 @@ class MeshSpec(Strict):
     monitor: Monitor
     domain: Domain = Field(default_factory=RectangleSpec)
     grid: GridSpec | None = Field(
-        default_factory=GridSpec, description="Absent: 64 x 64, or the grid that a target needs."
+        default_factory=GridSpec,
+        description="Absent: 64 x 64, or the grid that a target needs. Blocks have points of their own: null.",
     )
     target: TargetSpec | None = Field(None, description="The error that the grid is to reach, in place of `grid`.")
     boundary: Literal["trace", "equidistributed_1d", "orthogonal"] = Field(
@@ -105,9 +109,15 @@ class CheckedSpec:
 
     @property
     def stored(self) -> dict[str, str]:
-        """The ids of stored samples, or "upload", by their JSON pointers."""
-        sources = self.sources.items()
-        return {f"{at}/samples": source.samples for at, source in sources if isinstance(source, StoredSource)}
+        """The ids of stored samples, or "upload", by their JSON pointers; also that of a mesh that is the domain."""
+        sources, domain = self.sources.items(), self.spec.domain
+        found = {f"{at}/samples": source.samples for at, source in sources if isinstance(source, StoredSource)}
+        return {**found, MESH_PLACE: domain.file} if isinstance(domain, MeshFileSpec) else found
+
+    @property
+    def has_blocks(self) -> bool:
+        """Whether its mesh is one of blocks, which have their own points, in place of a grid."""
+        return isinstance(self.spec.domain, BlocksSpec | MeshFileSpec)
 
     @property
     def is_plain(self) -> bool:
@@ -124,6 +134,7 @@ class CheckedSpec:
         return (
             self.is_plain
             and self.spec.target is None
+            and not self.has_blocks
             and all(isinstance(source, quick) for source in self.sources.values())
         )
 
@@ -190,6 +201,9 @@ def read_spec(document: Any) -> CheckedSpec:
         if document.get("grid") is not None:
             raise problem_at("/target", "a target takes the place of the grid: give one of them")
         spec = spec.model_copy(update={"grid": None})
+    elif isinstance(spec.domain, BlocksSpec | MeshFileSpec):
+        if document.get("grid") is None:  # one that is given is refused with the reason
+            spec = spec.model_copy(update={"grid": None})
     elif spec.grid is None:
         spec = spec.model_copy(update={"grid": GridSpec()})
     return CheckedSpec(spec, dict(sources_of(spec.monitor)), spec.model_dump(mode="json", by_alias=True))

@@ -50,10 +50,16 @@ class NewMesh:
     request_id: str | None = None
     trace: str | None = None
     fingerprint: str | None = None  # equal for meshes of the same points
+    nodes: int | None = None  # of a mesh of blocks: its points
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Its points along xi and eta; with a target those of the largest square grid that it may take."""
+        """Its points along xi and eta; with a target those of the largest square grid that it may take.
+
+        The nodes of a mesh of blocks are one row.
+        """
+        if self.nodes is not None:
+            return self.nodes, 1
         if self.spec.get("target") is not None:
             side = isqrt(int(self.spec["target"]["max_points"]))
             return side, side
@@ -88,6 +94,11 @@ class MeshRow:
     partial: bool
     key_id: str
     reused_from: str | None
+
+    @property
+    def has_grid(self) -> bool:
+        """Whether the mesh is a grid, not one of blocks, whose nodes are one row."""
+        return self.n_eta > 1
 
     @property
     def finished(self) -> bool:

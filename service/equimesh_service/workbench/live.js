@@ -1,5 +1,7 @@
 // From a change of the state to the next drawing: one request at a time, and answers in the order of the changes.
 
+import { hasBlocks } from "./sides.js";
+
 // Kinds that compare candidates or descend: they take longer than one may wait while typing.
 const SLOW_KINDS = new Set([undefined, "auto", "least_error"]);
 // Kinds whose mesh does not follow u, even where they have one.
@@ -144,7 +146,7 @@ export function isSlowSpec(spec, slowKinds = new Set()) {
  */
 export function quickSpec(spec) {
   const { monitor = {}, grid = {}, domain, schwarz } = spec;
-  if (!monitor.u || LED_BY_OTHERS.has(monitor.kind)) return null;
+  if (!monitor.u || LED_BY_OTHERS.has(monitor.kind) || hasBlocks(domain)) return null;
   if (monitor.kind === "arc_length" && !schwarz && pointsOf(grid) <= QUICK_POINTS ** 2) return null;
   const shrink = Math.max(1, (grid.n_xi ?? 64) / QUICK_POINTS, (grid.n_eta ?? 64) / QUICK_POINTS);
   const points = (number) => Math.max(4, Math.round((number ?? 64) / shrink));

@@ -1,7 +1,7 @@
 // A drawing of the four sides of a domain, with points that are moved by pointer or by keys.
 
 import { element } from "./dom.js";
-import { SIDES, curvesOf, sidesOf } from "./sides.js";
+import { SIDES, curvesOf, edgesOf, hasBlocks, sidesOf } from "./sides.js";
 
 // The drawing in its own units, and the room around the domain.
 const WIDTH = 320;
@@ -28,11 +28,22 @@ export function createOutline(onMove) {
 
   function show(next) {
     domain = next ?? {};
+    drawing.toggleAttribute("hidden", domain.kind === "mesh");
+    if (hasBlocks(domain)) {
+      showEdges(edgesOf(domain));
+      return;
+    }
     const sides = sidesOf(domain);
     // While a point is dragged the scale stays, so that the point stays under the pointer.
     if (!dragged) frame = frameOf(Object.values(sides).flat());
     lines.replaceChildren(...SIDES.flatMap((name) => sideOf(name, sides[name], frame)));
     showHandles();
+  }
+
+  function showEdges(edges) {
+    frame = frameOf(edges.flat());
+    lines.replaceChildren(...edges.map((points) => lineOf("side", points, frame)));
+    handles.replaceChildren();
   }
 
   function showHandles() {
@@ -92,9 +103,13 @@ function sideOf(name, points, frame) {
   const [dx, dy] = { bottom: [0, 19], top: [0, -11], left: [-10, 4], right: [10, 4] }[name];
   const anchor = { left: "end", right: "start" }[name] ?? "middle";
   return [
-    element("polyline", { class: `side ${name}`, points: placed.map((point) => point.map((value) => value.toFixed(1)).join(",")).join(" ") }),
+    lineOf(`side ${name}`, points, frame),
     element("text", { x: x + dx, y: y + dy, "text-anchor": anchor }, name),
   ];
+}
+
+function lineOf(name, points, frame) {
+  return element("polyline", { class: name, points: points.map((point) => frame.to(point).map((value) => value.toFixed(1)).join(",")).join(" ") });
 }
 
 function middleOf(points) {

@@ -93,6 +93,9 @@ export function createService(root = new URL("./", document.baseURI)) {
     /** Upload samples; the answer has their `id`. */
     uploadSamples: (file, { signal } = {}) =>
       json(`v1/samples?filename=${encodeURIComponent(file.name)}`, { method: "POST", body: file, signal }),
+    /** Upload a mesh file that is to be a domain; the answer has its `id`. */
+    uploadMesh: (file, { signal } = {}) =>
+      json(`v1/samples?kind=mesh&filename=${encodeURIComponent(file.name)}`, { method: "POST", body: file, signal }),
     /** The events of a mesh with larger numbers than `after`, as `{event, data, number}`. */
     events: (id, { after = 0, signal } = {}) => eventsOf(send, id, after, signal),
   };

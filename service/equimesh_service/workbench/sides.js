@@ -5,6 +5,9 @@ import { compile } from "./formula.js";
 // Points of each side in the drawing.
 const POINTS = 65;
 
+/** Whether a domain is a mesh of blocks, which has points of its own. */
+export const hasBlocks = (domain) => domain?.kind === "blocks" || domain?.kind === "mesh";
+
 /** The sides in the order in which forms list them. */
 export const SIDES = ["bottom", "right", "top", "left"];
 
@@ -26,6 +29,7 @@ export function sidesOf(domain = {}) {
  * @returns {Object<string, object>}
  */
 export function curvesOf(domain = {}) {
+  if (hasBlocks(domain)) return {};
   if (domain.kind === "quadrilateral") return domain;
   if (domain.kind === "annulus_sector") return arcs(domain);
   const { x: [x0, x1] = [0, 1], y: [y0, y1] = [0, 1] } = domain;
@@ -36,6 +40,44 @@ export function curvesOf(domain = {}) {
     top: line([x0, y1], [x1, y1]),
     left: line([x0, y0], [x0, y1]),
   };
+}
+
+/**
+ * The edges of the blocks of a description as lists of points: straight lines, and arcs of circles; other curves are
+ * drawn by the service alone.
+ *
+ * @param {object} domain
+ * @returns {[number, number][][]}
+ */
+export function edgesOf({ kind, vertices = {}, curves = {}, edges = [], blocks = [] }) {
+  if (kind !== "blocks") return [];
+  const ends = new Map();
+  for (const { corners = [] } of listOf(blocks)) {
+    listOf(corners).forEach((name, k) => {
+      const other = corners[(k + 1) % corners.length];
+      ends.set([name, other].sort().join("\n"), [name, other]);
+    });
+  }
+  const on = new Map(listOf(edges).map((edge) => [[edge?.from, edge?.to].sort().join("\n"), edge]));
+  return [...ends].map(([key, names]) => {
+    const points = names.map((name) => vertices[name]);
+    if (!points.every((point) => Array.isArray(point) && point.length === 2 && point.every(Number.isFinite))) return [];
+    const circle = curves[on.get(key)?.on]?.circle;
+    return circle ? arcBetween(points, circle) : points;
+  }).filter((points) => points.length);
+}
+
+const listOf = (value) => (Array.isArray(value) ? value : []);
+
+// The shorter arc between two points on a circle.
+function arcBetween([first, last], { center: [cx, cy] = [0, 0], radius = 1 }) {
+  const angle = ([x, y]) => Math.atan2(y - cy, x - cx);
+  const start = angle(first);
+  const turn = ((angle(last) - start + 3 * Math.PI) % (2 * Math.PI)) - Math.PI;
+  return Array.from({ length: 17 }, (_, k) => {
+    const at = start + (turn * k) / 16;
+    return [cx + radius * Math.cos(at), cy + radius * Math.sin(at)];
+  });
 }
 
 /** The points of one curve of a spec: two formulas in t, or a cubic spline through points. */

@@ -49,11 +49,14 @@ class DescentHistory(BaseModel):
     """One step of a least-error solve."""
 
     level: int = Field(description="Number of the nested grid, 0 for the coarsest.")
-    grid: tuple[int, int] = Field(description="Points of that grid along xi and eta.")
-    start: str = Field(description="The first mesh: uniform, rectilinear or given.")
+    grid: tuple[int, int] | None = Field(None, description="Points of that grid along xi and eta; null of blocks.")
+    points: int | None = Field(None, description="Points of a mesh of blocks on this level; null of a grid.")
+    start: str = Field(description="The first mesh: uniform, rectilinear or given; of blocks initial.")
     step: int = Field(description="Number of the step on its grid; 0 for its first mesh.")
     error: float | None = Field(description="Interpolation error in the norm of the monitor.")
-    gain: float | None = Field(description="Error of the uniform mesh over `error`; null where it was not measured.")
+    gain: float | None = Field(
+        description="Error of the uniform mesh, or of the initial one of blocks, over `error`; null where not measured."
+    )
     distortion: float | None = Field(description="Mean distortion of the cells, 0 for the first mesh.")
     min_jacobian: float | None
 
@@ -69,7 +72,7 @@ class ConvergenceHistory(BaseModel):
 
 # The history of a single domain, which has no file.
 NO_ITERATIONS: Mapping[str, Any] = {"iterations": [], "rate": None, "predicted_rate": None}
-_DESCENT = ("level", "n_xi", "n_eta", "start", "step", "error", "gain", "distortion", "min_jacobian")
+_DESCENT = ("level", "n_xi", "n_eta", "points", "start", "step", "error", "gain", "distortion", "min_jacobian")
 
 
 def table(convergence: Mapping[str, Any]) -> str:
@@ -94,7 +97,8 @@ def _descent_table(records: Sequence[Mapping[str, Any]]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_DESCENT)
     for record in records:
-        n_xi, n_eta = record["grid"]
-        row = {**record, "n_xi": n_xi, "n_eta": n_eta}
+        n_xi, n_eta = record.get("grid") or (None, None)
+        points = n_xi * n_eta if n_xi and n_eta else record.get("points")
+        row = {**record, "n_xi": n_xi, "n_eta": n_eta, "points": points}
         writer.writerow([row.get(name) for name in _DESCENT])
     return text.getvalue()

@@ -7,9 +7,11 @@ from functools import partial
 from pathlib import Path
 
 import equimesh
+from equimesh import Mesh
 from equimesh.domains.domain import map_mesh
 from equimesh.io.npz import load_npz
 from equimesh.io.write import CELLS, FORMATS, write_mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.specs import build_schwarz
 from equimesh_service.assembly.problem import build
 from equimesh_service.files.port import Files
@@ -18,7 +20,7 @@ from equimesh_service.problems.storage import storage_faults
 from equimesh_service.store.rows import Artifact, MeshInput
 from equimesh_service.store.store import Store
 from equimesh_service.telemetry import log_context, tracing
-from equimesh_service.worker.comparison import compare
+from equimesh_service.worker.comparison import compare, of_blocks
 from equimesh_service.worker.convergence import NO_ITERATIONS
 from equimesh_service.worker.job import Export
 from equimesh_service.worker.names import CONVERGENCE, DRAWING, MESH, part_name
@@ -83,7 +85,7 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
         case ["plot", "comparison", _]:
             from equimesh.plot.comparison import draw_comparison
 
-            mesh, problem = load_npz(source(MESH)).grid_mesh, _problem(task, store, files, sources)
+            mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
             row = store.meshes.get(task.mesh_id)
             draw_comparison(compare(mesh, problem, ((row and row.result) or {}).get("certificate")), path)
         case ["plot", kind, _]:
@@ -93,17 +95,22 @@ def _write(task: Export, path: Path, store: Store, files: Files, sources: ExitSt
             if kind == "quality":
                 draw_quality(data, path)
             else:
-                draw_mesh(data, path, decomposition=_decomposition(task, store, data.grid_mesh.grid))
+                draw_mesh(data, path, decomposition=_decomposition(task, store, data.mesh))
         case [name] if name == DRAWING:
             path.write_bytes(_drawing(task, store, files, sources, source))
         case _:
-            mesh, problem = load_npz(source(MESH)).grid_mesh, _problem(task, store, files, sources)
-            uniform = map_mesh(equimesh.Mesh.uniform(mesh.grid), problem.domain)
-            quality = equimesh.measure(mesh, problem.monitor, uniform=uniform)
-            path.write_text(json.dumps(quality.summary(arrays=True), allow_nan=False))
+            mesh, problem = load_npz(source(MESH)).mesh, _problem(task, store, files, sources)
+            path.write_text(json.dumps(_quality(mesh, problem).summary(arrays=True), allow_nan=False))
 
 
-def _problem(task: Export, store: Store, files: Files, sources: ExitStack) -> equimesh.Problem:
+def _quality(mesh: Mesh | QuadMesh, problem: equimesh.Problem | equimesh.BlockProblem) -> equimesh.Quality:
+    if isinstance(mesh, QuadMesh) or isinstance(problem, equimesh.BlockProblem):
+        return of_blocks(mesh, problem).quality
+    uniform = map_mesh(equimesh.Mesh.uniform(mesh.grid), problem.domain)
+    return equimesh.measure(mesh, problem.monitor, uniform=uniform)
+
+
+def _problem(task: Export, store: Store, files: Files, sources: ExitStack) -> equimesh.Problem | equimesh.BlockProblem:
     mesh_input = _input(task, store)
     return build(mesh_input.spec, samples_of(mesh_input, files, sources)).problem
 
@@ -115,7 +122,7 @@ def _drawing(task: Export, store: Store, files: Files, sources: ExitStack, sourc
     kept = store.meshes.artifact(task.mesh_id, CONVERGENCE)
     convergence = json.loads(source(CONVERGENCE).read_bytes()) if kept else None
     find = samples_of(mesh_input, files, sources)
-    return draw_mesh_row(row, mesh_input.spec, convergence, load_npz(source(MESH)).grid_mesh, find)
+    return draw_mesh_row(row, mesh_input.spec, convergence, load_npz(source(MESH)).mesh, find)
 
 
 def _input(task: Export, store: Store) -> MeshInput:
@@ -125,9 +132,11 @@ def _input(task: Export, store: Store) -> MeshInput:
     return mesh_input
 
 
-def _decomposition(task: Export, store: Store, grid: equimesh.Grid) -> equimesh.Decomposition | None:
+def _decomposition(task: Export, store: Store, mesh: Mesh | QuadMesh) -> equimesh.Decomposition | None:
+    if isinstance(mesh, QuadMesh):
+        return None
     schwarz = build_schwarz(store.meshes.spec(task.mesh_id))
-    return None if schwarz is None else schwarz.decompose(grid)
+    return None if schwarz is None else schwarz.decompose(mesh.grid)
 
 
 def _layout(task: Export, store: Store) -> PartsLayout:

@@ -71,7 +71,7 @@ def solve_in_parts(job: Job, spec: BuiltSpec, store: Store, requested: str | Non
     seconds = time.perf_counter() - began
     _log.info("mesh %s %s in parts, after %.3f s", job.claim.mesh_id, outcome.status, seconds)
     reason = "" if outcome.error is None else str(outcome.error["type"]).rpartition("/")[2]
-    points, files = spec.problem.grid.points, tuple(outcome.files)
+    points, files = spec.grid_problem.grid.points, tuple(outcome.files)
     return Ending(status=outcome.status, reason=reason, points=points, solve_seconds=seconds, files=files)
 
 
@@ -84,7 +84,7 @@ def _compute(job: Job, spec: BuiltSpec, reporter: Reporter, formats: set[str]) -
         client = stack.enter_context(connect(job.scheduler))
         with tracing.span("solve"), translate_errors():
             handle = solve(
-                spec.problem,
+                spec.grid_problem,
                 client,
                 parts=None if spec.parts == AUTOMATIC_PARTS else spec.parts,
                 mode=spec.mode,

@@ -67,7 +67,9 @@ def draw_preview(preview: Preview) -> bytes:
 
 def _draw(preview: Preview) -> bytes:
     spec = preview.built or _build(preview)
-    frames = Frames(spec.problem.grid.points) if preview.frames and spec.schwarz is not None else None
+    frames = None
+    if preview.frames and spec.schwarz is not None and isinstance(spec.problem, equimesh.Problem):
+        frames = Frames(spec.problem.grid.points)
     began = time.perf_counter()
 
     def observe(event: equimesh.Event) -> None:
@@ -79,7 +81,11 @@ def _draw(preview: Preview) -> bytes:
     with translate_errors():
         solution = spec.solve(threads=preview.threads, observe=observe, check=False)
     solved = time.perf_counter()
-    compared, failure = solution.against_uniform, None
+    schwarz, failure = None, None
+    if isinstance(solution, equimesh.BlockSolution):
+        compared = solution.against_initial
+    else:
+        compared, schwarz = solution.against_uniform, solution.schwarz
     if not solution.status.succeeded:
         failure = problem_of(solution, is_kept=False).body()
     document = document_of(
@@ -90,9 +96,9 @@ def _draw(preview: Preview) -> bytes:
             "quality": None if solution.mesh.is_folded else solution.quality.summary(),
         },
         error=failure,
-        convergence=solution.convergence() if solution.schwarz is not None or solution.descent else None,
-        schwarz=solution.schwarz,
-        grid=solution.problem.grid,
+        convergence=solution.convergence() if schwarz is not None or solution.descent else None,
+        schwarz=schwarz,
+        mesh=solution.mesh,
     )
     arrays = arrays_of(compared, is_folded=solution.mesh.is_folded)
     document["seconds"] = {"solve": solved - began, "measure": time.perf_counter() - solved}

@@ -21,13 +21,23 @@ class Sentence(TypedDict):
 
 
 def sentences_of(
-    certificate: Mapping[str, Any], norm: str = "l2", error: Mapping[str, Any] | None = None
+    certificate: Mapping[str, Any],
+    norm: str = "l2",
+    error: Mapping[str, Any] | None = None,
+    *,
+    before: Literal["uniform", "initial"] = "uniform",
 ) -> list[Sentence]:
     """Why the solve failed, what the mesh is worth, and every relaxation and warning of its certificate.
 
-    The worth is that in ``norm``, ``"l2"`` or ``"h1"``; ``error`` is the problem of a failed solve.
+    The worth is that in ``norm``, ``"l2"`` or ``"h1"``; ``error`` is the problem of a failed solve. Grids are compared
+    with the uniform mesh, blocks with their initial one: ``before`` is the word for it.
     """
-    return [*_about_failure(error), *_about_gain(certificate, norm), *_about_request(certificate), *_notes(certificate)]
+    return [
+        *_about_failure(error),
+        *_about_gain(certificate, norm, before),
+        *_about_request(certificate),
+        *_notes(certificate),
+    ]
 
 
 def _about_failure(error: Mapping[str, Any] | None) -> Iterator[Sentence]:
@@ -35,7 +45,7 @@ def _about_failure(error: Mapping[str, Any] | None) -> Iterator[Sentence]:
         yield {"tone": "bad", "text": f"{error['title']}. {error['detail']} {error['remedy']}"}
 
 
-def _about_gain(certificate: Mapping[str, Any], norm: str) -> Iterator[Sentence]:
+def _about_gain(certificate: Mapping[str, Any], norm: str, before: str) -> Iterator[Sentence]:
     gains = certificate["interpolation_gain"]
     if gains is None:
         yield {"tone": "note", "text": "There is no u, so no interpolation error is measured."}
@@ -43,12 +53,13 @@ def _about_gain(certificate: Mapping[str, Any], norm: str) -> Iterator[Sentence]
     gain = gains[norm]
     if not gain:
         return  # a warning or the failure says why it is not known
+    one = "the initial" if before == "initial" else "a uniform"
     if abs(gain - 1.0) < MIN_DIFFERENCE:
-        yield {"tone": "note", "text": f"{ERRORS[norm]} is that of the uniform mesh."}
+        yield {"tone": "note", "text": f"{ERRORS[norm]} is that of the {before} mesh."}
     elif gain > 1.0:
-        yield {"tone": "good", "text": f"{ERRORS[norm]} is {_factor(gain, 'smaller')} than on a uniform mesh."}
+        yield {"tone": "good", "text": f"{ERRORS[norm]} is {_factor(gain, 'smaller')} than on {one} mesh."}
     else:
-        yield {"tone": "bad", "text": f"{ERRORS[norm]} is {_factor(1.0 / gain, 'larger')} than on a uniform mesh."}
+        yield {"tone": "bad", "text": f"{ERRORS[norm]} is {_factor(1.0 / gain, 'larger')} than on {one} mesh."}
 
 
 def _factor(ratio: float, word: str) -> str:

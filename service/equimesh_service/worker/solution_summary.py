@@ -1,21 +1,27 @@
 """What a mesh says of its solve: the record that it stores, and the problem of a failed one."""
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import equimesh
 from equimesh_service.problems.problem import Problem
 
+AnySolution: TypeAlias = equimesh.Solution | equimesh.BlockSolution
+"""The solution on a grid, or on blocks."""
 
-def summary_of(solution: equimesh.Solution) -> dict[str, Any]:
+
+def summary_of(solution: AnySolution) -> dict[str, Any]:
     """The record of a solve as plain data: status, steps, residual, and the last Schwarz iteration."""
     convergence = solution.convergence()
     iterations = convergence["iterations"]
     last = iterations[-1] if iterations else {}
+    steps, residual = len(solution.descent), float("inf")  # blocks have no equations to solve
+    if isinstance(solution, equimesh.Solution):
+        steps, residual = solution.newton_steps, solution.residual
     return {
         "status": str(solution.status),
         "message": solution.message,
-        "newton_steps": solution.newton_steps,
-        "residual": solution.residual if solution.residual < float("inf") else None,
+        "newton_steps": steps,
+        "residual": residual if residual < float("inf") else None,
         "iterations": max(len(iterations) - 1, 0),
         "transmission": last.get("transmission"),
         "work": sum(record["work"] for record in iterations) if iterations else None,
@@ -28,7 +34,7 @@ def summary_of(solution: equimesh.Solution) -> dict[str, Any]:
     }
 
 
-def problem_of(solution: equimesh.Solution, *, is_kept: bool = True) -> Problem:
+def problem_of(solution: AnySolution, *, is_kept: bool = True) -> Problem:
     """The problem of a solve that failed; its remedy names the partial mesh where the service keeps that."""
     download = " The partial mesh downloads with ?partial=true." if is_kept and not solution.mesh.is_folded else ""
     detail = solution.note or solution.status.sentence  # the title of the problem already tells the status
@@ -37,7 +43,7 @@ def problem_of(solution: equimesh.Solution, *, is_kept: bool = True) -> Problem:
     return Problem(str(solution.status).replace("_", "-"), detail, remedy=solution.remedy + download)
 
 
-def _is_refused(solution: equimesh.Solution) -> bool:
+def _is_refused(solution: AnySolution) -> bool:
     """Whether a mesh of relaxed equations was found that ``allow_relaxed`` would make a success."""
     failed, relaxed = solution.status is equimesh.Status.NEWTON_FAILED, solution.relaxed
     return failed and bool(relaxed) and all(part.reached > 0.0 for part in relaxed)

@@ -34,7 +34,7 @@ from equimesh_service.worker.job import Job, Storage
 from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import Reporter
-from equimesh_service.worker.solution_summary import problem_of, summary_of
+from equimesh_service.worker.solution_summary import AnySolution, problem_of, summary_of
 from equimesh_service.worker.step import StepStart, certificate_of, moves_of
 
 _log = logging.getLogger(__name__)
@@ -175,7 +175,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
     stopwatch.lap("solve")
     reporter.writing()
     with tracing.span("write"), ExitStack() as stack:
-        output = Output(files, stack, in_threads=solution.problem.grid.points >= MIN_POINTS_FOR_THREADS)
+        output = Output(files, stack, in_threads=solution.mesh.x.size >= MIN_POINTS_FOR_THREADS)
         result = _write(work, (solution, step), output, (reporter, stopwatch))
         artifacts = output.artifacts()
         result["timings"] = {"solve": solved - began, "write": time.perf_counter() - solved}
@@ -200,7 +200,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
     return Ending(
         status=outcome.status,
         reason="" if failure is None else failure.name,
-        points=solution.problem.grid.points,
+        points=solution.mesh.x.size,
         solve_seconds=solved - began,
         files=tuple(artifacts),
         content=content,
@@ -254,7 +254,7 @@ class _Presence:
         return self.store.queue.progress(self.claim, progress) if self.known else True
 
 
-def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[equimesh.Solution, equimesh.SequenceStep | None]:
+def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[AnySolution, equimesh.SequenceStep | None]:
     """The solution, and the step that it is; None for a mesh that is no step, and for one that failed."""
     spec = work.spec
     with translate_errors():
@@ -266,7 +266,7 @@ def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[equimesh.So
 
 def _write(
     work: _Work,
-    computed: tuple[equimesh.Solution, equimesh.SequenceStep | None],
+    computed: tuple[AnySolution, equimesh.SequenceStep | None],
     output: Output,
     watching: tuple[Reporter, Stopwatch],
 ) -> dict[str, Any]:
@@ -293,6 +293,6 @@ def _write(
     if step is not None:
         result["step"] = moves_of(step)
     stopwatch.lap("quality")
-    if work.spec.target is None:
+    if work.spec.target is None or isinstance(solution, equimesh.BlockSolution):
         return result
     return {**result, "grid": [*solution.problem.grid.shape]}

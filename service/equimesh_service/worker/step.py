@@ -55,7 +55,7 @@ class StepStart:
         """The step to the problem of ``spec``; raises :class:`~equimesh.errors.InputError` where it is refused."""
         settings: SolveArguments = {**options, "mode": spec.mode, "allow_relaxed": spec.allow_relaxed}
         sequence = equimesh.Sequence(
-            spec.problem,
+            spec.grid_problem,
             spec.schwarz,
             mesh=self.mesh,
             solution=self.earlier,

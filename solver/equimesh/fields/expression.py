@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
 from equimesh.errors import InputError
 from equimesh.formulas.formula import check_parameters, compile_formula, raise_culprit, require_finite
 from equimesh.formulas.poles import find_pole
 from equimesh.formulas.program import Program
 from equimesh.formulas.vocabulary import FUNCTIONS, LIMITS, PLANE
-from equimesh.numerics.types import Array
+from equimesh.numerics.types import Array, Pair
 
 __all__ = ["FUNCTIONS", "LIMITS", "Expression"]
 
@@ -66,36 +67,42 @@ class Expression:
         results = self._program.evaluate(xs.ravel(), ys.ravel(), order)
         return tuple(result.reshape(xs.shape) for result in results)
 
-    def check_finite(self, n: int = 33, domain: Domain = UNIT_SQUARE) -> None:
+    def check_finite(self, n: int = 33, domain: Domain | Blocks = UNIT_SQUARE) -> None:
         """Evaluate u and its gradient on ``n`` x ``n`` points of the closed ``domain``, and look for poles between.
+
+        Of blocks the points are the nodes of their initial mesh, and there is no look between them.
 
         Raises :class:`~equimesh.errors.ExpressionError` at the first point where one of them is not finite, or too
         large to square, or towards which the gradient grows without bound; its position is that of the innermost
         part of the text that causes it.
         """
         where = "unit square" if domain == UNIT_SQUARE else "domain"
-        x, y = domain.map(*np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij"))
+        x, y = _places(domain, n)
         u, *slopes = self.evaluate(x, y, order=1)
         bad_value = ~(np.abs(u) <= LIMITS.magnitude)
         bad = bad_value | ~(np.abs(slopes[0]) <= LIMITS.magnitude) | ~(np.abs(slopes[1]) <= LIMITS.magnitude)
         if not bad.any():
+            if isinstance(domain, Blocks):
+                return
             pole = find_pole(self.evaluate, n, map=domain.map, box=domain.box)
             if pole is not None:
                 wrong = f"the gradient of u grows without bound at (x, y) = ({pole.x:.6g}, {pole.y:.6g})"
                 raise_culprit(self._program, (pole.x, pole.y), wrong, math.sqrt(pole.slope), where=where)
             return
-        i, j = np.unravel_index(int(np.argmax(bad)), bad.shape)
-        what = "value" if bad_value[i, j] else "gradient"
-        is_finite = np.isfinite([u[i, j], slopes[0][i, j], slopes[1][i, j]]).all()
+        place = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        what = "value" if bad_value[place] else "gradient"
+        is_finite = np.isfinite([u[place], slopes[0][place], slopes[1][place]]).all()
         wrong = f"is larger than {LIMITS.magnitude:g}" if is_finite else "is not finite"
-        at = (float(x[i, j]), float(y[i, j]))
+        at = (float(x[place]), float(y[place]))
         wrong = f"the {what} of u {wrong} at (x, y) = ({at[0]:.6g}, {at[1]:.6g})"
         raise_culprit(self._program, at, wrong, LIMITS.magnitude, where=where)
 
-    def summary(self, n: int = 33, domain: Domain = UNIT_SQUARE) -> dict[str, Any]:
-        """The names, and the extremes of u and of the length of its gradient on ``n`` x ``n`` points of ``domain``."""
-        line = np.linspace(0.0, 1.0, n)
-        u, u_x, u_y = self.evaluate(*domain.map(*np.meshgrid(line, line, indexing="ij")), order=1)
+    def summary(self, n: int = 33, domain: Domain | Blocks = UNIT_SQUARE) -> dict[str, Any]:
+        """The names, and the extremes of u and of the length of its gradient on ``n`` x ``n`` points of ``domain``.
+
+        Of blocks the points are the nodes of their initial mesh.
+        """
+        u, u_x, u_y = self.evaluate(*_places(domain, n), order=1)
         gradient = np.hypot(u_x, u_y)
         return {
             "names": sorted(self.names),
@@ -103,6 +110,14 @@ class Expression:
             "gradient": {"min": float(gradient.min()), "max": float(gradient.max())},
             "constant": bool(u.min() == u.max() and not gradient.any()),
         }
+
+
+def _places(domain: Domain | Blocks, n: int) -> Pair:
+    """The points at which an expression is looked at."""
+    if isinstance(domain, Blocks):
+        return domain.mesh.x, domain.mesh.y
+    line = np.linspace(0.0, 1.0, n)
+    return domain.map(*np.meshgrid(line, line, indexing="ij"))
 
 
 def _restore(text: str, parameters: dict[str, float], t: float) -> Expression:

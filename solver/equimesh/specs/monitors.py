@@ -4,7 +4,9 @@ from collections.abc import Callable
 from functools import partial, wraps
 from typing import Any
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.errors import InputError
 from equimesh.io.write import Cells
 from equimesh.monitors.arc_length import ArcLength
@@ -44,7 +46,12 @@ FOREIGN_TO_AUTO = {"smoothing": NO_SMOOTHING, **dict.fromkeys(("a", "b", "scaled
 
 
 def build_monitor(
-    document: object, domain: Domain, find_samples: FindSamples, path: str = "monitor", *, cells: Cells = "quad"
+    document: object,
+    domain: Domain | Blocks,
+    find_samples: FindSamples,
+    path: str = "monitor",
+    *,
+    cells: Cells = "quad",
 ) -> Monitor:
     """The monitor that ``document`` describes, bound to ``domain``; an :class:`Auto` where it has no ``kind``.
 
@@ -57,7 +64,17 @@ def build_monitor(
 
     monitor = _monitor(function, cells)(document, path)
     with within(path):
-        return monitor.on(domain)
+        return _on_blocks(monitor, domain) if isinstance(domain, Blocks) else monitor.on(domain)
+
+
+def _on_blocks(monitor: Any, blocks: Blocks) -> Monitor:
+    """The monitor bound to blocks, by the checks of their problem."""
+    try:
+        return BlockProblem(monitor=monitor, domain=blocks).monitor
+    except InputError as error:
+        if error.field == "monitor.purpose":
+            error.field = "monitor.for"
+        raise
 
 
 def _monitor(function: Reader, cells: Cells) -> ByKind[Monitor]:

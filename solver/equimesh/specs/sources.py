@@ -6,6 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Box, Domain
 from equimesh.errors import InputError, SamplesError
 from equimesh.fields.chunked_samples import ChunkedSamples
@@ -24,7 +25,7 @@ CHUNKED = (".zarr", *HDF5_SUFFIXES)
 """Suffixes of samples that are read part by part."""
 
 
-def build_expression(document: object, domain: Domain, path: str = "") -> Expression:
+def build_expression(document: object, domain: Domain | Blocks, path: str = "") -> Expression:
     """The expression of an object with the keys ``expression``, ``parameters`` and ``t``, finite on ``domain``.
 
     Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
@@ -32,7 +33,7 @@ def build_expression(document: object, domain: Domain, path: str = "") -> Expres
     return _expression(domain)(document, path)
 
 
-def build_field(document: object, domain: Domain, find_samples: FindSamples, path: str = "") -> Field:
+def build_field(document: object, domain: Domain | Blocks, find_samples: FindSamples, path: str = "") -> Field:
     """The function that ``document`` describes, which can be used on the whole of ``domain``; a text is an expression.
 
     Raises :class:`~equimesh.errors.InputError`, whose field begins with ``path``.
@@ -95,7 +96,7 @@ def _is_long_npy(file: Path) -> bool:
     return file.suffix.lower() == ".npy" and file.is_file() and file.stat().st_size > MAX_BYTES
 
 
-def _expression(domain: Domain) -> Record[Expression]:
+def _expression(domain: Domain | Blocks) -> Record[Expression]:
     def make(expression: str, parameters: Mapping[str, float] = MappingProxyType({}), t: float = 0.0) -> Expression:
         made = Expression(expression, parameters=parameters, t=t)
         made.check_finite(domain=domain)

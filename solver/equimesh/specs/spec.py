@@ -10,7 +10,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, Unpack
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
@@ -22,17 +24,26 @@ from equimesh.monitors.monitor import require_lines
 from equimesh.monitors.nodal_solution import NO_OTHER_GRID, NodalSolution
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
+from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.options import Initial, SolveArguments
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve
 from equimesh.solving.target import NO_U, Target, solve_to
 from equimesh.specs.document import Reader, Record, as_given, either, flag, optional, text, whole
-from equimesh.specs.domains import DOMAIN, GRID
+from equimesh.specs.domains import GRID, FindMesh, domain_reader, meshes_in, no_meshes
 from equimesh.specs.monitors import build_monitor
 from equimesh.specs.schwarz import SCHWARZ, TARGET, build_schwarz
 from equimesh.specs.sources import FindSamples, no_samples, samples_in
 
 AUTOMATIC_PARTS: Final = "auto"
+NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {
+    "grid": "the blocks of the domain have numbers of cells of their own: leave the grid out, and refine the blocks",
+    "target": "the grid of a target is found on domains with four sides: leave it out, and refine the blocks",
+    "boundary": "the nodes on the curves of blocks slide for the least error: leave the boundary out",
+    "schwarz": "the subdomains of a Schwarz iteration are parts of one grid, which blocks have not: leave schwarz out",
+    "parts": "a mesh of blocks is computed on one machine: leave parts out",
+}
+"""The sentences for what goes with a grid alone, by the keys of a document."""
 NumberOfParts: TypeAlias = int | Literal["auto"] | None
 """How many parts of a cluster a mesh is solved in; ``"auto"``: as many as fit its workers, None: not in parts."""
 
@@ -46,7 +57,7 @@ class BuiltSpec:
     the number of parts on a cluster, ``"auto"`` or None; the points do not depend on it.
     """
 
-    problem: Problem
+    problem: Problem | BlockProblem
     schwarz: Schwarz | None
     target: Target | None
     initial: Initial
@@ -56,14 +67,24 @@ class BuiltSpec:
     label: str | None
     parts: NumberOfParts = None
 
+    @property
+    def grid_problem(self) -> Problem:
+        """The problem, which has a grid.
+
+        Raises :class:`~equimesh.errors.InputError` for one on blocks, with the field ``domain``.
+        """
+        if isinstance(self.problem, BlockProblem):
+            raise InputError("this needs a domain with four sides, whose meshes have a grid", field="domain")
+        return self.problem
+
     def solve(
         self,
         *,
         start: Mesh | None = None,
         began: Callable[[Grid], None] | None = None,
         **options: Unpack[SolveArguments],
-    ) -> Solution:
-        """The solution on the grid, or for the target; raises what these two functions raise.
+    ) -> Solution | BlockSolution:
+        """The solution on the grid, on blocks, or for the target; raises what these two functions raise.
 
         ``options`` are added to those of the document. ``start`` is a mesh of the reference square in place of
         ``initial``. ``began`` is called with every grid of a target before it is solved.
@@ -72,6 +93,9 @@ class BuiltSpec:
         settings |= options
         if start is not None:
             settings["initial"] = start
+        if isinstance(self.problem, BlockProblem):
+            on_blocks: SolveArguments = {"initial": self.initial}
+            return solve(self.problem, **on_blocks | options)
         problem = self.problem
         if self.target is None:
             return solve(problem, self.schwarz, **settings)
@@ -85,16 +109,25 @@ class BuiltSpec:
         )
 
 
-def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -> BuiltSpec:
+def build(
+    document: Mapping[str, Any],
+    find_samples: FindSamples = no_samples,
+    find_mesh: FindMesh = no_meshes,
+    folder: Path | None = None,
+) -> BuiltSpec:
     """The problem that ``document`` describes, a mapping in the JSON form of the HTTP interface.
 
     Only ``monitor`` is required; every default is the solver's. ``find_samples(name, box)`` returns the field of a
     source ``{"samples": name}``; its samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain.
+    ``find_mesh(name, settings)`` returns the blocks of a domain ``{"kind": "mesh", "file": name}``. Files of points of
+    the curves of blocks lie in ``folder``.
 
     Raises :class:`~equimesh.errors.InputError` for values that cannot be used, wrong types and unknown keys; ``field``
     is the path of the fault in the document, e.g. ``"monitor.u.expression"`` or ``"schwarz.overlap"``.
     """
-    parts = _PARTS(document)
+    parts = _reader(find_mesh, folder)(document)
+    if isinstance(parts.domain, Blocks):
+        return _on_blocks(parts, parts.domain, find_samples)
     if parts.target is not None and parts.grid is not None:
         raise InputError("a target takes the place of the grid: give one of them", field="target")
     schwarz = build_schwarz(document)
@@ -119,6 +152,31 @@ def build(document: Mapping[str, Any], find_samples: FindSamples = no_samples) -
     )
 
 
+def _on_blocks(parts: _Parts, blocks: Blocks, find_samples: FindSamples) -> BuiltSpec:
+    """The contents of a document whose domain has blocks."""
+    given = {
+        "grid": parts.grid is not None,
+        "target": parts.target is not None,
+        "boundary": parts.boundary is not Boundary.TRACE,
+        "schwarz": parts.schwarz is not None,
+        "parts": parts.parts is not None,
+    }
+    for name, is_given in given.items():
+        if is_given:
+            raise InputError(NOT_WITH_BLOCKS[name], field=name)
+    monitor: Any = build_monitor(parts.monitor, blocks, find_samples, cells=parts.cells)
+    return BuiltSpec(
+        problem=BlockProblem(monitor=monitor, domain=blocks),
+        schwarz=None,
+        target=None,
+        initial=parts.initial,
+        mode=parts.mode,
+        allow_relaxed=parts.allow_relaxed,
+        cells=parts.cells,
+        label=parts.label,
+    )
+
+
 def _check_round(parts: _Parts, monitor: NodalSolution, schwarz: Schwarz | None) -> None:
     """Refuse what the next mesh of a solver cannot have: a target, subdomains, another grid than that of the values."""
     if parts.target is not None:
@@ -139,7 +197,7 @@ def load(path: str | os.PathLike[str]) -> BuiltSpec:
         document = json.loads(file.read_bytes())
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file.name} is not JSON: {error}") from error
-    return build(document, samples_in(file.parent))
+    return build(document, samples_in(file.parent), meshes_in(file.parent), file.parent)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +205,7 @@ class _Parts:
     """The parts of a document. The monitor is not built yet, since it needs the domain."""
 
     monitor: object
-    domain: Domain = UNIT_SQUARE
+    domain: Domain | Blocks = UNIT_SQUARE
     grid: Grid | None = None
     target: Target | None = None
     boundary: Boundary = Boundary.TRACE
@@ -178,20 +236,21 @@ def _number_of_parts(value: object, path: str) -> NumberOfParts:
     return number  # type: ignore[no-any-return]
 
 
-_PARTS = Record(
-    _Parts,
-    {
-        "monitor": as_given,
-        "domain": DOMAIN,
-        "grid": optional(GRID),
-        "target": optional(TARGET),
-        "boundary": _word_of(Boundary),
-        "initial": _word_of(Initial),
-        "schwarz": SCHWARZ,
-        "mode": _word_of(Mode),
-        "allow_relaxed": flag,
-        "cells": _cells,
-        "label": optional(text),
-        "parts": optional(_number_of_parts),
-    },
-)
+_KEYS: dict[str, Reader] = {
+    "monitor": as_given,
+    "grid": optional(GRID),
+    "target": optional(TARGET),
+    "boundary": _word_of(Boundary),
+    "initial": _word_of(Initial),
+    "schwarz": SCHWARZ,
+    "mode": _word_of(Mode),
+    "allow_relaxed": flag,
+    "cells": _cells,
+    "label": optional(text),
+    "parts": optional(_number_of_parts),
+}
+
+
+def _reader(find_mesh: FindMesh, folder: Path | None) -> Record[_Parts]:
+    """The reader of a document."""
+    return Record(_Parts, {**_KEYS, "domain": domain_reader(find_mesh, folder)})

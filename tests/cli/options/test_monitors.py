@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from client.fake_service import parts_of
 
 CURVED: dict[str, Any] = {
@@ -68,3 +70,30 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
     assert generate(*words)[0] == 0
     sent = json.loads(service.seen("POST", "meshes")[-1].body)
     assert sent["monitor"] == {"kind": "weight", "rho": {"expression": "1 + x"}, "map": "gradient"}
+
+
+def test_a_file_is_the_domain(generate: Any, service: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    blocks = {"vertices": {"a": [0, 0]}, "blocks": [{"corners": ["a", "a", "a", "a"], "cells": [4, 4]}]}
+    (tmp_path / "b.json").write_text(json.dumps(blocks))
+    assert generate("x", "--quiet", "--domain-file", str(tmp_path / "b.json"))[0] == 0
+    sent = json.loads(service.seen("POST", "meshes")[-1].body)
+    assert sent["domain"]["vertices"] == {"a": [0, 0]}
+    assert "grid" not in sent
+    (tmp_path / "ring.json").write_text(json.dumps({"kind": "annulus_sector"}))
+    assert generate("x", "--domain-file", str(tmp_path / "ring.json"), "-n", "9")[0] == 0
+    assert json.loads(service.seen("POST", "meshes")[-1].body)["domain"]["kind"] == "annulus_sector"
+    (tmp_path / "c.msh").write_bytes(b"mesh")
+    assert generate("x", "--quiet", "--domain-file", str(tmp_path / "c.msh"))[0] == 0
+    (stored,) = service.samples
+    assert json.loads(service.seen("POST", "meshes")[-1].body)["domain"]["file"] == stored
+    assert "leave out -n" in generate("x", "--domain-file", str(tmp_path / "c.msh"), "-n", "9")[2]
+    (tmp_path / "b.json").write_text("{}")
+    for words, message in (
+        (["none.msh"], "there is no such file"),
+        (["b.json"], "needs vertices and blocks"),
+        (["c.msh", "--domain", "annulus:1,2,0,90"], "not allowed with"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            generate("x", "--domain-file", str(tmp_path / words[0]), *words[1:])
+        assert ended.value.code == 2
+        assert message in capsys.readouterr().err

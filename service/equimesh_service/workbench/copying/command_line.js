@@ -1,5 +1,6 @@
 // A spec as a command of `equimesh generate`.
 
+import { hasBlocks } from "../sides.js";
 import { sourcesOf } from "../sources.js";
 import { commonNames, isExpression, textOf } from "./functions.js";
 import { command, quoted } from "./shell.js";
@@ -38,7 +39,7 @@ export function commandOf(spec, { url, format, hasKey }) {
     ...(u !== undefined && !isFormula ? [`--samples ${quoted(fileOf(u))}`] : []),
     namesOf(names),
     monitorOf(monitor),
-    target ? targetOf(target) : gridOf(spec.grid),
+    target ? targetOf(target) : hasBlocks(spec.domain) ? "" : gridOf(spec.grid),
     domain.option,
     schwarzOf(spec.schwarz),
     [...MESH.filter((name) => spec[name] !== undefined).map((name) => option(name, spec[name])), ...(spec.allow_relaxed === false ? ["--no-relax"] : [])].join(" "),

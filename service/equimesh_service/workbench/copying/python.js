@@ -1,5 +1,6 @@
 // A spec as a program in Python: for the client of a service, or for the solver alone.
 
+import { hasBlocks } from "../sides.js";
 import { commonNames, textOf } from "./functions.js";
 
 // Longer values are written over several lines.
@@ -72,7 +73,7 @@ function callOf(spec, imports) {
   const isUsual = names && monitor.u !== undefined && !monitor.monitors;
   const lines = isUsual ? [literal(textOf(monitor.u))] : [];
   if (target) lines.push(`target=${call("Target", target, imports)}`);
-  else lines.push(`${isUsual ? "" : "n="}${pair([grid.n_xi ?? 64, grid.n_eta ?? 64])}`);
+  else if (!hasBlocks(domain)) lines.push(`${isUsual ? "" : "n="}${pair([grid.n_xi ?? 64, grid.n_eta ?? 64])}`);
   if (names && Object.keys(names.parameters).length) lines.push(`parameters=${literal(names.parameters)}`);
   if (names?.t !== undefined) lines.push(`t=${literal(names.t)}`);
   const named = names ? monitorOf(monitor, isUsual, imports) : literal(monitor, true);

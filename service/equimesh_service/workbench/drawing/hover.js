@@ -2,7 +2,7 @@
 
 import { element } from "../dom.js";
 import { amount } from "../words.js";
-import { areaOf, blended, cellAt, cornersBetween } from "./nodes.js";
+import { areaOf, blended, cellAt, cornersBetween, cornersOf } from "./nodes.js";
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 // Cells that an arrow key with Shift goes.
@@ -27,7 +27,7 @@ export function followCells(self, app) {
     tip.hidden = !cell || !mesh;
     marks.replaceChildren();
     if (tip.hidden) return;
-    cell = cell.map((number, k) => Math.min(mesh.shape[k] - 2, Math.max(0, number)));
+    cell = heldIn(mesh, cell);
     for (const [k, each] of self.panes.entries()) {
       const corners = cornersBetween(mesh, each.blend, cell).map((point) => self.toPane(point, k));
       const points = corners.map((corner) => corner.join(",")).join(" ");
@@ -54,7 +54,7 @@ export function followCells(self, app) {
     const bounds = stage.getBoundingClientRect();
     const pixel = [event.clientX - bounds.left - stage.clientLeft, event.clientY - bounds.top - stage.clientTop];
     const [found, inside] = self.paneAt(pixel);
-    const next = cellAt(blended(self.mesh, found.blend), self.mesh.shape, self.camera.toDomain(inside));
+    const next = cellAt(blended(self.mesh, found.blend), self.mesh, self.camera.toDomain(inside));
     if (String(next) === String(cell) && found === pane) return;
     [cell, pane] = [next, found];
     show();
@@ -72,27 +72,44 @@ export function followCells(self, app) {
     if (!self.mesh || (!arrow && event.key !== "Escape")) return;
     event.preventDefault();
     pane = null;
-    const start = self.mesh.shape.map((number) => Math.floor(number / 2) - 1);
+    const start = [0, ...self.mesh.blocks[0].shape.map((number) => Math.floor(number / 2) - 1)];
     const stride = event.shiftKey ? STRIDE : 1;
-    cell = arrow ? (cell ? cell.map((number, k) => number + stride * arrow[k]) : start) : null;
+    cell = arrow ? (cell ? cell.map((number, k) => (k === 0 ? number : number + stride * arrow[k - 1])) : start) : null;
     show();
     if (cell) app.announce(tip.textContent.replaceAll("\n", ", "));
   });
   self.on(() => cell && show());
 }
 
-function textOf({ arrays }, mesh, [i, j], { blend }) {
-  const corners = cornersBetween(mesh, blend, [i, j]);
+// The nearest place in the mesh, which may be another one by now.  Behind the last column of a block comes the next block.
+function heldIn(mesh, [b, i, j]) {
+  let block = Math.min(mesh.blocks.length - 1, b);
+  let first = i;
+  while (first > mesh.blocks[block].shape[0] - 2 && block < mesh.blocks.length - 1) {
+    first -= mesh.blocks[block].shape[0] - 1;
+    block += 1;
+  }
+  while (first < 0 && block > 0) {
+    block -= 1;
+    first += mesh.blocks[block].shape[0] - 1;
+  }
+  const [n, m] = mesh.blocks[block].shape;
+  return [block, Math.min(n - 2, Math.max(0, first)), Math.min(m - 2, Math.max(0, j))];
+}
+
+function textOf({ arrays }, mesh, place, { blend }) {
+  const corners = cornersBetween(mesh, blend, place);
   const middle = [0, 1].map((k) => corners.reduce((sum, corner) => sum + corner[k], 0) / 4);
   const isUniform = blend < 0.5;
-  const k = i * (mesh.shape[1] - 1) + j;
   const of = (name) => arrays[isUniform ? `uniform_${name}` : name]?.data;
   const size = Math.sqrt(areaOf(corners));
-  const lines = [`cell ${i + 1}, ${j + 1} at (${amount(middle[0])}, ${amount(middle[1])})`, `size ${amount(size)}`];
+  const [b, i, j] = place;
+  const { name } = mesh.blocks[b];
+  const lines = [`${name && `${name}, `}cell ${i + 1}, ${j + 1} at (${amount(middle[0])}, ${amount(middle[1])})`, `size ${amount(size)}`];
+  const { corners: nodes, number } = cornersOf(mesh, place);
   const u = of("u");
-  const first = i * mesh.shape[1] + j;
-  if (u) lines.push(`u ${amount((u[first] + u[first + 1] + u[first + mesh.shape[1]] + u[first + mesh.shape[1] + 1]) / 4)}`);
-  if (of("error")) lines.push(`error ${amount(of("error")[k])}`);
-  if (of("q_eq")) lines.push(`Q_eq ${amount(of("q_eq")[k])}`);
+  if (u) lines.push(`u ${amount(nodes.reduce((sum, node) => sum + u[node], 0) / 4)}`);
+  if (of("error")) lines.push(`error ${amount(of("error")[number])}`);
+  if (of("q_eq")) lines.push(`Q_eq ${amount(of("q_eq")[number])}`);
   return lines.join("\n");
 }

@@ -1,7 +1,7 @@
 // Pictures of what is seen: SVG with a path for each colour, and PNG of the canvas.
 
 import { colourAt } from "./colours.js";
-import { blended } from "./nodes.js";
+import { blended, eachCell, linesOf } from "./nodes.js";
 import { placesOf } from "./values.js";
 
 // Colours of the cells of an SVG; cells of one colour are one path.
@@ -23,7 +23,7 @@ export async function svgOf(app) {
   self.panes.forEach((pane, k) => {
     const clip = `<clipPath id="pane${k}"><rect x="${pane.left}" y="${pane.top}" width="${pane.width}" height="${pane.height}"/></clipPath>`;
     parts.push(clip, `<g clip-path="url(#pane${k})">`, ...cellsOf(self, pane, k));
-    if (store.get().view.lines) parts.push(linesOf(self, pane, k));
+    if (store.get().view.lines) parts.push(strokesOf(self, pane, k));
     parts.push("</g>");
   });
   parts.push("</svg>");
@@ -53,29 +53,21 @@ function pixelsOf(self, pane, k) {
 }
 
 function cellsOf(self, pane, k) {
-  const [n, m] = self.mesh.shape;
   const pixels = pixelsOf(self, pane, k);
-  const { places, uniformPlaces, isFlat } = placesOf(self.coloured, self.mesh.shape);
+  const { places, uniformPlaces, isFlat } = placesOf(self.coloured, self.mesh);
   const at = (node) => (1 - pane.blend) * uniformPlaces[node] + pane.blend * places[node];
   const paths = new Map();
-  for (let i = 0; i < n - 1; i += 1) {
-    for (let j = 0; j < m - 1; j += 1) {
-      const node = i * m + j;
-      const place = isFlat ? at(node) : (at(node) + at(node + 1) + at(node + m) + at(node + m + 1)) / 4;
-      const colour = colourAt(self.table, self.coloured.name === "subdomain" ? place : Math.round(place * SHADES) / SHADES);
-      const path = `M${pixels[node]}L${pixels[node + m]}L${pixels[node + m + 1]}L${pixels[node + 1]}Z`;
-      if (!paths.has(colour)) paths.set(colour, []);
-      paths.get(colour).push(path);
-    }
-  }
+  eachCell(self.mesh, ([a, b, c, d]) => {
+    const place = isFlat ? at(a) : (at(a) + at(b) + at(c) + at(d)) / 4;
+    const colour = colourAt(self.table, self.coloured.name === "subdomain" ? place : Math.round(place * SHADES) / SHADES);
+    if (!paths.has(colour)) paths.set(colour, []);
+    paths.get(colour).push(`M${pixels[a]}L${pixels[b]}L${pixels[c]}L${pixels[d]}Z`);
+  });
   return [...paths].map(([colour, d]) => `<path fill="${colour}" stroke="${colour}" stroke-width=".4" d="${d.join("")}"/>`);
 }
 
-function linesOf(self, pane, k) {
-  const [n, m] = self.mesh.shape;
+function strokesOf(self, pane, k) {
   const pixels = pixelsOf(self, pane, k);
-  const d = [];
-  for (let i = 0; i < n; i += 1) d.push(`M${pixels.slice(i * m, (i + 1) * m).join("L")}`);
-  for (let j = 0; j < m; j += 1) d.push(`M${Array.from({ length: n }, (_, i) => pixels[i * m + j]).join("L")}`);
+  const d = linesOf(self.mesh).map((line) => `M${line.map((node) => pixels[node]).join("L")}`);
   return `<path fill="none" stroke="#808080" stroke-opacity=".6" stroke-width=".6" d="${d.join("")}"/>`;
 }

@@ -1,7 +1,7 @@
 // The renderer without WebGL: paths on a canvas, one for each of the colours.
 
 import { colourAt } from "./colours.js";
-import { blended } from "./nodes.js";
+import { blended, cellCount, eachCell, linesOf } from "./nodes.js";
 
 // Colours that are told apart; cells of one colour are one path.
 const SHADES = 64;
@@ -29,12 +29,12 @@ export function createPlainRenderer(canvas, context) {
       context.rect(0, 0, pane.width, pane.height);
       context.clip();
       const nodes = onPane(blended(mesh, pane.blend), camera, pane);
-      fillCells(context, nodes, mesh.shape, shadesOf(colours, pane.blend, mesh.shape), colours.table);
-      const cell = camera.scale * Math.sqrt(1 / (mesh.shape[0] * mesh.shape[1]));
-      if (lines && cell > SMALLEST_CELL) strokeLines(context, nodes, mesh.shape, ink);
+      fillCells(context, nodes, mesh, shadesOf(colours, pane.blend, mesh), colours.table);
+      const cell = camera.scale * Math.sqrt(1 / mesh.x.length);
+      if (lines && cell > SMALLEST_CELL) strokeLines(context, nodes, mesh, ink);
       context.restore();
     }
-    return { stride: 1, triangles: 2 * panes.length * (mesh.shape[0] - 1) * (mesh.shape[1] - 1) };
+    return { stride: 1, triangles: 2 * panes.length * cellCount(mesh) };
   }
 
   return {
@@ -52,32 +52,28 @@ function onPane([x, y], camera, pane) {
 }
 
 // The number of a shade for each cell; of values at nodes the mean of its corners.
-function shadesOf({ places, uniformPlaces, isFlat }, blend, [n, m]) {
-  const shades = new Uint8Array((n - 1) * (m - 1));
+function shadesOf({ places, uniformPlaces, isFlat }, blend, mesh) {
+  const shades = new Uint8Array(cellCount(mesh));
   const at = (k) => (1 - blend) * uniformPlaces[k] + blend * places[k];
-  for (let i = 0; i < n - 1; i += 1) {
-    for (let j = 0; j < m - 1; j += 1) {
-      const k = i * m + j;
-      const place = isFlat ? at(k) : (at(k) + at(k + 1) + at(k + m) + at(k + m + 1)) / 4;
-      shades[i * (m - 1) + j] = Math.round(Math.min(1, Math.max(0, place)) * 255);
-    }
-  }
+  eachCell(mesh, ([a, b, c, d], cell) => {
+    const place = isFlat ? at(a) : (at(a) + at(b) + at(c) + at(d)) / 4;
+    shades[cell] = Math.round(Math.min(1, Math.max(0, place)) * 255);
+  });
   return shades;
 }
 
-function fillCells(context, [x, y], [, m], shades, table) {
+function fillCells(context, [x, y], mesh, shades, table) {
   const groups = new Map();
-  for (let c = 0; c < shades.length; c += 1) {
+  eachCell(mesh, (corners, c) => {
     const shade = shades[c] < 16 ? shades[c] : Math.round((shades[c] / 255) * SHADES) * (255 / SHADES);
     if (!groups.has(shade)) groups.set(shade, []);
-    groups.get(shade).push(c);
-  }
+    groups.get(shade).push(corners);
+  });
   for (const [shade, cells] of groups) {
     context.beginPath();
-    for (const c of cells) {
-      const k = Math.floor(c / (m - 1)) * m + (c % (m - 1));
-      context.moveTo(x[k], y[k]);
-      for (const corner of [k + m, k + m + 1, k + 1]) context.lineTo(x[corner], y[corner]);
+    for (const [first, ...others] of cells) {
+      context.moveTo(x[first], y[first]);
+      for (const corner of others) context.lineTo(x[corner], y[corner]);
       context.closePath();
     }
     const colour = colourAt(table, shade / 255);
@@ -89,15 +85,11 @@ function fillCells(context, [x, y], [, m], shades, table) {
   }
 }
 
-function strokeLines(context, [x, y], [n, m], ink) {
+function strokeLines(context, [x, y], mesh, ink) {
   context.beginPath();
-  for (let i = 0; i < n; i += 1) {
-    context.moveTo(x[i * m], y[i * m]);
-    for (let j = 1; j < m; j += 1) context.lineTo(x[i * m + j], y[i * m + j]);
-  }
-  for (let j = 0; j < m; j += 1) {
-    context.moveTo(x[j], y[j]);
-    for (let i = 1; i < n; i += 1) context.lineTo(x[i * m + j], y[i * m + j]);
+  for (const [first, ...others] of linesOf(mesh)) {
+    context.moveTo(x[first], y[first]);
+    for (const node of others) context.lineTo(x[node], y[node]);
   }
   const [red, green, blue] = (ink ?? [0.5, 0.5, 0.5]).map((value) => Math.round(255 * value));
   context.strokeStyle = `rgba(${red}, ${green}, ${blue}, 0.5)`;

@@ -6,7 +6,7 @@ import { createWebglRenderer } from "./webgl.js";
 /**
  * A renderer of one canvas.
  *
- * `setNodes(mesh)` takes `{shape: [n, m], x, y, uniformX, uniformY}`, coordinates of n times m nodes in C order.
+ * `setNodes(mesh)` takes `{blocks, x, y, uniformX, uniformY}` of `meshOf`: coordinates block by block, in C order.
  * `setColours({table, places, uniformPlaces, isFlat})` takes 256 colours, and for each node its place from 0 to 1 on
  * them, in both meshes; with `isFlat` the place of the node (i, j) is that of the cell from there to (i + 1, j + 1).
  * `draw(panes, camera, style)` draws both meshes and all between: each pane is `{left, top, width, height, blend}` in

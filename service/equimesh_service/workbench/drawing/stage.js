@@ -140,7 +140,7 @@ export function createStage(stage, app) {
     self.coloured = valuesOf(app.drawing, self.mesh, app.store.get().view.colour);
     paper = getComputedStyle(stage).backgroundColor.match(/[\d.]+/g).slice(0, 3).map((value) => value / 255);
     self.table = tableOf(self.coloured.name, dark.matches);
-    renderer.setColours({ table: self.table, ...placesOf(self.coloured, self.mesh.shape) });
+    renderer.setColours({ table: self.table, ...placesOf(self.coloured, self.mesh) });
     redraw();
   }
 
@@ -215,7 +215,7 @@ function placeOf({ left, top, width }) {
 function captionOf({ blend }, { errors, isMoving, mesh }) {
   if (blend !== 0 && !mesh?.isAdapted) return ["no mesh", ", the uniform one is shown"];
   const text = (name) => (errors?.[name] ? `, error ${amount(errors[name])}` : "");
-  if (blend === 0) return ["uniform", text("l2_uniform")];
+  if (blend === 0) return [mesh?.isOfBlocks ? "initial" : "uniform", text("l2_uniform")];
   if (blend === 1) return ["adapted", text("l2")];
   return [isMoving ? "between both" : `${Math.round(100 * blend)} % of the way`, ""];
 }

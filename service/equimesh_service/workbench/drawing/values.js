@@ -1,7 +1,7 @@
 // What the cells of a drawing are coloured by: values of both meshes on one scale, and their places on the colours.
 
 import { COLOURS, placeOfClass, scaleOf } from "./colours.js";
-import { areasOf } from "./nodes.js";
+import { areasOf, cellCount, eachCell } from "./nodes.js";
 
 /**
  * The values of a drawing for a colour: `{name, values, uniformValues, isFlat, scale}`.
@@ -36,52 +36,50 @@ export function isThere(drawing, name) {
  * For each node its place from 0 to 1 on the table of colours, in both meshes; see `createRenderer`.
  *
  * @param {object} coloured of `valuesOf`
- * @param {number[]} shape of the nodes
+ * @param {object} mesh of `meshOf`
  */
-export function placesOf({ name, values, uniformValues, isFlat, scale }, shape) {
+export function placesOf({ name, values, uniformValues, isFlat, scale }, mesh) {
   const place = name === "subdomain" ? placeOfClass : name === "none" ? () => 0 : scale.place;
-  const spread = (list) => (isFlat ? atFirstNodes(list, shape, place) : Float32Array.from(list, place));
+  const spread = (list) => (isFlat ? atFirstNodes(list, mesh, place) : Float32Array.from(list, place));
   return { places: spread(values), uniformPlaces: spread(uniformValues), isFlat };
 }
 
 // The value of a cell stands at its first node.
-function atFirstNodes(list, [n, m], place) {
-  const places = new Float32Array(n * m);
-  for (let i = 0; i < n - 1; i += 1) {
-    for (let j = 0; j < m - 1; j += 1) places[i * m + j] = place(list[i * (m - 1) + j]);
-  }
+function atFirstNodes(list, mesh, place) {
+  const places = new Float32Array(mesh.x.length);
+  eachCell(mesh, ([first], cell) => {
+    places[first] = place(list[cell]);
+  });
   return places;
 }
 
 function bothOf(drawing, mesh, name) {
   const { arrays } = drawing;
   if (name === "size") {
-    const sizes = (x, y) => areasOf([x, y], mesh.shape).map(Math.sqrt);
+    const sizes = (x, y) => areasOf([x, y], mesh).map(Math.sqrt);
     return [sizes(mesh.x, mesh.y), sizes(mesh.uniformX, mesh.uniformY)];
   }
   if (name === "none") return [[], []];
   if (name === "subdomain") {
-    const numbers = subdomainsOf(drawing.document.subdomains, mesh.shape);
+    const numbers = subdomainsOf(drawing.document.subdomains, mesh);
     return [numbers, numbers];
   }
   return [arrays[name].data, (arrays[`uniform_${name}`] ?? arrays[name]).data];
 }
 
 // The number of the subdomain of each cell: in an overlap the one whose middle is nearer.
-function subdomainsOf(subdomains, [n, m]) {
-  const numbers = new Float32Array((n - 1) * (m - 1));
+function subdomainsOf(subdomains, mesh) {
+  const numbers = new Float32Array(cellCount(mesh));
   const away = ([first, last], cell) => Math.abs(cell + 0.5 - (first + last) / 2) / (last - first);
-  for (let i = 0; i < n - 1; i += 1) {
-    for (let j = 0; j < m - 1; j += 1) {
-      let nearest = Infinity;
-      subdomains.forEach(({ xi, eta }, number) => {
-        const distance = Math.max(away(xi, i), away(eta, j));
-        if (distance < nearest) {
-          nearest = distance;
-          numbers[i * (m - 1) + j] = number;
-        }
-      });
-    }
-  }
+  eachCell(mesh, (_, cell, [, i, j]) => {
+    let nearest = Infinity;
+    subdomains.forEach(({ xi, eta }, number) => {
+      const distance = Math.max(away(xi, i), away(eta, j));
+      if (distance < nearest) {
+        nearest = distance;
+        numbers[cell] = number;
+      }
+    });
+  });
   return numbers;
 }

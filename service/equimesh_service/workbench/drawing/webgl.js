@@ -1,6 +1,6 @@
 // The renderer with WebGL2: nodes are uploaded once, and the vertex shader moves them between both meshes.
 
-import { createBlocks } from "./blocks.js";
+import { createTiles } from "./tiles.js";
 
 // The values of nodes are a texture of rows of this many.
 const ROW = 1024;
@@ -19,23 +19,27 @@ uniform float blend;
 uniform vec2 scale;
 uniform vec2 centre;
 uniform int columns;
+uniform int first;
 out float smoothPlace;
 out vec2 index;
 void main() {
   vec2 node = mix(uniformly, adapted, blend);
   smoothPlace = mix(uniformPlace, place, blend);
-  index = vec2(gl_VertexID / columns, gl_VertexID % columns);
+  int number = gl_VertexID - first;
+  index = vec2(number / columns, number % columns);
   gl_Position = vec4((node - centre) * scale, 0.0, 1.0);
 }`;
 
 // Lines are where an index is whole: one pixel wide at any magnification, and faint where cells are small.
 const FRAGMENT = `#version 300 es
 precision highp float;
+precision highp int;
 in float smoothPlace;
 in vec2 index;
 uniform sampler2D table;
 uniform sampler2D values;
 uniform ivec2 shape;
+uniform int first;
 uniform float blend;
 uniform bool isFlat;
 uniform bool hasLines;
@@ -45,7 +49,7 @@ out vec4 colour;
 // The value of the cell in which an index is: it stands at its first node.
 float flatPlace() {
   ivec2 cell = clamp(ivec2(index), ivec2(0), shape - 2);
-  int k = cell.x * shape.y + cell.y;
+  int k = first + cell.x * shape.y + cell.y;
   vec2 both = texelFetch(values, ivec2(k % ${ROW}, k / ${ROW}), 0).rg;
   return mix(both.x, both.y, blend);
 }
@@ -76,7 +80,7 @@ export function createWebglRenderer(canvas, gl) {
   const most = isByProcessor(gl) ? MOST_BY_PROCESSOR : MOST_BY_CARD;
   let parts = build(gl);
   let mesh = null;
-  let blocks = null;
+  let tiles = null;
   let colours = null;
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => {
@@ -87,15 +91,15 @@ export function createWebglRenderer(canvas, gl) {
 
   function setNodes(next) {
     mesh = next;
-    blocks = createBlocks(next);
+    tiles = createTiles(next);
     upload(gl, parts.buffers.adapted, interleaved(next.x, next.y));
     upload(gl, parts.buffers.uniformly, interleaved(next.uniformX, next.uniformY));
-    const [n, m] = next.shape;
-    if (parts.shape === `${n} ${m}`) return;
-    parts.shape = `${n} ${m}`;
+    const shape = next.blocks.map((block) => block.shape.join(" ")).join();
+    if (parts.shape === shape) return;
+    parts.shape = shape;
     gl.bindVertexArray(parts.vertices);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, parts.buffers.cells);
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, blocks.indices, gl.STATIC_DRAW);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, tiles.indices, gl.STATIC_DRAW);
   }
 
   function setColours(next) {
@@ -121,8 +125,6 @@ export function createWebglRenderer(canvas, gl) {
     const { places, program, vertices } = parts;
     gl.useProgram(program);
     gl.bindVertexArray(vertices);
-    gl.uniform1i(places.columns, mesh.shape[1]);
-    gl.uniform2i(places.shape, ...mesh.shape);
     gl.uniform1i(places.values, 1);
     gl.uniform1i(places.isFlat, Number(colours.isFlat));
     gl.uniform1i(places.hasLines, Number(lines));
@@ -137,8 +139,9 @@ export function createWebglRenderer(canvas, gl) {
       gl.scissor(left, bottom, width, height);
       gl.uniform2f(places.scale, (2 * camera.scale) / pane.width, (2 * camera.scale) / pane.height);
       gl.uniform1f(places.blend, pane.blend);
-      const { stride, ranges } = blocks.choose(camera, pane, isMoving ? most : Infinity);
-      for (const [first, count] of ranges) {
+      const { stride, ranges } = tiles.choose(camera, pane, isMoving ? most : Infinity);
+      for (const [number, first, count] of ranges) {
+        enter(gl, places, mesh.blocks[number]);
         gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, Uint32Array.BYTES_PER_ELEMENT * first);
         drawn.triangles += count / 3;
       }
@@ -148,6 +151,13 @@ export function createWebglRenderer(canvas, gl) {
   }
 
   return { kind: "webgl2", setNodes, setColours, draw, finish: () => gl.finish() };
+}
+
+// The block whose triangles come next.
+function enter(gl, places, { shape, node }) {
+  gl.uniform1i(places.columns, shape[1]);
+  gl.uniform2i(places.shape, ...shape);
+  gl.uniform1i(places.first, node);
 }
 
 function interleaved(x, y) {
@@ -200,7 +210,7 @@ function build(gl) {
     gl.enableVertexAttribArray(location);
     gl.vertexAttribPointer(location, size, gl.FLOAT, false, 0, 0);
   });
-  const names = ["blend", "scale", "centre", "columns", "shape", "values", "isFlat", "hasLines", "width", "ink"];
+  const names = ["blend", "scale", "centre", "columns", "first", "shape", "values", "isFlat", "hasLines", "width", "ink"];
   const places = Object.fromEntries(names.map((name) => [name, gl.getUniformLocation(program, name)]));
   const [table, values] = [gl.createTexture(), gl.createTexture()];
   return { program, vertices, buffers, places, table, values, shape: "" };

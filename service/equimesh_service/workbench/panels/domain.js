@@ -1,14 +1,19 @@
-// The panel of the domain: a rectangle, a part of a ring, or four curves, with a drawing of the sides.
+// The panel of the domain: a rectangle, a part of a ring, four curves or blocks, with a drawing of the sides.
 
 import { choiceField, faultLine, follow, pairFields, pointerOf, tidy, write } from "../bound.js";
 import { usesOf } from "../capabilities.js";
 import { element, field, freshId, select } from "../dom.js";
 import { freeNames } from "./function.js";
 import { createOutline } from "../outline.js";
-import { SIDES, curvesOf, pointsOf } from "../sides.js";
+import { SIDES, curvesOf, hasBlocks, pointsOf } from "../sides.js";
 import { replaced } from "../store.js";
+import { FIRST, blocksForm, meshForm } from "./blocks.js";
 
-const KINDS = [["rectangle", "Rectangle"], ["annulus_sector", "Part of a ring"], ["quadrilateral", "Four curves"]];
+const KINDS = [["rectangle", "Rectangle"], ["annulus_sector", "Part of a ring"], ["quadrilateral", "Four curves"], ["blocks", "Blocks"], ["mesh", "A mesh file"]];
+// The monitors that blocks take.
+const OF_BLOCKS = ["auto", "least_error"];
+// What goes with a grid alone.
+const OF_GRID = ["grid", "target", "boundary", "schwarz", "parts"];
 // Points of a formula that becomes a list of points.
 const SAMPLED = 9;
 // Which end of which other side is at a corner: [side, whether it is the last point].
@@ -31,7 +36,7 @@ const CORNERS = {
  */
 export function create(section, app) {
   const domain = () => app.store.at(["spec", "domain"]) ?? {};
-  const put = (next) => app.store.update((state) => ({ spec: tidy({ ...state.spec, domain: next }) }));
+  const put = (next) => app.store.update((state) => ({ spec: tidy({ ...(hasBlocks(next) ? withoutGrid(state.spec) : state.spec), domain: next }) }));
   const kinds = choiceField(app, "Kind", ["domain", "kind"], {
     choices: KINDS,
     fallback: "rectangle",
@@ -48,6 +53,8 @@ export function create(section, app) {
     quadrilateral: element("div", {},
       element("p", { class: "hint" }, "Bottom and top run from left to right, left and right from bottom to top. They meet at the corners. Points can be dragged, or moved with arrow keys."),
       SIDES.map((side) => curveForm(app, side, put))),
+    blocks: blocksForm(app, put),
+    mesh: meshForm(app, put),
   };
   section.append(kinds, outline.element, faultLine(app, (pointer) => /^\/domain(\/\w+)?$/.test(pointer)), ...Object.values(forms));
   follow(app, ["domain"], (value) => {
@@ -60,9 +67,17 @@ export function create(section, app) {
 // The same place as another kind: four curves are those of the sides, other kinds begin with their defaults.
 function asKind(domain, kind) {
   if (kind === "rectangle") return {};
-  if (kind === "annulus_sector") return { kind };
+  if (kind === "annulus_sector" || kind === "mesh") return { kind };
+  if (kind === "blocks") return { kind, ...FIRST };
   const curves = curvesOf(domain);
   return { kind, ...Object.fromEntries(SIDES.map((side) => [side, curves[side]])) };
+}
+
+// A spec without what goes with a grid; kinds of monitors that need grid lines give way to the automatic one.
+function withoutGrid(spec) {
+  const kept = Object.fromEntries(Object.entries(spec).filter(([name]) => !OF_GRID.includes(name)));
+  const { u, kind } = spec.monitor ?? {};
+  return u && !OF_BLOCKS.includes(kind ?? "auto") ? { ...kept, monitor: { u } } : kept;
 }
 
 // A corner belongs to two sides, and moves both where both are points.

@@ -3,6 +3,7 @@
 import { choiceField, faultLine, flagField, follow, numberField, tidy, wordOrNumberField } from "../bound.js";
 import { capabilitiesOf, usesOf } from "../capabilities.js";
 import { element, field, select } from "../dom.js";
+import { hasBlocks } from "../sides.js";
 
 // Points a side that are offered as buttons.
 const SIZES = [33, 65, 129, 257];
@@ -38,13 +39,17 @@ export function create(section, app) {
     numberField(app, "Interpolation error", ["target", "error"], { min: 0, help: "In the units of u. The service finds the grid that reaches it." }),
     choiceField(app, "Error", ["target", "norm"], { fallback: "l2", choices: [["l2", "of u (L2)"], ["h1", "of its gradient (H1)"]] }),
     numberField(app, "At most so many points", ["target", "max_points"], { optional: true, min: 25, step: 1, placeholder: "limit of the service" }));
-  section.append(field("Grid given by", by, { inline: true }), points, target,
+  const given = field("Grid given by", by, { inline: true });
+  const own = element("p", { class: "hint" }, "The blocks of the domain have cells of their own.");
+  section.append(given, own, points, target,
     faultLine(app, (pointer) => ["/grid", "/target", ""].includes(pointer)), more(app));
   follow(app, [], (spec) => {
     const isTarget = Boolean(spec.target);
     by.value = isTarget ? "error" : "points";
-    points.hidden = isTarget;
-    target.hidden = !isTarget;
+    own.hidden = !hasBlocks(spec.domain);
+    given.hidden = !own.hidden;
+    points.hidden = isTarget || !own.hidden;
+    target.hidden = !isTarget || !own.hidden;
     const { n_xi = USUAL, n_eta = USUAL } = spec.grid ?? {};
     [...sizes.children].forEach((button, k) => button.setAttribute("aria-pressed", String(n_xi === SIZES[k] && n_eta === SIZES[k])));
   });

@@ -39,7 +39,8 @@ function numbersOf({ arrays, document: facts }) {
   const shape = arrays.x?.shape;
   return [
     certificate.status && ["status", certificate.status],
-    shape && ["points", `${shape[0]} × ${shape[1]}`],
+    shape && ["points", pointsOf(facts, shape)],
+    facts.blocks && ["blocks", String(facts.blocks.length)],
     gain.l2 && ["gain of the error of u (L2)", amount(gain.l2)],
     gain.h1 && ["gain of the error of its gradient (H1)", amount(gain.h1)],
     quality?.q_eq && ["largest Q_eq, 1 is equidistributed", amount(quality.q_eq.max)],
@@ -48,9 +49,14 @@ function numbersOf({ arrays, document: facts }) {
   ].filter(Boolean);
 }
 
-function statusOf({ arrays, isQuick, milliseconds }) {
-  const [n, m] = arrays.x?.shape ?? [];
-  const what = isQuick ? "Quick look" : n ? "Mesh" : "No mesh";
-  const points = n ? ` of ${n} × ${m} points` : "";
+// The points of a mesh: of a grid in both directions, of blocks in all.
+function pointsOf({ blocks, points }, shape) {
+  return blocks ? String(points) : `${shape[0]} × ${shape[1]}`;
+}
+
+function statusOf({ arrays, document: facts, isQuick, milliseconds }) {
+  const shape = arrays.x?.shape;
+  const what = isQuick ? "Quick look" : shape ? "Mesh" : "No mesh";
+  const points = shape ? ` of ${pointsOf(facts, shape)} points` : "";
   return `${what}${points}, ${duration(milliseconds ?? 0)} after the change.`;
 }

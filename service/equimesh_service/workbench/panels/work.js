@@ -113,7 +113,7 @@ class WorkPanel {
     }
     this.app.emit("problem", drawing.document.error ?? null);
     this.app.show({ ...drawing, isQuick: false, milliseconds: 1000 * (mesh.timings?.total ?? 0) });
-    this.status.textContent = `${isDone ? "Done in" : "Failed after"} ${took}: ${mesh.grid.n_xi} × ${mesh.grid.n_eta} points.`;
+    this.status.textContent = `${isDone ? "Done in" : "Failed after"} ${took}: ${mesh.grid ? `${mesh.grid.n_xi} × ${mesh.grid.n_eta}` : mesh.points} points.`;
     this.app.announce(this.status.textContent);
   }
 

@@ -1,0 +1,49 @@
+"""Domains of blocks in specs: what a request makes of them, and what is refused with its place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import httpx
+import pytest
+
+from service.requests import STEP
+from service.spec.bad_specs import Refusal, expect_refusal
+
+LEAST: dict[str, Any] = {"kind": "least_error", "u": {"expression": "tanh(9*(y - x))"}}
+
+
+def spec(**more: Any) -> dict[str, Any]:
+    return {"monitor": LEAST, "domain": STEP, **more}
+
+
+def step(**more: Any) -> dict[str, Any]:
+    return spec(domain={**STEP, **more})
+
+
+UNEVEN = [{**STEP["blocks"][0], "cells": [6, 5]}, *STEP["blocks"][1:]]
+REFUSED: dict[str, Refusal] = {
+    "grid": (spec(grid={"n_xi": 9, "n_eta": 9}), "/grid", "leave the grid out", None),
+    "target": (spec(target={"error": 1e-3}), "/target", "refine the blocks", None),
+    "schwarz": (spec(schwarz={}), "/schwarz", "", None),
+    "boundary": (spec(boundary="orthogonal"), "/boundary", "slide", None),
+    "metric": (spec(monitor={"kind": "curvature", "u": "x*y"}), "/monitor", "LeastError", None),
+    "preset": (spec(monitor={"kind": "auto", "u": "x", "for": "finite_volume"}), "/monitor/for", "orthogonality", None),
+    "pole": (spec(monitor={"u": "1/x"}), "/monitor/u", "not finite", 1),
+    "counts that contradict": (step(blocks=UNEVEN), "/domain/blocks/1/cells", "the edge b-c has 5 cells", None),
+    "no such vertex": (step(edges=[{"from": "a", "to": "z"}]), "/domain/edges/0/to", "is no vertex", None),
+    "no block": (step(blocks=[]), "/domain/blocks", "1 to", None),
+    "a file of points": (step(curves={"c": {"points": "c.csv"}}), "/domain/curves/c/points", "as a list", None),
+    "too many points": (step(refine=40), "/domain", "at most 20000", None),
+    "far too many points": (step(refine=1e9), "/domain/blocks", "nodes", None),
+    "unknown key": (step(cells=3), "/domain/cells", "known are", None),
+    "no vertices": (spec(domain={"kind": "blocks", "blocks": []}), "/domain/vertices", "required", None),
+    "no file": (spec(domain={"kind": "mesh"}), "/domain/file", "required", None),
+    "unknown file": (spec(domain={"kind": "mesh", "file": "s-1"}), "/domain/file", "no samples", None),
+    "upload": (spec(domain={"kind": "mesh", "file": "upload"}), "/domain/file", "no samples", None),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_bad_blocks_are_refused_precisely(http: httpx.Client, name: str) -> None:
+    expect_refusal(http, REFUSED[name])
