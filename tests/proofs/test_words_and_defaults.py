@@ -65,6 +65,14 @@ DOMAINS: dict[str, dict[str, Any]] = {
     "annulus_sector": {"kind": "annulus_sector"},
     "quadrilateral": {"kind": "quadrilateral", **SIDES},
 }
+SQUARE: dict[str, Any] = {
+    "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
+    "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [4, 3]}],
+}
+BLOCKS: dict[str, dict[str, Any]] = {
+    "blocks": {"kind": "blocks", **SQUARE},
+    "mesh": {"kind": "mesh", "file": "square.json"},
+}
 CONDITIONS = {kind.name: {"kind": kind.name} for kind in get_args(em.TransmissionCondition)}
 DOCUMENTS: dict[str, dict[str, Any]] = {
     "least": {"monitor": {"u": U}},
@@ -75,7 +83,7 @@ DOCUMENTS: dict[str, dict[str, Any]] = {
 }
 WORDS: dict[str, list[str]] = {
     "monitor": list(MONITORS),
-    "domain": list(DOMAINS),
+    "domain": [*DOMAINS, *BLOCKS],
     "transmission": list(CONDITIONS),
     "norm": list(NORMS),
     "map": list(MAPS),
@@ -168,6 +176,27 @@ def test_defaults_and_keys_of_the_service(name: str) -> None:
         assert canonical["schwarz"].keys() == known(document, "schwarz")
     if document.get("schwarz"):
         assert canonical["schwarz"]["transmission"].keys() - {"kind"} == known(document, "schwarz", "transmission")
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_keys_of_blocks_on_all_sides(name: str) -> None:
+    def find(_: str, settings: Any) -> em.Blocks:
+        assert not settings
+        return em.Blocks.of(SQUARE)
+
+    document = {"monitor": MONITORS["least_error"], "domain": BLOCKS[name]}
+    canonical = read_spec(document).canonical
+    known_keys = known({"monitor": ARC, "domain": BLOCKS[name]}, "domain")
+    assert canonical["domain"].keys() - {"kind"} == known_keys
+    made, completed = (build(one, find_mesh=find).problem.domain for one in (document, canonical))
+    assert isinstance(made, em.Blocks)
+    assert isinstance(completed, em.Blocks)
+    assert (made.mesh.points == completed.mesh.points).all()
+    domain = client_domains.Blocks(**SQUARE) if name == "blocks" else client_domains.MeshFile(file="square.json")
+    assert domain.json().keys() == canonical["domain"].keys()
+    assert {key: value for key, value in domain.json().items() if key != "refine"} == {
+        key: value for key, value in canonical["domain"].items() if key != "refine"
+    }
 
 
 def read(function: object) -> dict[str, Any]:

@@ -1,24 +1,23 @@
 """Uploaded meshes that are domains: they are read and checked once, and kept as arrays, as samples are.
 
-Their blocks are found when a mesh is requested, since the corners are part of its spec. A file may also describe blocks,
+Their blocks are found when a mesh is requested, since the corners are part of its spec. A file may also describe them,
 as a blockMeshDict does: its description is kept as JSON.
 """
 
 import json
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 import numpy as np
-from equimesh.io.reading.plain_mesh import PlainMesh
-from equimesh.io.reading.read import FORMAT_OF, read_bytes
 
 from equimesh import Blocks
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.description import Description
 from equimesh.errors import InputError
 from equimesh.io.reading.descriptions import BLOCK_MESH_DICT, description_format, read_description
+from equimesh.io.reading.plain_mesh import PlainMesh
+from equimesh.io.reading.read import FORMAT_OF, read_bytes
 
 Arrays: TypeAlias = Mapping[str, Any]
 # The kind of the stored samples that are a mesh.

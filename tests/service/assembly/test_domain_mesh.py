@@ -30,7 +30,9 @@ def test_a_mesh_of_blocks_is_kept(http: httpx.Client, mesh: dict[str, Any]) -> N
     assert (mesh["grid"], mesh["points"]) == (None, found["x"].size)
     assert found["x"].shape == found["u"].shape
     assert found["cells"].shape == (6 * 4 + 2 * 12 * 4, 4)
-    assert {name for name in found.files if name.startswith("blocks/")} == {f"blocks/{n}" for n in ("block0", "upper", "block2")}
+    assert {name for name in found.files if name.startswith("blocks/")} == {
+        f"blocks/{n}" for n in ("block0", "upper", "block2")
+    }
     outlet = found["sides/outlet"]
     np.testing.assert_allclose(found["x"][outlet], 2.0)
     assert mesh["certificate"]["interpolation_gain"]["l2"] > 1.2
