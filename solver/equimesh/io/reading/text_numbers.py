@@ -32,14 +32,17 @@ def line_of(data: bytes, place: int) -> int:
 
 
 def _numbers(text: bytes, kind: type[T], first_line: int, what: str) -> npt.NDArray[T]:
-    words = len(text.split())
-    found: npt.NDArray[T] = np.empty(0, kind)
-    if words:
-        try:
-            found = np.fromstring(text, kind, sep=" ")
-        except (ValueError, DeprecationWarning):
-            found = np.empty(0, kind)
-    if len(found) != words:
+    last = text.rsplit(None, 1)[-1:]
+    if not last:
+        return np.empty(0, kind)
+    try:
+        found = np.fromstring(text, kind, sep=" ")
+        # Old versions of NumPy stop at a bad word; then the last number is not the last word.
+        end = int(last[0]) if kind is np.int64 else float(last[0])
+        whole = bool(len(found)) and (end == found[-1] or end != end)
+    except (ValueError, DeprecationWarning):
+        whole = False
+    if not whole:
         line, word = _first_bad(text, kind)
         noun = "integer" if kind is np.int64 else "number"
         raise InputError(f"line {first_line + line}: {word[:30]!r} is no {noun}, among {what}", field="file")
