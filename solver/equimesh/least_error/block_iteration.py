@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from equimesh.blocks.blocks import Blocks
@@ -24,8 +25,10 @@ DISTORTION_WEIGHT = 0.6
 """The weight of distortion in the objective for ``distortion = 1``."""
 SMOOTHNESS_WEIGHT = 1.0
 """The weight of smoothness in the objective for ``smoothness = 1``."""
-LEVEL_FACTORS = (1.0, 2.0, 4.0)
-"""Factors of both weights on the finest mesh and on coarser ones; the last one on all that are coarser still."""
+OBLIQUENESS_WEIGHT = 10.0
+"""The weight of corners with small angles, where these have a limit."""
+MARGIN_DEGREES = 10.0
+"""The distance from the limit at which corners begin to have weight: some always go beyond."""
 MAX_COMPARED_POINTS = 2500
 """Points of a coarse mesh, at most, on which weights are compared."""
 MAX_GAIN_POINTS = 129 * 129
@@ -53,6 +56,10 @@ class BlockSolve:
     """How many threads share the work; the mesh does not depend on it."""
     subdomains: BlockSubdomains | None = None
     """The subdomains that descend on the finest mesh; ``None`` for a descent of the whole mesh."""
+    smallest_angle: float | None = None
+    """The angle of corners, in degrees, below which few of them should be; ``None`` for no aim."""
+    obliqueness: float = OBLIQUENESS_WEIGHT
+    """The weight of corners near and beyond that angle."""
 
     @cached_property
     def levels(self) -> list[BlockLevel]:
@@ -112,7 +119,9 @@ class BlockSolve:
                 first, name = sampled, "given"
         if before is not None:
             lifted = before.place.lifted(mesh, objective.smallest_share)
-            if not objective.error(lifted.unknowns) > MAX_LIFTED_ERROR * objective.error(first.unknowns):
+            # On fine meshes a coarser one has met what there is to meet.
+            is_fine = level.points > MAX_GAIN_POINTS and start is None
+            if is_fine or not objective.error(lifted.unknowns) > MAX_LIFTED_ERROR * objective.error(first.unknowns):
                 first, name = lifted, before.record.start
         objective.cut(first.unknowns)
         initial_error = objective.error(mesh.first.unknowns) if level.points <= MAX_GAIN_POINTS else None
@@ -174,11 +183,13 @@ class BlockSolve:
 
     def _objective(self, mesh: BlockMesh) -> Objective:
         level, monitor = mesh.level, self.monitor
-        factor = LEVEL_FACTORS[min(level.count - 1 - level.number, len(LEVEL_FACTORS) - 1)]
         weights = Weights(
-            distortion=factor * DISTORTION_WEIGHT * monitor.distortion,
-            smoothness=factor * SMOOTHNESS_WEIGHT * monitor.smoothness,
+            distortion=DISTORTION_WEIGHT * monitor.distortion,
+            smoothness=SMOOTHNESS_WEIGHT * monitor.smoothness,
         )
+        if self.smallest_angle is not None:
+            limit = 1.0 / math.tan(math.radians(self.smallest_angle + MARGIN_DEGREES))
+            weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)
         points = level.gauss_points + (MORE_SLOPE_POINTS if monitor.norm == "h1" else 0)
         rule = Rule(norm=monitor.norm, cells=monitor.cells if level.is_finest else "quad", points=points)
         first = mesh.first.unknowns

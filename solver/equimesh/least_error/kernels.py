@@ -223,6 +223,48 @@ def add_corner(
     shares[at, 4] += weight * (r * size + 2.0 * r * r * b * b + h * h)
 
 
+@compiled
+def oblique_corners(nodes: Nodes, cells: tuple[int, int], limit: float, weight: float, shares: Array) -> float:
+    """The sum of ``max(|c| - limit, 0)^2 / 2`` over the corners of a range of ``cells``, c the cotangent of the angle.
+
+    Adds ``weight`` times its derivatives. Corners whose angles are within the limit have no share. Infinite where a
+    corner is folded.
+    """
+    x, y, corners = nodes
+    total = 0.0
+    for cell in range(cells[0], cells[1]):
+        for k in range(4):
+            here, ahead, behind = 4 * cell + k, 4 * cell + (k + 1) % 4, 4 * cell + (k + 3) % 4
+            p, n, m = corners[here], corners[ahead], corners[behind]
+            ax, ay, bx, by = x[n] - x[p], y[n] - y[p], x[m] - x[p], y[m] - y[p]
+            det = ax * by - ay * bx
+            if not det > 0.0:
+                return np.inf
+            cotangent = (ax * bx + ay * by) / det
+            over = abs(cotangent) - limit
+            if over <= 0.0:
+                continue
+            total += 0.5 * over * over
+            sign = 1.0 if cotangent > 0.0 else -1.0
+            per_det = sign / det
+            ga, ha = (bx - cotangent * by) * per_det, (by + cotangent * bx) * per_det
+            gb, hb = (ax + cotangent * ay) * per_det, (ay - cotangent * ax) * per_det
+            add_slope(shares, ahead, weight, over, ga, ha)
+            add_slope(shares, behind, weight, over, gb, hb)
+            add_slope(shares, here, weight, over, -ga - gb, -ha - hb)
+    return total
+
+
+@inlined
+def add_slope(shares: Array, at: int, weight: float, over: float, g: float, h: float) -> None:
+    """Adds the derivatives of half a square by one node, from the root ``over`` and its derivatives g and h."""
+    shares[at, 0] += weight * over * g
+    shares[at, 1] += weight * over * h
+    shares[at, 2] += weight * g * g
+    shares[at, 3] += weight * g * h
+    shares[at, 4] += weight * h * h
+
+
 @vectorised
 def collect(shares: Array, starts: IntArray, places: IntArray, nodes: tuple[int, int], out: Array) -> None:
     """The sums over the cells of a range of ``nodes``, in ``out`` of shape ``(5, nodes)``.

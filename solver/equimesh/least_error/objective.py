@@ -33,6 +33,10 @@ class Weights:
 
     distortion: float
     smoothness: float
+    obliqueness: float = 0.0
+    """The weight of corners whose angles are beyond the limit; 0 for no limit."""
+    largest_cotangent: float = math.inf
+    """The limit: the largest cotangent of the angle of a corner, and minus the smallest one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,6 +175,7 @@ class Objective:
         distortion = self._distortion(nodes, scale) / (4 * count)
         if not math.isfinite(distortion):
             return None
+        obliqueness = self._obliqueness(nodes, 2.0 * square / (4 * count)) / (4 * count)
         collected = np.empty((SHARES, self.cells.nodes))
         self._collect(collected)
         collected *= 0.5 / square
@@ -180,7 +185,7 @@ class Objective:
         gradient, blocks = self._chart.derivatives(mesh, collected, bend * bends, bend * self.cells.stiffness)
         self.cells.restrict(gradient, blocks)
         return Evaluation(
-            value=0.5 * math.log(square) + self._weights.distortion * distortion + bend * smoothness,
+            value=0.5 * math.log(square) + self._weights.distortion * distortion + bend * smoothness + obliqueness,
             error=math.sqrt(square),
             distortion=distortion,
             gradient=gradient,
@@ -272,6 +277,17 @@ class Objective:
     def _distortion(self, nodes: Nodes, weight: float) -> float:
         """The sum of the distortions over all corners; adds ``weight`` times the shares of its derivatives."""
         return self._sum(self._spans, lambda span: kernels.distortions(nodes, self._first, span, weight, self._shares))
+
+    def _obliqueness(self, nodes: Nodes, weight: float) -> float:
+        """The weighted sum over corners beyond the limit of angles; adds ``weight`` times its derivatives."""
+        own, limit = self._weights.obliqueness, self._weights.largest_cotangent
+        if own == 0.0:
+            return 0.0
+
+        def part(span: tuple[int, int]) -> float:
+            return float(kernels.oblique_corners(nodes, span, limit, own * weight, self._shares))
+
+        return own * self._sum(self._spans, part)
 
     def _collect(self, out: Array) -> None:
         cells, size = self.cells, MAX_BLOCK_POINTS

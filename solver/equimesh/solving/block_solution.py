@@ -14,6 +14,7 @@ from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+from equimesh.quality.angles import Angles, measure_angles
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
@@ -108,6 +109,11 @@ class BlockSolution:
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
         return measure_faces(self.mesh)
+
+    @cached_property
+    def angles(self) -> Angles:
+        """The smallest and largest angle of a corner, and the share of corners between 30 and 150 degrees."""
+        return measure_angles(self.mesh)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from equimesh.least_error.steps import Descent
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.auto import Auto
-from equimesh.monitors.least_error import LeastError
+from equimesh.monitors.least_error import MAX_WEIGHT, LeastError
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.numerics.threads import thread_count
 from equimesh.solving.announcer import Announcer
@@ -27,6 +27,7 @@ from equimesh.solving.certificate import Candidate
 from equimesh.solving.courses import Descending, descent_work
 from equimesh.solving.nodal_solution import solve_block_round
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
+from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks, require_possible_on_blocks
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import Status
 
@@ -62,6 +63,7 @@ def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveAr
     subdomains = None if schwarz is None else BlockSubdomains(settings=schwarz)
     if schwarz is not None:
         schwarz.owners(problem.domain.mesh)  # refuse what does not fit before any work is done
+    require_possible_on_blocks(problem)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         solution = solve_blocks(problem, initial, checked, subdomains)
     if arguments["check"] and not solution.status.succeeded:
@@ -91,15 +93,29 @@ def solve_blocks(
             monitor = monitor.least_error()
         if not isinstance(monitor, LeastError):
             raise TypeError("a least-error solve needs a LeastError or an Auto monitor")
-        solve = BlockSolve(
-            monitor=monitor.on(problem.domain), domain=problem.domain, threads=options.threads, subdomains=subdomains
-        )
+        solve = _solve(problem, monitor, options, subdomains)
         found = _finish(problem, solve, start, options, None)
     if start is not None:
         found = _or_given(found, start)
+    found = bounded_blocks(found, _again(problem, options, subdomains))
     if is_no_worse(found):
         return found
     return replace(found, mesh=problem.domain.mesh, note=NO_BETTER)
+
+
+def _again(problem: BlockProblem, options: SolveOptions, subdomains: BlockSubdomains | None) -> AgainOnBlocks:
+    """Solves for smaller angles of non-orthogonality."""
+    monitor = problem.monitor.least_error() if isinstance(problem.monitor, Auto) else problem.monitor
+    if not isinstance(monitor, LeastError):
+        raise TypeError("only the weights of a least-error monitor are raised")
+
+    def again(smallest_angle: float, obliqueness: float, factor: float) -> BlockSolution:
+        weights = {name: min(MAX_WEIGHT, factor * getattr(monitor, name)) for name in ("distortion", "smoothness")}
+        solve = _solve(problem, replace(monitor, **weights), options, subdomains)
+        solve = replace(solve, smallest_angle=smallest_angle, obliqueness=obliqueness)
+        return _finish(problem, solve, None, options.part(None, doing="for smaller angles"), None)
+
+    return again
 
 
 def is_no_worse(solution: BlockSolution) -> bool:
@@ -129,6 +145,13 @@ def check_start(problem: BlockProblem, initial: Initial | Mesh | QuadMesh) -> In
     if initial.is_folded:
         raise InputError("the mesh to start from has an inverted cell: give a valid one", field="initial")
     return initial
+
+
+def _solve(
+    problem: BlockProblem, monitor: LeastError, options: SolveOptions, subdomains: BlockSubdomains | None
+) -> BlockSolve:
+    bound = monitor.on(problem.domain)
+    return BlockSolve(monitor=bound, domain=problem.domain, threads=options.threads, subdomains=subdomains)
 
 
 def _norm(problem: BlockProblem) -> str:
@@ -164,7 +187,7 @@ def _chosen(
     share = _comparison_share(BlockSolve(monitor=auto.least_error(), domain=problem.domain).levels)
     for number, pair in enumerate(WEIGHTS):
         monitor = auto.least_error(*pair).on(problem.domain)
-        solve = BlockSolve(monitor=monitor, domain=problem.domain, threads=options.threads, subdomains=subdomains)
+        solve = _solve(problem, monitor, options, subdomains)
         words = f"comparing weights, {number + 1} of {len(WEIGHTS)}"
         begin, end = (share * k / len(WEIGHTS) for k in (number, number + 1))
         course = _course([level for level in solve.levels if level.number <= last_compared(solve.levels)])

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from equimesh.domains.domain import map_mesh
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
@@ -19,6 +20,7 @@ from equimesh.monitors.least_error import MAX_WEIGHT, LeastError
 from equimesh.monitors.monitor import orthogonality_of
 from equimesh.monitors.nodal_solution import NodalSolution
 from equimesh.quality.faces import measure_faces
+from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.certificate import Relaxed
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
@@ -32,6 +34,11 @@ MIN_STEP, MAX_STEP = 0.2, 0.85
 FACTORS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0)
 """Factors of ``distortion`` and ``smoothness`` that are tried, as far as the two may be so large."""
 
+OBLIQUENESS_TRIALS = ((10.0, 1.0), (100.0, 1.0), (1000.0, 1.0), (100.0, 4.0), (100.0, 16.0), (100.0, 64.0))
+"""Weights of oblique corners on blocks, each with a factor of distortion and smoothness, until the bound holds."""
+
+AgainOnBlocks: TypeAlias = Callable[[float, float, float], BlockSolution]
+"""Solves on blocks with a smallest angle of corners, the weight of oblique ones, and a factor of the other weights."""
 Again: TypeAlias = Callable[[Problem], Solution]
 """Solves a problem as the first one was solved, without a look at the bound."""
 
@@ -75,6 +82,41 @@ def bounded(solution: Solution, again: Again) -> Solution:
     if isinstance(monitor, LeastError):
         return _more_regular(solution, again)
     return _weaker(solution, again)
+
+
+def require_possible_on_blocks(problem: BlockProblem) -> None:
+    """Raises :class:`~equimesh.errors.InputError` where the initial mesh has a larger angle than requested."""
+    bound = problem.monitor.orthogonality
+    if bound is None:
+        return
+    angle = measure_faces(problem.domain.mesh).non_orthogonality
+    if angle > bound:
+        raise InputError(
+            f"orthogonality = {bound:g}: the initial mesh of the domain has an angle of {angle:.4g} degrees already;"
+            f" raise the bound to {math.ceil(angle)} or more, or take other blocks",
+            field="monitor.orthogonality",
+        )
+
+
+def bounded_blocks(solution: BlockSolution, again: AgainOnBlocks) -> BlockSolution:
+    """The solution itself if it is within its bound, otherwise the first one within it, with oblique corners dearer.
+
+    Where no weight of these is enough, distortion and smoothness are raised, too. The initial mesh where nothing is.
+    """
+    bound = solution.problem.monitor.orthogonality
+    if bound is None or solution.faces.non_orthogonality <= bound:
+        return solution
+    for obliqueness, factor in OBLIQUENESS_TRIALS:
+        tried = again(90.0 - bound, obliqueness, factor)
+        if tried.status.succeeded and tried.faces.non_orthogonality <= bound:
+            detour = (
+                f"The bound of {bound:g} degrees of non-orthogonality gave oblique corners the weight {obliqueness:g}"
+            )
+            detour += "." if factor == 1.0 else f", and raised distortion and smoothness by the factor {factor:g}."
+            return replace(tried, detours=(*tried.detours, detour), note=f"{detour} {tried.note}".strip())
+    detour = f"The bound of {bound:g} degrees of non-orthogonality left no mesh but the initial one."
+    kept = Relaxed(what="strength", asked=1, reached=0)
+    return replace(solution, mesh=solution.initial, relaxed=(kept,), detours=(detour,), note=detour)
 
 
 def _more_regular(solution: Solution, again: Again) -> Solution:

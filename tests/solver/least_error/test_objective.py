@@ -195,3 +195,30 @@ def test_infinite_slopes_at_nodes_of_sides_do_no_harm(norm: str, points: int, mo
 
         first, second = remainders(value, float(np.vdot(here.gradient, direction)), 1e-4)
     assert first / second == pytest.approx(4.0, abs=0.4)
+
+
+def test_corners_beyond_the_limit_have_weight_and_others_none() -> None:
+    mesh = bent(GRID, 15, share=0.3)
+    plain, without, limited = (
+        objective_on(GRID, weights=Weights(distortion=0.03, smoothness=0.1, **more))
+        for more in ({}, {"obliqueness": 7.0}, {"obliqueness": 7.0, "largest_cotangent": 0.3})
+    )
+    values = [objective.evaluate(mesh) for objective in (plain, without, limited)]
+    first, second, third = (value for value in values if value is not None)
+    assert first.value == second.value
+    assert np.array_equal(first.gradient, second.gradient)
+    corners = mesh_of(mesh, GRID).points[cells_of_grid(GRID.shape).corners]
+    a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    cotangents = (a * b).sum(axis=-1) / (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    expected = 7.0 * (0.5 * np.maximum(np.abs(cotangents) - 0.3, 0.0) ** 2).mean()
+    assert expected > 0.0
+    assert third.value - first.value == pytest.approx(expected, rel=1e-9)
+    direction = np.random.default_rng(16).normal(size=mesh.shape) * cells_of_grid(GRID.shape).free
+
+    def value(h: float) -> float:
+        then = limited.evaluate(mesh + h * direction)
+        assert then is not None
+        return then.value
+
+    one, half = remainders(value, float(np.vdot(third.gradient, direction)), 2e-4)
+    assert one / half == pytest.approx(4.0, abs=0.4)

@@ -9,6 +9,8 @@ import pytest
 
 import equimesh as em
 from equimesh.quality.faces import measure_faces
+from equimesh.solving import orthogonality
+from equimesh.testing.geometries import disc, l_shape
 
 STEEP = em.Expression("tanh(30*(y - 0.5 - 0.25*sin(2*pi*x)))")
 PEAK = em.Expression("1 + 60*exp(-300*(x + y - 1)**2)")
@@ -109,3 +111,37 @@ def test_a_bound_that_is_no_angle_is_refused(bad: Any) -> None:
         with pytest.raises(em.InputError, match="angle of non-orthogonality") as caught:
             make(u=STEEP, orthogonality=bad)
         assert caught.value.field == "orthogonality"
+
+
+DIAGONAL = em.Expression("tanh(25*(x + 0.7*y - 0.1))")
+
+
+@pytest.mark.parametrize("bound", [60.0, 45.0])
+def test_on_blocks_oblique_corners_become_dearer_until_the_bound_holds(bound: float) -> None:
+    domain = l_shape(1000)
+    free = em.solve(em.BlockProblem(monitor=em.LeastError(u=DIAGONAL), domain=domain))
+    assert free.faces.non_orthogonality > 60.0
+    monitor = em.LeastError(u=DIAGONAL, orthogonality=bound)
+    solution = em.solve(em.BlockProblem(monitor=monitor, domain=domain))
+    assert solution.faces.non_orthogonality <= bound
+    assert any("oblique corners" in text for text in solution.certificate.warnings)
+    assert solution.interpolation is not None
+    assert free.interpolation is not None
+    assert 1.5 < solution.interpolation.gain_l2 < free.interpolation.gain_l2
+    assert solution.angles.share_within > 0.99
+    assert free.angles.share_within < 0.95
+
+
+def test_on_blocks_a_bound_below_that_of_the_initial_mesh_is_refused() -> None:
+    monitor = em.LeastError(u=DIAGONAL, orthogonality=20.0)
+    with pytest.raises(em.InputError, match="the initial mesh of the domain has an angle of") as caught:
+        em.solve(em.BlockProblem(monitor=monitor, domain=disc(400)))
+    assert caught.value.field == "monitor.orthogonality"
+
+
+def test_on_blocks_the_initial_mesh_is_left_where_no_weight_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(orthogonality, "OBLIQUENESS_TRIALS", ())
+    monitor = em.LeastError(u=DIAGONAL, orthogonality=45.0)
+    solution = em.solve(em.BlockProblem(monitor=monitor, domain=l_shape(300)))
+    assert solution.mesh is solution.initial
+    assert "left no mesh but the initial one" in solution.note
