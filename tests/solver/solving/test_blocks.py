@@ -72,6 +72,14 @@ def test_weights_are_chosen_by_the_error() -> None:
     assert heard[0].phase.startswith("comparing weights, 1 of 2: descending, step 0 of")
 
 
+def test_weights_are_chosen_on_a_mesh_that_has_no_coarser_one() -> None:
+    asked = replace(problem(nodes=200), monitor=em.Auto(u=FRONT))
+    solution = em.solve(asked)
+    assert {record["level"] for record in solution.descent} == {0}
+    assert solution.interpolation is not None
+    assert solution.interpolation.gain_l2 > 1.5
+
+
 def test_starts_and_options_that_cannot_be_used_are_refused() -> None:
     asked = problem(nodes=300)
     own = asked.domain.mesh
