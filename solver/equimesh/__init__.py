@@ -59,9 +59,10 @@ from equimesh.schwarz.iteration import schwarz_iterations as iterate
 from equimesh.schwarz.ordering import Ordering
 from equimesh.schwarz.records import Iteration, SubdomainRecord
 from equimesh.schwarz.settings import Acceleration, LocalSolver, Schwarz
+from equimesh.sequences.block_sequence import BlockSequence
 from equimesh.sequences.pursuit import Earlier
 from equimesh.sequences.sequence import Sequence
-from equimesh.sequences.sequence_step import SequenceStep
+from equimesh.sequences.sequence_step import BlockStep, SequenceStep
 from equimesh.single_domain.steps import Mode, Step
 from equimesh.solving.announcer import Event
 from equimesh.solving.block_solution import BlockSolution
@@ -140,6 +141,8 @@ __all__ = [  # noqa: RUF022 - grouped by noun
     # Meshes that follow a solution in time
     "Sequence",
     "SequenceStep",
+    "BlockSequence",
+    "BlockStep",
     "Earlier",
     # Records of a running solve
     "Event",

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.fields.field import Field
+from equimesh.least_error.block_levels import block_levels
+from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 
 # Times, at most, that the share of the mesh before is halved until no cell is folded.
@@ -38,5 +42,17 @@ def mesh_between(before: Mesh, new: Mesh, share: float) -> Mesh:
         mesh = Mesh(new.x + share * (before.x - new.x), new.y + share * (before.y - new.y))
         if not mesh.is_folded:
             return Mesh.of_unit_square(mesh.x, mesh.y)
+        share *= 0.5
+    return new
+
+
+def blocks_between(domain: Blocks, before: QuadMesh, new: QuadMesh, share: float) -> QuadMesh:
+    """The same on a ``domain`` in blocks; nodes of its curves are at the nearest points of these."""
+    finest = BlockMesh.of(domain, block_levels(domain.mesh)[-1])
+    for _ in range(MAX_HALVINGS):
+        place = finest.of_points(new.points + share * (before.points - new.points))
+        mesh = place.quad_mesh(domain.mesh)
+        if not mesh.is_folded:
+            return mesh
         share *= 0.5
     return new

@@ -10,6 +10,7 @@ from typing import Any, Literal, Unpack
 import numpy as np
 
 from equimesh.domains.domain import map_mesh
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.fields.nodal_field import NodalField
@@ -21,6 +22,7 @@ from equimesh.schwarz.settings import Schwarz
 from equimesh.sequences.beginning import check_settings, first_mesh
 from equimesh.sequences.between import mesh_between
 from equimesh.sequences.following import monitor_for
+from equimesh.sequences.integrals import about_integrals
 from equimesh.sequences.moves import cells_moved, displacement, largest_jump, stays_valid
 from equimesh.sequences.pursuit import Earlier, Found, Pursuit, gain_of
 from equimesh.sequences.sequence_step import SequenceStep
@@ -28,16 +30,14 @@ from equimesh.solving.options import SolveArguments
 from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status
-from equimesh.transfers.integrals import integral
 from equimesh.transfers.mesh_values import MeshValues
 from equimesh.transfers.transfer import carry, named
 
 # The begin of the note of such a mesh.
 SMOOTHED = "The mesh keeps a share of the mesh before it"
+ON_BLOCKS = "a Sequence follows u on a grid: take BlockSequence(problem) for a domain in blocks"
 # A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
 MAX_SILENT_JUMP = 0.5
-# A relative change of an integral that deserves a sentence: rounding is far less.
-MAX_SILENT_CHANGE = 1e-12
 
 
 class Sequence:
@@ -77,6 +77,7 @@ class Sequence:
         outrun: Literal["substeps", "refuse"] = "substeps",
         **options: Unpack[SolveArguments],
     ) -> None:
+        _require_grid(problem)
         check_settings(smoothing, max_move, outrun)
         if isinstance(solution, Solution) and mesh is not None:
             raise InputError("a solution has a mesh: give solution= or mesh=, and not both", field="mesh")
@@ -116,12 +117,7 @@ class Sequence:
         :class:`~equimesh.errors.InputError` for values that cannot be used, and where the arrays of :attr:`mesh` were
         written into.
         """
-        if not np.array_equal(self.mesh.points, self._nodes):
-            raise InputError(
-                "the mesh of this sequence was written into since its last step: write into copies, as"
-                " step.mesh.x.copy(), and begin a new sequence",
-                field="mesh",
-            )
+        require_untouched(self.mesh.points, self._nodes)
         given = named({} if fields is None else fields)
         for name, field in given.items():
             field.on(self.mesh, name)  # what cannot be carried is refused before the solve
@@ -145,7 +141,7 @@ class Sequence:
             velocity=displacement(self.mesh, solution.mesh) if same else None,
             moved=moved,
             substeps=found.substeps,
-            notes=(*self._about_moves(solution, moved), *_about_integrals((self.mesh, solution.mesh), given, carried)),
+            notes=(*self._about_moves(solution, moved), *about_integrals((self.mesh, solution.mesh), given, carried)),
         )
         kept = problem.monitor if is_monitor else self.problem.monitor
         self.problem = replace(problem, monitor=kept)
@@ -158,7 +154,7 @@ class Sequence:
         """The reference mesh before, on the grid of the step."""
         return self._reference if grid == self._reference.grid else prolong(self._reference, grid)
 
-    def _pursue(self, problem: Problem, before: Mesh) -> Found:
+    def _pursue(self, problem: Problem, before: Mesh) -> Found[Solution]:
         """The solution of a step."""
         earlier = self._earlier
         if self.solution is not None:
@@ -245,28 +241,19 @@ class Sequence:
             )
 
 
-def _about_integrals(
-    meshes: tuple[Mesh, Mesh], given: Mapping[str, MeshValues], carried: Mapping[str, Array]
-) -> Iterator[str]:
-    """Sentences about integrals that were not kept."""
-    for name, field in given.items():
-        change = _change(*meshes, field, carried[name]) if field.transfer == "conservative" else 0.0
-        if change > MAX_SILENT_CHANGE:
-            yield (
-                f"The integral of {name} changed by {change:.1e} of itself: straight edges cut a curved side"
-                " differently in the two meshes, and the bounds leave no room for the difference."
-            )
+def _require_grid(problem: object) -> None:
+    if isinstance(problem, BlockProblem):
+        raise InputError(ON_BLOCKS, field="problem")
 
 
-def _change(old: Mesh, new: Mesh, field: MeshValues, carried: Array) -> float:
-    """The largest relative change of the integral of a component."""
-    values, largest = np.asarray(field.values, dtype=float), 0.0
-    for index in np.ndindex(*values.shape[2:]):
-        before = integral(old, values[(..., *index)], field.location)
-        size = integral(old, np.abs(values[(..., *index)]), field.location)
-        after = integral(new, carried[(..., *index)], field.location)
-        largest = max(largest, abs(after - before) / size if size > 0.0 else 0.0)
-    return largest
+def require_untouched(points: Array, before: Array) -> None:
+    """Raise :class:`~equimesh.errors.InputError` where the nodes of a mesh are no longer at ``before``."""
+    if not np.array_equal(points, before):
+        raise InputError(
+            "the mesh of this sequence was written into since its last step: write into copies, as"
+            " step.mesh.x.copy(), and begin a new sequence",
+            field="mesh",
+        )
 
 
 def _is_same(one: Mesh, other: Mesh) -> bool:

@@ -2,31 +2,38 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
 
+M = TypeVar("M", Mesh, QuadMesh)
+S = TypeVar("S", Solution, BlockSolution)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SequenceStep:
-    """The result of :meth:`~equimesh.sequences.sequence.Sequence.step`."""
+class AnyStep(Generic[M, S]):
+    """What steps on grids and on blocks have in common."""
 
     number: int
     """1 for the first step."""
-    mesh: Mesh
+    mesh: M
     """The mesh of the sequence after the step: that of the solution, or the last good one where the solve failed.
 
     The next step begins with it: write into copies of its arrays only.
     """
-    solution: Solution
+    solution: S
     """The solve of this step, also a failed one."""
     fields: Mapping[str, Array]
     """The fields on the mesh, by their names."""
     velocity: Array | None
-    """The displacement of every node in this step, shape ``(n_xi, n_eta, 2)``; ``None`` where the grid has changed.
+    """The displacement of every node in this step, shape ``(n_xi, n_eta, 2)``, on blocks ``(n, 2)``; ``None`` where the
+    grid has changed.
 
     Divided by the time step it is the velocity of the mesh.
     """
@@ -36,9 +43,6 @@ class SequenceStep:
     """The number of meshes that were computed on the way to this one, itself included."""
     notes: tuple[str, ...]
     """Sentences about this step alone: moves, and integrals that bounds did not allow to keep."""
-
-    def __repr__(self) -> str:
-        return f"<SequenceStep {self.number}: {self.mesh.grid} points, {self.status}>"
 
     @property
     def status(self) -> Status:
@@ -54,3 +58,19 @@ class SequenceStep:
     def warnings(self) -> tuple[str, ...]:
         """Sentences to read before going on: those of the step, and those of the certificate."""
         return (*self.notes, *self.certificate.warnings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SequenceStep(AnyStep[Mesh, Solution]):
+    """The result of :meth:`~equimesh.sequences.sequence.Sequence.step`."""
+
+    def __repr__(self) -> str:
+        return f"<SequenceStep {self.number}: {self.mesh.grid} points, {self.status}>"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class BlockStep(AnyStep[QuadMesh, BlockSolution]):
+    """The result of :meth:`~equimesh.sequences.block_sequence.BlockSequence.step`."""
+
+    def __repr__(self) -> str:
+        return f"<BlockStep {self.number}: {len(self.mesh.points)} points, {self.status}>"

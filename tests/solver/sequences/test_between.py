@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import equimesh as em
-from equimesh.sequences.between import Between, mesh_between
+from equimesh.sequences.between import Between, blocks_between, mesh_between
 from equimesh.testing import check_field
+from equimesh.testing.geometries import l_shape
 from solver.fields.bent_meshes import smooth_mesh
 
 
@@ -31,3 +33,16 @@ def test_the_share_falls_where_a_cell_would_fold() -> None:
     mesh = mesh_between(before, uniform, 0.9)
     assert not mesh.is_folded
     assert 0.0 <= np.abs(mesh.x - uniform.x).max() < 0.9 * 9.0 * 0.25
+
+
+def test_a_mesh_of_blocks_between_two_is_not_folded() -> None:
+    domain = l_shape(300)
+    mesh = domain.mesh
+    far = mesh.moved(mesh.points[::-1].copy())
+    for share in (0.9, 0.5):
+        assert not blocks_between(domain, far, mesh, share).is_folded
+    assert blocks_between(domain, mesh, mesh, 0.5).distance(mesh) < 1e-12
+    shifted = mesh.points.copy()
+    shifted[domain.node_curve == -1] += 0.01
+    middle = blocks_between(domain, mesh.moved(shifted), mesh, 0.5)
+    assert np.abs(middle.points - mesh.points)[domain.node_curve == -1] == pytest.approx(0.005)

@@ -6,7 +6,8 @@ import math
 from typing import Any
 
 import equimesh as em
-from equimesh.sequences.pursuit import Pursuit, gain_of
+from equimesh.sequences.pursuit import BlockPursuit, Pursuit, gain_of, problem_with
+from equimesh.testing.geometries import l_shape
 
 FRONT = "tanh(30*(x + y/2 - 0.6 - t))"
 GRID = em.Grid(n_xi=17, n_eta=17)
@@ -71,3 +72,18 @@ def test_a_monitor_without_u_has_no_gain() -> None:
         em.Problem(monitor=em.Weight(rho=em.Expression("1 + 3*y")), grid=GRID)
     )
     assert found.solution.status.succeeded
+
+
+def test_on_blocks_the_same_starts_are_tried() -> None:
+    domain = l_shape(300)
+
+    def on_blocks(t: float) -> em.BlockProblem:
+        return em.BlockProblem(monitor=em.LeastError(u=em.Expression("tanh(12*(x + y - 0.8 - t))", t=t)), domain=domain)
+
+    start = em.solve(on_blocks(0.0), threads=1)
+    known: dict[str, Any] = {"options": {"threads": 1}, "before": start.mesh, "u": start.problem.monitor.u}
+    near = BlockPursuit(**known, gain=1.0, max_move=9.0).solve(on_blocks(0.02))
+    assert near.solution.mesh.distance(em.solve(on_blocks(0.02), initial=start.mesh, threads=1).mesh) == 0.0
+    far = BlockPursuit(**known, gain=1e9, max_move=0.5).solve(on_blocks(0.4))
+    assert far.gain >= gain_of(em.solve(on_blocks(0.4), threads=1))
+    assert problem_with(start.problem, em.Expression("x")).monitor.u == em.Expression("x")
