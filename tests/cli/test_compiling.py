@@ -14,6 +14,7 @@ from equimesh_cli.compiling import SENTENCE, announce_compiling
 COMMAND = [sys.executable, "-m", "equimesh_cli"]
 
 
+@pytest.mark.everything  # it compiles all kernels anew
 def test_solve_says_when_it_has_to_compile(tmp_path: Path) -> None:
     pytest.importorskip("numba")
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}

@@ -30,6 +30,8 @@ NAMES = {
     "openfoam": "OpenFOAM",
     "paraview": "ParaView",
 }
+# Its program is compiled from C++ for a minute.
+COMPILED = {"dealii": [pytest.mark.everything]}
 PROGRAMS = {"dmplex": "petsc4py", "dealii": "deal.II"}
 # Debian's interpreter has Debian's libraries, ParaView one of its own; the others are programs.
 PYTHONS = {"dolfinx": ["/usr/bin/python3"], "dmplex": ["/usr/bin/python3"], "paraview": ["pvpython"]}
@@ -80,7 +82,11 @@ def report_of(name: str, folder: Path) -> dict[str, Any]:
 
 @pytest.mark.external
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.needs(PROGRAMS.get(name, name))) for name in NAMES]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.needs(PROGRAMS.get(name, name)), *COMPILED.get(name, ())])
+        for name in NAMES
+    ],
 )
 def test_a_consumer_of_the_system_takes_a_mesh_and_solves(name: str, all_meshes: Meshes) -> None:
     meshes = all_meshes
