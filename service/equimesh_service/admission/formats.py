@@ -8,9 +8,6 @@ from equimesh_service.problems.problem import Problem
 from equimesh_service.problems.sentences import did_you_mean
 from equimesh_service.worker.part_formats import HEADED, PART_FORMATS
 
-# The formats that hold a grid, and no blocks.
-GRIDS_ONLY = ("vts",)
-
 
 def known_format(name: str) -> str:
     """The name of a format of meshes, whole or in parts, checked; raises a 406 problem."""
@@ -35,8 +32,8 @@ def check_whole(format: str, cells: str, *, is_grid: bool = True) -> None:
     if format not in FORMATS:
         detail = f"A {format} file is the head of a mesh in parts, and this mesh is whole."
         raise Problem("not-acceptable", f"{detail} Request one of {', '.join(FORMATS)}.")
-    if not is_grid and format in GRIDS_ONLY:
-        known = ", ".join(name for name in FORMATS if name not in GRIDS_ONLY)
+    if not is_grid and FORMATS[format].grids_only:
+        known = ", ".join(name for name, form in FORMATS.items() if not form.grids_only)
         raise Problem("not-acceptable", f"A {format} file is a grid, and this mesh has blocks. Request one of {known}.")
     if cells not in FORMATS[format].cells:
         raise Problem("not-acceptable", f"A {format} file holds no {cells}s. Request cells=quad or another format.")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from equimesh import AnnulusSector, Curve, Domain, InputError, Quadrilateral, Rectangle
-from equimesh.specs import build_domain
+from equimesh import AnnulusSector, Blocks, Curve, Domain, InputError, Quadrilateral, Rectangle
+from equimesh.specs import build, build_domain, count_points, load
+from equimesh.specs.spec import NOT_WITH_BLOCKS
 
 SIDES: dict[str, Any] = {
     "bottom": {"x": "t", "y": "h*sin(pi*t)", "parameters": {"h": 0.2}},
@@ -61,3 +64,54 @@ def test_a_fault_has_the_path_of_the_document(document: dict[str, Any], field: s
     with pytest.raises(InputError) as caught:
         build_domain(document)
     assert caught.value.field == field
+
+
+BLOCKS: dict[str, Any] = {
+    "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
+    "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [4, 3]}],
+}
+
+
+def test_blocks_are_counted_before_they_are_made() -> None:
+    domain = build_domain({"kind": "blocks", **BLOCKS, "refine": 2})
+    assert isinstance(domain, Blocks)
+    assert domain.points == count_points({**BLOCKS, "refine": 2}) == 9 * 7
+    with pytest.raises(InputError, match="possible") as caught:
+        count_points({**BLOCKS, "refine": 1e8})
+    assert caught.value.field == "domain.blocks"
+
+
+def test_files_of_meshes_and_of_points_are_beside_a_problem_file(tmp_path: Path) -> None:
+    (tmp_path / "square.json").write_text(json.dumps(BLOCKS))
+    (tmp_path / "c.csv").write_text("x, y\n0, 0\n0.5, -0.2\n1, 0\n")
+    monitor = {"kind": "least_error", "u": "tanh(9*(x - y))"}
+    on_curve = {**BLOCKS, "curves": {"c": {"points": "c.csv"}}, "edges": [{"from": "a", "to": "b", "on": "c"}]}
+    for domain, points in (({"kind": "mesh", "file": "square.json"}, 20), ({"kind": "blocks", **on_curve}, 20)):
+        (tmp_path / "problem.json").write_text(json.dumps({"monitor": monitor, "domain": domain}))
+        built = load(tmp_path / "problem.json")
+        assert built.problem.domain.points == points  # type: ignore[union-attr]
+        with pytest.raises(InputError, match="four sides"):
+            assert built.grid_problem
+    with pytest.raises(InputError, match="there is no mesh file named") as caught:
+        build_domain({"kind": "mesh", "file": "none.msh"})
+    assert caught.value.field == "domain.file"
+
+
+def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
+    document: dict[str, Any] = {
+        "monitor": {"kind": "least_error", "u": "x*y"},
+        "domain": {"kind": "blocks", **BLOCKS},
+    }
+    for name, value in {
+        "grid": {"n_xi": 8},
+        "target": {"error": 1e-3},
+        "boundary": "orthogonal",
+        "schwarz": {},
+        "parts": 2,
+    }.items():
+        with pytest.raises(InputError) as caught:
+            build({**document, name: value})
+        assert caught.value.field == name
+        assert caught.value.message == NOT_WITH_BLOCKS[name]
+    with pytest.raises(InputError, match="LeastError"):
+        build({**document, "monitor": {"kind": "curvature", "u": "x*y"}})
