@@ -32,9 +32,9 @@ def test_two_ways_of_one_length_need_a_point() -> None:
     assert span(Airfoil(digits="0012"), 0.0, 1.0, via=(0.5, -0.1), **NAMES).tolist() == [0.0, -1.0]
 
 
-@pytest.mark.parametrize("ends", [(0.1, 1.7), (1.7, 0.1)])
+@pytest.mark.parametrize("ends", [(0.1, 0.95), (0.95, 0.1)])
 def test_nodes_stand_at_shares_of_the_length(ends: tuple[float, float]) -> None:
-    foil = Airfoil(digits="2412")
+    foil = Airfoil(digits="0012")
     shares = np.linspace(0.0, 1.0, 6)
     t = parameters_at(foil, np.array(ends), shares)
     assert (t[0], t[-1]) == ends
@@ -42,7 +42,7 @@ def test_nodes_stand_at_shares_of_the_length(ends: tuple[float, float]) -> None:
     for first, last in pairwise(t):
         x, y, *_ = foil.evaluate(np.linspace(first, last, 20_001))
         lengths.append(np.hypot(np.diff(x), np.diff(y)).sum())
-    assert lengths == pytest.approx([np.mean(lengths)] * 5, rel=1e-5)
+    assert lengths == pytest.approx([np.mean(lengths)] * 5, rel=1e-7)
 
 
 def test_nodes_of_a_circle_are_exact() -> None:

@@ -25,6 +25,9 @@ def test_area_and_box_are_those_inside_the_curves() -> None:
     ring = Blocks.of(documents.ring())
     assert ring.area == pytest.approx(3 * math.pi, rel=1e-13)
     assert np.array(ring.box) == pytest.approx(np.array([[-2, 2], [-2, 2]]), abs=1e-9)
+    between = Blocks.of(documents.ring(blocks=[{"corners": ["i", "o", "o", "i"], "cells": [3, 10]}]))
+    assert np.array(between.box) == pytest.approx(np.array([[-2, 2], [-2, 2]]), abs=1e-9)
+    assert between.mesh.y.max() < 1.95
     bump = Blocks.of(documents.channel())
     top = math.sqrt(5) - 2
     segment = 5 * math.asin(1 / math.sqrt(5)) - 2

@@ -61,8 +61,25 @@ def test_both_copies_of_a_joined_vertex_slide_on_their_line_or_stay() -> None:
     assert (found.node_curve[[node(found, 0, 1), node(found, 3, 1)]] >= 0).all()  # the straight top
     assert (found.node_curve[[node(found, 0, 0), node(found, 3, 0)]] == FIXED).all()  # a bump and a straight bottom
     assert (found.node_curve[found.mesh.ties[1:-1]] == FREE).all()
+    bent = documents.channel(edges=[], curves={})
+    bent["vertices"]["b"] = [2, 0.2]
+    roof = Blocks.of(bent)
+    assert (roof.node_curve[[node(roof, 0, 0), node(roof, 3, 0)]] == FIXED).all()  # two lines, not one direction
     stays = Blocks.of(documents.channel(corners=["d"]))
     assert (stays.node_curve[[node(stays, 0, 1), node(stays, 3, 1)]] == FIXED).all()
+
+
+def test_a_vertex_inside_stays_where_it_is_named() -> None:
+    document = documents.ring()
+    document["vertices"] |= {"m": [1.5, 0]}
+    document["blocks"] = [
+        {"corners": ["i", "m", "m", "i"], "cells": [2, 24]},
+        {"corners": ["m", "o", "o", "m"], "cells": [2, None]},
+    ]
+    document["curves"]["middle"] = {"circle": {"radius": 1.5}}
+    document["edges"].append({"from": "m", "to": "m", "on": "middle"})
+    free, stays = Blocks.of(document), Blocks.of(document | {"corners": ["m"]})
+    assert (free.node_curve[node(free, 1.5, 0)], stays.node_curve[node(stays, 1.5, 0)]) == (FREE, FIXED)
 
 
 def test_the_end_of_a_slit_stays() -> None:
@@ -88,3 +105,4 @@ def test_the_end_of_a_slit_stays() -> None:
     }
     found = Blocks.of(document)
     assert found.node_curve[node(found, 0, 0)] == FIXED
+    assert len(found.curves) == 7  # the two faces of the slit are two lines

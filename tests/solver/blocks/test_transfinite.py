@@ -34,3 +34,13 @@ def test_sides_are_kept_to_the_bit() -> None:
     found = transfinite(sides, (shares,) * 4)
     for line, wanted in zip((found[0], found[-1], found[:, 0], found[:, -1]), sides, strict=True):
         assert np.array_equal(line, wanted)
+
+
+def test_sides_are_blended_where_the_lines_between_opposite_shares_cross() -> None:
+    bottom, top = np.array([0.0, 0.2, 1.0]), np.array([0.0, 0.6, 1.0])
+    left = np.array([0.0, 0.5, 1.0])
+    zero, one = np.zeros(3), np.ones(3)
+    bulge = np.column_stack([0.1 * np.sin(np.pi * left), left])
+    sides = bulge, np.column_stack([one, left]), np.column_stack([bottom, zero]), np.column_stack([top, one])
+    found = transfinite(sides, (left, left, bottom, top))
+    assert found[1, 1] == pytest.approx([0.4 + (1 - 0.4) * 0.1, 0.5])
