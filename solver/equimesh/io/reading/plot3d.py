@@ -24,6 +24,8 @@ SAME_PLACE: Final = 1e-10
 _PRINTED: Final = bytes(range(32, 127)) + b"\t\r\n"
 # The faces of a neutral map file at the least and largest i, and at the least and largest j.
 FACES: Final = (3, 4, 5, 6)
+# Those of them that have a right-handed block on the left where their index rises.
+LEFT_WHEN_RISING: Final = (4, 5)
 # What a neutral map file calls an interface of blocks.
 INTERFACE: Final = "ONE_TO_ONE"
 _MAP_ROW = re.compile(r"\s*'?([^'#]*?[^'#\s\d][^'#]*?)'?((?:\s+-?\d+){6})\s*(?:$|[-\d#])")
@@ -115,7 +117,7 @@ def sides_of_map(data: bytes, blocks: list[Array]) -> dict[str, list[tuple[int, 
             FACES[2]: along * n_j,
             FACES[3]: along * n_j + n_j - 1,
         }
-        line = at[face]
+        line = at[face] if face in LEFT_WHEN_RISING else at[face][::-1]  # the block on the left
         sides.setdefault(found[1], []).append((block - 1, np.column_stack([line[:-1], line[1:]])))
     return sides
 

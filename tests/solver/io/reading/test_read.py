@@ -7,12 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
 from equimesh.io.foam import foam_files
 from equimesh.io.gmsh import gmsh_text
 from equimesh.io.reading.read import READERS, read_bytes, read_mesh
 from equimesh.io.su2 import su2_text
 from equimesh.io.vtu import write_vtu
+from equimesh.io.write import write_mesh
+from equimesh.meshes.mesh_data import MeshData
+from equimesh.testing import GEOMETRIES
 from solver.io.reading.plain import same, small
 from solver.io.reading.test_plot3d import text, two_blocks
 from solver.io.reading.test_poly_mesh import zipped
@@ -33,6 +37,23 @@ def test_the_format_is_that_of_the_suffix_or_the_named_one(tmp_path: Path) -> No
         read_mesh(tmp_path / "none.su2")
     with pytest.raises(InputError, match="has no constant/polyMesh"):
         read_mesh(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["msh", "su2", "foam.zip", "p3d.zip"])
+@pytest.mark.parametrize("name", ["ring", "disc", "pitz_daily"])
+def test_meshes_of_blocks_come_back_to_the_bit(tmp_path: Path, name: str, suffix: str) -> None:
+    mesh = GEOMETRIES[name](200).mesh
+    data = MeshData(mesh=mesh, u=None, q_eq=np.ones(mesh.cell_shape), subdomain=np.zeros(mesh.cell_shape, int))
+    write_mesh(tmp_path / f"mesh.{suffix}", data)
+    found = Blocks.read(tmp_path / f"mesh.{suffix}")
+    np.testing.assert_array_equal(found.mesh.points, mesh.points)
+    np.testing.assert_array_equal(found.mesh.cells, mesh.cells)
+    assert found.mesh.sides.keys() == mesh.sides.keys()
+    if suffix != "p3d.zip":  # its map has the sides in the order of the blocks
+        assert list(found.mesh.sides) == list(mesh.sides)
+    for side, edges in mesh.sides.items():
+        np.testing.assert_array_equal(found.mesh.sides[side], edges)
+    assert [block.tolist() for block in found.mesh.blocks] == [block.tolist() for block in mesh.blocks]
 
 
 def whole(tmp_path: Path) -> dict[str, bytes]:
