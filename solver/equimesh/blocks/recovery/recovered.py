@@ -14,6 +14,7 @@ from equimesh.blocks.recovery.half_edges import HalfEdges, counter_clockwise
 from equimesh.blocks.recovery.separatrices import blocks_of
 from equimesh.blocks.recovery.shapes import curve_through
 from equimesh.blocks.recovery.topology import layout_of
+from equimesh.domains.domain import MAX_COORDINATE
 from equimesh.errors import InputError
 from equimesh.inputs import real_array
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -51,6 +52,12 @@ def recover(
     places = real_array(points, "points", ndim=2)
     if places.shape[1] != 2:
         raise InputError(f"points has shape {places.shape}: it must be (n, 2)", field="points")
+    if np.abs(places).max(initial=0.0) > MAX_COORDINATE:
+        node = int(np.abs(places).max(axis=1).argmax())
+        message = (
+            f"node {node} is at {places[node].tolist()}: coordinates of at most {MAX_COORDINATE:g} in size are possible"
+        )
+        raise InputError(message, field="points")
     quads = counter_clockwise(places, _cells(cells, len(places)))
     edges = HalfEdges.of(places, quads)
     tables = {name: _table(table, len(places), f"sides.{name}", 2) for name, table in sides.items()}

@@ -97,6 +97,7 @@ def bad(mesh: Arrays, change: object) -> str:
         (lambda p, c: recover(p, c[:2], {}), "points: node 6 is in no cell"),
         (lambda p, c: recover(p[:, :1], c, {}), "points: points has shape (9, 1)"),
         (lambda p, c: recover(np.where(p > 0.7, np.nan, p), c, {}), "points: points[2][1] is NaN"),
+        (lambda p, c: recover(1e200 * p, c, {}), "points: node 2 is at [0.0, 1e+200]: coordinates of at most"),
         (lambda p, c: recover(p, c, {"low": [[0, 12]]}), "sides.low: sides.low[0] has the nodes [0, 12]"),
     ],
 )
