@@ -1,4 +1,4 @@
-"""The panel of the domain: its three kinds, curves that are drawn and moved, and faults where they are."""
+"""The panel of the domain: its kinds, curves that are drawn and moved, and faults where they are."""
 
 from __future__ import annotations
 
@@ -126,3 +126,26 @@ def test_the_page_draws_the_curves_of_the_solver(visit: Callable[..., Page]) -> 
         x, *_ = em.Curve.of_expressions(formula, "0").evaluate(np.linspace(0, 1, 11))
         assert np.abs(np.array(values) - x).max() < 1e-6, formula
     assert drawn["refused"] == [None] * 6
+
+
+def test_blocks_are_pasted_drawn_and_told(page: Page) -> None:
+    box = panel(page, "domain")
+    answer = answered(page, lambda: box.get_by_label("Kind", exact=True).select_option("blocks"))
+    assert answer.status == 200, answer.text()
+    spec = spec_of(page)
+    assert "grid" not in spec
+    assert spec["monitor"] == {"u": {"expression": "tanh(20*(x-y))"}}
+    assert box.locator(".outline polyline").count() == 12
+    description = box.get_by_label("Description, as JSON")
+    text = description.input_value()
+    description.fill(text[:-2])
+    expect(box.get_by_text("This is no JSON")).to_be_visible()
+    answer = answered(page, lambda: description.fill(text.replace('"cells":[16,16]', '"cells":[12,8]', 1)))
+    assert answer.status == 422
+    expect(box.get_by_text("give both the same number")).to_be_visible()
+    answer = answered(page, lambda: description.fill(text.replace('"cells":[16,16]', '"cells":[6,4],"name":"part"', 4)))
+    assert answer.status == 200, answer.text()
+    expect(page.locator("#panel-numbers").get_by_role("row", name="blocks 4")).to_be_visible()
+    page.locator("#stage").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#tip")).to_contain_text("part, cell")

@@ -1,6 +1,6 @@
 // The forms of domains that are meshes of blocks: a description as JSON, and the file of a mesh.
 
-import { faultLine, follow, numberField } from "../bound.js";
+import { follow, numberField } from "../bound.js";
 import { element, field, freshId } from "../dom.js";
 
 /** The description that a change to blocks begins with: a square with a round hole. */
@@ -57,7 +57,6 @@ export function blocksForm(app, put) {
     element("p", { class: "hint" }, "Vertices, curves, blocks and sides by their names. The mesh slides along the curves and through the blocks."),
     numberField(app, "Cells, times", ["domain", "refine"], { fallback: 1, min: 0.1 }),
     box,
-    faultLine(app, (pointer) => pointer.startsWith("/domain/")),
     field("Or open a description", file, { inline: true }));
 }
 
@@ -89,8 +88,7 @@ export function meshForm(app, put) {
     field("Mesh file", file, { inline: true }),
     said,
     fault,
-    numberField(app, "Corner angle (degrees)", ["domain", "corner_angle"], { optional: true, min: 0, max: 180, placeholder: "usual", help: "Where the boundary turns by more than this, there is a corner." }),
-    faultLine(app, (pointer) => pointer.startsWith("/domain/")));
+    numberField(app, "Corner angle (degrees)", ["domain", "corner_angle"], { optional: true, min: 0, max: 180, placeholder: "usual", help: "Where the boundary turns by more than this, there is a corner." }));
 }
 
 // The description in a text, or what is wrong with it.

@@ -56,7 +56,7 @@ export function create(section, app) {
     blocks: blocksForm(app, put),
     mesh: meshForm(app, put),
   };
-  section.append(kinds, outline.element, faultLine(app, (pointer) => /^\/domain(\/\w+)?$/.test(pointer)), ...Object.values(forms));
+  section.append(kinds, outline.element, faultLine(app, (pointer) => /^\/domain(\/\w+)?$/.test(pointer) || (hasBlocks(domain()) && pointer.startsWith("/domain/"))), ...Object.values(forms));
   follow(app, ["domain"], (value) => {
     const kind = value?.kind ?? "rectangle";
     for (const [name, form] of Object.entries(forms)) form.hidden = name !== kind;
