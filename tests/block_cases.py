@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,6 +81,15 @@ def channel(n: int = 5) -> QuadMesh:
         blocks=(block,),
         ties=np.column_stack([block[-1], block[0]]),
     )
+
+
+def joined_channel() -> QuadMesh:
+    """The channel with names for the two sides that are joined."""
+    mesh = channel()
+    block = mesh.blocks[0]
+    ends = {"in": block[0, ::-1], "out": block[-1]}
+    sides = {name: np.column_stack([line[:-1], line[1:]]) for name, line in ends.items()}
+    return replace(mesh, sides={**mesh.sides, **sides})
 
 
 def data_of(mesh: QuadMesh) -> MeshData:

@@ -8,22 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from block_cases import channel, data_of, in_blocks, l_shape
+from block_cases import data_of, in_blocks, joined_channel, l_shape
 from equimesh.io.npz import load_npz
 from equimesh.io.reading.read import read_mesh
 from equimesh.io.write import Cells, write_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from solver.quality.handmade import wavy
-
-
-def joined_channel() -> QuadMesh:
-    """The channel with names for the two sides that are joined."""
-    mesh = channel()
-    block = mesh.blocks[0]
-    ends = {"in": block[0, ::-1], "out": block[-1]}
-    sides = {name: np.column_stack([line[:-1], line[1:]]) for name, line in ends.items()}
-    return replace(mesh, sides={**mesh.sides, **sides})
-
 
 MESHES = {
     "l": l_shape(),

@@ -31,7 +31,8 @@ def gmsh_text(
     ``points`` has shape ``(n, 2)``, ``cells`` ``(m, 3)`` or ``(m, 4)``, each side ``(k, 2)``; numbering starts at 0.
     The sides become the physical groups 1, 2, ... of dimension 1 in their order, the cells the group ``domain`` of
     dimension 2 with the next number; a cell's elementary entity is the number of its ``subdomain``, from 1. Where a
-    side is called ``domain``, the cells are the group ``cells``. Gmsh reads ``joins`` as periodic lines.
+    side is called ``domain``, the cells are the group ``cells``. The section ``$Periodic`` has the ``joins``
+    as Gmsh writes them; Gmsh itself keeps the section of such a file as an attribute of the model.
 
     Cell data go into ``$ElementNodeData``, the same value at all corners: Gmsh shows them, and readers that know no
     such section skip it. (meshio refuses a file with ``$ElementData`` as soon as there are edges next to the cells.)
