@@ -28,7 +28,7 @@ def read_poly_mesh(files: Mapping[str, bytes]) -> PlainMesh:
     """The plane mesh of the files ``points``, ``faces``, ``owner`` and ``boundary``, by name.
 
     The mesh must be one layer of hexahedra between two planes across x, y or z. The points of the lower plane become
-    the nodes, in their order; cells keep their numbers, patches other than those in the planes become sides. Raises
+    the nodes, in their order; cells keep their numbers, patches become sides, without their faces in the planes. Raises
     :class:`~equimesh.errors.InputError` for other meshes, for binary files, and for broken ones, with the line.
 
     Source: OpenFOAM user guide, "Mesh description".
@@ -57,14 +57,15 @@ def read_poly_mesh(files: Mapping[str, bytes]) -> PlainMesh:
         message = f"polyMesh: {len(cells)} cells have {len(below)} faces in the lower plane: one layer has one each"
         raise InputError(message, field="file")
     walls = (count_upper == 2) & (corners == 4)
+    astray = ~walls & (count_upper != 0) & (count_upper != corners)
+    if astray.any():
+        cell = int(owner[astray.argmax()])
+        raise InputError(f"polyMesh: cell {cell} does not go straight from plane to plane", field="file")
     sides = {}
     for name, first, count in _patches(files["boundary"], len(faces)):
         own = np.arange(first, first + count)
-        if count and not walls[own].any():
-            continue  # in the planes
-        if not walls[own].all():
-            raise InputError(f"polyMesh: the patch {name!r} is in a plane and on a side: split it", field="file")
-        if count:
+        own = own[walls[own]]  # the others are in the planes
+        if len(own):
             sides[name] = _lower_edges(faces[own, :4], upper)
     return PlainMesh.of(np.ascontiguousarray(points[:, ACROSS[axis]]), cells, sides)
 

@@ -51,6 +51,15 @@ def test_comments_and_groups_of_other_writers() -> None:
     assert same(read_bytes(zipped(files() | {"boundary": boundary, "faces": note}), "zip"), small())
 
 
+def test_a_patch_may_also_lie_in_the_planes() -> None:
+    boundary = files()["boundary"].replace("left\n", "rest\n", 1)
+    boundary = re.sub(r"(?s)\nfrontAndBack.*?\}", "", boundary)
+    boundary = re.sub(r"(?s)(top\n\{.*?nFaces) 3;", r"\1 15;", boundary).replace("\n5\n", "\n4\n")
+    found = read_bytes(zipped(files() | {"boundary": boundary}), "zip")
+    assert list(found.sides) == ["rest", *list(small().sides)[1:]]
+    np.testing.assert_array_equal(found.sides["top"], small().sides["top"])
+
+
 BROKEN = {
     "no file 'owner'": {"owner": None},
     "the file 'faces' is binary: convert it with foamFormatConvert": {"faces": ("format ascii", "format binary")},
