@@ -23,7 +23,9 @@ from distributed import Client, LocalCluster
 from random_functions import KINDS, RandomFunction, random_functions
 
 import equimesh as em
+import geometry
 from equimesh.io import PARTED_FORMATS
+from equimesh.testing import geometries
 from equimesh_cli.benchmark import budget, newton, peers, solves
 from equimesh_cli.benchmark.budget import Bought, Curve
 from equimesh_cli.benchmark.quadrature import errors, l2_error
@@ -333,3 +335,14 @@ def test_a_mesh_by_parts_is_written_and_read_back(monkeypatch: pytest.MonkeyPatc
     assert "sent: 0.0 MB in 0 messages" in lines[3]
     assert lines[-1].endswith("equal to the last bit")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_geometries_are_measured_with_fronts_on_their_window() -> None:
+    domain = geometries.l_shape(300)
+    fronts = list(geometry.functions(domain, "l_shape", 3, 2))
+    assert len({u.text for u in fronts}) == 2
+    found = geometry.solve(domain, fronts[0])
+    assert found.gain > 1.0
+    assert not found.folded
+    assert 0.5 < found.within <= 1.0
+    assert geometry.mean([2.0, 8.0]) == pytest.approx(4.0)

@@ -85,6 +85,12 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
 # Called by tests only, and by other kernels only.
 ELSEWHERE = {
     "_absolute",
+    "_adjacency",
+    "_apply",
+    "_stiffness",
+    "_triples",
+    "add_slope",
+    "oblique_corners",
     "add_corner",
     "add_up",
     "smallest_of_cells",

@@ -1,0 +1,167 @@
+"""Least error on ten geometries of blocks against its goals: gains, cost, folds, angles, a singular corner, a million.
+
+python benchmarks/geometry.py                # quick: few functions, small meshes
+python benchmarks/geometry.py --full         # 40 functions on each geometry, at 33,000 and 140,000 nodes
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from equimesh_cli.compiling import THREAD_COUNTS
+
+if __name__ == "__main__":
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded
+
+import numpy as np
+from random_functions import random_functions
+
+import equimesh as em
+from equimesh.quality.measures import measure_interpolation
+from equimesh.testing import geometries
+from equimesh_cli.benchmark.rows import Row, lines
+
+GEOMETRIES = (
+    *("l_shape", "step", "obstacle", "plus", "ring", "disc", "cylinder", "naca0012_o", "naca0012_c", "pitz_daily"),
+)
+"""Functions of :mod:`equimesh.testing.geometries`."""
+FRONTS = ("front", "ring", "star", "wave", "arc", "upright", "level")
+"""Kinds of the random functions that are taken: those with a front, which is what meshes are adapted to."""
+WINDOWS = {"naca0012_o": (-0.5, -1.0, 2.0), "naca0012_c": (-0.5, -1.0, 2.0)}
+"""Where the unit square of the random functions lies: left, bottom and side; elsewhere in the middle of the box."""
+SINGULAR = "((x**2 + y**2)**(1/3))*sin(2/3*(atan2(y, x) + pi/2))"
+"""The solution of Laplace's equation at the re-entrant corner of the L: r to the power 2/3."""
+GAINS = 12.0
+"""The geometric mean of the L2 gains that is the goal."""
+COSTS = {33_000: 15.0, 140_000: 8.0}
+"""Microseconds of CPU a point that are the goals, by nodes."""
+GAUSS_POINTS = 4
+"""Gauss points a direction and cell of the measured errors."""
+BOUND = 60.0
+"""Degrees of non-orthogonality: corners then lie between 30 and 150 degrees."""
+MILLION = 1_000_000
+
+
+class Solved(NamedTuple):
+    """One function on one geometry."""
+
+    gain: float
+    microseconds: float
+    folded: bool
+    within: float
+    """The share of corners between 30 and 150 degrees."""
+
+
+def functions(domain: em.Blocks, name: str, seed: int, count: int) -> Iterator[em.Expression]:
+    """Random fronts on a square of the domain."""
+    (x0, x1), (y0, y1) = domain.box
+    side = min(x1 - x0, y1 - y0)
+    left, bottom, side = WINDOWS.get(name, (0.5 * (x0 + x1 - side), 0.5 * (y0 + y1 - side), side))
+    kept = 0
+    for function in random_functions(seed, 10 * count):
+        if function.kind in FRONTS and kept < count:
+            kept += 1
+            u = re.sub(r"\bx\b", f"((x - ({left:.6g}))/{side:.6g})", function.u)
+            yield em.Expression(re.sub(r"\by\b", f"((y - ({bottom:.6g}))/{side:.6g})", u))
+
+
+def solve(domain: em.Blocks, u: em.Expression, bound: float | None = None, threads: int = 1) -> Solved:
+    """The measures of one mesh, with errors by Gauss points of the benchmark."""
+    problem = em.BlockProblem(monitor=em.LeastError(u=u, orthogonality=bound), domain=domain)
+    began = time.process_time()
+    solution = em.solve(problem, threads=threads, check=False)
+    seconds = time.process_time() - began
+    with np.errstate(all="ignore"):
+        errors = measure_interpolation(solution.mesh, u, uniform=domain.mesh, gauss=GAUSS_POINTS)
+    gain = math.nan if errors is None else errors.l2_uniform / errors.l2
+    return Solved(gain, 1e6 * seconds / domain.points, solution.mesh.is_folded, solution.angles.share_within)
+
+
+def mean(values: list[float]) -> float:
+    """The geometric mean."""
+    return math.exp(sum(map(math.log, values)) / len(values))
+
+
+def gains(nodes: int, count: int, seed: int, bound: float | None = None) -> Iterator[Row]:
+    """The gains on every geometry and on all of them, next to the goals."""
+    found: list[Solved] = []
+    for name in GEOMETRIES:
+        domain = getattr(geometries, name)(nodes)
+        here = [solve(domain, u, bound) for u in functions(domain, name, seed, count)]
+        note = f"smallest {min(one.gain for one in here):.3g}; {np.mean([one.microseconds for one in here]):.3g} us"
+        note += f"; {100 * np.mean([one.within for one in here]):.1f} % of corners within 30 to 150 degrees"
+        yield Row(what=f"{name}, {domain.points} nodes", value=mean([one.gain for one in here]), unit="", note=note)
+        found += here
+    yield Row(what="all, L2 gain", value=mean([one.gain for one in found]), unit="", goal=GAINS, at_least=True)
+    cost = float(np.mean([one.microseconds for one in found]))
+    yield Row(what="all, CPU with measures", value=cost, unit="us a point", goal=COSTS.get(nodes))
+    yield Row(what="folded", value=sum(one.folded for one in found), unit="", goal=0)
+    yield Row(what="worse than the initial mesh", value=sum(one.gain < 1.0 for one in found), unit="", goal=0)
+    yield Row(what="corners within 30 to 150 degrees", value=100 * np.mean([one.within for one in found]), unit="%")
+
+
+def bounded(nodes: int, count: int, seed: int) -> Iterator[Row]:
+    """What a bound of the angles costs, and how many corners are within the limits then."""
+    shares: list[float] = []
+    within: list[float] = []
+    for name in GEOMETRIES:
+        domain = getattr(geometries, name)(nodes)
+        for u in functions(domain, name, seed, count):
+            try:
+                limited = solve(domain, u, BOUND)
+            except em.InputError as error:  # the initial mesh has a larger angle
+                yield Row(what=name, value=math.nan, unit="", note=str(error)[:80])
+                break
+            shares.append(limited.gain / solve(domain, u).gain)
+            within.append(limited.within)
+    yield Row(what=f"gain within {BOUND:g} degrees, share", value=mean(shares), unit="", goal=0.75, at_least=True)
+    yield Row(what="corners within 30 to 150", value=100 * float(np.mean(within)), unit="%", goal=99.0, at_least=True)
+
+
+def corner(nodes: int) -> Iterator[Row]:
+    """The gain for the singular function of a re-entrant corner."""
+    found = solve(geometries.l_shape(nodes), em.Expression(SINGULAR))
+    yield Row(what="r^(2/3) on the L", value=found.gain, unit="", goal=30.0, at_least=True)
+
+
+def million(nodes: int) -> Iterator[Row]:
+    """A large mesh on two threads, twice."""
+    domain = geometries.l_shape(nodes)
+    u = next(functions(domain, "l_shape", 5, 1))
+    for run in (1, 2):
+        began = time.perf_counter()
+        em.solve(em.BlockProblem(monitor=em.LeastError(u=u), domain=domain), threads=2, check=False)
+        seconds = time.perf_counter() - began
+        goal = 3.0 if nodes == MILLION else None
+        yield Row(what=f"{domain.points} nodes on two threads, run {run}", value=seconds, unit="s", goal=goal)
+
+
+def report(options: argparse.Namespace) -> Iterator[Row]:
+    """All rows."""
+    count, sizes = (40, tuple(COSTS)) if options.full else (options.count, (options.nodes,))
+    solve(geometries.l_shape(1000), em.Expression("tanh(9*x)"))  # loads the kernels
+    for nodes in sizes:
+        yield from gains(nodes, count, options.seed)
+    yield from bounded(8000 if options.full else options.nodes, max(1, count // 4), options.seed)
+    yield from corner(12_000)
+    yield from million(MILLION if options.full else 20 * options.nodes)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--full", action="store_true", help="40 functions, 33,000, 140,000 and a million nodes")
+    parser.add_argument("--nodes", type=int, default=4000, help="nodes of a quick run")
+    parser.add_argument("--count", type=int, default=2, help="functions on each geometry of a quick run")
+    parser.add_argument("--seed", type=int, default=17, help="of the random functions")
+    for line in lines(report(parser.parse_args())):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
