@@ -14,13 +14,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeVar
 
-from equimesh import specs
 from equimesh.specs.spec import BuiltSpec
 from equimesh.upload.limits import Limits
 from equimesh_service.admission import in_parts
+from equimesh_service.admission.block_points import count_points, require_kind
 from equimesh_service.admission.callers import Caller
 from equimesh_service.assembly import samples as intake
-from equimesh_service.assembly.domain_mesh import MESH, convert_mesh
+from equimesh_service.assembly.domain_mesh import convert_mesh
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES, ShortSpec, SpecLimits, shorten
 from equimesh_service.assembly.problem import check, check_schwarz, require_valid, translate_errors
 from equimesh_service.assembly.samples import Arrays, Upload
@@ -44,8 +44,6 @@ _MAX_REMEMBERED = 1000
 # Bytes of a point in the files of a mesh in parts: x, y, z and u.
 BYTES_OF_POINT = 32
 _VERSION = version("equimesh")
-_NO_MESH = "these are samples of a function: upload the file of a mesh with POST /v1/samples?kind=mesh"
-_NO_SAMPLES = "this is the mesh of a domain, which has no values: upload samples with POST /v1/samples"
 Result = TypeVar("Result")
 
 
@@ -164,11 +162,7 @@ class Admission:
 
     def find_stored(self, name: str, pointer: str, caller: Caller) -> SamplesRow:
         """The row of samples for a function, or of the mesh for a domain; raises a 422 problem for one of the other."""
-        row = self.find_samples(name, pointer, caller)
-        is_mesh, needs_mesh = row.summary["kind"] == MESH, pointer == MESH_PLACE
-        if is_mesh != needs_mesh:
-            raise problem_at(pointer, _NO_MESH if needs_mesh else _NO_SAMPLES)
-        return row
+        return require_kind(self.find_samples(name, pointer, caller), pointer)
 
     def keep(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
         """Read uploaded samples and store them; the second value is whether they are new."""
@@ -306,15 +300,8 @@ class Admission:
 
     def _count_nodes(self, checked: CheckedSpec, rows: Mapping[str, SamplesRow]) -> int:
         """The number of points of a mesh of blocks; raises a 422 problem where there are too many."""
-        domain = checked.canonical["domain"]
-        if "file" in domain:
-            place, nodes = MESH_PLACE, int(rows[domain["file"]].summary["shape"][0])
-            remedy = "take a coarser one"
-        else:
-            with translate_errors():
-                place, nodes = "/domain", specs.count_points(domain)
-            remedy = "lower the cells of its blocks, or refine"
         most = self.settings.max_points
+        place, nodes, remedy = count_points(checked, rows)
         if nodes > most:
             message = f"the mesh has {nodes} points; {self.product} has at most {most}: {remedy}{self._way_to_more}"
             raise problem_at(place, message)
