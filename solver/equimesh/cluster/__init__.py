@@ -7,6 +7,7 @@ from equimesh_coupling.libraries import library
 
 library("distributed", install="pip install 'equimesh[dask]'")
 
+from equimesh.cluster.blocks import solve_blocks  # noqa: E402 - after the check for Dask
 from equimesh.cluster.connection import connect  # noqa: E402 - after the check for Dask
 from equimesh.cluster.errors import ClusterError, NoSchedulerError, RunCancelledError, WorkersLostError  # noqa: E402
 from equimesh.cluster.handle import Handle, PartsError  # noqa: E402
@@ -18,6 +19,7 @@ from equimesh.cluster.solving import solve  # noqa: E402
 __all__ = [  # noqa: RUF022 - grouped by noun
     # One mesh in parts
     "solve",
+    "solve_blocks",
     "Handle",
     "Progress",
     "SchwarzHandle",

@@ -152,6 +152,22 @@ class BlockSolve:
             yield last
         return BlocksReached(place=place, record=last)
 
+    @property
+    def weights(self) -> tuple[float, float, float, float]:
+        """Distortion, smoothness, the smallest angle and its weight; NaN where angles have no limit."""
+        angle = math.nan if self.smallest_angle is None else self.smallest_angle
+        return self.monitor.distortion, self.monitor.smoothness, angle, self.obliqueness
+
+    def with_weights(self, weights: Sequence[float]) -> BlockSolve:
+        """The solve with these :attr:`weights`."""
+        distortion, smoothness, angle, obliqueness = weights
+        return replace(
+            self,
+            monitor=replace(self.monitor, distortion=distortion, smoothness=smoothness),
+            smallest_angle=None if math.isnan(angle) else angle,
+            obliqueness=obliqueness,
+        )
+
     def follow(self, first: Array) -> None:
         """Descend in the subdomains of this part, where another part leads the same solve, from the mesh ``first``."""
         mesh = self._mesh(self.levels[-1])
@@ -173,7 +189,7 @@ class BlockSolve:
         if self.subdomains is None or not mesh.level.is_finest:
             return descend(objective, first, self._most_steps(mesh.level), least)
         if self.subdomains.channel.number == LEADER:
-            self.subdomains.lead(self.monitor, first)
+            self.subdomains.lead(self.weights, first)
         return self.subdomains.descend(
             objective, self.domain.mesh, first, self._most_steps(mesh.level), least, self.threads
         )

@@ -6,7 +6,7 @@ is reached, and descend in their subdomains. A part alone leads nobody.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,6 @@ from equimesh.least_error.objective import Objective
 from equimesh.least_error.regions import regions_of
 from equimesh.least_error.restricted import Merged, RestrictedDescent
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.channel import ALONE, Channel
 from equimesh.numerics.types import Array
 
@@ -45,21 +44,21 @@ class BlockSubdomains:
         for merged, now in shared.descend(first, exchanges, self.settings.local_steps, min_decrease):
             yield shared.whole(merged), now
 
-    def lead(self, monitor: LeastError, first: Array) -> None:
-        """Let the other parts begin a descent from ``first`` with the weights of ``monitor``."""
-        self._tell(np.array([monitor.distortion, monitor.smoothness]), first)
+    def lead(self, weights: Sequence[float], first: Array) -> None:
+        """Let the other parts begin a descent from ``first`` with these ``weights``."""
+        self._tell(np.array(weights), first)
 
     def dismiss(self) -> None:
         """Let the other parts end."""
         self._tell(np.empty(0), np.empty(0))
 
-    def orders(self) -> Iterator[tuple[tuple[float, float], Array]]:
-        """The distortion and the smoothness, and the first mesh, of each descent that the leader begins."""
+    def orders(self) -> Iterator[tuple[list[float], Array]]:
+        """The weights and the first mesh of each descent that the leader begins."""
         while True:
             weights, first = self.channel.receive(LEADER, BEGIN)
             if not first.size:
                 return
-            yield (float(weights[0]), float(weights[1])), np.ascontiguousarray(first)
+            yield weights.tolist(), np.ascontiguousarray(first)
 
     def _tell(self, weights: Array, first: Array) -> None:
         for part in range(self.channel.count):

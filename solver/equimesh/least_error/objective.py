@@ -65,6 +65,8 @@ class Sums:
     """The squared error of all cells of the objective."""
     distortion: float
     """The sum of ``(r^2 - 1) / 2``."""
+    obliqueness: float
+    """The sum over the corners whose angles are beyond the limit, without its weight; 0 without a limit."""
     bends: float
     """Half the sum of squared second differences."""
     smallest_share: float
@@ -120,7 +122,11 @@ class Objective:
             self._chart.on(region.nodes),
             region.cells,
             np.ascontiguousarray(self.start[:, region.nodes]),
-            replace(self._weights, distortion=self._weights.distortion * share),
+            replace(
+                self._weights,
+                distortion=self._weights.distortion * share,
+                obliqueness=self._weights.obliqueness * share,
+            ),
             self._rule,
         )
 
@@ -197,18 +203,20 @@ class Objective:
         nodes = self.nodes(mesh)
         smallest = float(kernels.smallest_share(nodes, self._first))
         if not smallest > 0.0:
-            infinite = math.inf
-            return Sums(
-                square=infinite, every_square=infinite, distortion=infinite, bends=infinite, smallest_share=smallest
-            )
+            sums = dict.fromkeys(("square", "every_square", "distortion", "obliqueness", "bends"), math.inf)
+            return Sums(**sums, smallest_share=smallest)
         ends = sorted({cells, *(first for first, _ in self._spans), self.cells.count})
         spans = list(pairwise(ends))
         squares = self._squared_errors(nodes, spans)
         moves, unused = self._chart.moves(mesh, self.start), np.zeros_like(mesh)
+        limit, oblique = self._weights.largest_cotangent, 0.0
+        if self._weights.obliqueness > 0.0:
+            oblique = float(kernels.oblique_corners(nodes, (0, cells), limit, 0.0, self._shares))
         return Sums(
             square=float(squares[: ends.index(cells)].sum()),
             every_square=float(squares.sum()),
             distortion=float(kernels.distortions(nodes, self._first, (0, cells), 0.0, self._shares)),
+            obliqueness=oblique,
             bends=sum(float(kernels.bends(moves[k], self.cells.triples[:triples], unused[k])) for k in (0, 1)),
             smallest_share=smallest,
         )

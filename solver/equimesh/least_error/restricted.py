@@ -132,24 +132,26 @@ class RestrictedDescent:
 
         Sums are taken in the order of the regions.
         """
-        found, squares = dict[int, tuple[float, float, float, float]](), dict[int, float]()
+        found, squares = dict[int, tuple[float, ...]](), dict[int, float]()
 
         def measure(k: int) -> None:
             region = self._regions[k]
             sums = self._local[k].sums(mesh[:, region.nodes], region.own_cells, region.own_triples)
-            found[k] = sums.square, sums.distortion, sums.bends, sums.smallest_share
+            found[k] = sums.square, sums.distortion, sums.bends, sums.obliqueness, sums.smallest_share
             squares[k] = sums.every_square
 
         self._each(measure)
-        here = np.array([found[k] for k in self._held]).reshape(-1, 4)
+        here = np.array([found[k] for k in self._held]).reshape(-1, 5)
         every = np.concatenate([part[0] for part in gather(self._channel, "sums", [here])])
-        square, distortion, bends = (float(np.sum(every[:, j])) for j in range(3))
-        distortion /= self._corners
+        square, distortion, bends, oblique = (float(np.sum(every[:, j])) for j in range(4))
+        distortion, oblique = distortion / self._corners, oblique / self._corners
         if not self._rounding < math.sqrt(square) < math.inf:
             return Merged(math.inf, math.sqrt(square), distortion, -math.inf), squares
-        value = 0.5 * math.log(square) + self._weights.distortion * distortion + self._weights.smoothness * bends
+        weights = self._weights
+        value = 0.5 * math.log(square) + weights.distortion * distortion + weights.smoothness * bends
+        value += weights.obliqueness * oblique
         value = value if math.isfinite(value) else math.inf
-        return Merged(value, math.sqrt(square), distortion, float(every[:, 3].min())), squares
+        return Merged(value, math.sqrt(square), distortion, float(every[:, 4].min())), squares
 
     def _moves(self, mesh: Array, squares: dict[int, float], square: float, steps: int) -> Array:
         """The moves of all nodes that the regions of this part need: each from the region that owns the node."""

@@ -38,6 +38,8 @@ NO_RECTANGLES = (
     " subdomains are the blocks, or None"
 )
 """Why settings of another Schwarz iteration are refused."""
+NO_ROUNDS = "values of a solver are adapted to on the whole mesh: leave the Schwarz settings out, or take LeastError"
+"""Why subdomains are refused for values of a solver."""
 KEPT = "No mesh was found with a smaller error than that of the given mesh, which this is."
 NO_BETTER = "No mesh was found with a smaller error than that of the initial mesh, which this is."
 
@@ -62,7 +64,7 @@ def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveAr
     )
     subdomains = None if schwarz is None else BlockSubdomains(settings=schwarz)
     if schwarz is not None:
-        schwarz.owners(problem.domain.mesh)  # refuse what does not fit before any work is done
+        count_subdomains(problem, schwarz)  # refuse what does not fit before any work is done
     require_possible_on_blocks(problem)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         solution = solve_blocks(problem, initial, checked, subdomains)
@@ -116,6 +118,16 @@ def _again(problem: BlockProblem, options: SolveOptions, subdomains: BlockSubdom
         return _finish(problem, solve, None, options.part(None, doing="for smaller angles"), None)
 
     return again
+
+
+def count_subdomains(problem: BlockProblem, schwarz: BlockSchwarz) -> int:
+    """How many subdomains there are.
+
+    Raises :class:`~equimesh.errors.InputError` for groups that do not fit the domain, and for values of another solver.
+    """
+    if isinstance(problem.monitor, NodalSolution):
+        raise InputError(NO_ROUNDS, field="schwarz")
+    return int(schwarz.owners(problem.domain.mesh).max()) + 1
 
 
 def is_no_worse(solution: BlockSolution) -> bool:

@@ -42,9 +42,9 @@ def test_parts_that_follow_share_the_work_and_the_mesh_stays_the_same(parts: int
             BlockSubdomains(settings=SETTINGS, channel=channel).dismiss()
             return records
         followed = 0
-        for (distortion, smoothness), first in BlockSubdomains(settings=SETTINGS, channel=channel).orders():
-            assert (distortion, smoothness) == (em.LeastError.distortion, 0.5)
-            solve_on(channel, smoothness).follow(first)
+        for weights, first in BlockSubdomains(settings=SETTINGS, channel=channel).orders():
+            assert weights[:2] == [em.LeastError.distortion, 0.5]
+            solve_on(channel).with_weights(weights).follow(first)
             followed += 1
         return followed
 

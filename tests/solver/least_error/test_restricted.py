@@ -53,7 +53,8 @@ def test_an_exchange_is_worth_as_many_steps_of_the_whole_mesh(norm: Any) -> None
 
 
 def test_the_objective_and_the_error_are_those_of_the_whole_mesh() -> None:
-    objective = objective_on(GRID, domain=em.AnnulusSector(), rule=Rule(cells="triangle"))
+    weights = Weights(distortion=0.03, smoothness=0.1, obliqueness=0.5, largest_cotangent=0.1)
+    objective = objective_on(GRID, domain=em.AnnulusSector(), weights=weights, rule=Rule(cells="triangle"))
     mesh = bent(GRID, 3)
     objective.cut(mesh)
     here = objective.evaluate(mesh)
@@ -118,7 +119,11 @@ def test_parts_hold_consecutive_regions_of_about_as_many_cells(parts: int) -> No
 
 
 def test_derivatives_on_a_region_are_those_of_the_whole() -> None:
-    for objective, closed in ((objective_on(GRID, RING, em.AnnulusSector()), False), (closed_objective(), True)):
+    weights = Weights(distortion=0.03, smoothness=0.1, obliqueness=0.5, largest_cotangent=0.1)
+    for objective, closed in (
+        (objective_on(GRID, RING, em.AnnulusSector(), weights=weights), False),
+        (closed_objective(), True),
+    ):
         mesh = uniform(GRID) + 0.02 * np.prod(np.sin(2.0 * np.pi * uniform(GRID)), axis=0)
         whole = objective.evaluate(mesh)
         assert whole is not None

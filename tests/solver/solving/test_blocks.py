@@ -143,5 +143,9 @@ def test_settings_that_do_not_fit_the_problem_are_refused() -> None:
         em.solve(problem(), em.Schwarz())  # type: ignore[call-overload]
     with pytest.raises(em.InputError, match="for a BlockProblem"):
         em.solve(grid, em.BlockSchwarz())  # type: ignore[call-overload]
+    domain = l_shape(300)
+    nodal = em.NodalSolution(u=em.QuadField(mesh=domain.mesh, values=domain.mesh.x))
+    with pytest.raises(em.InputError, match="leave the Schwarz settings out"):
+        em.solve(em.BlockProblem(monitor=nodal, domain=domain), em.BlockSchwarz())
     with pytest.raises(em.InputError, match="no block 7"):
         em.solve(problem(), em.BlockSchwarz(groups=[[0, 7]]))
