@@ -43,14 +43,20 @@ class BlockMesh:
     def of_points(self, points: Array) -> Place:
         """The nodes of the level, where those of the finest mesh are at ``points``, shape ``(n, 2)``.
 
-        Nodes of curves are at the nearest points of these.
+        Nodes of curves are at the nearest points of these; beyond the end of one, as at a periodic join that has
+        moved, on its tangent there.
         """
         parameters = self.domain.node_parameter.copy()
         for number, curve in enumerate(self.domain.curves):
             nodes = self.level.nodes[self.domain.node_curve[self.level.nodes] == number]
             if nodes.size:
                 first, last = curve.ends
-                moves = curve.nearest(*points[nodes].T) - parameters[nodes]
+                x, y = points[nodes].T
+                nearest = curve.nearest(x, y)
+                if self.domain.mesh.ties.size and not curve.closed:
+                    at_x, at_y, x_t, y_t = curve.evaluate(nearest)
+                    nearest = nearest + ((x - at_x) * x_t + (y - at_y) * y_t) / (x_t**2 + y_t**2)
+                moves = nearest - parameters[nodes]
                 turns = np.round(moves / (last - first)) if curve.closed else 0.0
                 parameters[nodes] += moves - turns * (last - first)
         return self._place(points, parameters)

@@ -58,6 +58,8 @@ def translations_of(mesh: QuadMesh) -> Array:
         steps = np.rint(one @ np.linalg.pinv(np.array(found))) if found else np.zeros(0)
         if np.abs(one - steps @ np.array(found).reshape(-1, 2)).max() > rounding:
             found.append(one)
+            if len(found) == 2:  # two span the plane
+                break
     return np.array(found)
 
 

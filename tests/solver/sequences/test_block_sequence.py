@@ -63,6 +63,22 @@ def test_values_at_the_nodes_are_followed_as_formulas_are() -> None:
     assert by_text.mesh.distance(by_formula.mesh) < 1e-6
 
 
+def test_copies_stay_one_period_apart_where_the_seam_moves() -> None:
+    around: dict[str, Any] = {"vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]}}
+    around["blocks"] = [{"corners": ["a", "b", "c", "d"], "cells": [12, 12]}]
+    domain = em.Blocks.of({**around, "joins": [{"from": ["a", "d"], "to": ["b", "c"]}]})
+    wave = "tanh(6*sin(2*pi*(x - t + 0.1*sin(2*pi*y))))"
+    moving = em.BlockSequence(em.BlockProblem(monitor=em.LeastError(u=em.Expression(wave, t=0.0)), domain=domain))
+    for k in (1, 2, 3):
+        u = em.Expression(wave, t=0.1 * k).evaluate(moving.mesh.x, moving.mesh.y)[0]
+        mesh, whole = moving.mesh, em.integral(moving.mesh, u)
+        step = moving.step(u, {"u": em.MeshValues(u, transfer="conservative")})
+        apart = step.mesh.points[mesh.ties[:, 0]] - step.mesh.points[mesh.ties[:, 1]]
+        assert np.abs(apart - [1.0, 0.0]).max() < 1e-12
+        assert em.integral(step.mesh, step.fields["u"]) == pytest.approx(whole, abs=1e-13)
+    assert np.abs(moving.mesh.x[mesh.ties[:, 1]]).max() > 0.01
+
+
 def test_a_monitor_gives_its_settings_to_later_steps() -> None:
     moving = sequence()
     moving.step(em.LeastError(u=front(0.02), norm="h1"))
