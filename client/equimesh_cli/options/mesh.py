@@ -76,7 +76,8 @@ def add_mesh_options(parser: argparse.ArgumentParser) -> None:
         "--domain",
         metavar="DOMAIN",
         type=domain,
-        help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 (degrees), or @FILE with any domain as JSON "
+        help="rectangle:X0,X1,Y0,Y1, annulus:R0,R1,ANGLE0,ANGLE1 (degrees), or @FILE with any domain as JSON; closed "
+        "lines: rectangle:X0,X1,Y0,Y1,x (or y, both), annulus:R0,R1,0,360,closed "
         "(the unit square)",
     )
     domains.add_argument(

@@ -6,7 +6,7 @@ import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from equimesh_cli.exits import Refused
 
@@ -24,6 +24,8 @@ ALLOWED = {
     "weight": ("rho", "map", "smoothing", "orthogonality"),
     "tensor": ("m11", "m12", "m22", "smoothing", "orthogonality"),
 }
+PERIODIC: dict[str, Literal["x", "y", "both"] | None] = {"": None, "x": "x", "y": "y", "both": "both"}
+"""The directions in which a rectangle repeats itself, by the word after its numbers."""
 SUFFIXES = (".npz", ".npy", ".csv", ".json", ".vtu", ".vtk", ".xdmf", ".zip")
 
 
@@ -143,7 +145,10 @@ def monitor_of(options: argparse.Namespace) -> Monitor:
 
 
 def domain(text: str) -> Domain:
-    """The domain that ``text`` names: ``rectangle:0,2,0,1``, ``annulus:1,2,0,90`` or ``@file.json``."""
+    """The domain that ``text`` names: ``rectangle:0,2,0,1``, ``annulus:1,2,0,90`` or ``@file.json``.
+
+    A fifth word closes lines: ``rectangle:0,2,0,1,x`` (or ``y``, ``both``) and ``annulus:1,2,0,360,closed``.
+    """
     from equimesh_client import AnnulusSector, BadArgument, Rectangle
     from equimesh_client.spec.domains import read_domain
 
@@ -155,16 +160,20 @@ def domain(text: str) -> Domain:
         except (ValueError, BadArgument) as error:
             raise argparse.ArgumentTypeError(f"{text[1:]} holds no domain: {error}") from None
     kind, _, rest = text.partition(":")
+    *numbers, word = rest.split(",") if rest.count(",") == 4 else [*rest.split(","), ""]
     try:
-        first, second, third, fourth = (float(part) for part in rest.split(","))
+        first, second, third, fourth = (float(part) for part in numbers)
     except ValueError:
         first = second = third = fourth = float("nan")
         kind = ""
-    if kind == "rectangle":
-        return Rectangle(x=(first, second), y=(third, fourth))
-    if kind == "annulus":
-        return AnnulusSector(radii=(first, second), angles=(third, fourth))
-    raise argparse.ArgumentTypeError(f"{text!r} is not like rectangle:0,2,0,1, annulus:1,2,0,90 or @domain.json")
+    if kind == "rectangle" and word in PERIODIC:
+        return Rectangle(x=(first, second), y=(third, fourth), periodic=PERIODIC[word])
+    if kind == "annulus" and word in ("", "closed"):
+        return AnnulusSector(radii=(first, second), angles=(third, fourth), closed=bool(word))
+    raise argparse.ArgumentTypeError(
+        f"{text!r} is not like rectangle:0,2,0,1, annulus:1,2,0,90 or @domain.json; a fifth word closes lines:"
+        " rectangle:0,2,0,1,x (or y, both), annulus:1,2,0,360,closed"
+    )
 
 
 def domain_file(text: str) -> Domain:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,18 +14,29 @@ Json: TypeAlias = dict[str, Any]
 Pair: TypeAlias = tuple[float, float]
 Box: TypeAlias = tuple[Pair, Pair]
 UNIT_BOX: Box = ((0.0, 1.0), (0.0, 1.0))
+QUARTER_TURN: Pair = (0.0, 90.0)
+"""The angles of a sector that gives none."""
+ONE_TURN: Pair = (0.0, 360.0)
+"""The angles of a closed ring that gives none."""
+WORDS = {"periodic": (None, "x", "y", "both"), "closed": (False, True)}
+"""Fields of a domain that are no pairs of numbers, with their values."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rectangle:
-    """The rectangle between ``x = (x0, x1)`` and ``y = (y0, y1)``; the unit square unless given."""
+    """The rectangle between ``x = (x0, x1)`` and ``y = (y0, y1)``; the unit square unless given.
+
+    ``periodic`` names the directions in which it repeats itself, ``"x"``, ``"y"`` or ``"both"``: its sides there are
+    one seam, across which grid lines go on.
+    """
 
     x: Pair = (0.0, 1.0)
     y: Pair = (0.0, 1.0)
+    periodic: Literal["x", "y", "both"] | None = None
 
     def json(self) -> Json:
         """The JSON of the domain."""
-        return {"kind": "rectangle", "x": _pair("x", self.x), "y": _pair("y", self.y)}
+        return {"kind": "rectangle", "x": _pair("x", self.x), "y": _pair("y", self.y), "periodic": self.periodic}
 
     @property
     def box(self) -> Box | None:
@@ -38,17 +49,23 @@ class Rectangle:
 class AnnulusSector:
     """The points whose distance from ``center`` lies between ``radii``, in directions between ``angles`` (degrees).
 
-    The left side is the inner arc, the right one the outer; bottom is the first angle, top the last.
+    The left side is the inner arc, the right one the outer; bottom is the first angle, top the last. ``closed`` makes
+    the lines around a full ring closed: bottom and top are then one seam. The angles are 0 to 360 then, unless given.
     """
 
     center: Pair = (0.0, 0.0)
     radii: Pair = (1.0, 2.0)
-    angles: Pair = (0.0, 90.0)
+    angles: Pair = QUARTER_TURN
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.closed is True and self.angles is QUARTER_TURN:
+            object.__setattr__(self, "angles", ONE_TURN)
 
     def json(self) -> Json:
         """The JSON of the domain."""
         pairs = {name: _pair(name, getattr(self, name)) for name in ("center", "radii", "angles")}
-        return {"kind": "annulus_sector", **pairs}
+        return {"kind": "annulus_sector", **pairs, "closed": self.closed}
 
     @property
     def box(self) -> Box | None:
@@ -133,12 +150,20 @@ def read_domain(document: object) -> Domain:
             raise BadArgument("a domain of kind mesh needs its file, a text")
         return MeshFile(**fields)
     if domain_class is not Quadrilateral:
-        found: Domain = domain_class(**{name: _as_tuple(name, value) for name, value in fields.items()})
+        found: Domain = domain_class(**{name: _value(name, value) for name, value in fields.items()})
         return found
     missing = [name for name in known if name not in fields]
     if missing:
         raise BadArgument(f"a quadrilateral needs its four curves; missing: {', '.join(missing)}")
     return Quadrilateral(**{name: _read_curve(name, value) for name, value in fields.items()})
+
+
+def _value(name: str, value: object) -> Any:
+    if name not in WORDS:
+        return _as_tuple(name, value)
+    if not any(value is word or (isinstance(word, str) and value == word) for word in WORDS[name]):
+        raise BadArgument(f"{name} of a domain is one of {', '.join(map(repr, WORDS[name]))}; not {value!r:.80}")
+    return value
 
 
 def _as_tuple(name: str, value: object) -> Pair:

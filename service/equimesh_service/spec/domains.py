@@ -1,8 +1,8 @@
 """Physical domains in a spec."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import FailFast, Field, Tag
+from pydantic import FailFast, Field, Tag, model_validator
 
 from equimesh_service.spec.blocks import BlocksSpec, MeshFileSpec
 from equimesh_service.spec.strict import TAG, Pair, Parameters, Strict, by_key, by_kind
@@ -22,6 +22,9 @@ class RectangleSpec(Strict):
     kind: Literal["rectangle"] = "rectangle"
     x: Pair = Field(default_factory=lambda: [0.0, 1.0], description="[x0, x1], increasing.")
     y: Pair = Field(default_factory=lambda: [0.0, 1.0], description="[y0, y1], increasing.")
+    periodic: Literal["x", "y", "both"] | None = Field(
+        default=None, description="Directions in which the rectangle repeats itself: its sides there are one seam."
+    )
 
 
 class AnnulusSectorSpec(Strict):
@@ -30,7 +33,21 @@ class AnnulusSectorSpec(Strict):
     kind: Literal["annulus_sector"]
     center: Pair = Field(default_factory=lambda: [0.0, 0.0])
     radii: Pair = Field(default_factory=lambda: [1.0, 2.0], description="Inner and outer, positive.")
-    angles: Pair = Field(default_factory=lambda: [0.0, 90.0], description="In degrees, increasing, at most 360 apart.")
+    angles: Pair = Field(
+        default_factory=lambda: [0.0, 90.0],
+        description="In degrees, increasing, at most 360 apart; [0, 360] unless given if the ring is closed.",
+    )
+    closed: bool = Field(
+        default=False, description="Whether the lines around the ring are closed: then bottom and top are one seam."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_turn(cls, value: Any) -> Any:
+        """A closed ring that gives no angles has those of one turn."""
+        if isinstance(value, dict) and value.get("closed") is True and "angles" not in value:
+            return {**value, "angles": [0.0, 360.0]}
+        return value
 
 
 class FormulaCurve(Strict):

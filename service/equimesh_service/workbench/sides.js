@@ -92,7 +92,7 @@ export function pointsOf(curve = {}) {
   return points.every((point) => point.every(Number.isFinite)) ? points : [];
 }
 
-function arcs({ center: [cx, cy] = [0, 0], radii: [inner, outer] = [1, 2], angles: [first, last] = [0, 90] }) {
+function arcs({ center: [cx, cy] = [0, 0], radii: [inner, outer] = [1, 2], closed = false, angles: [first, last] = closed ? [0, 360] : [0, 90] }) {
   const plus = (value) => (value === 0 ? "" : `${value} + `);
   const turned = `(${first} + ${last - first}*t)*pi/180`;
   const arc = (radius) => ({ x: `${plus(cx)}${radius}*cos(${turned})`, y: `${plus(cy)}${radius}*sin(${turned})` });

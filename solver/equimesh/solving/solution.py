@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from equimesh.domains.closing import closed_of
 from equimesh.equations.problem import Problem
 from equimesh.errors import EquimeshError
+from equimesh.meshes.closed import tied_nodes
+from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.mesh_window import MeshWindow
-from equimesh.numerics.types import Array
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.comparison import UniformComparison
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
@@ -110,6 +114,19 @@ class Solution:
         field = self.problem.monitor.u
         return None if field is None else field.evaluate(self.mesh.x, self.mesh.y)[0]
 
+    @property
+    def ties(self) -> IntArray:
+        """Nodes of closed lines that are one, shape ``(k, 2)``: the number of a copy, and that of its original."""
+        return tied_nodes(self.problem.grid.shape, closed_of(self.problem.domain))
+
+    @cached_property
+    def joined(self) -> QuadMesh:
+        """The mesh of the domain with one number for each node, also on a seam that lies on itself, as of a ring.
+
+        Copies that are a period apart stay, as its ``ties``.
+        """
+        return joined(self.mesh, closed_of(self.problem.domain))
+
     @cached_property
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
@@ -169,11 +186,20 @@ class Solution:
         history = plain(self.iterations, self.rate, self.predicted_rate)
         return {**history, "descent": list(self.descent)} if self.descent else history
 
-    def data(self) -> MeshData:
-        """The contents of a mesh file: nodes, u, Q_eq and the owner of every cell."""
+    def data(self, *, joined: bool = False) -> MeshData:
+        """The contents of a mesh file: nodes, u, Q_eq and the owner of every cell.
+
+        With ``joined`` the mesh is :attr:`joined`, without the second copies of nodes of a seam that lies on itself.
+        """
         shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
         owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
-        return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner)
+        if not joined:
+            return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner)
+        u = None
+        if self.u is not None:
+            u = np.empty(self.joined.node_shape)
+            u[self.joined.blocks[0]] = self.u
+        return MeshData(mesh=self.joined, u=u, q_eq=self.quality.q_eq.cells.ravel(), subdomain=owner.ravel())
 
 
 def status_unless_folded(status: Status, *, folded: bool) -> Status:

@@ -44,8 +44,8 @@ CURVE = ByKey(
     }
 )
 FOUR_SIDED: Mapping[str, Record[Domain]] = {
-    "rectangle": Record(Rectangle, dict.fromkeys(("x", "y"), as_given)),
-    "annulus_sector": Record(AnnulusSector, dict.fromkeys(("center", "radii", "angles"), as_given)),
+    "rectangle": Record(Rectangle, dict.fromkeys(("x", "y", "periodic"), as_given)),
+    "annulus_sector": Record(AnnulusSector, dict.fromkeys(("center", "radii", "angles", "closed"), as_given)),
     "quadrilateral": Record(Quadrilateral, dict.fromkeys(("bottom", "right", "top", "left"), CURVE)),
 }
 

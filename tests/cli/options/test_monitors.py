@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 import pytest
 
 from client.fake_service import parts_of
+from equimesh_cli.options.monitors import domain
+from equimesh_client import AnnulusSector, Rectangle
 
 CURVED: dict[str, Any] = {
     "kind": "quadrilateral",
@@ -30,14 +33,15 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
         "m22": {"expression": "2", "parameters": {"c": 2.0}},
         "smoothing": 0.1,
     }
-    assert sent["domain"] == {"kind": "annulus_sector", "center": [0, 0], "radii": [1, 3], "angles": [-30, 45]}
+    shape = {"center": [0, 0], "radii": [1, 3], "angles": [-30, 45], "closed": False}
+    assert sent["domain"] == {"kind": "annulus_sector", **shape}
     assert (sent["mode"], sent["allow_relaxed"]) == ("tight", False)
     assert (
         generate("x", "--monitor", "curvature", "--norm", "h1", "--isotropic", "--domain", "rectangle:0,2,0,1")[0] == 0
     )
     sent = json.loads(service.seen("POST", "meshes")[-1].body)
     assert sent["monitor"] == {"kind": "curvature", "u": {"expression": "x"}, "norm": "h1", "isotropic": True}
-    assert sent["domain"] == {"kind": "rectangle", "x": [0, 2], "y": [0, 1]}
+    assert sent["domain"] == {"kind": "rectangle", "x": [0, 2], "y": [0, 1], "periodic": None}
     words = "--monitor least-error --norm h1 --distortion 0.2 --smoothness 0.3"
     assert generate("x", *words.split())[0] == 0
     assert json.loads(service.seen("POST", "meshes")[-1].body)["monitor"] == {
@@ -97,3 +101,11 @@ def test_a_file_is_the_domain(generate: Any, service: Any, tmp_path: Path, capsy
             generate("x", "--domain-file", str(tmp_path / words[0]), *words[1:])
         assert ended.value.code == 2
         assert message in capsys.readouterr().err
+
+
+def test_a_fifth_word_closes_lines() -> None:
+    assert domain("rectangle:0,2,0,1,both") == Rectangle(x=(0.0, 2.0), periodic="both")
+    assert domain("annulus:1,2,0,360,closed") == AnnulusSector(angles=(0.0, 360.0), closed=True)
+    for wrong in ("rectangle:0,2,0,1,closed", "annulus:1,2,0,360,x", "rectangle:0,1,x"):
+        with pytest.raises(argparse.ArgumentTypeError, match="a fifth word closes lines"):
+            domain(wrong)

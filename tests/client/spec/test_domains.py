@@ -20,12 +20,13 @@ ROUND = Quadrilateral(
 
 
 def test_domains_as_json() -> None:
-    assert domain_json(Rectangle(x=(-1, 2))) == {"kind": "rectangle", "x": [-1, 2], "y": [0, 1]}
+    assert domain_json(Rectangle(x=(-1, 2))) == {"kind": "rectangle", "x": [-1, 2], "y": [0, 1], "periodic": None}
     assert domain_json(AnnulusSector(angles=(0, 45))) == {
         "kind": "annulus_sector",
         "center": [0, 0],
         "radii": [1, 2],
         "angles": [0, 45],
+        "closed": False,
     }
     assert domain_json(ROUND) == {
         "kind": "quadrilateral",
@@ -74,8 +75,10 @@ def test_boxes_agree_with_the_solver() -> None:
         (lambda: domain_json(Quadrilateral(bottom=[[0, math.nan]], right=0, top=0, left=0)), "bottom is a pair"),
         (lambda: read_domain([]), "JSON object"),
         (lambda: read_domain({"kind": "disk"}), "unknown kind of domain 'disk'; there are rectangle"),
-        (lambda: read_domain({"kind": "rectangle", "z": 1}), "has no z; it has x, y"),
+        (lambda: read_domain({"kind": "rectangle", "z": 1}), "has no z; it has x, y, periodic"),
         (lambda: read_domain({"x": 3}), "pair of numbers"),
+        (lambda: read_domain({"periodic": "z"}), "periodic of a domain is one of None, 'x', 'y', 'both'"),
+        (lambda: read_domain({"kind": "annulus_sector", "closed": 1}), "closed of a domain is one of False, True"),
         (lambda: read_domain({"kind": "quadrilateral", "left": {"points": []}}), "missing: bottom, right, top"),
         (lambda: read_domain({**domain_json(ROUND), "left": [[0, 0]]}), "left must be"),
     ],
@@ -83,3 +86,14 @@ def test_boxes_agree_with_the_solver() -> None:
 def test_what_is_refused(make: Any, words: str) -> None:
     with pytest.raises(BadArgument, match=words):
         make()
+
+
+def test_closed_lines_as_json_and_back() -> None:
+    for domain, closed in (
+        (Rectangle(periodic="both"), {"periodic": "both"}),
+        (AnnulusSector(closed=True), {"closed": True, "angles": [0, 360]}),
+    ):
+        document = domain_json(domain)
+        assert closed.items() <= document.items()
+        assert read_domain(document) == domain
+    assert read_domain({"kind": "annulus_sector", "closed": True}) == AnnulusSector(closed=True)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.io import write_mesh
+from equimesh.io.reading.read import read_mesh
 from equimesh.least_error.iteration import LeastErrorSolve
 
 GRID = em.Grid(n_xi=17, n_eta=17)
@@ -127,3 +130,31 @@ def test_the_best_monitor_is_chosen_on_closed_lines() -> None:
     assert errors is not None
     assert errors.l2_uniform / errors.l2 > 3.0
     assert solution.comparison
+
+
+@pytest.mark.parametrize("suffix", ["msh", "vtu", "su2", "npz"])
+def test_files_with_and_without_the_seam(suffix: str, tmp_path: Path) -> None:
+    solution = least(em.AnnulusSector(closed=True), "tanh(4*(x-0.3))", em.Grid(n_xi=9, n_eta=17))
+    data = solution.data(joined=True)
+    assert len(data.mesh.points) == 9 * 16
+    assert data.u is not None
+    assert np.array_equal(data.u, np.tanh(4 * (data.mesh.points[:, 0] - 0.3)))
+    for name, contents, nodes in (("one", data, 9 * 16), ("two", solution.data(), 9 * 17)):
+        path = tmp_path / f"{name}.{suffix}"
+        write_mesh(path, contents)
+        if suffix != "npz":
+            assert len(read_mesh(path).points) == nodes
+        else:
+            assert np.load(path)["x"].size == nodes
+
+
+def test_a_front_is_followed_across_the_seam() -> None:
+    def moved(t: float) -> em.Expression:
+        return em.Expression(f"tanh(8*(sin(2*pi*(x-{t}))-0.4))")
+
+    sequence = em.Sequence(em.Problem(monitor=em.LeastError(u=moved(0.2)), grid=GRID, domain=DOMAIN))
+    for k in range(1, 4):
+        step = sequence.step(moved(0.2 + 0.05 * k))
+    errors = step.solution.interpolation
+    assert errors is not None
+    assert errors.l2_uniform / errors.l2 > 3.0

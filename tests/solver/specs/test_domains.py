@@ -115,3 +115,8 @@ def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
         assert caught.value.message == NOT_WITH_BLOCKS[name]
     with pytest.raises(InputError, match="LeastError"):
         build({**document, "monitor": {"kind": "curvature", "u": "x*y"}})
+
+
+def test_closed_lines() -> None:
+    assert build_domain({"periodic": "y"}) == Rectangle(periodic="y")
+    assert build_domain({"kind": "annulus_sector", "closed": True}) == AnnulusSector(closed=True)

@@ -79,9 +79,10 @@ function targetOf({ error, norm }) {
 // Four curves, and rings around another centre, go by a file.
 function domainOf(domain) {
   if (!domain) return { option: "", before: [] };
-  const { kind = "rectangle", x = [0, 1], y = [0, 1], radii = [1, 2], angles = [0, 90] } = domain;
-  if (kind === "rectangle") return { option: `--domain ${quoted(`rectangle:${[...x, ...y].join(",")}`)}`, before: [] };
-  if (kind === "annulus_sector" && !domain.center?.some(Boolean)) return { option: `--domain ${quoted(`annulus:${[...radii, ...angles].join(",")}`)}`, before: [] };
+  const { kind = "rectangle", x = [0, 1], y = [0, 1], radii = [1, 2], closed = false, periodic = null } = domain;
+  const { angles = closed ? [0, 360] : [0, 90] } = domain;
+  if (kind === "rectangle") return { option: `--domain ${quoted(`rectangle:${[...x, ...y, ...(periodic ? [periodic] : [])].join(",")}`)}`, before: [] };
+  if (kind === "annulus_sector" && !domain.center?.some(Boolean)) return { option: `--domain ${quoted(`annulus:${[...radii, ...angles, ...(closed ? ["closed"] : [])].join(",")}`)}`, before: [] };
   return { option: "--domain @domain.json", before: [`printf '%s' ${quoted(JSON.stringify(domain))} > domain.json`] };
 }
 

@@ -101,7 +101,7 @@ function monitorOf({ kind = "auto", monitors, ...settings }, withoutU, imports, 
 
 function domainOf({ kind = "rectangle", ...values }, imports) {
   const name = DOMAINS[kind];
-  return name ? call(name, values, imports, pair) : literal({ kind, ...values }, true);
+  return name ? call(name, values, imports, (value) => (Array.isArray(value) ? pair(value) : literal(value))) : literal({ kind, ...values }, true);
 }
 
 function schwarzOf({ transmission, subdomains, ...settings }, imports) {

@@ -1,6 +1,6 @@
 // The panel of the domain: a rectangle, a part of a ring, four curves or blocks, with a drawing of the sides.
 
-import { choiceField, faultLine, follow, pairFields, pointerOf, tidy, write } from "../bound.js";
+import { choiceField, faultLine, flagField, follow, pairFields, pointerOf, tidy, write } from "../bound.js";
 import { usesOf } from "../capabilities.js";
 import { element, field, freshId, select } from "../dom.js";
 import { freeNames } from "./function.js";
@@ -45,10 +45,16 @@ export function create(section, app) {
   });
   const outline = createOutline((side, k, point) => put(moved(domain(), side, k, point)));
   const forms = {
-    rectangle: element("div", {}, pairFields(app, ["x from", "to"], ["domain", "x"], [0, 1]), pairFields(app, ["y from", "to"], ["domain", "y"], [0, 1])),
+    rectangle: element("div", {}, pairFields(app, ["x from", "to"], ["domain", "x"], [0, 1]), pairFields(app, ["y from", "to"], ["domain", "y"], [0, 1]),
+      choiceField(app, "Repeats itself", ["domain", "periodic"], {
+        choices: [["", "nowhere"], ["x", "along x"], ["y", "along y"], ["both", "both ways"]],
+        fallback: null,
+        help: "Opposite sides are then one line, and mesh lines go on across it. u must repeat itself, too.",
+      })),
     annulus_sector: element("div", {},
       pairFields(app, ["inner radius", "outer radius"], ["domain", "radii"], [1, 2], { min: 0 }),
       pairFields(app, ["first angle (degrees)", "last angle"], ["domain", "angles"], [0, 90]),
+      flagField(app, "Closed: mesh lines run around the ring", ["domain", "closed"], { help: "For angles that are 360 degrees apart. The first and the last angle are then one line." }),
       element("details", { class: "more" }, element("summary", {}, "Centre"), pairFields(app, ["centre x", "centre y"], ["domain", "center"], [0, 0]))),
     quadrilateral: element("div", {},
       element("p", { class: "hint" }, "Bottom and top run from left to right, left and right from bottom to top. They meet at the corners. Points can be dragged, or moved with arrow keys."),
