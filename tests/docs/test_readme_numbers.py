@@ -123,6 +123,14 @@ def check_front(_: em.Solution, moments: str, smallest: str, largest: str) -> No
     assert (f"{min(gains):.1f}", f"{max(gains):.1f}") == (smallest, largest)
 
 
+def check_plate(_: em.Solution, told: str) -> None:
+    example = runpy.run_path(str(ROOT / "examples" / "10_pictures_of_the_docs.py"))
+    problem = em.BlockProblem(monitor=em.LeastError(u=em.Expression(example["WAVE"])), domain=example["plate"]())
+    solution = em.solve(problem)
+    assert solution.interpolation is not None
+    assert f"{solution.interpolation.gain_l2:.1f}" == told
+
+
 def check_python(_: em.Solution, told: str) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["requires-python"] == f">={told}"
@@ -135,6 +143,7 @@ def check_commands(_: em.Solution, told: str) -> None:
 CHECKS: dict[str, Callable[..., None]] = {
     r"coloured by error: ([\d.]+) times smaller": check_gain,
     r"([\d.]+) times smaller error": check_gain,
+    r"mesh of a wave, coloured by error, ([\d.]+) times smaller": check_plate,
     r"Both meshes have (\d+) x (\d+) points": check_grid,
     r"On (\d+) random functions the error was about (\d+) times smaller \(geometric mean, (\d+) x (\d+) points\)": (
         check_random_functions
