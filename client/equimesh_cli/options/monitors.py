@@ -170,6 +170,8 @@ def domain(text: str) -> Domain:
         return Rectangle(x=(first, second), y=(third, fourth), periodic=PERIODIC[word])
     if kind == "annulus" and word in ("", "closed"):
         return AnnulusSector(radii=(first, second), angles=(third, fourth), closed=bool(word))
+    if Path(text).exists():
+        raise argparse.ArgumentTypeError(f"{text} is a file: give it as --domain-file {text}")
     raise argparse.ArgumentTypeError(
         f"{text!r} is not like rectangle:0,2,0,1, annulus:1,2,0,90 or @domain.json; a fifth word closes lines:"
         " rectangle:0,2,0,1,x (or y, both), annulus:1,2,0,360,closed"

@@ -49,7 +49,7 @@ def plan_of(description: Description) -> Plan:
     used[table] = True
     if not used.all():
         name = list(numbers)[int((~used).argmax())]
-        message = f"the vertex {name} is no corner of a block: leave it out"
+        message = f"the vertex {name} is no corner of a block: add the block that has it, or leave it out"
         raise InputError(message, field=f"domain.vertices.{name}")
     joins = _joins(description, ends, edge_of, block_edges)
     given = _given_counts(description, ends, edge_of)

@@ -79,7 +79,7 @@ def read_points(name: str, folder: Path | None, field: str) -> list[Point]:
     Raises :class:`~equimesh.errors.InputError`, with the line, where a later line is no pair.
     """
     if folder is None:
-        message = f"{name[:80]} is the name of a file, which can be read in Python alone: write the points as a list"
+        message = f"{name[:80]} is the name of a file: write the points as a list, or in Python give folder=..."
         raise InputError(message, field=field)
     try:
         with (folder / name).open("rb") as file:

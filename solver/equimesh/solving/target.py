@@ -9,6 +9,7 @@ from typing import Literal, Unpack
 
 import numpy as np
 
+from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.equations.boundary import Boundary
 from equimesh.equations.problem import Problem
@@ -41,6 +42,8 @@ MEASURED_CELLS = 16
 """Cells a side of the uniform mesh whose lines are measured for the proportions."""
 NO_U = "a target is an error of interpolating u, and this monitor has no u: give it one"
 """Why a target is refused for a monitor without u."""
+NO_GRID = "the grid of a target is found on domains with four sides: refine the blocks, and solve a BlockProblem"
+"""Why a target is refused on blocks."""
 MAX_PROPORTION = 64.0
 """The largest ratio of the numbers of cells in the two directions."""
 
@@ -253,4 +256,6 @@ def _problem(target: Target, monitor: Monitor, domain: Domain, boundary: Boundar
     """The problem on the first grid."""
     if monitor.u is None:
         raise InputError(NO_U, field="target")
+    if isinstance(domain, Blocks):
+        raise InputError(NO_GRID, field="domain")
     return Problem(monitor=monitor, grid=target.grid(domain), boundary=boundary, domain=domain)

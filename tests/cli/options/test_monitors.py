@@ -109,3 +109,10 @@ def test_a_fifth_word_closes_lines() -> None:
     for wrong in ("rectangle:0,2,0,1,closed", "annulus:1,2,0,360,x", "rectangle:0,1,x"):
         with pytest.raises(argparse.ArgumentTypeError, match="a fifth word closes lines"):
             domain(wrong)
+
+
+def test_a_file_in_place_of_a_word_names_its_option(tmp_path: Path) -> None:
+    mesh = tmp_path / "plate.msh"
+    mesh.write_text("")
+    with pytest.raises(argparse.ArgumentTypeError, match=r"plate\.msh is a file: give it as --domain-file"):
+        domain(str(mesh))

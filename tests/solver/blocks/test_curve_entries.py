@@ -50,7 +50,9 @@ def test_files_without_points_are_refused(tmp_path: Path, text: str, message: st
 
 
 def test_a_file_needs_a_folder_and_has_to_be_there(tmp_path: Path) -> None:
-    with pytest.raises(em.InputError, match=r"foil.csv is the name of a file, .* write the points as a list"):
+    with pytest.raises(
+        em.InputError, match=r"foil.csv is the name of a file: write the points as a list, or in Python give folder="
+    ):
         read_points("foil.csv", None, FIELD)
     with pytest.raises(em.InputError, match=r"foil.csv cannot be read"):
         read_points("foil.csv", tmp_path, FIELD)

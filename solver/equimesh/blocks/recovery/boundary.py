@@ -186,9 +186,13 @@ def _corner_nodes(points: Array, boundary: BoolArray, corners: Iterable[Corner])
                 raise InputError(f"{field} = {corner} is no node on the boundary of the mesh", field=field)
             found.append(int(corner))
             continue
-        place = np.asarray(corner, dtype=np.float64)
+        try:
+            place = np.asarray(corner, dtype=np.float64)
+        except (TypeError, ValueError):
+            place = np.full(1, np.nan)
         if place.shape != (2,) or not np.isfinite(place).all():
-            raise InputError(f"{field}: give the number of a node, or its place (x, y)", field=field)
+            message = f"{field} = {str(corner)[:40]!r}: give the number of a node, or its place (x, y)"
+            raise InputError(message, field=field)
         found.append(int(on[((points[on] - place) ** 2).sum(axis=1).argmin()]))
     return np.array(found, dtype=np.int64)
 

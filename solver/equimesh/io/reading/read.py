@@ -60,7 +60,10 @@ def read_mesh(path: str | os.PathLike[str], format: str | None = None) -> PlainM
         return _read(lambda: read_poly_mesh(files), "polyMesh")
     found = format or FORMAT_OF.get(source.suffix.lower())
     if found is None:
-        message = f"the suffix of {source.name} is of no known format: give one of {', '.join(READERS)} as the format"
+        message = (
+            f"the suffix of {source.name} is of no known format: give one of {', '.join(READERS)} as the format, or a"
+            " folder with constant/polyMesh, a blockMeshDict, or a description as .json"
+        )
         raise InputError(message, field="format")
     try:
         data = source.read_bytes()

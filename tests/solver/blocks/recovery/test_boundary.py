@@ -124,3 +124,8 @@ def test_a_node_in_the_middle_of_an_edge_is_named() -> None:
     cut = np.array([cells[0], cells[1], cells[3], [3, 6, 10, 9], [9, 10, 7, 4]])
     with pytest.raises(InputError, match=r"in the middle of (its|the) edge"):
         of((np.concatenate([points, inner]), cut))
+
+
+def test_a_corner_that_is_a_word_is_refused_with_its_entry() -> None:
+    with pytest.raises(InputError, match=r"corners\[1\] = 'tip': give the number of a node, or its place"):
+        of(grid(3, 2), corners=[0, "tip"])
