@@ -32,7 +32,7 @@ class MeshArrays(Coupled):
     A mesh of blocks has ``x``, ``y`` and ``u`` of shape ``(n,)``, ``q_eq`` and ``subdomain`` of shape ``(m,)``, where
     ``subdomain`` is the number of the block, and in ``boundary`` the sides by their names. ``blocks`` are the nodes of
     each block, of shape ``(n_i, n_j)``, by its name; ``ties`` are nodes that are one unknown, a copy and its original,
-    of shape ``(k, 2)``. A grid has no blocks, and None.
+    of shape ``(k, 2)``. A grid has no blocks, and ties where its lines are closed; without ties they are None.
     """
 
     x: Array
@@ -62,7 +62,7 @@ class MeshArrays(Coupled):
 # What the names of the arrays of sides and of blocks begin with in the file of a mesh of blocks.
 SIDE, BLOCK = "sides/", "blocks/"
 # The array of nodes that are one unknown.
-TIES = "ties"
+TIES = "ties/nodes"
 STEP = "step_json"
 """The array with the bytes of the JSON of a step."""
 KNOWN = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, TIES, *SIDES})

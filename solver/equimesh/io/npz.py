@@ -19,7 +19,7 @@ STEP: Final = "step_json"  # the bytes of the JSON of a step: numbers, which eve
 # What the names of the arrays of sides and blocks begin with in the file of a mesh of blocks.
 SIDE, BLOCK = "sides/", "blocks/"
 TIES: Final = "ties/nodes"
-NPZ_ARRAYS: Final = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, *SIDES})  # others are fields
+NPZ_ARRAYS: Final = frozenset({"x", "y", "u", "cells", "q_eq", "subdomain", STEP, TIES, *SIDES})  # others are fields
 
 Arrays: TypeAlias = dict[str, Any]
 
@@ -28,7 +28,8 @@ def mesh_arrays(data: MeshData, cells: npt.NDArray[np.int64], every: int) -> Arr
     """The arrays of an npz file by their names; ``every`` is the number of its ``cells`` from one quadrilateral.
 
     A mesh of blocks has flat arrays of nodes, ``sides/<name>`` for the edges of each side, ``blocks/<name>`` for the
-    nodes of each block, and ``ties/nodes``. Names of fields have no slash.
+    nodes of each block, and ``ties/nodes``. A grid has the last one where its lines are closed. Names of fields have
+    no slash.
     """
     mesh = data.mesh
     arrays: Arrays = {"x": mesh.x, "y": mesh.y}
@@ -38,6 +39,8 @@ def mesh_arrays(data: MeshData, cells: npt.NDArray[np.int64], every: int) -> Arr
         arrays[TIES] = mesh.ties
     else:
         arrays |= mesh.sides
+        if len(data.ties):
+            arrays[TIES] = data.ties
     if data.u is not None:
         arrays["u"] = data.u
     arrays |= {**data.fields, **data.cell_fields}
@@ -75,6 +78,7 @@ def load_npz(path: str | os.PathLike[str]) -> MeshData:
         fields={name: values for name, values in others.items() if name not in in_cells},
         cell_fields=in_cells,
         step=step,
+        **({"ties": arrays[TIES]} if isinstance(mesh, Mesh) and TIES in arrays else {}),
     )
 
 
@@ -97,7 +101,7 @@ def _fields_of(arrays: Arrays, mesh: Mesh | QuadMesh) -> Arrays:
     """The arrays that are neither of the mesh nor of all meshes."""
     if isinstance(mesh, Mesh):
         return {name: values for name, values in arrays.items() if name not in NPZ_ARRAYS}
-    known = NPZ_ARRAYS - {*SIDES} | {TIES}
+    known = NPZ_ARRAYS - {*SIDES}
     return {name: array for name, array in arrays.items() if name not in known and not name.startswith((SIDE, BLOCK))}
 
 

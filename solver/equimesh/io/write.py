@@ -24,6 +24,7 @@ from equimesh.io.vts import write_vts
 from equimesh.io.vtu import write_vtu
 from equimesh.io.xdmf import with_time
 from equimesh.meshes.interfaces import contacts
+from equimesh.meshes.joined import at_one_place
 from equimesh.meshes.joins import Join, joins_of
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -34,6 +35,8 @@ __all__ = ["CELLS", "FORMATS", "Cells", "MeshData", "MeshFormat", "write_mesh"]
 MAX_POINTS_IN_MEMORY: Final = 100_000
 # Suffixes whose files are written next to each other instead of into a zip.
 UNPACKED: Final = {".xdmf": "xdmf", ".vtm": "vtm", ".xyz": "p3d", ".p3d": "p3d"}
+# Formats with arrays of (n_xi, n_eta) nodes, which keep both copies of the seam of closed lines.
+KEPT: Final = {"npz", "vts", "vtm", "p3d"}
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the same mesh gives the same bytes
 
 
@@ -53,6 +56,10 @@ def write_mesh(
     sides (left is ``xi == 0``, right ``xi == 1``, bottom ``eta == 0``, top ``eta == 1``). A mesh of blocks has neither.
     Cell data: ``Q_eq``, ``subdomain`` and the ``cell_fields``.
 
+    Where grid lines are closed, formats with rows and columns (``npz``, ``vts``, ``vtm``, ``p3d``) keep both copies of
+    a seam. In the others every node of a ring has one number, and its seam is no side. A periodic rectangle keeps its
+    sides, which ``foam`` names as a pair of cyclic patches and ``msh`` as periodic curves.
+
     Files appear whole or not at all, and the same mesh gives the same bytes. Raises
     :class:`~equimesh.errors.InputError` for an unknown format, suffix or kind of cell and for a folder that
     does not exist, for triangles in structured grids (``vts``, ``vtm``, ``p3d``), for blocks in one such grid
@@ -71,6 +78,8 @@ def write_mesh(
         raise InputError(f"a {name} file holds no {cells}s: choose another format, or quad", field="cells")
     if FORMATS[name].grids_only and isinstance(data.mesh, QuadMesh):
         raise InputError(f"a {name} file holds one grid, not blocks: choose vtm or vtu", field="format")
+    if name not in KEPT:
+        data = _merged(data)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it first", field="path")
     target = path / foam.FOLDER if case else path.parent
@@ -207,7 +216,14 @@ def _blocks_of(data: MeshData) -> QuadMesh:
         return data.mesh
     mesh = data.mesh
     whole = np.arange(mesh.x.size).reshape(mesh.node_shape)
-    return QuadMesh(points=mesh.points, cells=mesh.cells, sides=mesh.sides, blocks=(whole,), block_names=("grid",))
+    return QuadMesh(
+        points=mesh.points,
+        cells=mesh.cells,
+        sides=mesh.sides,
+        blocks=(whole,),
+        block_names=("grid",),
+        ties=data.ties,
+    )
 
 
 def _write_xdmf(folder: Path, data: MeshData, kind: Cells, mesh: str, facets: str) -> tuple[Path, ...]:
@@ -248,6 +264,13 @@ def _meshio_mesh(data: MeshData, kind: Cells, *, dimension: int) -> meshio.Mesh:
 
 
 def _joins(data: MeshData) -> tuple[Join, ...]:
-    """The joined sides of a mesh of blocks."""
+    """The joined sides of a mesh of blocks, or of a grid whose lines are closed by a translation."""
     mesh = data.mesh
-    return joins_of(mesh.points, mesh.sides, mesh.ties) if isinstance(mesh, QuadMesh) else ()
+    return joins_of(mesh.points, mesh.sides, mesh.ties if isinstance(mesh, QuadMesh) else data.ties)
+
+
+def _merged(data: MeshData) -> MeshData:
+    """The data without second copies of nodes at one place: to solvers these would be a slit."""
+    if isinstance(data.mesh, QuadMesh) or not at_one_place(data.mesh.points, data.ties).any():
+        return data
+    return data.joined

@@ -19,6 +19,8 @@ from equimesh.numerics.types import Array, IntArray
 
 Closed: TypeAlias = tuple[bool, bool]
 """Whether the xi-lines and the eta-lines are closed."""
+OPEN: Closed = (False, False)
+"""No closed lines."""
 
 
 def padded_shape(shape: tuple[int, int], closed: Closed) -> tuple[int, int]:

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from equimesh.meshes.closed import Closed, tied_nodes
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.numerics.types import Array, IntArray
 
 SEAMS = (("left", "right"), ("bottom", "top"))
 """The sides that are the two copies of a seam, of closed xi-lines and of closed eta-lines."""
 
 
-def joined(mesh: Mesh, closed: Closed) -> QuadMesh:
+def joined(mesh: Mesh, ties: IntArray) -> QuadMesh:
     """The mesh without the second copies of nodes that lie where the first ones do, as around a ring.
 
-    Such a seam is no side any more. Copies that lie a period apart stay, with their sides, as the ``ties`` of the mesh.
+    ``ties``, shape ``(k, 2)``, are the copies and their originals. Such a seam is no side any more. Copies that lie a
+    period apart stay, with their sides, as the ``ties`` of the mesh.
     """
-    ties = tied_nodes(mesh.grid.shape, closed)
     points = mesh.points
-    same = (points[ties[:, 0]] == points[ties[:, 1]]).all(axis=1)
+    same = at_one_place(points, ties)
     stands = np.arange(len(points))
     stands[ties[same, 0]] = ties[same, 1]
     kept = np.flatnonzero(stands == np.arange(len(points)))
@@ -39,3 +39,9 @@ def joined(mesh: Mesh, closed: Closed) -> QuadMesh:
         blocks=(number.reshape(mesh.grid.shape),),
         ties=number[ties[~same]],
     )
+
+
+def at_one_place(points: Array, ties: IntArray) -> Array:
+    """Which of the ``ties`` bind two nodes at the same place, shape ``(k,)``."""
+    found: Array = (points[ties[:, 0]] == points[ties[:, 1]]).all(axis=1)
+    return found

@@ -1,12 +1,21 @@
 """A mesh with values computed on it: the contents of a mesh file."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from equimesh.errors import InputError
+from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
+
+
+def _no_ties() -> IntArray:
+    return np.empty((0, 2), dtype=np.int64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -17,8 +26,9 @@ class MeshData:
     ``(n_xi - 1, n_eta - 1)``, the measure ``q_eq`` and the number of the ``subdomain`` that computed the cell.
     On a mesh of blocks these shapes are ``(n,)`` and ``(m,)``. ``fields`` are further values at the nodes and
     ``cell_fields`` such values per cell, by names other than those that files have already; a vector has one more axis,
-    that of its components. ``step`` is the JSON that a step of a sequence answers with, for npz files; it is empty for
-    other meshes.
+    that of its components. ``ties``, shape ``(k, 2)``, are the nodes of a grid with closed lines that are one: a copy
+    and its original. A mesh of blocks has its own. ``step`` is the JSON that a step of a sequence answers with, for npz
+    files; it is empty for other meshes.
 
     Raises :class:`~equimesh.errors.InputError` for other shapes.
     """
@@ -30,6 +40,7 @@ class MeshData:
     fields: Mapping[str, Array] = field(default_factory=dict)
     cell_fields: Mapping[str, Array] = field(default_factory=dict)
     step: str = ""
+    ties: IntArray = field(default_factory=_no_ties)
 
     def __post_init__(self) -> None:
         nodes, cells = self.mesh.node_shape, self.mesh.cell_shape
@@ -49,6 +60,32 @@ class MeshData:
         if isinstance(self.mesh, QuadMesh):
             raise InputError("this needs a grid, and a mesh of blocks has no rows and columns", field="mesh")
         return self.mesh
+
+    @property
+    def joined(self) -> MeshData:
+        """The same on a mesh without second copies of nodes at one place; see :func:`~equimesh.meshes.joined.joined`.
+
+        A mesh of blocks has none, and stays as it is.
+        """
+        if isinstance(self.mesh, QuadMesh):
+            return self
+        mesh = joined(self.mesh, self.ties)
+
+        def at_nodes(values: Array) -> Array:
+            found = np.empty((*mesh.node_shape, *values.shape[2:]))
+            found[mesh.blocks[0]] = values
+            return found
+
+        return replace(
+            self,
+            mesh=mesh,
+            u=None if self.u is None else at_nodes(self.u),
+            q_eq=self.q_eq.ravel(),
+            subdomain=self.subdomain.ravel(),
+            fields={name: at_nodes(values) for name, values in self.fields.items()},
+            cell_fields={name: values.reshape(-1, *values.shape[2:]) for name, values in self.cell_fields.items()},
+            ties=_no_ties(),
+        )
 
     @property
     def computational(self) -> tuple[Array, Array]:

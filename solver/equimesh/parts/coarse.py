@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from equimesh.domains.closing import is_closed
 from equimesh.domains.domain import Rectangle, map_mesh
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
@@ -215,6 +216,7 @@ def require_metric(problem: Problem) -> None:
             " interpolation error, or ArcLength(u=...)",
             field=field,
         )
+    require_no_seam(problem)
     if map_of(monitor) != "lines":
         raise InputError("a gradient map is not solved in parts: take map = 'lines'", field="monitor.map")
     if orthogonality_of(monitor) is not None:
@@ -222,6 +224,16 @@ def require_metric(problem: Problem) -> None:
             "a bound of the angles is not kept in parts: solve a grid of at most 1025 x 1025 points with the bound, and"
             " take monitor.weakened(...) with the strength that its certificate names",
             field="monitor.orthogonality",
+        )
+
+
+def require_no_seam(problem: Problem) -> None:
+    """Refuse closed lines; raises :class:`~equimesh.errors.InputError`."""
+    if is_closed(problem.domain):
+        raise InputError(
+            "the lines of this domain are closed, and parts end at sides: solve it as a whole, with"
+            " equimesh.solve, or take a domain without closed lines",
+            field="domain",
         )
 
 

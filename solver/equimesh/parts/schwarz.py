@@ -21,6 +21,7 @@ from equimesh.schwarz.records import IterationNumbers
 from equimesh.schwarz.settings import Acceleration, Schwarz
 from equimesh.schwarz.window import SubdomainWindow
 from equimesh.single_domain.steps import Mode
+from equimesh.solving.closed import require_open
 from equimesh.solving.estimates import safe_discretization_error
 from equimesh.solving.schwarz_ending import ending_of
 
@@ -43,6 +44,7 @@ class SchwarzPlan:
     """Whether the first part assembles the mesh of every record."""
 
     def __post_init__(self) -> None:
+        require_open(self.problem, self.schwarz)
         self.schwarz.decompose(self.problem.grid)
         if self.schwarz.accelerated_by is Acceleration.NEWTON and self.problem.grid.points > MAX_FACTORISED_POINTS:
             raise InputError(

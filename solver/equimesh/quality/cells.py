@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from equimesh.domains.domain import Domain
+from equimesh.meshes.closed import OPEN, Closed
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow, WindowCells, WindowRows
@@ -222,9 +223,13 @@ class MeshCells(Cells):
 
 @dataclass(frozen=True, eq=False)
 class BilinearCells(MeshCells):
-    """All cells of a grid of nodes, numbered as in :class:`~equimesh.meshes.mesh.Mesh`."""
+    """All cells of a grid of nodes, numbered as in :class:`~equimesh.meshes.mesh.Mesh`.
+
+    Cells on both sides of the seam of ``closed`` lines are neighbours; one process holds such a mesh.
+    """
 
     mesh: Mesh | MeshWindow
+    closed: Closed = OPEN
     _found: list[tuple[float, float]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
@@ -297,9 +302,22 @@ class BilinearCells(MeshCells):
     def size_ratios(self, cells: slice, out: Array) -> None:
         """Larger area over smaller of consecutive cells, the largest over the neighbours; infinite on folded cells."""
         size_ratios(self.shape[1], self.places(cells).start, self.valid, self.area, out)
+        if any(self.closed):
+            np.maximum(out, self._ratios_at_seams[self.places(cells)], out=out)
 
     def _numbers_here(self, cells: IntArray) -> IntArray:
         return cells - self.rows.begin * self.shape[1] if self.rows.begin else cells
+
+    @cached_property
+    def _ratios_at_seams(self) -> Array:
+        """Larger area over smaller of the two cells at a seam, 1 for all other cells; infinite on folded cells."""
+        area = np.where(self.valid, self.area, np.nan).reshape(self.shape)
+        found = np.ones(self.shape)
+        for axis in np.flatnonzero(self.closed):
+            ends, ratios = np.moveaxis(area, axis, 0)[[0, -1]], np.moveaxis(found, axis, 0)
+            ratio = np.nan_to_num(ends.max(axis=0) / ends.min(axis=0), nan=np.inf)
+            ratios[0], ratios[-1] = np.maximum(ratios[0], ratio), np.maximum(ratios[-1], ratio)
+        return found.ravel()
 
     @cached_property
     def _measured(self) -> tuple[Array, BoolArray, float]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equimesh.inputs import finite_or_none
+from equimesh.meshes.closed import OPEN, Closed
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -54,19 +55,41 @@ FOLDED = Faces(non_orthogonality=math.nan, mean_non_orthogonality=math.nan, skew
 """The measures of a mesh with a folded cell."""
 
 
-def measure_faces(mesh: AnyMesh) -> Faces:
+def measure_faces(mesh: AnyMesh, closed: Closed = OPEN) -> Faces:
     """The measures of the faces of ``mesh``; of the whole one also where a process holds some of its rows.
 
-    Interfaces between blocks are faces as all others, and so are the sides of a periodic join, which are one.
+    Interfaces between blocks are faces as all others, and so are the sides of a periodic join, which are one. So are
+    the seams of a grid with ``closed`` lines, which one process holds.
     """
     if isinstance(mesh, QuadMesh):
         return _of_blocks(mesh)
     window = MeshWindow.of(mesh)
+    if any(closed):
+        return _of_closed(window, closed)
     strips = np.array([_strip(window, first, last) for first, last in window.rows.strips]).reshape(-1, 5)
     found = joined(window.rows.channel, strips)
     if not found[:, 4].all():
         return FOLDED
     return _faces(found[:, 0].min(), found[:, 1].sum(), found[:, 2].sum(), found[:, 3].max())
+
+
+def _of_closed(window: MeshWindow, closed: Closed) -> Faces:
+    """The faces of a grid before which the last cells of its closed lines stand once more."""
+    x, y = (_with_last_cells(q, closed) for q in (window.x, window.y))
+    centres = np.empty((2, x.shape[0] - 1, x.shape[1] - 1))
+    if not place_centres(x, y, *centres):
+        return FOLDED
+    first, last = (int(closed[0]), int(closed[1])), (not closed[0], not closed[1])
+    return _faces(*survey_faces(x, y, centres, first[0], last[0], first[1], last[1]))
+
+
+def _with_last_cells(nodes: Array, closed: Closed) -> Array:
+    """One coordinate of the nodes, with the nodes before the seams, which lie a period before their originals."""
+    if closed[0]:
+        nodes = np.concatenate([nodes[-2:-1] - (nodes[-1:] - nodes[:1]), nodes])
+    if closed[1]:
+        nodes = np.concatenate([nodes[:, -2:-1] - (nodes[:, -1:] - nodes[:, :1]), nodes], axis=1)
+    return np.ascontiguousarray(nodes)
 
 
 def _of_blocks(mesh: QuadMesh) -> Faces:
@@ -95,7 +118,7 @@ def _strip(window: MeshWindow, first: int, last: int) -> tuple[float, ...]:
     x, y = window.nodes(before, last)
     centres = np.empty((2, x.shape[0] - 1, x.shape[1] - 1))
     valid = place_centres(x, y, *centres)
-    return *survey_faces(x, y, centres, first - before, last == window.rows.cells[0]), float(valid)
+    return *survey_faces(x, y, centres, first - before, last == window.rows.cells[0], 0, True), float(valid)
 
 
 def points_and_centres(mesh: Mesh) -> tuple[Array, Array | None]:
@@ -128,17 +151,20 @@ def place_centres(x: Array, y: Array, at_x: Array, at_y: Array) -> bool:
 
 
 @compiled
-def survey_faces(x: Array, y: Array, centres: Array, first: int, to_side: bool) -> tuple[float, float, float, float]:
+def survey_faces(
+    x: Array, y: Array, centres: Array, first: int, to_side: bool, lowest_column: int, to_top: bool
+) -> tuple[float, float, float, float]:
     """The smallest cosine of inner faces, the sum of their cosines and their number, and the largest skewness.
 
     These are the faces from the ``first`` row of nodes on, and with ``to_side`` also those on the last row. The first
-    row is on a side if it is row 0. ``centres`` of shape ``(2, rows of cells, columns)`` are those of the cells.
+    row is on a side if it is row 0. ``lowest_column`` and ``to_top`` are the same of the columns. ``centres`` of shape
+    ``(2, rows of cells, columns)`` are those of the cells.
     """
     at_x, at_y = centres[0], centres[1]
     cells_xi, cells_eta = at_x.shape
     lowest, total, skewness, count = 1.0, 0.0, 0.0, 0.0
     for i in range(first, cells_xi + (1 if to_side else 0)):
-        for j in range(cells_eta + 1):
+        for j in range(lowest_column, cells_eta + (1 if to_top else 0)):
             for along in range(2):  # the edge that leaves the node along xi, then along eta
                 end_i, end_j = i + 1 - along, j + along
                 if end_i > cells_xi or end_j > cells_eta:

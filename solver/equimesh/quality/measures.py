@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
@@ -172,7 +173,7 @@ def measure_all(
     some rows of a mesh, all processes call this, and get the quality of the whole mesh.
     """
     with np.errstate(all="ignore"):
-        cells, u, tally = cells_of(mesh), monitor.u, None
+        cells, u, tally = cells_of(mesh, closed_of(domain)), monitor.u, None
         rule = CellPoints.gauss(gauss_points(cells, gauss))
         numbers = sample(cells.rows) if gauss is None else None
         if u is not None and kind == "quad" and cells.all_valid and numbers is None:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from equimesh.meshes.cell_edges import CellEdges
+from equimesh.meshes.closed import OPEN, Closed
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow, WindowRows
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -106,6 +107,6 @@ class QuadCells(MeshCells):
         return area, valid, measure_corners(self.corners(slice(0, count)), area, valid)
 
 
-def cells_of(mesh: AnyMesh) -> BilinearCells | QuadCells:
-    """The cells of any mesh."""
-    return QuadCells(mesh) if isinstance(mesh, QuadMesh) else BilinearCells(mesh)
+def cells_of(mesh: AnyMesh, closed: Closed = OPEN) -> BilinearCells | QuadCells:
+    """The cells of any mesh; lines of a grid may be ``closed``."""
+    return QuadCells(mesh) if isinstance(mesh, QuadMesh) else BilinearCells(mesh, closed)

@@ -9,6 +9,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from equimesh.domains.closing import closed_of
 from equimesh.domains.domain import map_mesh
 from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
@@ -31,7 +32,7 @@ from equimesh.solving.solution import Solution, SolveError
 from equimesh.solving.solve import solve
 from equimesh.solving.status import Status
 from equimesh.transfers.mesh_values import MeshValues
-from equimesh.transfers.transfer import carry, named
+from equimesh.transfers.transfer import carry_closed, named
 
 # The begin of the note of such a mesh.
 SMOOTHED = "The mesh keeps a share of the mesh before it"
@@ -132,7 +133,7 @@ class Sequence:
         same = problem.grid == self.mesh.grid
         moved = cells_moved(self.mesh, solution.mesh) if same else None
         self._refuse_outrun(moved)
-        carried = carry(self.mesh, given, solution.mesh)
+        carried = carry_closed(self.mesh, given, solution.mesh, closed_of(problem.domain))
         step = SequenceStep(
             number=self.number + 1,
             mesh=solution.mesh,

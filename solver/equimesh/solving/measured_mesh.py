@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from equimesh.domains.closing import closed_of
 from equimesh.equations.problem import Problem
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_window import MeshWindow
@@ -63,7 +64,7 @@ class MeasuredMesh:
 
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
-        return measure_faces(self.mesh)
+        return measure_faces(self.mesh, closed_of(self.problem.domain))
 
     def min_jacobian(self) -> float:
         """The smallest corner Jacobian, 1 on the uniform mesh of a rectangle."""

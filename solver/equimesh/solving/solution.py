@@ -125,7 +125,7 @@ class Solution:
 
         Copies that are a period apart stay, as its ``ties``.
         """
-        return joined(self.mesh, closed_of(self.problem.domain))
+        return joined(self.mesh, self.ties)
 
     @cached_property
     def faces(self) -> Faces:
@@ -193,13 +193,8 @@ class Solution:
         """
         shape = (self.problem.grid.n_xi - 1, self.problem.grid.n_eta - 1)
         owner = np.zeros(shape, dtype=np.int64) if self.decomposition is None else self.decomposition.owner_of_cells()
-        if not joined:
-            return MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner)
-        u = None
-        if self.u is not None:
-            u = np.empty(self.joined.node_shape)
-            u[self.joined.blocks[0]] = self.u
-        return MeshData(mesh=self.joined, u=u, q_eq=self.quality.q_eq.cells.ravel(), subdomain=owner.ravel())
+        data = MeshData(mesh=self.mesh, u=self.u, q_eq=self.quality.q_eq.cells, subdomain=owner, ties=self.ties)
+        return data.joined if joined else data
 
 
 def status_unless_folded(status: Status, *, folded: bool) -> Status:

@@ -11,12 +11,15 @@ measures what is left.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from equimesh.errors import SamplesError
 from equimesh.inputs import describe_value
+from equimesh.meshes.closed import Closed, tied_nodes
+from equimesh.meshes.joined import joined
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
@@ -42,7 +45,7 @@ def transfer(mesh: Mesh | QuadMesh, fields: Mapping[str, Any], new_mesh: Mesh | 
     Raises :class:`~equimesh.errors.SamplesError`, which names the first bad index, for values that do not fit the mesh,
     and :class:`~equimesh.errors.InputError` for a folded mesh, for one of less than 4 nodes in a direction, and for
     meshes of different domains: a side that is straight must be the same up to rounding, a curved one up to what
-    straight edges cut off.
+    straight edges cut off. Where grid lines are closed, the meshes are the ``joined`` ones of the solutions.
     """
     require_one_domain(mesh, new_mesh)
     return carry(mesh, named(fields), new_mesh)
@@ -70,6 +73,31 @@ def carry(mesh: Mesh | QuadMesh, given: Mapping[str, MeshValues], new_mesh: Mesh
             if field.transfer == "conservative":
                 moved[name] = _conserved(overlaps, field, checked[name], moved.get(name), new_mesh)
     return {name: moved[name] for name in given}
+
+
+def carry_closed(mesh: Mesh, given: Mapping[str, MeshValues], new_mesh: Mesh, closed: Closed) -> dict[str, Array]:
+    """The same as :func:`carry` between two grids whose ``closed`` lines go on across their seams."""
+    if not any(closed):
+        return carry(mesh, given, new_mesh)
+    old, new = (joined(one, tied_nodes(one.grid.shape, closed)) for one in (mesh, new_mesh))
+    flat = {name: replace(field, values=_flat(field, mesh, old, name)) for name, field in given.items()}
+    moved = carry(old, flat, new)
+    return {
+        name: values[new.blocks[0]]
+        if given[name].location == "nodes"
+        else values.reshape(*new_mesh.cell_shape, *values.shape[1:])
+        for name, values in moved.items()
+    }
+
+
+def _flat(field: MeshValues, mesh: Mesh, joined_mesh: QuadMesh, name: str) -> Array:
+    """The values on a grid as those on the same mesh with one number for each node."""
+    values = field.on(mesh, name)
+    if field.location == "cells":
+        return values.reshape(-1, *values.shape[2:])
+    flat = np.empty((*joined_mesh.node_shape, *values.shape[2:]))
+    flat[joined_mesh.blocks[0]] = values
+    return flat
 
 
 def _conserved(

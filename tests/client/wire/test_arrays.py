@@ -53,3 +53,11 @@ def test_the_arrays_go_to_other_libraries_with_both_kinds_of_cells() -> None:
 def test_damage_is_reported(data: bytes) -> None:
     with pytest.raises(DownloadDamaged, match="npz file of the mesh"):
         arrays_of(data)
+
+
+def test_ties_are_those_of_the_file_and_no_field() -> None:
+    arrays = arrays_of(npz(**{"ties/nodes": [[4, 0], [5, 1]]}))
+    assert arrays.ties is not None
+    assert arrays.ties.tolist() == [[4, 0], [5, 1]]
+    assert not arrays.fields
+    assert arrays_of(npz()).ties is None

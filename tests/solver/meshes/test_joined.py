@@ -6,6 +6,7 @@ import numpy as np
 
 import equimesh as em
 from equimesh.domains.domain import map_mesh
+from equimesh.meshes.closed import tied_nodes
 from equimesh.meshes.joined import joined
 
 UNIFORM = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=9))
@@ -13,7 +14,7 @@ UNIFORM = em.Mesh.uniform(em.Grid(n_xi=4, n_eta=9))
 
 def test_the_nodes_of_a_ring_are_one_each_and_its_seam_is_no_side() -> None:
     mesh = map_mesh(UNIFORM, em.AnnulusSector(closed=True))
-    ring = joined(mesh, (False, True))
+    ring = joined(mesh, tied_nodes(UNIFORM.grid.shape, (False, True)))
     assert len(ring.points) == 4 * 8
     assert {*ring.sides} == {"left", "right"}
     assert not ring.ties.size
@@ -24,7 +25,7 @@ def test_the_nodes_of_a_ring_are_one_each_and_its_seam_is_no_side() -> None:
 
 
 def test_copies_that_lie_apart_are_tied_and_keep_their_sides() -> None:
-    square = joined(UNIFORM, (True, False))
+    square = joined(UNIFORM, tied_nodes(UNIFORM.grid.shape, (True, False)))
     assert len(square.points) == 4 * 9
     assert {*square.sides} == {"left", "right", "bottom", "top"}
     apart = square.points[square.ties[:, 0]] - square.points[square.ties[:, 1]]
@@ -32,6 +33,6 @@ def test_copies_that_lie_apart_are_tied_and_keep_their_sides() -> None:
 
 
 def test_an_open_mesh_stays_as_it_is() -> None:
-    found = joined(UNIFORM, (False, False))
+    found = joined(UNIFORM, tied_nodes(UNIFORM.grid.shape, (False, False)))
     assert np.array_equal(found.cells, UNIFORM.cells)
     assert not found.ties.size

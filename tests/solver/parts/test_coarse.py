@@ -23,6 +23,10 @@ def test_what_has_no_metric_is_refused_with_what_to_take() -> None:
     for monitor in (em.Auto(u=u), em.LeastError(u=u)):
         with pytest.raises(em.InputError, match=r"has no metric, and is not solved in parts: take Curvature"):
             coarse_solution(em.Problem(monitor=monitor, grid=grid))
+    periodic = em.ArcLength(u=em.Expression("sin(2*pi*x)"))
+    closed = em.Problem(monitor=periodic, grid=grid, domain=em.Rectangle(periodic="x"))
+    with pytest.raises(em.InputError, match="the lines of this domain are closed, and parts end at sides"):
+        coarse_solution(closed)
     with pytest.raises(em.InputError, match="a gradient map is not solved in parts"):
         coarse_solution(em.Problem(monitor=em.Weight(rho=em.Expression("1 + x"), map="gradient"), grid=grid))
     with pytest.raises(em.InputError, match="a bound of the angles is not kept in parts"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,13 @@ def test_newton_steps_of_large_grids_are_refused() -> None:
     fine = problem("tanh20", 513)
     with pytest.raises(em.InputError, match=r"whole meshes of at most 66049 points, and this grid has 263169"):
         SchwarzPlan(problem=fine, schwarz=em.Schwarz(acceleration="newton"), tolerance=None, expected=math.nan)
+
+
+def test_closed_lines_are_refused() -> None:
+    monitor = em.ArcLength(u=em.Expression("sin(2*pi*y)"))
+    closed = replace(CASE, monitor=monitor, domain=em.Rectangle(periodic="y"))
+    with pytest.raises(em.InputError, match="the subdomains of a Schwarz iteration end at sides"):
+        SchwarzPlan(problem=closed, schwarz=SLOW, tolerance=None, expected=math.nan)
 
 
 @pytest.mark.parametrize(

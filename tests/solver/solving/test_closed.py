@@ -11,8 +11,10 @@ import pytest
 
 import equimesh as em
 from equimesh.io import write_mesh
+from equimesh.io.npz import load_npz
 from equimesh.io.reading.read import read_mesh
 from equimesh.least_error.iteration import LeastErrorSolve
+from equimesh.quality.faces import measure_faces
 
 GRID = em.Grid(n_xi=17, n_eta=17)
 U = em.Expression("tanh(2*(sin(2*pi*x)*cos(2*pi*y)-0.2))")
@@ -142,10 +144,85 @@ def test_files_with_and_without_the_seam(suffix: str, tmp_path: Path) -> None:
     for name, contents, nodes in (("one", data, 9 * 16), ("two", solution.data(), 9 * 17)):
         path = tmp_path / f"{name}.{suffix}"
         write_mesh(path, contents)
-        if suffix != "npz":
-            assert len(read_mesh(path).points) == nodes
+        if suffix != "npz":  # solvers want no second copies of nodes
+            found = read_mesh(path)
+            assert len(found.points) == 9 * 16
+            assert {*found.sides} == {"left", "right"}
         else:
             assert np.load(path)["x"].size == nodes
+    kept = load_npz(tmp_path / "two.npz") if suffix == "npz" else solution.data()
+    assert np.array_equal(kept.ties, solution.ties)
+    assert np.array_equal(kept.joined.mesh.points, data.mesh.points)
+
+
+@pytest.mark.parametrize("periodic", ["x", "y", "both"])
+def test_files_name_the_pair_of_periodic_sides(periodic: Any, tmp_path: Path) -> None:
+    solution = least(em.Rectangle(x=(0.0, 2.0), periodic=periodic), "sin(pi*x)*sin(2*pi*y)", em.Grid(n_xi=9, n_eta=7))
+    pairs = {"x": [("left", "right", (2.0, 0.0, 0.0))], "y": [("bottom", "top", (0.0, 1.0, 0.0))]}
+    named = [*pairs["x"], *pairs["y"]] if periodic == "both" else pairs[periodic]
+    (tmp_path / "case").mkdir()
+    write_mesh(tmp_path / "case", solution.data())
+    text = (tmp_path / "case/constant/polyMesh/boundary").read_text()
+    assert text.count("type cyclic;") == 2 * len(named)
+    for one, other, way in named:
+        entry = text.split(f"\n{one}\n")[1].split("}")[0]
+        assert f"neighbourPatch {other};" in entry
+        vector = entry.split("separationVector (")[1].split(")")[0]
+        assert [float(word) for word in vector.split()] == pytest.approx(way, abs=1e-12)
+    write_mesh(tmp_path / "mesh.msh", solution.data())
+    section = (tmp_path / "mesh.msh").read_text().split("$Periodic\n")[1].splitlines()
+    assert int(section[0]) == len(named)
+
+
+@pytest.mark.parametrize("periodic", ["x", "y", "both", None])
+def test_faces_and_sizes_are_measured_across_the_seam(periodic: Any) -> None:
+    domain = em.AnnulusSector(closed=True) if periodic is None else em.Rectangle(periodic=periodic)
+    u = "tanh(4*(x-0.3))" if periodic is None else "tanh(8*(sin(2*pi*(x+0.1))*cos(2*pi*y)-0.2))"
+    solution = least(domain, u, em.Grid(n_xi=9, n_eta=13))
+    expected = measure_faces(solution.joined)
+    assert solution.faces.summary() == pytest.approx(expected.summary(), rel=1e-9)
+    assert solution.faces.skewness == pytest.approx(expected.skewness, rel=1e-9)
+    assert solution.faces.summary() != pytest.approx(measure_faces(solution.mesh).summary(), rel=1e-6)
+    sizes = em.measure(solution.joined, solution.problem.monitor).size_ratio
+    assert solution.quality.size_ratio.cells.ravel() == pytest.approx(sizes.cells, rel=1e-12)
+    cut = em.measure(solution.mesh, solution.problem.monitor).size_ratio
+    assert (cut.cells.ravel() <= sizes.cells * (1.0 + 1e-12)).all()
+    assert cut.mean < sizes.mean or periodic in ("y", None)
+
+
+@pytest.mark.parametrize("domain", [DOMAIN, em.Rectangle(periodic="both"), em.AnnulusSector(closed=True)])
+def test_fields_are_carried_across_the_seam(domain: em.Domain) -> None:
+    turns = ["sin(2*pi*(x-0.1))+0*y", "sin(2*pi*(x-0.3))+0*y"]
+    if domain.area != 1.0:
+        turns = ["tanh(3*(x-0.3))", "tanh(3*(y-0.3))"]
+    monitor = em.ArcLength(u=em.Expression(turns[0]))
+    sequence = em.Sequence(em.Problem(monitor=monitor, grid=GRID, domain=domain))
+    sequence.step(em.Expression(turns[0]))
+    before = sequence.mesh
+    u = np.cos(2 * np.pi * before.x) if domain.area == 1.0 else before.x * before.y
+    averages = np.arange(256.0).reshape(16, 16)
+    vector = np.stack([u, 2.0 * u], axis=2)
+    fields: dict[str, Any] = {
+        "smooth": u,
+        "vector": vector,
+        "kept": em.MeshValues(u, transfer="conservative"),
+        "averages": em.MeshValues(averages, transfer="conservative", location="cells"),
+    }
+    step = sequence.step(em.Expression(turns[1]), fields)
+    after = step.mesh
+    expected = np.cos(2 * np.pi * after.x) if domain.area == 1.0 else after.x * after.y
+    assert np.abs(after.points - before.points).max() > 0.02
+    assert np.abs(step.fields["smooth"] - expected).max() < 0.1
+    assert np.array_equal(step.fields["vector"][:, :, 1], 2.0 * step.fields["vector"][:, :, 0])
+    assert step.fields["averages"].shape == (16, 16)
+    copies, originals = step.solution.ties.T
+    for name in ("smooth", "kept"):
+        values = step.fields[name].ravel()
+        assert values[copies] == pytest.approx(values[originals], abs=1e-12), name
+    for name, kept in (("averages", averages), ("kept", u)):
+        where = "cells" if name == "averages" else "nodes"
+        there, here = em.integral(after, step.fields[name], where), em.integral(before, kept, where)
+        assert there == pytest.approx(here, rel=1e-9, abs=1e-12), name
 
 
 def test_a_front_is_followed_across_the_seam() -> None:
