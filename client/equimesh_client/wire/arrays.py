@@ -73,6 +73,8 @@ def arrays_of(npz: bytes) -> MeshArrays:
     try:
         with np.load(io.BytesIO(npz), allow_pickle=False) as file:
             is_grid = file["x"].ndim == 2
+            if file["y"].shape != file["x"].shape:
+                raise ValueError("x and y have different shapes")
             every = 2 if file["cells"].shape[1] == 3 else 1
             shape = tuple(n - 1 for n in file["x"].shape) if is_grid else (len(file["cells"]) // every,)
             step = json.loads(file[STEP].tobytes()) if STEP in file.files else {}
