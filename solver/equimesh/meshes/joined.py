@@ -6,7 +6,7 @@ import numpy as np
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
-from equimesh.numerics.types import Array, IntArray
+from equimesh.numerics.types import Array, BoolArray, IntArray
 
 SEAMS = (("left", "right"), ("bottom", "top"))
 """The sides that are the two copies of a seam, of closed xi-lines and of closed eta-lines."""
@@ -41,7 +41,7 @@ def joined(mesh: Mesh, ties: IntArray) -> QuadMesh:
     )
 
 
-def at_one_place(points: Array, ties: IntArray) -> Array:
+def at_one_place(points: Array, ties: IntArray) -> BoolArray:
     """Which of the ``ties`` bind two nodes at the same place, shape ``(k,)``."""
-    found: Array = (points[ties[:, 0]] == points[ties[:, 1]]).all(axis=1)
+    found: BoolArray = (points[ties[:, 0]] == points[ties[:, 1]]).all(axis=1)
     return found
