@@ -13,8 +13,8 @@ import meshio
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.io.reading.plain_mesh import PlainMesh, refuse_cell
-from equimesh.io.reading.text_numbers import floats, integers, line_of
+from equimesh.io.reading.plain_mesh import PlainMesh, check_side_count, refuse_cell
+from equimesh.io.reading.text_numbers import floats, integers
 from equimesh.numerics.types import Array, IntArray
 
 # Gmsh's numbers of the element types that are read, ...
@@ -27,6 +27,8 @@ OTHERS: Final = {
 }  # fmt: skip
 # ... and how many nodes they have.
 NODES: Final = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 15: 1, 16: 8}
+# Physical groups of one curve, at most: each takes all its lines.
+MAX_GROUPS = 100
 # The dimension of the sides, and of points.
 CURVE, VERTEX = 1, 0
 
@@ -125,15 +127,17 @@ def read_msh(data: bytes) -> PlainMesh:
 
 def _sections(data: bytes) -> Iterator[tuple[str, bytes, int]]:
     """The name, the text and the first line of each section."""
-    at = 0
+    at, line, counted = 0, 1, 0
     while (head := _HEAD.search(data, at)) is not None:
         name = head[1]
         end = data.find(b"\n$End" + name, head.end())
         if end < 0:
-            where = f"line {line_of(data, head.start())}: the section ${name.decode('latin-1')}"
-            raise InputError(f"{where} does not end: the file is cut off", field="file")
+            line += data.count(b"\n", counted, head.start())
+            message = f"line {line}: the section ${name.decode('latin-1')} does not end: the file is cut off"
+            raise InputError(message, field="file")
         start = head.end() + 1
-        yield name.decode("latin-1"), data[start : end + 1], line_of(data, start)
+        line, counted = line + data.count(b"\n", counted, start), start
+        yield name.decode("latin-1"), data[start : end + 1], line
         at = data.find(b"\n", end + 1)
         if at < 0:
             return
@@ -170,7 +174,7 @@ def _nodes_41(text: bytes, line: int) -> tuple[Array, IntArray]:
     points, tags, at = [], [], 4
     for _ in range(int(flat[0]) if len(flat) >= 4 else -1):
         head = flat[at : at + 4]
-        if len(head) < 4 or not 0 <= head[3] <= len(flat):
+        if len(head) < 4 or not (0 <= head[0] <= 3 and 0 <= head[3] <= len(flat)):
             raise InputError(f"line {line}: the nodes end too early", field="file")
         count, columns = int(head[3]), 3 + (int(head[0]) if head[2] else 0)
         first, end = at + 4 + count, at + 4 + count * (1 + columns)
@@ -193,7 +197,12 @@ def _groups_of_entities(text: bytes, line: int) -> dict[tuple[int, int], list[in
         for k, row in enumerate(rows[1 : 1 + counts[0] + counts[1]]):
             words, first = row.split(), 4 if k < counts[0] else 7
             tags = [abs(int(word)) for word in words[first + 1 : first + 1 + int(words[first])]]
+            if len(tags) > MAX_GROUPS:
+                message = f"line {line + 1 + k}: {len(tags)} physical groups of one entity: {MAX_GROUPS} are possible"
+                raise InputError(message, field="file")
             groups[VERTEX if k < counts[0] else CURVE, int(words[0])] = tags
+    except InputError:
+        raise
     except (ValueError, IndexError) as error:
         raise InputError(f"line {line + len(groups)}: the entities cannot be read", field="file") from error
     return groups
@@ -289,6 +298,7 @@ def _binary(data: bytes) -> PlainMesh:
         nodes = np.asarray(block.data, dtype=np.int64)
         if block.type not in kinds:
             raise refuse_cell(block.type, at + 1, mesh.points, nodes[0])
+        check_side_count(len(np.unique(group)))
         for number in np.unique(group):
             rows = nodes[np.asarray(group) == number]
             _take(found, kinds[block.type], np.arange(len(rows)), rows, int(number), mesh.points)

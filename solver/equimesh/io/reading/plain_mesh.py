@@ -12,6 +12,8 @@ from equimesh.numerics.types import Array, IntArray
 
 # A mesh is plane where its nodes leave the plane by this part of its size at most.
 PLANE: float = 1e-9
+# Named sides of a mesh, at most: each has an array.
+MAX_SIDES: int = 1000
 # What to do with a mesh that has other cells, for messages.
 ONLY_QUADRILATERALS: str = (
     "only quadrilaterals can be adapted; make a mesh of quadrilaterals, in Gmsh by Recombine with the subdivision"
@@ -49,6 +51,7 @@ class PlainMesh:
         """
         if len(cells) == 0:
             raise InputError(f"the file has no quadrilaterals: {ONLY_QUADRILATERALS}", field="cells")
+        check_side_count(len(sides))
         for name, table in {
             "the cells": cells,
             **{f"the side {name!r}": edges for name, edges in sides.items()},
@@ -83,6 +86,12 @@ class PlainMesh:
             sides={name: number[edges] for name, edges in sides.items()},
             places={name: int(number[node]) for name, node in (places or {}).items() if used[node]},
         )
+
+
+def check_side_count(count: int) -> None:
+    """Refuse more sides than a mesh may have."""
+    if count > MAX_SIDES:
+        raise InputError(f"the file has {count} named sides: {MAX_SIDES} are possible", field="sides")
 
 
 def _in_plane(points: Array, kept: IntArray) -> Array:

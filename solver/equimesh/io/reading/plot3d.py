@@ -28,9 +28,13 @@ FACES: Final = (3, 4, 5, 6)
 LEFT_WHEN_RISING: Final = (4, 5)
 # What a neutral map file calls an interface of blocks.
 INTERFACE: Final = "ONE_TO_ONE"
-_MAP_ROW = re.compile(r"\s*'?([^'#]*?[^'#\s\d][^'#]*?)'?((?:\s+-?\d+){6})\s*(?:$|[-\d#])")
+# The first character of a name in a row of a map, and the numbers behind it; words have one space between them.
+_NAME = re.compile(r"[^\s\d]")
+_RANGES = re.compile(r"'?((?: -?\d+){6})(?: -?\d|$)")
 # Blocks of a file, and nodes of a block along a direction, at most.
 MAX_BLOCKS, MAX_NODES = 100_000, 10_000_000
+# Numbers that Fortran's repetitions such as ``3*0.5`` stand for, at most, in all.
+MAX_REPEATED = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -97,11 +101,12 @@ def sides_of_map(data: bytes, blocks: list[Array]) -> dict[str, list[tuple[int, 
     A line has a name, the number of a block and of its face, and two ranges of nodes, of which one is 1 to 1.
     """
     sides: dict[str, list[tuple[int, IntArray]]] = {}
+    left = sum(2 * sum(block.shape[:2]) for block in blocks)  # edges that may have a side yet
     for number, row in enumerate(data.decode("utf-8", "replace").splitlines(), start=1):
-        found = _MAP_ROW.match(row)
-        if found is None or found[1].upper() == INTERFACE:
+        name, words = _map_row(row)
+        if not name or name.upper() == INTERFACE:
             continue
-        block, face, *ends = (int(word) for word in found[2].split())
+        block, face, *ends = (int(word) for word in words)
         first, last = ends[:2] if ends[0] != ends[1] else ends[2:]
         if not 1 <= block <= len(blocks) or face not in FACES:
             raise InputError(f"line {number} of the map: there is no face {face} of a block {block}", field="file")
@@ -111,6 +116,10 @@ def sides_of_map(data: bytes, blocks: list[Array]) -> dict[str, list[tuple[int, 
             message = f"line {number} of the map: nodes {first} to {last}, but the face has {most}"
             raise InputError(message, field="file")
         along = np.arange(min(first, last) - 1, max(first, last))
+        left -= len(along) - 1
+        if left < 0:
+            message = f"line {number} of the map: the sides have more edges than the blocks: give each face one side"
+            raise InputError(message, field="file")
         at = {
             FACES[0]: along,
             FACES[1]: (n_i - 1) * n_j + along,
@@ -118,8 +127,19 @@ def sides_of_map(data: bytes, blocks: list[Array]) -> dict[str, list[tuple[int, 
             FACES[3]: along * n_j + n_j - 1,
         }
         line = at[face] if face in LEFT_WHEN_RISING else at[face][::-1]  # the block on the left
-        sides.setdefault(found[1], []).append((block - 1, np.column_stack([line[:-1], line[1:]])))
+        sides.setdefault(name, []).append((block - 1, np.column_stack([line[:-1], line[1:]])))
     return sides
+
+
+def _map_row(row: str) -> tuple[str, list[str]]:
+    """The name in a row of a neutral map, and the six numbers behind it; an empty name for rows of another form."""
+    row = " ".join(row.partition("#")[0].split())
+    start = _NAME.search(row)
+    found = None if start is None else _RANGES.search(row, start.end())
+    if found is None:
+        return "", []
+    name = row[: found.start()].removeprefix("'").strip()
+    return ("", []) if "'" in name else (name, found[1].split())
 
 
 def _merged(points: Array, rim: IntArray) -> IntArray:
@@ -149,7 +169,12 @@ def _text(data: bytes) -> tuple[_Head, list[Array]]:
     """The head of a text, and the coordinates of each block."""
     text = data.replace(b",", b" ").replace(b"D", b"e").replace(b"d", b"e")
     if b"*" in text:
-        text = b" ".join(_repeated(word) for word in text.split())
+        words = text.split()
+        if sum(_repeats(word) for word in words) > MAX_REPEATED:
+            raise InputError(
+                f"repetitions stand for more than {MAX_REPEATED} numbers: write a binary file", field="file"
+            )
+        text = b" ".join(_repeated(word) for word in words)
     flat = floats(text, 1, "the coordinates")
     for head in _heads(flat):
         for blanked in (0, 1):
@@ -167,12 +192,16 @@ def _cut(flat: Array, head: _Head, at: int, blanked: int) -> list[Array]:
     return found
 
 
+def _repeats(word: bytes) -> int:
+    """How many numbers Fortran's ``3*0.5`` stands for; 0 for other words."""
+    count, star, _ = word.partition(b"*")
+    return int(count) if star and count.isdigit() and len(count) < 20 else 0
+
+
 def _repeated(word: bytes) -> bytes:
     """Fortran's ``3*0.5`` written out."""
-    count, star, value = word.partition(b"*")
-    if not star or not count.isdigit() or int(count) > MAX_NODES:
-        return word
-    return b" ".join([value] * int(count))
+    count = _repeats(word)
+    return b" ".join([word.partition(b"*")[2]] * count) if count else word
 
 
 def _heads(numbers: npt.NDArray[Any]) -> Iterator[_Head]:

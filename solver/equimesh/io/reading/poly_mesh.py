@@ -16,11 +16,13 @@ from equimesh.numerics.types import Array, IntArray
 
 # The files of a mesh that are needed; ``neighbour`` says nothing more.
 FILES: Final = ("points", "faces", "owner", "boundary")
+# Points of a face, at most, where not all faces have four.
+MAX_CORNERS: Final = 100
 # The other two coordinates of a plane across x, y or z.
 ACROSS: Final = {0: (1, 2), 1: (0, 2), 2: (0, 1)}
 
-_HEAD = re.compile(rb"FoamFile\s*\{.*?\}", re.DOTALL)
-_COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
+_HEAD = re.compile(rb"FoamFile\s*\{[^{}]*\}")
+_COMMENT = re.compile(rb"//[^\n]*|/\*.*?(?:\*/|\Z)", re.DOTALL)
 _PUNCTUATION: Final = bytes.maketrans(b"()", b"  ")
 
 
@@ -138,7 +140,10 @@ def _faces(data: bytes) -> IntArray:
         if len(starts) != count or at != len(flat):
             raise InputError("polyMesh: the list in 'faces' does not have the length that it tells", field="file")
         first = np.array(starts, dtype=np.int64)
-        column = np.arange(int(flat[first].max(initial=4)))
+        most = int(flat[first].max(initial=4))
+        if most > MAX_CORNERS:
+            raise InputError(f"polyMesh: a face has {most} points: {MAX_CORNERS} are possible", field="file")
+        column = np.arange(most)
         inside = column < flat[first][:, None]
         faces = np.where(inside, flat[np.minimum(first[:, None] + 1 + column, len(flat) - 1)], -1)
         if (faces[inside] < 0).any():
@@ -168,6 +173,8 @@ def _patches(data: bytes, faces: int) -> list[tuple[str, int, int]]:
             message = f"line {name.line} of 'boundary': the patch {name.text!r} has faces that there are not"
             raise InputError(message, field="file")
         found.append((name.text.strip('"'), first, count))
+    if sum(count for _, _, count in found) > faces:
+        raise InputError("polyMesh: the patches in 'boundary' overlap: each face has one patch", field="file")
     return found
 
 

@@ -36,7 +36,7 @@ FORMAT_OF: Final = {
 # The suffixes of Plot3D inside a zip, and of the map next to it.
 PLOT3D: Final = (".p3d", ".xyz", ".x")
 MAP: Final = ".nmf"
-# The most bytes of one file inside a zip.
+# The most bytes of the files inside a zip, in all.
 MAX_EXPANDED: Final = 1 << 31
 # Where an OpenFOAM case has its mesh.
 POLY_MESH: Final = Path("constant") / "polyMesh"
@@ -95,15 +95,20 @@ def _read(reader: Callable[[], PlainMesh], name: str) -> PlainMesh:
 
 def _packed(data: bytes) -> PlainMesh:
     """The mesh of a zip: the files of a polyMesh in any folder, or a Plot3D file with its map."""
-    files = {}
+    files: dict[str, bytes] = {}
+    left = MAX_EXPANDED
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             for entry in archive.infolist():
                 name = Path(entry.filename)
                 if name.name in poly_mesh.FILES or name.suffix.lower() in (*PLOT3D, MAP):
-                    if entry.file_size > MAX_EXPANDED:
-                        raise InputError(f"{name} in the zip has {entry.file_size} bytes: too many", field="file")
-                    files[name.suffix.lower() or name.name] = archive.read(entry)
+                    kind, left = name.suffix.lower() or name.name, left - entry.file_size
+                    if left < 0:
+                        message = f"the files of the mesh in the zip have more than {MAX_EXPANDED} bytes"
+                        raise InputError(message, field="file")
+                    if kind in files:
+                        raise InputError(f"the zip has two files {kind!r}: pack one mesh", field="file")
+                    files[kind] = archive.read(entry)
     except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
         raise InputError(f"the zip cannot be read: {str(error)[:200]}", field="file") from error
     grid = next((files[suffix] for suffix in PLOT3D if suffix in files), None)

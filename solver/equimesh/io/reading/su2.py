@@ -72,7 +72,7 @@ def read_su2(data: bytes) -> PlainMesh:
 
 def _entries(data: bytes) -> list[_Entry]:
     found = list(_KEY.finditer(data))
-    ends = [head.start() for head in found[1:]] + [len(data)]
+    ends = [head.start() for head in found[1:]] + [len(data)] * bool(found)
     result, line, at = [], 1, 0
     for head, end in zip(found, ends, strict=True):
         line, at = line + line_of(data[at : head.start(1)], head.start(1) - at) - 1, head.start(1)

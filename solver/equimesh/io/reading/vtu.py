@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from equimesh.errors import InputError
-from equimesh.io.reading.plain_mesh import PlainMesh, refuse_cell
+from equimesh.io.reading.plain_mesh import PlainMesh, check_side_count, refuse_cell
 from equimesh.io.vtk_xml import BROKEN, VtkXml
 from equimesh.numerics.types import Array, IntArray
 
@@ -104,5 +104,7 @@ def _sides(reader: VtkXml, piece: ElementTree.Element, lines: IntArray, wanted: 
     for array in piece.iterfind("CellData/DataArray"):
         if array.get("Name") in SIDE_DATA and array.get("NumberOfComponents", "1") in ("", "1"):
             number = reader.array(array, len(wanted)).astype(np.int64)[wanted]
-            return {f"group_{k}": lines[number == k] for k in np.unique(number).tolist() if k}
+            groups = np.unique(number).tolist()
+            check_side_count(len(groups))
+            return {f"group_{k}": lines[number == k] for k in groups if k}
     return {}

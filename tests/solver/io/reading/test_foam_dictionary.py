@@ -71,3 +71,9 @@ def test_wrong_kinds_of_items_are_named() -> None:
         numbers_of(found.values["a"][0], 3)
     with pytest.raises(InputError, match=r"line 2: the blockMeshDict needs a list b"):
         list_of(found, "b")
+
+
+@pytest.mark.parametrize("bad", ["/* ", '"\\'])
+def test_comments_and_texts_that_never_end_are_searched_once(bad: str) -> None:
+    with pytest.raises(InputError):
+        parse("a " + bad * 200_000)

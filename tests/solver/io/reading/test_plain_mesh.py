@@ -7,6 +7,7 @@ import pytest
 
 from equimesh.errors import InputError
 from equimesh.io.reading.plain_mesh import PlainMesh, refuse_cell
+from solver.io.reading.plain import small
 
 POINTS = np.array([[9.0, 9], [0, 0], [1, 0], [7, 7], [1, 1], [0, 1]])
 CELLS = np.array([[1, 2, 4, 5]])
@@ -47,3 +48,10 @@ def test_the_place_of_another_cell_is_named_where_it_is_known() -> None:
         "cell 3 of the file near (0.5, 0) is a triangle" in refuse_cell("triangle", 3, POINTS, np.array([1, 2])).message
     )
     assert "cell 3 of the file is a triangle" in refuse_cell("triangle", 3, POINTS, np.array([-1, 99])).message
+
+
+def test_too_many_sides_are_refused() -> None:
+    mesh = small()
+    sides = {f"s{k}": mesh.cells[:1, :2] for k in range(1001)}
+    with pytest.raises(InputError, match="the file has 1001 named sides: 1000 are possible"):
+        PlainMesh.of(mesh.points, mesh.cells, sides)

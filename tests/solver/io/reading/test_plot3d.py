@@ -131,3 +131,15 @@ BROKEN = {
 def test_broken_files_are_refused(told: str) -> None:
     assert told in refusal(BROKEN[told], "p3d")
     assert "no Plot3D grid" in refusal(binary(two_blocks(), "<", "f8", records=False, blanked=False)[:-8], "p3d")
+
+
+def test_small_files_stand_for_no_huge_ones() -> None:
+    with pytest.raises(InputError, match="repetitions stand for more than 20000000 numbers"):
+        read_plot3d(b"2 2 " + b"9999999*0.5 " * 3)
+    with pytest.raises(InputError, match="of the map: the sides have more edges than the blocks"):
+        read_plot3d(text(two_blocks()[:1]), b"\n".join([b"wall 1 3 1 3 1 1"] * 20))
+
+
+def test_long_rows_of_a_map_take_time_by_their_length() -> None:
+    rows = b"a " * 50_000 + b"\n" + b"wall" + b" " * 50_000 + b"1\nwall 1 3 1 3 1 1"
+    assert list(read_plot3d(text(two_blocks()[:1]), rows).sides) == ["wall"]

@@ -97,3 +97,15 @@ def test_a_layer_of_two_cells_is_refused() -> None:
     rows = "\n".join(f"({x} {y} {z})" for x, y, z in points.tolist())
     with pytest.raises(InputError, match="only one layer"):
         read_poly_mesh({name: text.encode() for name, text in (files() | {"points": f"36\n(\n{rows}\n)"}).items()})
+
+
+def test_faces_and_patches_take_no_more_than_there_is() -> None:
+    many = "2(1000(" + "0 " * 1000 + ")3(0 1 2))"
+    assert "a face has 1000 points: 100 are possible" in refusal(zipped({**files(), "faces": many}), "zip")
+    patches = "".join(f"p{k}{{startFace 0; nFaces 9;}}" for k in range(9))
+    assert "the patches in 'boundary' overlap" in refusal(zipped({**files(), "boundary": f"9({patches})"}), "zip")
+
+
+@pytest.mark.parametrize("bad", ["FoamFile{", "/* "])
+def test_what_never_ends_is_searched_once(bad: str) -> None:
+    assert "'points'" in refusal(zipped({**files(), "points": bad * 200_000}), "zip")

@@ -87,3 +87,12 @@ def test_broken_files_raise_nothing_but_input_errors(tmp_path: Path, format: str
         except InputError:
             refused += 1
     assert refused > 5
+
+
+def test_a_zip_has_one_mesh_of_bounded_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    packed = zipped({"points": "", "polyMesh/points": ""})
+    with pytest.raises(InputError, match="the zip has two files 'points'"):
+        read_bytes(packed, "zip")
+    monkeypatch.setattr("equimesh.io.reading.read.MAX_EXPANDED", 100)
+    with pytest.raises(InputError, match="in the zip have more than 100 bytes"):
+        read_bytes(zipped({"points": "0" * 60, "faces": "0" * 60}), "zip")

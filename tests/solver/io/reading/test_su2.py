@@ -67,3 +67,7 @@ def test_broken_files_are_refused_with_the_place(told: str) -> None:
 def test_the_place_of_a_triangle_is_its_middle() -> None:
     text = SHORT.replace("NELEM= 1\n9 0 1 2 3", "NELEM= 2\n9 0 1 2 3\n5 1 2 3")
     assert "cell 1 of the file near (0.666667, 0.666667) is a triangle" in refusal(text, "su2")
+
+
+def test_an_empty_file_is_told_what_it_lacks() -> None:
+    assert refusal(b"", "su2") == "the SU2 file has no NDIME="

@@ -75,3 +75,8 @@ BROKEN = {
 @pytest.mark.parametrize("told", BROKEN)
 def test_broken_files_are_refused_with_what_is_wrong(told: str) -> None:
     assert told in refusal(BROKEN[told], "vtu")
+
+
+def test_too_many_groups_are_refused_before_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("equimesh.io.reading.plain_mesh.MAX_SIDES", 0)
+    assert "the file has 1 named sides: 0 are possible" in refusal(text_of(), "vtu")
