@@ -96,7 +96,6 @@ class Description:
             raise InputError(message, field="domain.blocks")
         refine = number(given.get("refine", 1), "domain.refine", positive=True)
         return cls(
-            document=copy.deepcopy(given),
             vertices=vertices,
             curves=curves,
             edges=tuple(_edge(entry, k, vertices, curves) for k, entry in enumerate(listed["edges"])),
@@ -107,6 +106,7 @@ class Description:
                 name_among(name, f"domain.corners[{k}]", vertices, "vertex") for k, name in enumerate(listed["corners"])
             ),
             refine=refine,
+            document=copy.deepcopy(given),  # the last: entries that are read are not nested deeply
         )
 
 

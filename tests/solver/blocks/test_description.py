@@ -54,3 +54,14 @@ def test_bad_entries_are_refused_with_their_path(change: dict, field: str) -> No
     with pytest.raises(em.InputError) as caught:
         Description.of(documents.l_shape(**change))
     assert caught.value.field == field
+
+
+def test_deep_entries_are_refused_by_their_path() -> None:
+    deep: list = []
+    for _ in range(3000):
+        deep = [deep]
+    document = documents.l_shape()
+    document["blocks"][0]["grading"] = deep
+    with pytest.raises(em.InputError) as refused:
+        Description.of(document)
+    assert refused.value.field == "domain.blocks[0].grading"
