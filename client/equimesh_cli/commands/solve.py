@@ -193,7 +193,8 @@ class Observer:
         if isinstance(event, Iteration):
             number = f"change {event.change:.1e}"
         elif isinstance(event, Descent):
-            gain = f", {event.gain:.1f} times smaller than on the uniform mesh" if event.gain else ""
+            before = "initial" if event.start == "initial" else "uniform"
+            gain = f", {event.gain:.1f} times smaller than on the {before} mesh" if event.gain else ""
             number = f"error {event.error:.1e}{gain}"
         else:
             number = f"residual {event.residual:.1e}"

@@ -139,14 +139,15 @@ class Certificate:
     ``status`` is that of the solve, e.g. ``"converged"`` or ``"relaxed"``. ``equation_residual`` is the largest
     relative difference of a squared metric length from the mean of its grid line, None for a mesh that solves no
     equations. ``discretization_error`` and ``algebraic_error`` estimate errors of the nodes in units of the reference
-    square. ``min_jacobian`` is 1 for the uniform mesh. ``non_orthogonality`` and ``mean_non_orthogonality`` are angles
-    between the normal of a face and the line of its two cell centres, in degrees; these and ``skewness`` are defined as
-    in OpenFOAM's ``checkMesh``. ``relaxed`` lists the relaxed requirements, ``warnings`` are
-    sentences. ``interpolation_gain`` is the error on the uniform mesh over that on this one, in the norms ``"l2"`` and
-    ``"h1"``; None without a u. ``resolved`` is False where a gain is not known, because a layer of u lies inside a
-    cell; it is nan then. ``target`` is the requested error and what was reached, None where a grid was given.
-    ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first. ``estimate`` is that of a
-    round of adapting. ``record`` is the JSON of the service.
+    square. ``min_jacobian`` is 1 for the uniform mesh; on a domain in blocks it is relative to the mean area of a cell.
+    ``non_orthogonality`` and ``mean_non_orthogonality`` are angles between the normal of a face and the line of its two
+    cell centres, in degrees; these and ``skewness`` are defined as in OpenFOAM's ``checkMesh``. ``relaxed`` lists the
+    relaxed requirements, ``warnings`` are sentences. ``interpolation_gain`` is the error on another mesh over that on
+    this one, in the norms ``"l2"`` and ``"h1"``; None without a u. ``compared_with`` names the other mesh:
+    ``"uniform"``, or ``"initial"`` on a domain in blocks. ``resolved`` is False where a gain is not known, because a
+    layer of u lies inside a cell; it is nan then. ``target`` is the requested error and what was reached, None where a
+    grid was given. ``comparison`` lists the monitors among which ``auto`` has chosen, the best one first. ``estimate``
+    is that of a round of adapting. ``record`` is the JSON of the service.
     """
 
     status: str
@@ -165,6 +166,7 @@ class Certificate:
     target: Aim | None = None
     comparison: tuple[Candidate, ...] = ()
     estimate: Estimate | None = None
+    compared_with: str = "uniform"
     record: Mapping[str, Any] = field(repr=False)
 
     @classmethod
@@ -196,6 +198,7 @@ class Certificate:
             target=None if record.get("target") is None else Aim.from_json(record["target"]),
             comparison=tuple(map(Candidate.from_json, record.get("comparison") or ())),
             estimate=None if record.get("estimate") is None else Estimate.from_json(record["estimate"]),
+            compared_with=str(record.get("compared_with") or "uniform"),
             record=record,
         )
 
@@ -211,13 +214,16 @@ class Certificate:
                 f"  estimated error       {grid}"
                 + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
             )
-        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
+        one = "the uniform mesh" if self.compared_with == "uniform" else "a parallelogram of the mean area"
+        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for {one})")
         if math.isfinite(self.non_orthogonality):
             angles = f"{_short(self.non_orthogonality)} degrees, {_short(self.mean_non_orthogonality)} mean"
             lines.append(f"  non-orthogonality     {angles}; skewness {_short(self.skewness)}")
         if self.interpolation_gain is not None:
             gains = ", ".join(f"{_short(value)} in {name.upper()}" for name, value in self.interpolation_gain.items())
-            lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+            lines.append(
+                f"  interpolation gain    {gains}  (error on the {self.compared_with} mesh over that on this one)"
+            )
         if self.target is not None:
             lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]

@@ -84,7 +84,7 @@ class Relaxation(BaseModel):
 
 
 class InterpolationGain(BaseModel):
-    """How many times smaller the interpolation error is than on the uniform mesh."""
+    """How many times smaller the interpolation error is than on the uniform mesh, or on the initial one of blocks."""
 
     l2: float | None
     h1: float | None
@@ -145,7 +145,9 @@ class MeshCertificate(BaseModel):
         description="Estimated error of the nodes that a finer grid would remove, in units of the reference square."
     )
     algebraic_error: float | None = Field(description="Estimated error of the solution of the discrete equations.")
-    min_jacobian: float | None = Field(description="Smallest corner Jacobian; 1 for the uniform mesh.")
+    min_jacobian: float | None = Field(
+        description="Smallest corner Jacobian; 1 for the uniform mesh. Of blocks over the mean area of a cell."
+    )
     non_orthogonality: FaceAngles | None = Field(None, description="null for a mesh made before it was measured.")
     skewness: float | None = Field(None, description="The largest skewness of a face, as OpenFOAM defines it.")
     relaxed: list[Relaxation]
@@ -160,6 +162,9 @@ class MeshCertificate(BaseModel):
         default_factory=list, description="The monitors among which auto has chosen, the best one first."
     )
     estimate: SolverEstimate | None = Field(None, description="null for a mesh that is no round of adapting.")
+    compared_with: Literal["uniform", "initial"] = Field(
+        "uniform", description="The mesh that the gains refer to; initial for a domain in blocks."
+    )
 
 
 class Timings(BaseModel):

@@ -14,12 +14,14 @@ from equimesh_service.problems.problem import Problem
 
 # The most objects and lists inside one another; a spec has 8.
 MAX_DEPTH = 32
-# The most keys of one object; a spec has at most 64, the parameters of an expression.
+# The most keys of one object; a spec has at most 64, the parameters of an expression, besides the names of blocks.
 MAX_KEYS_OF_OBJECT = 128
-# The most keys of all objects together: eight tensors whose expressions have 64 parameters each have 1600.
-MAX_KEYS = 4096
-# The most texts, keys included.
-MAX_TEXTS = 10_000
+# The most keys of an object of lists: the vertices of a description of blocks by their names.
+MAX_LISTS_OF_OBJECT = 1024
+# The most keys of all objects together: 1024 vertices, and as many edges and blocks with two to four keys each.
+MAX_KEYS = 8192
+# The most texts, keys included: the same, with the names of the vertices of every edge and block.
+MAX_TEXTS = 20_000
 # The most bytes of one text: an expression of 4096 characters, each of them escaped.
 MAX_TEXT_BYTES = 32 * 1024
 # The most bytes of all texts: 30 functions and curves of such expressions.

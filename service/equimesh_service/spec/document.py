@@ -6,7 +6,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from equimesh_service.problems.problem import Problem, problem_at
-from equimesh_service.spec.bounds import MAX_KEYS_OF_OBJECT, MAX_NAME, MAX_PLAIN_VALUES, check_bounds
+from equimesh_service.spec.bounds import (
+    MAX_KEYS_OF_OBJECT,
+    MAX_LISTS_OF_OBJECT,
+    MAX_NAME,
+    MAX_PLAIN_VALUES,
+    check_bounds,
+)
 
 _SURROGATE_ESCAPE = re.compile(rb"\\u[dD][89a-fA-F]")
 
@@ -61,7 +67,10 @@ def sent_pointer(document: Any, pointer: str) -> str:
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(pairs) > MAX_KEYS_OF_OBJECT:
-        raise Problem("malformed-body", f"An object has {len(pairs)} keys; at most {MAX_KEYS_OF_OBJECT} are read.")
+        of_lists = all(isinstance(value, list) for _, value in pairs)
+        most = MAX_LISTS_OF_OBJECT if of_lists else MAX_KEYS_OF_OBJECT
+        if len(pairs) > most:
+            raise Problem("malformed-body", f"An object has {len(pairs)} keys; at most {most} are read.")
     found = dict(pairs)
     if any(len(key) > MAX_NAME for key in found):
         raise Problem("malformed-body", f"A key has more than {MAX_NAME} characters.")

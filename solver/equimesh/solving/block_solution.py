@@ -134,6 +134,7 @@ class BlockSolution:
             interpolation=self.interpolation,
             comparison=self.comparison,
             estimate=self.estimate,
+            compared_with="initial",
         )
 
     def convergence(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from equimesh.inputs import finite_or_none
 from equimesh.meshes.grid import Grid
@@ -127,7 +127,10 @@ class Certificate:
     mean. ``None`` for a mesh that minimises the interpolation error, which solves no such equations.
     """
     min_jacobian: float
-    """The smallest corner Jacobian: positive on every valid mesh, 1 on the uniform mesh of a rectangle."""
+    """The smallest corner Jacobian: positive on every valid mesh, 1 on the uniform mesh of a rectangle.
+
+    On a domain in blocks it is relative to the mean area of a cell.
+    """
     faces: Faces
     """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
     discretization_error: float | None = None
@@ -149,6 +152,8 @@ class Certificate:
     """The monitors that were compared on a coarse grid, the best one first; empty where the monitor was given."""
     estimate: Estimate | None = None
     """The estimated error of the values that a round of adapting was given; ``None`` for other meshes."""
+    compared_with: Literal["uniform", "initial"] = "uniform"
+    """The mesh that the gains of interpolation refer to: the uniform one, on a domain in blocks the initial one."""
 
     @property
     def resolved(self) -> bool:
@@ -173,6 +178,7 @@ class Certificate:
             "comparison": [asdict(candidate) for candidate in self.comparison],
             "estimate": self.estimate and asdict(self.estimate),
             "resolved": self.resolved,
+            "compared_with": self.compared_with,
             "interpolation_gain": gain and {"l2": finite_or_none(gain.gain_l2), "h1": finite_or_none(gain.gain_h1)},
         }
 
@@ -188,13 +194,16 @@ class Certificate:
                 f"  estimated error       {grid}"
                 + ("" if grid == solved == UNKNOWN else f" of the grid, {solved} of the solution on it")
             )
-        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for the uniform mesh)")
+        one = "the uniform mesh" if self.compared_with == "uniform" else "a parallelogram of the mean area"
+        lines.append(f"  smallest Jacobian     {_short(self.min_jacobian)}  (1 for {one})")
         if finite_or_none(self.faces.non_orthogonality) is not None:
             angles = f"{_short(self.faces.non_orthogonality)} degrees, {_short(self.faces.mean_non_orthogonality)} mean"
             lines.append(f"  non-orthogonality     {angles}; skewness {_short(self.faces.skewness)}")
         if self.interpolation is not None:
             gains = f"{_short(self.interpolation.gain_l2)} in L2, {_short(self.interpolation.gain_h1)} in H1"
-            lines.append(f"  interpolation gain    {gains}  (error on the uniform mesh over that on this one)")
+            lines.append(
+                f"  interpolation gain    {gains}  (error on the {self.compared_with} mesh over that on this one)"
+            )
         if self.target is not None:
             lines.append(f"  target                {self.target}")
         lines += [f"  compared              {candidate}" for candidate in self.comparison]

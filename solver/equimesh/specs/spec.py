@@ -40,8 +40,10 @@ NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {
     "grid": "the blocks of the domain have numbers of cells of their own: leave the grid out, and refine the blocks",
     "target": "the grid of a target is found on domains with four sides: leave it out, and refine the blocks",
     "boundary": "the nodes on the curves of blocks slide for the least error: leave the boundary out",
-    "schwarz": "the subdomains of a Schwarz iteration are parts of one grid, which blocks have not: leave schwarz out",
-    "parts": "a mesh of blocks is computed on one machine: leave parts out",
+    "schwarz": "the subdomains of a Schwarz iteration are parts of one grid, which blocks have not: leave schwarz out, "
+    "or solve in Python with equimesh.solve(BlockProblem(...), BlockSchwarz())",
+    "parts": "a mesh of blocks is computed on one machine: leave parts out, or solve in Python with "
+    "equimesh.cluster.solve_blocks",
 }
 """The sentences for what goes with a grid alone, by the keys of a document."""
 NumberOfParts: TypeAlias = int | Literal["auto"] | None

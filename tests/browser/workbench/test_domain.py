@@ -146,6 +146,7 @@ def test_blocks_are_pasted_drawn_and_told(page: Page) -> None:
     answer = answered(page, lambda: description.fill(text.replace('"cells":[16,16]', '"cells":[6,4],"name":"part"', 4)))
     assert answer.status == 200, answer.text()
     expect(page.locator("#panel-numbers").get_by_role("row", name="blocks 4")).to_be_visible()
+    expect(page.locator(".blend label")).to_have_text("initial")
     page.locator("#stage").focus()
     page.keyboard.press("ArrowRight")
     expect(page.locator("#tip")).to_contain_text("part, cell")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -95,16 +96,17 @@ def test_the_line_of_progress_tells_the_gain_of_a_descent() -> None:
     with Observer(shown=False) as observer:
         observer._bar.show = lambda share, words: said.append((share, words))  # type: ignore[method-assign]
         mesh = equimesh.Mesh.uniform(equimesh.Grid(n_xi=9, n_eta=9))
-        observer(
-            equimesh.Descent(
-                level=0, levels=2, grid=mesh.grid, step=3, steps=20, error=0.1, gain=4.25, distortion=0.0,
-                min_jacobian=1.0, mesh=mesh, start="uniform", fraction=0.5, phase="descending, step 3 of 20",
-            )
+        step = equimesh.Descent(
+            level=0, levels=2, grid=mesh.grid, step=3, steps=20, error=0.1, gain=4.25, distortion=0.0,
+            min_jacobian=1.0, mesh=mesh, start="uniform", fraction=0.5, phase="descending, step 3 of 20",
         )  # fmt: skip
+        observer(step)
+        observer(replace(step, start="initial"))
         observer.measuring()
         observer.writing()
     assert said == [
         (0.4, "descending, step 3 of 20, error 1.0e-01, 4.2 times smaller than on the uniform mesh"),
+        (0.4, "descending, step 3 of 20, error 1.0e-01, 4.2 times smaller than on the initial mesh"),
         (0.8, "measuring the quality"),
         (0.9, "writing the files"),
     ]

@@ -31,6 +31,14 @@ def test_a_relaxed_mesh_says_so(connect: Any, service: Any) -> None:
         assert words in said
 
 
+def test_the_gains_of_blocks_refer_to_the_initial_mesh() -> None:
+    of_blocks = Certificate.from_json({**CERTIFICATE, "compared_with": "initial"})
+    assert (of_blocks.compared_with, Certificate.from_json(CERTIFICATE).compared_with) == ("initial", "uniform")
+    assert "(error on the initial mesh over that on this one)" in str(of_blocks)
+    assert "uniform" not in str(of_blocks)
+    assert "(error on the uniform mesh over that on this one)" in str(Certificate.from_json(CERTIFICATE))
+
+
 def test_a_mesh_of_least_error_has_a_comparison_in_place_of_a_residual() -> None:
     settings = {"norm": "l2", "distortion": 0.5, "smoothness": 1.0}
     best = {"kind": "least_error", "settings": settings, "gain_l2": 12.5, "gain_h1": 3.0, "chosen": True}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tracemalloc
 
 import pytest
@@ -47,8 +48,8 @@ BROKEN: dict[str, tuple[bytes, str]] = {
     "depth": (b"[" * (DEEP + 1), "nested too deeply"),
     "depth, with arrays": (b"[" * DEEP + BLANKS + b"{", "nested too deeply"),
     "depth after texts": (b'{"a":' * (DEEP + 1), "nested too deeply"),
-    "keys": (keys(bounds.MAX_KEYS + 1), "more than 4096 keys"),
-    "texts": (texts(bounds.MAX_TEXTS + 1), "more than 10000 texts"),
+    "keys": (keys(bounds.MAX_KEYS + 1), "more than 8192 keys"),
+    "texts": (texts(bounds.MAX_TEXTS + 1), "more than 20000 texts"),
     "a long text": (texts(1, LONG + 1), "A text has more than"),
     "a text that does not end": (b'"' + b"\\" * 2 * LONG, "A text has more than"),
     "a text of escapes": (b'["' + b'\\"' * (LONG // 2) + b'a"]', "A text has more than"),
@@ -63,7 +64,7 @@ BROKEN: dict[str, tuple[bytes, str]] = {
 
 @pytest.mark.parametrize("name", KEPT)
 def test_what_keeps_the_bounds_passes(name: str) -> None:
-    most = {"values": 999, "texts": 20_000, "keys": 5000}.get(name, 5000)
+    most = {"values": 999, "texts": 30_000, "keys": 9000}.get(name, 5000)
     check_bounds(KEPT[name], most)
 
 
@@ -87,6 +88,15 @@ def test_one_object_has_few_and_short_keys(data: bytes, words: str) -> None:
     with pytest.raises(Problem, match=words):
         parse(data)
     assert len(parse(keys(bounds.MAX_KEYS_OF_OBJECT))) == bounds.MAX_KEYS_OF_OBJECT
+
+
+def test_an_object_of_lists_has_as_many_keys_as_blocks_have_vertices() -> None:
+    vertices = {str(k): [k, 0] for k in range(bounds.MAX_LISTS_OF_OBJECT)}
+    assert parse(json.dumps(vertices).encode()) == vertices
+    with pytest.raises(Problem, match="An object has 1025 keys; at most 1024 are read"):
+        parse(json.dumps({**vertices, "one": [0, 0]}).encode())
+    with pytest.raises(Problem, match="at most 128 are read"):
+        parse(json.dumps({**vertices, "0": 1}).encode())
 
 
 def test_nothing_is_built_of_a_text_beyond_the_bounds() -> None:

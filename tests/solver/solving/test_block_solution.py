@@ -34,7 +34,12 @@ def test_the_certificate_and_the_history_are_plain_numbers(solution: em.BlockSol
     assert summary["status"] == "completed"
     assert summary["interpolation_gain"]["l2"] > 1.5
     assert summary["min_jacobian"] == pytest.approx(solution.mesh.min_jacobian)
+    assert summary["compared_with"] == "initial"
     assert solution.warnings == solution.certificate.warnings
+    said = str(solution.certificate)
+    assert "(error on the initial mesh over that on this one)" in said
+    assert "(1 for a parallelogram of the mean area)" in said
+    assert "uniform" not in said
     history = json.loads(json.dumps(solution.convergence()))
     assert history["descent"][-1]["points"] == solution.problem.points
     assert str(solution.problem.points) in repr(solution)

@@ -213,7 +213,7 @@ function placeOf({ left, top, width }) {
 }
 
 function captionOf({ blend }, { errors, isMoving, mesh }) {
-  if (blend !== 0 && !mesh?.isAdapted) return ["no mesh", ", the uniform one is shown"];
+  if (blend !== 0 && !mesh?.isAdapted) return ["no mesh", `, the ${mesh?.isOfBlocks ? "initial" : "uniform"} one is shown`];
   const text = (name) => (errors?.[name] ? `, error ${amount(errors[name])}` : "");
   if (blend === 0) return [mesh?.isOfBlocks ? "initial" : "uniform", text("l2_uniform")];
   if (blend === 1) return ["adapted", text("l2")];

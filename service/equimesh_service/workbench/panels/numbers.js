@@ -44,7 +44,7 @@ function numbersOf({ arrays, document: facts }) {
     gain.l2 && ["gain of the error of u (L2)", amount(gain.l2)],
     gain.h1 && ["gain of the error of its gradient (H1)", amount(gain.h1)],
     quality?.q_eq && ["largest Q_eq, 1 is equidistributed", amount(quality.q_eq.max)],
-    quality?.min_jacobian !== undefined && ["smallest Jacobian, 1 is uniform", amount(quality.min_jacobian)],
+    quality?.min_jacobian !== undefined && [facts.blocks ? "smallest Jacobian, over the mean area" : "smallest Jacobian, 1 is uniform", amount(quality.min_jacobian)],
     seconds?.solve !== undefined && ["solved in", duration(1000 * seconds.solve)],
   ].filter(Boolean);
 }

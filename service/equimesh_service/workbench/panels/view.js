@@ -4,6 +4,7 @@ import { COLOURS } from "../drawing/colours.js";
 import { pngOf, svgOf } from "../drawing/picture.js";
 import { isThere } from "../drawing/values.js";
 import { element, freshId, select } from "../dom.js";
+import { hasBlocks } from "../sides.js";
 import { amount } from "../words.js";
 
 // Milliseconds in which the nodes go from the uniform to the adapted mesh.
@@ -89,6 +90,7 @@ function createBlend(app, setView) {
   const { store, canvas } = app;
   const id = freshId("blend");
   const slider = element("input", { type: "range", id, min: 0, max: 1, step: 0.01 });
+  const label = element("label", { for: id });
   const play = element("button", { type: "button", onclick: () => travel() }, "Move the nodes");
   let journey = 0;
   let settling = 0;
@@ -128,7 +130,8 @@ function createBlend(app, setView) {
     setView({ blend });
   }
 
-  function show({ view }) {
+  function show({ view, spec }) {
+    label.textContent = hasBlocks(spec?.domain) ? "initial" : "uniform";
     slider.value = view.blend;
     slider.setAttribute("aria-valuetext", `${Math.round(100 * view.blend)} % of the way to the adapted mesh`);
   }
@@ -139,7 +142,7 @@ function createBlend(app, setView) {
   return element(
     "div",
     { class: "blend" },
-    element("label", { for: id }, "uniform"),
+    label,
     slider,
     element("span", { "aria-hidden": "true" }, "adapted"),
     play,
