@@ -79,7 +79,7 @@ def test_the_keyboard_reaches_every_control_and_leaves_it(page: Page) -> None:
 def test_the_address_follows_every_change_and_brings_it_back(page: Page, visit: Callable[..., Page]) -> None:
     page.fill("#panel-function textarea", "x**2*y + tanh(9*(x+y-1))")
     page.get_by_label("Colour by").select_option("u")
-    page.get_by_label("lines").uncheck()
+    page.get_by_label("lines", exact=True).uncheck()
     page.wait_for_function("() => location.hash.includes('lines')")
     address = page.evaluate("() => location.hash")
     words = dict(word.split("=", 1) for word in unquote(address[1:]).split("&"))
@@ -87,7 +87,7 @@ def test_the_address_follows_every_change_and_brings_it_back(page: Page, visit: 
     again = visit("/" + address)
     expect(again.locator("#panel-function textarea")).to_have_value("x**2*y + tanh(9*(x+y-1))")
     expect(again.get_by_label("Colour by")).to_have_value("u")
-    expect(again.get_by_label("lines")).not_to_be_checked()
+    expect(again.get_by_label("lines", exact=True)).not_to_be_checked()
 
 
 def test_the_short_address_of_old_links_works(visit: Callable[..., Page]) -> None:
