@@ -325,6 +325,33 @@ def test_moving_meshes_have_the_errors_of_the_page(run: Run, tmp_path: Path, num
     check_picture(tmp_path / f"{picture}.png")
 
 
+def told_of_bodies() -> str:
+    return (ROOT / "docs" / "how-to" / "flow-around-bodies.md").read_text()
+
+
+@pytest.mark.everything  # a reference of 49 thousand cells; the next test runs the flow on a coarse mesh
+def test_a_mesh_that_follows_the_speed_has_a_better_velocity_around_an_airfoil(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("skfem")
+    said = run("23")
+    (initial, *_), (finer, *_) = rows(said, "initial"), rows(said, "four times")
+    *_, last = rows(said, "round")
+    assert finer[1] < last[1] < 0.9 * initial[1]
+    for name, found in (("initial", initial), ("four times the cells", finer), ("round 2", last)):
+        assert rows(told_of_bodies(), f"| {name}")[0][-1] == pytest.approx(found[1], rel=0.02)
+    check_picture(tmp_path / "airfoil.png")
+
+
+def test_the_lift_of_an_airfoil_is_that_of_a_fine_mesh_on_a_coarse_one() -> None:
+    pytest.importorskip("skfem")
+    (script,) = (path for path in SCRIPTS if path.name.startswith("23"))
+    example = runpy.run_path(str(script))
+    psi, speed, lift = example["flow"](example["airfoil"](0.5).mesh)
+    assert lift == pytest.approx(0.965, rel=0.02)
+    assert lift > 2 * np.pi * np.sin(example["ANGLE"])  # a thick airfoil has more lift than a thin one
+    assert len(psi) == len(speed)
+    assert 1.5 < speed.max() < 4
+
+
 def test_every_example_is_short_and_in_the_index() -> None:
     readme = (ROOT / "examples" / "README.md").read_text()
     assert [path.name[:2] for path in SCRIPTS] == [f"{number:02}" for number in range(1, len(SCRIPTS) + 1)]
