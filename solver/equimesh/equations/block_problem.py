@@ -24,6 +24,12 @@ NO_CELL_CENTRES = (
 )
 """Why the purpose is refused."""
 
+NO_ANGLES_OF_A_ROUND = (
+    "a round of adapting does not bound angles on blocks: leave the bound out, or take LeastError with the same values"
+    " as u, QuadField(mesh=..., values=...), and the bound"
+)
+"""Why a bound of angles is refused for the values of a solver."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class BlockProblem:
@@ -54,6 +60,8 @@ class BlockProblem:
             raise InputError(NO_STRAIGHT_LINES, field="monitor.rectilinear")
         if isinstance(monitor, Auto) and monitor.purpose is not None:
             raise InputError(NO_CELL_CENTRES, field="monitor.purpose")
+        if isinstance(monitor, NodalSolution) and monitor.orthogonality is not None:
+            raise InputError(NO_ANGLES_OF_A_ROUND, field="monitor.orthogonality")
         object.__setattr__(self, "monitor", monitor.on(self.domain))
 
     @property

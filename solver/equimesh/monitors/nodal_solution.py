@@ -50,7 +50,7 @@ class NodalSolution:
     u: Field
     norm: Literal["l2", "h1"] = "l2"
     orthogonality: float | None = None
-    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound."""
+    """The largest angle of non-orthogonality of the mesh, in degrees; ``None`` for no bound, as on blocks."""
     _nodal: NodalField | QuadField | None = field(default=None, init=False, repr=False, compare=False)
     _least_error: LeastError | None = field(default=None, init=False, repr=False, compare=False)
     _domain: AnyDomain | None = field(default=None, init=False, repr=False, compare=False)

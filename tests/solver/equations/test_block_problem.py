@@ -35,6 +35,14 @@ def test_other_requests_are_refused_with_what_to_do(monitor: em.Monitor, field: 
     assert caught.value.field == field
 
 
+def test_a_round_does_not_bound_angles() -> None:
+    domain = l_shape(300)
+    u = em.QuadField(mesh=domain.mesh, values=domain.mesh.x)
+    with pytest.raises(em.InputError, match="take LeastError with the same values") as caught:
+        em.BlockProblem(monitor=em.NodalSolution(u=u, orthogonality=50.0), domain=domain)
+    assert caught.value.field == "monitor.orthogonality"
+
+
 def test_domains_of_the_other_problem_are_named() -> None:
     with pytest.raises(em.InputError, match=r"Blocks\.of") as caught:
         em.BlockProblem(monitor=em.Auto(u=U), domain=em.Rectangle())  # type: ignore[arg-type]
