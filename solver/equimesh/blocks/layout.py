@@ -18,6 +18,8 @@ Value = TypeVar("Value", bound=np.generic)
 
 # The sides of a block, in the order of the columns of all tables: i = 0, i at its end, j = 0, j at its end.
 LEFT, RIGHT, BOTTOM, TOP = range(4)
+# Where the nodes of each side are in an array of those of the block.
+LINES = (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
 # The side across the block.
 OPPOSITE = (RIGHT, LEFT, TOP, BOTTOM)
 # Where a side has the block on its left when it is followed with its index rising.
@@ -142,11 +144,11 @@ class Layout:
 
     def edge_nodes(self, blocks: tuple[IntArray, ...]) -> tuple[IntArray, ...]:
         """The nodes of every edge from its begin to its end, for blocks with any numbering."""
-        found: list[IntArray] = [np.empty(0, dtype=np.int64)] * len(self.edges)
-        for block, edges, forward in zip(blocks, self.block_edges, self.forward, strict=True):
-            for side in range(4):
-                found[edges[side]] = line_of(block, side)[:: 1 if forward[side] else -1]
-        return tuple(found)
+        last = np.empty(len(self.edges), dtype=np.int64)
+        last[self.block_edges.ravel()] = np.arange(self.block_edges.size)
+        ways = self.forward.ravel()[last].tolist()
+        places = zip((last // 4).tolist(), (last % 4).tolist(), ways, strict=True)
+        return tuple(blocks[b][LINES[side]][:: 1 if forward else -1] for b, side, forward in places)
 
     @cached_property
     def edge_uses(self) -> IntArray:

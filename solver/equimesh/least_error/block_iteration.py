@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from equimesh.blocks.blocks import Blocks
-from equimesh.least_error.block_levels import BlockLevel, block_levels
+from equimesh.least_error.block_levels import BlockLevel, block_levels, only_level
 from equimesh.least_error.block_mesh import BlockMesh, Place
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.iteration import MAX_EFFORT, MAX_MORE_STEPS, MIN_DECREASE, MORE_SLOPE_POINTS
 from equimesh.least_error.objective import Evaluation, Objective, Weights
+from equimesh.least_error.paved import descend_paved, is_paved, paved_steps
 from equimesh.least_error.restricted import Merged
 from equimesh.least_error.steps import Descent
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -64,7 +65,12 @@ class BlockSolve:
     @cached_property
     def levels(self) -> list[BlockLevel]:
         """The nested meshes, from coarse to fine."""
-        return block_levels(self.domain.mesh)
+        return [only_level(self.domain.mesh)] if self.is_paved else block_levels(self.domain.mesh)
+
+    @cached_property
+    def is_paved(self) -> bool:
+        """Whether the blocks are too small for coarser meshes. Smooth displacements are in their place then."""
+        return self.subdomains is None and is_paved(self.domain.mesh)
 
     @property
     def effort(self) -> float:
@@ -178,7 +184,10 @@ class BlockSolve:
 
     def _most_steps(self, level: BlockLevel) -> int:
         """Steps on a mesh at most; exchanges where subdomains descend."""
-        steps = round(level.steps * min(self.effort, MAX_MORE_STEPS))
+        more = min(self.effort, MAX_MORE_STEPS)
+        if self.is_paved:
+            return paved_steps(level.points, more)
+        steps = round(level.steps * more)
         return self.subdomains.settings.exchanges(steps) if self.subdomains and level.is_finest else steps
 
     def _moves(
@@ -186,6 +195,8 @@ class BlockSolve:
     ) -> Iterator[tuple[Array, Evaluation | Merged]]:
         """The meshes of a descent of the whole mesh, or of its subdomains."""
         least = MIN_DECREASE / self.effort
+        if self.is_paved:
+            return descend_paved(objective, mesh, first, least, min(self.effort, MAX_MORE_STEPS))
         if self.subdomains is None or not mesh.level.is_finest:
             return descend(objective, first, self._most_steps(mesh.level), least)
         if self.subdomains.channel.number == LEADER:

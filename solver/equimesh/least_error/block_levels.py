@@ -116,6 +116,20 @@ def block_levels(mesh: QuadMesh) -> list[BlockLevel]:
     return [_level(mesh, edges, families, number, halvings + 1) for number in range(halvings + 1)]
 
 
+def only_level(mesh: QuadMesh) -> BlockLevel:
+    """The mesh itself, where no coarser ones are of use. Its blocks are not looked at."""
+    return BlockLevel(
+        number=0,
+        count=1,
+        lines=(),
+        nodes=np.arange(len(mesh.points)),
+        blocks=(),
+        cells=mesh.cells,
+        ties=mesh.ties,
+        edges=Edges((), np.arange(0)),
+    )
+
+
 class Families:
     """Families of lines: opposite edges of a block have as many cells, and so have the edges opposite to these."""
 

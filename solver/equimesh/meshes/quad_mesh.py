@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -64,7 +64,10 @@ class QuadMesh(Coupled):
                 raise InputError(
                     f"blocks[{k}] has shape {block.shape}: at least 2 nodes each way", field=f"blocks[{k}]"
                 )
-            _check_numbers(block, f"blocks[{k}]", len(self.points))
+        numbers = np.concatenate([block.reshape(-1) for block in self.blocks]) if self.blocks else np.empty(0)
+        if numbers.size and not (numbers.min() >= 0 and numbers.max() < len(self.points)):
+            for k, block in enumerate(self.blocks):
+                _check_numbers(block, f"blocks[{k}]", len(self.points))
         if len(self.block_names) != len(self.blocks):
             names = tuple(f"block{k}" for k in range(len(self.blocks)))
             if self.block_names:
@@ -96,7 +99,8 @@ class QuadMesh(Coupled):
         """The same mesh with its nodes at other ``points``, shape ``(n, 2)``."""
         if points.shape != self.points.shape:
             raise InputError(f"points has shape {points.shape}, this mesh needs {self.points.shape}", field="points")
-        moved = replace(self, points=points)
+        moved = object.__new__(type(self))  # numbers that have been checked need not be checked again
+        vars(moved).update({own.name: getattr(self, own.name) for own in fields(self)} | {"points": points})
         if "block_cells" in vars(self):
             vars(moved)["block_cells"] = self.block_cells
         return moved

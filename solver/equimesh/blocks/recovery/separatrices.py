@@ -37,8 +37,9 @@ def blocks_of(edges: HalfEdges, vertices: BoolArray) -> tuple[list[IntArray], li
 
 def _cut(flat: IntArray, sizes: IntArray, shapes: IntArray) -> list[IntArray]:
     """The parts of ``flat``, each in its shape."""
-    parts = np.split(flat, np.cumsum(sizes)[:-1])
-    return [part.reshape(shape) for part, shape in zip(parts, shapes.tolist(), strict=True)]
+    ends = np.cumsum(sizes)
+    places = zip((ends - sizes).tolist(), ends.tolist(), shapes.tolist(), strict=True)
+    return [flat[first:end].reshape(shape) for first, end, shape in places]
 
 
 @compiled

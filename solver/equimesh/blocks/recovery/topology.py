@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from equimesh.blocks.layout import Layout, line_of
+from equimesh.blocks.layout import Layout
 from equimesh.numerics.types import IntArray
 
 
@@ -15,12 +15,13 @@ def layout_of(blocks: Sequence[IntArray]) -> tuple[Layout, IntArray]:
 
     Edges and vertices are numbered in the order of the nodes at their ends.
     """
-    ends, lengths = np.empty((len(blocks), 4, 4), np.int64), np.empty((len(blocks), 4), np.int64)
-    for b, block in enumerate(blocks):
-        for side in range(4):
-            line = line_of(block, side)
-            ends[b, side] = line[0], line[1], line[-2], line[-1]
-            lengths[b, side] = len(line) - 1
+    flat = np.concatenate([block.reshape(-1) for block in blocks])
+    n_i, n_j = np.array([block.shape for block in blocks]).T
+    starts = np.cumsum(n_i * n_j) - n_i * n_j
+    along_i, along_j = (np.stack([0 * n, 0 * n + 1, n - 2, n - 1], axis=1) for n in (n_i, n_j))
+    upright, level = starts[:, None] + along_j, starts[:, None] + along_i * n_j[:, None]
+    lines = [upright, upright + ((n_i - 1) * n_j)[:, None], level, level + (n_j - 1)[:, None]]
+    ends, lengths = flat[np.stack(lines, axis=1)], np.stack([n_j, n_j, n_i, n_i], axis=1) - 1
     rows = ends.reshape(-1, 4)
     # An edge is known by its first step from the lower of its ends; a closed one by the lower of both steps.
     forward = (rows[:, 0] < rows[:, 3]) | ((rows[:, 0] == rows[:, 3]) & (rows[:, 1] <= rows[:, 2]))
