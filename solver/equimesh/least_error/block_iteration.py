@@ -13,7 +13,7 @@ from equimesh.least_error.block_mesh import BlockMesh, Place
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Rule
-from equimesh.least_error.iteration import MAX_EFFORT, MAX_MORE_STEPS, MIN_DECREASE, MORE_SLOPE_POINTS
+from equimesh.least_error.iteration import MAX_EFFORT, MIN_DECREASE, MORE_SLOPE_POINTS
 from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, is_paved, paved_steps
 from equimesh.least_error.restricted import Merged
@@ -22,7 +22,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.numerics.types import Array
 
-DISTORTION_WEIGHT = 0.6
+DISTORTION_WEIGHT = 0.4
 """The weight of distortion in the objective for ``distortion = 1``."""
 SMOOTHNESS_WEIGHT = 1.0
 """The weight of smoothness in the objective for ``smoothness = 1``."""
@@ -34,6 +34,14 @@ MAX_COMPARED_POINTS = 2500
 """Points of a coarse mesh, at most, on which weights are compared."""
 MAX_GAIN_POINTS = 129 * 129
 """Points of the finest mesh on which the error of the initial mesh is measured for the records of its steps."""
+MAX_MORE_STEPS = 3.0
+"""How many times the usual steps are taken on a mesh, at most, where the smoothness is low."""
+FINER_POINTS = 4
+"""Gauss points a direction of the rule that checks that of a mesh, and replaces it where the two differ."""
+MAX_RULE_CHANGE = 0.1
+"""The largest relative change of the error by the finer rule: a descent makes an error small where it is measured."""
+MAX_CHECKED_POINTS = 20_000
+"""Points of a mesh, at most, on which its rule is checked; a finer mesh is checked where the coarser one failed."""
 MAX_LIFTED_ERROR = 1.0
 """The largest error of a mesh from a coarser one over that of the initial mesh; above it the descent begins anew."""
 
@@ -103,14 +111,14 @@ class BlockSolve:
         if number == len(self.levels):
             return reached.record.error
         mesh = self._mesh(self.levels[number])
-        objective = self._objective(mesh)
+        objective = self._objective(mesh, FINER_POINTS)
         return objective.error(reached.place.lifted(mesh, objective.smallest_share).unknowns)
 
     def initial_error(self, reached: BlocksReached) -> float:
         """The error of the initial mesh where :meth:`lifted_error` is measured."""
         number = min(reached.place.mesh.level.number + 1, len(self.levels) - 1)
         mesh = self._mesh(self.levels[number])
-        return self._objective(mesh).error(mesh.first.unknowns)
+        return self._objective(mesh, FINER_POINTS).error(mesh.first.unknowns)
 
     def _descend(
         self, level: BlockLevel, before: BlocksReached | None, start: QuadMesh | None
@@ -129,6 +137,7 @@ class BlockSolve:
             is_fine = level.points > MAX_GAIN_POINTS and start is None
             if is_fine or not objective.error(lifted.unknowns) > MAX_LIFTED_ERROR * objective.error(first.unknowns):
                 first, name = lifted, before.record.start
+        objective = self._enough(mesh, objective, first)
         objective.cut(first.unknowns)
         initial_error = objective.error(mesh.first.unknowns) if level.points <= MAX_GAIN_POINTS else None
         steps = self._most_steps(level)
@@ -157,6 +166,18 @@ class BlockSolve:
             last = record(0, first, objective.error(first.unknowns), 0.0)
             yield last
         return BlocksReached(place=place, record=last)
+
+    def _enough(self, mesh: BlockMesh, objective: Objective, first: Place) -> Objective:
+        """The objective with enough Gauss points for the mesh that a descent begins with.
+
+        Where u is singular, or a front narrower than a cell, few points see little of the error. The descent would
+        make it small at these points alone.
+        """
+        if mesh.level.points > MAX_CHECKED_POINTS or mesh.level.gauss_points >= FINER_POINTS:
+            return objective
+        finer = self._objective(mesh, FINER_POINTS)
+        here, there = objective.error(first.unknowns), finer.error(first.unknowns)
+        return objective if abs(there - here) <= MAX_RULE_CHANGE * here else finer
 
     @property
     def weights(self) -> tuple[float, float, float, float]:
@@ -208,7 +229,7 @@ class BlockSolve:
     def _mesh(self, level: BlockLevel) -> BlockMesh:
         return BlockMesh.of(self.domain, level, are_cut=self.monitor.cells == "triangle" and level.is_finest)
 
-    def _objective(self, mesh: BlockMesh) -> Objective:
+    def _objective(self, mesh: BlockMesh, gauss_points: int | None = None) -> Objective:
         level, monitor = mesh.level, self.monitor
         weights = Weights(
             distortion=DISTORTION_WEIGHT * monitor.distortion,
@@ -217,7 +238,7 @@ class BlockSolve:
         if self.smallest_angle is not None:
             limit = 1.0 / math.tan(math.radians(self.smallest_angle + MARGIN_DEGREES))
             weights = replace(weights, obliqueness=self.obliqueness, largest_cotangent=limit)
-        points = level.gauss_points + (MORE_SLOPE_POINTS if monitor.norm == "h1" else 0)
+        points = (gauss_points or level.gauss_points) + (MORE_SLOPE_POINTS if monitor.norm == "h1" else 0)
         rule = Rule(norm=monitor.norm, cells=monitor.cells if level.is_finest else "quad", points=points)
         first = mesh.first.unknowns
         return Objective(monitor.u, mesh.chart, mesh.cells, first, weights, rule, self.threads)

@@ -27,7 +27,7 @@ from equimesh.solving.certificate import Candidate
 from equimesh.solving.courses import Descending, descent_work
 from equimesh.solving.nodal_solution import solve_block_round
 from equimesh.solving.options import Initial, SolveArguments, SolveOptions, complete_arguments
-from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks, require_possible_on_blocks
+from equimesh.solving.orthogonality import AgainOnBlocks, bounded_blocks
 from equimesh.solving.solution import SolveError
 from equimesh.solving.status import Status
 
@@ -65,7 +65,6 @@ def solve_block_problem(problem: BlockProblem, schwarz: object, options: SolveAr
     subdomains = None if schwarz is None else BlockSubdomains(settings=schwarz)
     if schwarz is not None:
         count_subdomains(problem, schwarz)  # refuse what does not fit before any work is done
-    require_possible_on_blocks(problem)
     with np.errstate(all="ignore"):  # values that are not finite are detected where they matter
         solution = solve_blocks(problem, initial, checked, subdomains)
     if arguments["check"] and not solution.status.succeeded:

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from equimesh.domains.domain import map_mesh
-from equimesh.equations.block_problem import BlockProblem
 from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
@@ -84,37 +83,28 @@ def bounded(solution: Solution, again: Again) -> Solution:
     return _weaker(solution, again)
 
 
-def require_possible_on_blocks(problem: BlockProblem) -> None:
-    """Raises :class:`~equimesh.errors.InputError` where the initial mesh has a larger angle than requested."""
-    bound = problem.monitor.orthogonality
-    if bound is None:
-        return
-    angle = measure_faces(problem.domain.mesh).non_orthogonality
-    if angle > bound:
-        raise InputError(
-            f"orthogonality = {bound:g}: the initial mesh of the domain has an angle of {angle:.4g} degrees already;"
-            f" raise the bound to {math.ceil(angle)} or more, or take other blocks",
-            field="monitor.orthogonality",
-        )
-
-
 def bounded_blocks(solution: BlockSolution, again: AgainOnBlocks) -> BlockSolution:
     """The solution itself if it is within its bound, otherwise the first one within it, with oblique corners dearer.
 
-    Where no weight of these is enough, distortion and smoothness are raised, too. The initial mesh where nothing is.
+    Where the initial mesh has a larger angle than the bound, that angle is the bound: no face is more oblique than the
+    most oblique one of the initial mesh, and corners are weighed as for the bound. Where no weight of oblique corners
+    is enough, distortion and smoothness are raised, too. The initial mesh where nothing is.
     """
-    bound = solution.problem.monitor.orthogonality
-    if bound is None or solution.faces.non_orthogonality <= bound:
+    asked = solution.problem.monitor.orthogonality
+    if asked is None or solution.faces.non_orthogonality <= asked:
         return solution
+    initial = measure_faces(solution.initial).non_orthogonality
+    bound, before = max(asked, initial), ""
+    if initial > asked:
+        before = f"The initial mesh has an angle of {initial:.4g} degrees, which is the bound in place of {asked:g}. "
     for obliqueness, factor in OBLIQUENESS_TRIALS:
-        tried = again(90.0 - bound, obliqueness, factor)
+        tried = again(90.0 - asked, obliqueness, factor)
         if tried.status.succeeded and tried.faces.non_orthogonality <= bound:
-            detour = (
-                f"The bound of {bound:g} degrees of non-orthogonality gave oblique corners the weight {obliqueness:g}"
-            )
+            detour = f"The bound of {asked:g} degrees of non-orthogonality gave oblique corners the weight"
+            detour = f"{before}{detour} {obliqueness:g}"
             detour += "." if factor == 1.0 else f", and raised distortion and smoothness by the factor {factor:g}."
             return replace(tried, detours=(*tried.detours, detour), note=f"{detour} {tried.note}".strip())
-    detour = f"The bound of {bound:g} degrees of non-orthogonality left no mesh but the initial one."
+    detour = f"{before}The bound of {asked:g} degrees of non-orthogonality left no mesh but the initial one."
     kept = Relaxed(what="strength", asked=1, reached=0)
     return replace(solution, mesh=solution.initial, relaxed=(kept,), detours=(detour,), note=detour)
 

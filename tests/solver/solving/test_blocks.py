@@ -9,6 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.steps import Descent
+from equimesh.quality.faces import measure_faces
 from equimesh.solving import blocks as module
 from equimesh.testing.geometries import disc, l_shape, naca0012_o, pitz_daily
 
@@ -149,3 +150,18 @@ def test_settings_that_do_not_fit_the_problem_are_refused() -> None:
         em.solve(em.BlockProblem(monitor=nodal, domain=domain), em.BlockSchwarz())
     with pytest.raises(em.InputError, match="no block 7"):
         em.solve(problem(), em.BlockSchwarz(groups=[[0, 7]]))
+
+
+def test_a_bound_below_the_angle_of_the_initial_mesh_keeps_that_angle() -> None:
+    domain = naca0012_o(600)
+    asked = em.BlockProblem(monitor=em.LeastError(u=FRONT, orthogonality=30), domain=domain)
+    solution = em.solve(asked)
+    initial = measure_faces(domain.mesh).non_orthogonality
+    assert 30.0 < solution.faces.non_orthogonality <= initial
+    assert solution.note.startswith("The initial mesh has an angle of")
+
+
+def test_a_singular_corner_is_seen_by_the_descent_as_by_a_finer_rule() -> None:
+    solution = em.solve(problem(nodes=2500, u=em.Expression("(x**2 + y**2)**(1/3)"), smoothness=0.1))
+    assert solution.interpolation is not None
+    assert solution.descent[-1]["gain"] < 1.2 * solution.interpolation.gain_l2
