@@ -79,8 +79,8 @@ def slide(
     """
     node_curve, parameter = np.full(count, FREE), np.zeros(count)
     node_of = np.empty(layout.vertex_count, dtype=np.int64)
-    for edge in np.flatnonzero(np.isin(layout.edges, list(corners)).any(axis=1)).tolist():
-        node_of[layout.edges[edge]] = edge_nodes[edge][[0, -1]]
+    for k in np.flatnonzero(np.isin(layout.edges, list(corners)).any(axis=1)).tolist():
+        node_of[layout.edges[k]] = edge_nodes[k][[0, -1]]
     original = np.arange(count)
     original[ties[:, 0]] = ties[:, 1]
     meeting: dict[int, list[tuple[int, int, float]]] = {}  # by the original of a vertex: node, curve, parameter

@@ -36,7 +36,7 @@ class Boundary:
     @property
     def inside(self) -> BoolArray:
         """Which nodes are free both ways, shape ``(nodes,)``."""
-        return self._inside
+        return np.asarray(self._inside)
 
     def moves(self, moves: Array) -> Array:
         """The moves of the unknowns, shape ``(2, nodes)``, for displacements of the nodes, shape ``(2, nodes)``."""
@@ -102,7 +102,7 @@ def _laplacian(corners: IntArray, inside: BoolArray, nodes: int) -> tuple[SuperL
     both = np.concatenate([ends, ends[:, ::-1]])
     links = csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(nodes, nodes))
     rows = csr_array(links[np.flatnonzero(inside)])
-    own = diags_array(rows.sum(axis=1)) - rows[:, np.flatnonzero(inside)]
+    own = csr_array(diags_array(rows.sum(axis=1)) - rows[:, np.flatnonzero(inside)])
     factors = splu(own.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return factors, csr_array(rows[:, np.flatnonzero(~inside)])
 
