@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -54,3 +56,28 @@ def test_openfoam_fetches_its_next_mesh(tmp_path: Path) -> None:
     in_front = [int(found) for found in re.findall(r"round \d: (\d+) of \d+ points", done.stdout)]
     assert len(in_front) == 2
     assert in_front[1] > 1.3 * in_front[0]
+
+
+def test_the_channel_of_the_wake_has_its_sides_in_the_order_of_the_program() -> None:
+    pytest.importorskip("matplotlib")
+    described = runpy.run_path(str(FOLDER / "cylinder.py"))["channel"](0.5)
+    numbers = re.search(r"int (inlet.*);", (FOLDER / "cylinder.edp").read_text())
+    assert numbers is not None
+    assert list(described.mesh.sides) == [part.split(" = ")[0] for part in numbers[1].split(", ")]
+    assert len(described.mesh.cells) == 624
+    assert not described.mesh.is_folded
+    assert described.area == pytest.approx(42 - math.pi / 4, rel=1e-9)
+
+
+@pytest.mark.external
+@pytest.mark.needs("freefem")
+def test_a_mesh_follows_the_wake_of_a_cylinder(tmp_path: Path) -> None:
+    short = ["--fine", "1", "--settling", "60", "--matching", "10", "--period", "20"]
+    command = [sys.executable, "-W", "error", str(FOLDER / "cylinder.py"), "--output", str(tmp_path), *short]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=RUN_SECONDS, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    errors = [float(found) for found in re.findall(r"624 cells, error of the velocity (\S+),", done.stdout)]
+    assert len(errors) == 2
+    assert max(errors) < 0.05
+    assert errors[0] != errors[1]
+    assert (tmp_path / "cylinder-wake.png").exists()
