@@ -208,6 +208,7 @@ def test_the_pictures_of_the_docs_are_those_of_the_scripts(
         "adapt.png",
         "allen-cahn.png",
         "burgers-shock.png",
+        "cylinder-wake.png",
         "schwarz-counts.png",
         "schwarz-errors.png",
         "schwarz-mismatch.png",
