@@ -572,6 +572,12 @@ TWINS = [
 ]
 
 
+ONE_BLOCK = {
+    "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
+    "blocks": [{"corners": ["a", "b", "c", "d"], "cells": [4, 4]}],
+}
+
+
 def public(kind: type) -> dict[str, Any]:
     return {name: inspect.getattr_static(kind, name) for name in dir(kind) if not name.startswith("_")}
 
@@ -580,7 +586,7 @@ def public(kind: type) -> dict[str, Any]:
 def test_twins_have_the_same_names_and_parameters(pair: tuple[type, type]) -> None:
     blocking, awaited = map(public, pair)
     # what is a property of one mesh is a method of the other, or in its arrays
-    only = {"points", "cells", "boundary", "x", "y", "u"} if pair[0] is Mesh else set()
+    only = {"points", "cells", "boundary", "blocks", "x", "y", "u"} if pair[0] is Mesh else set()
     assert set(blocking) - only == set(awaited)
     for name, member in awaited.items():
         if isinstance(member, property) or isinstance(blocking[name], property):
@@ -624,6 +630,7 @@ def test_every_public_name_of_the_twins_works(
     assert (mesh.progress.fraction, mesh.timings["solve"] > 0) == (1.0, True)
     assert {len(mesh.points), mesh.x.size, mesh.y.size, mesh.u.size, mesh.arrays().u.size} == {63}
     assert (len(mesh.cells), len(mesh.boundary)) == (48, 4)
+    assert not getattr(mesh, "blocks", ())  # the twin has them in its arrays
     assert len(mesh.mesh_parts("triangle").cells) == 96
     assert mesh.quality.q_eq.max == np.nanmax(mesh.quality_of_cells().q_eq.cells)
     assert (mesh.convergence.iterations, mesh.spec()["label"]) == ((), "tour")
@@ -662,6 +669,8 @@ def test_every_public_name_of_the_twins_works(
     stored = client.samples.upload(np.ones((2, 2)))
     client.samples.get(stored.id)
     client.samples.delete(stored)
+    (tmp_path / "one.json").write_text(json.dumps(ONE_BLOCK))
+    client.samples.delete(client.samples.upload_mesh(tmp_path / "one.json"))
 
     sequence = client.sequences.start("x*y", 9)
     assert sequence.step("x*y", t=0.5).number == sequence.current.number == 1

@@ -49,7 +49,7 @@ examples:
   equimesh solve --monitor weight --rho '1 + 8*exp(-4*y)' \\
       --domain rectangle:0,3,0,1 --n-xi 97 --n-eta 33
   equimesh solve 'tanh(20*(x-y))' --target-error 1e-4 -o mesh.vtu
-  equimesh solve 'tanh(9*(x*x + y*y - 1))' --domain-file channel.json -o mesh.msh
+  equimesh solve 'tanh(9*(x*x + y*y - 1))' --domain-file bend.json -o mesh.msh
 
 needs the solver: pip install 'equimesh[solver]', and [plot] for --plot and --open
 

@@ -71,8 +71,9 @@ def build_schwarz(document: object) -> Schwarz | None:
     """
     given = mapping(document, "")
     schwarz: Schwarz | None = SCHWARZ(given.get("schwarz"), "schwarz")
-    if schwarz is None:
-        return None
+    domain = given.get("domain")
+    if schwarz is None or (isinstance(domain, Mapping) and domain.get("kind") in ("blocks", "mesh")):
+        return schwarz  # with blocks it is refused where these are built, with the way that serves
     monitor = given.get("monitor")
     if isinstance(monitor, Mapping) and monitor.get("kind") == "least_error":
         raise InputError(NO_SUBDOMAINS, field="schwarz")

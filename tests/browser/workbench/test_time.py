@@ -39,7 +39,8 @@ def test_time_plays_once_over_each_mesh_and_ends_at_the_last_one(page: Page) -> 
 
     def count(request: Any) -> None:
         if "/v1/previews" in request.url:
-            times.append(request.post_data_json["monitor"]["u"].get("t", 0))
+            u = request.post_data_json["monitor"]["u"]
+            times.append(u.get("t", 0) if isinstance(u, dict) else 0)
 
     panel = panel_at(page, "time", SPEC, sliders={"t": {"min": 0, "max": 1, "count": COUNT}})
     has_mesh(page, 17, 9)

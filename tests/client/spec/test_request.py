@@ -36,7 +36,7 @@ def test_generate_sends_monitor_domain_and_mode(connect: Any, service: Any) -> N
     sent = client.meshes.get("m0").spec()
     assert sent["monitor"]["monitors"][0]["u"] == {"expression": "c*x", "parameters": {"c": 2.0}}
     assert sent["monitor"]["monitors"][1]["rho"] == {"expression": "c+y", "parameters": {"c": 2.0}}
-    assert sent["domain"] == {"kind": "rectangle", "x": [0, 2], "y": [0, 1]}
+    assert sent["domain"] == {"kind": "rectangle", "x": [0, 2], "y": [0, 1], "periodic": None}
     assert (sent["mode"], sent["allow_relaxed"]) == ("tight", False)
     client.generate(monitor=Weight("1+x"))
     assert client.meshes.get("m1").spec()["grid"] == {"n_xi": 64, "n_eta": 64}

@@ -23,7 +23,7 @@ def test_every_format(http: httpx.Client, finished: dict[str, Any], format: str,
     answer = http.get(finished["links"]["file"], params={"format": format, "cells": cells})
     if cells not in FORMATS[format].cells:
         assert answer.status_code == 406
-        assert answer.json()["detail"] == "A vts file holds no triangles. Request cells=quad or another format."
+        assert answer.json()["detail"] == (f"A {format} file holds no triangles. Request cells=quad or another format.")
         asked = post(http, small(cells=cells), f"?format={format}")
         assert (asked.status_code, asked.json()["detail"]) == (406, answer.json()["detail"])
         return

@@ -132,13 +132,6 @@ def test_on_blocks_oblique_corners_become_dearer_until_the_bound_holds(bound: fl
     assert free.angles.share_within < 0.95
 
 
-def test_on_blocks_a_bound_below_that_of_the_initial_mesh_is_refused() -> None:
-    monitor = em.LeastError(u=DIAGONAL, orthogonality=20.0)
-    with pytest.raises(em.InputError, match="the initial mesh of the domain has an angle of") as caught:
-        em.solve(em.BlockProblem(monitor=monitor, domain=disc(400)))
-    assert caught.value.field == "monitor.orthogonality"
-
-
 def test_on_blocks_the_initial_mesh_is_left_where_no_weight_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(orthogonality, "OBLIQUENESS_TRIALS", ())
     monitor = em.LeastError(u=DIAGONAL, orthogonality=45.0)
