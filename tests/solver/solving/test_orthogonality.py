@@ -10,7 +10,7 @@ import pytest
 import equimesh as em
 from equimesh.quality.faces import measure_faces
 from equimesh.solving import orthogonality
-from equimesh.testing.geometries import disc, l_shape
+from equimesh.testing.geometries import l_shape
 
 STEEP = em.Expression("tanh(30*(y - 0.5 - 0.25*sin(2*pi*x)))")
 PEAK = em.Expression("1 + 60*exp(-300*(x + y - 1)**2)")
