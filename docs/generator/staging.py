@@ -85,7 +85,8 @@ def _source_page(path: str, text: str) -> str:
     """A page that shows a file of the project; an example begins with its docstring."""
     fence = "`" * max(3, *(len(run) + 1 for run in re.findall("`+", text) or [""]))
     language = _LANGUAGES.get(Path(path).suffix, "text")
-    opening = "" if path.startswith("examples/") and path.endswith(".py") else "---\norphan: true\n---\n\n"
+    is_listed = posixpath.dirname(path) == "examples" and path.endswith(".py")
+    opening = "" if is_listed else "---\norphan: true\n---\n\n"
     about = ast.get_docstring(ast.parse(text)) if language == "python" else None
     sentence = (about or "").split("\n\n")[0].replace("``", "`")
     return f"{opening}# {posixpath.basename(path)}\n\n{sentence}\n\n`{path}`:\n\n{fence}{language}\n{text}\n{fence}\n"
