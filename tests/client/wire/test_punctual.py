@@ -86,11 +86,16 @@ def url(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iter
 LIBRARIES = ("skfem", "pyvista", "fipy", "mfem", "ngsolve", "sfepy")
 
 
+def mesh_file(folder: Path) -> Path:
+    """A file that takes a while to send."""
+    path = folder / "mesh.msh"
+    path.write_text("$MeshFormat\n" * 50_000)
+    return path
+
+
 def calls(client: Any, mesh: Any, folder: Path) -> dict[str, Callable[..., Any]]:
     """Everything public that waits, by name; each takes a deadline."""
     big = np.ones((400, 400))
-    mesh_file = folder / "mesh.msh"
-    mesh_file.write_text("$MeshFormat\n" * 50_000)
     return {
         "generate": lambda **limit: client.generate("x", 5, **limit),
         "generate from samples": lambda **limit: client.generate(big, 5, **limit),
@@ -101,7 +106,7 @@ def calls(client: Any, mesh: Any, folder: Path) -> dict[str, Callable[..., Any]]
         "meshes.get": lambda **limit: client.meshes.get("m", **limit),
         "meshes.list": client.meshes.list,
         "samples.upload": lambda **limit: client.samples.upload(big, **limit),
-        "samples.upload_mesh": lambda **limit: client.samples.upload_mesh(mesh_file, **limit),
+        "samples.upload_mesh": lambda **limit: client.samples.upload_mesh(mesh_file(folder), **limit),
         "samples.get": lambda **limit: client.samples.get("s", **limit),
         "samples.delete": lambda **limit: client.samples.delete("s", **limit),
         "refresh": mesh.refresh,
