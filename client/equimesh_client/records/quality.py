@@ -65,11 +65,13 @@ class Quality:
         """The measures as an aligned text table."""
         rows = [[n, number(m.min), number(m.mean), number(m.rms), number(m.max)] for n, m in self.measures.items()]
         text = [align(["measure", "min", "mean", "rms", "max"], rows)] if rows else []
-        text.append(f"smallest corner Jacobian  {number(self.min_jacobian)}  (1 for the uniform mesh)")
+        text.append(f"smallest corner Jacobian  {number(self.min_jacobian)}  (1 where all cells are equal)")
         for norm in ("l2", "h1"):
             here, uniform = (self.interpolation_error.get(key) for key in (norm, f"{norm}_uniform"))
             if here is not None and uniform is not None:
-                text.append(f"interpolation error {norm.upper()}    {number(here)}  (uniform mesh: {number(uniform)})")
+                text.append(
+                    f"interpolation error {norm.upper()}    {number(here)}  (without adapting: {number(uniform)})"
+                )
         return "\n".join(text)
 
     def __str__(self) -> str:

@@ -61,6 +61,9 @@ class Blocks:
     node_parameter: Array
     _document: Mapping[str, Any] | None = None
 
+    def __repr__(self) -> str:
+        return f"<Blocks: {len(self.mesh.blocks)} blocks, {len(self.mesh.points)} points>"
+
     @classmethod
     def of(cls, document: Mapping[str, Any], folder: Path | str | None = None) -> Blocks:
         """The domain that a description gives: the object of its JSON, as in the reference of descriptions.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equimesh.least_error.cells import Cells
+from equimesh.meshes.quad_links import places_of
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray
 from equimesh_coupling.cuts import cuts_at_corners
@@ -21,12 +22,12 @@ def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray, *, are_cut: bo
     """
     nodes = free.shape[1]
     corners = np.ascontiguousarray(corners)
-    starts, places = _adjacency(corners.reshape(-1), nodes)
+    starts, places = places_of(corners, nodes)
     originals = np.arange(nodes)
     originals[ties[:, 0]] = ties[:, 1]
     if ties.size:
         own = originals[corners]
-        triples = _triples(own, *_adjacency(own.reshape(-1), nodes))
+        triples = _triples(own, *places_of(own, nodes))
     else:
         triples = _triples(corners, starts, places)
     return Cells(
@@ -39,22 +40,6 @@ def cells_of_mesh(corners: IntArray, free: Array, ties: IntArray, *, are_cut: bo
         corner_cuts=cuts_at_corners(corners) if are_cut else {},
         ties=ties,
     )
-
-
-@compiled
-def _adjacency(corners: IntArray, nodes: int) -> tuple[IntArray, IntArray]:
-    """Where the places of each node begin, shape ``(nodes + 1,)``, and the places, in their order."""
-    starts = np.zeros(nodes + 1, dtype=np.int64)
-    for place in range(corners.size):
-        starts[corners[place] + 1] += 1
-    for node in range(nodes):
-        starts[node + 1] += starts[node]
-    places, filled = np.empty(corners.size, dtype=np.int64), starts[:-1].copy()
-    for place in range(corners.size):
-        node = corners[place]
-        places[filled[node]] = place
-        filled[node] += 1
-    return starts, places
 
 
 @compiled

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from equimesh.meshes.cell_edges import CellEdges
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import IntArray
 
@@ -36,37 +37,25 @@ class QuadLinks(NamedTuple):
 def links_of(cells: IntArray, nodes: int) -> QuadLinks:
     """The links of ``cells`` of shape ``(m, 4)`` over so many ``nodes``; every edge belongs to one or two cells."""
     corners = np.ascontiguousarray(cells, dtype=np.int64)
-    used = np.bincount(corners.reshape(-1), minlength=nodes)
-    starts = np.concatenate([[0], np.cumsum(used)])
-    places = np.empty(corners.size, dtype=np.int64)
-    fill_places(corners, starts, places)
-    neighbours = np.full(corners.shape, -1, dtype=np.int64)
-    fill_neighbours(corners, starts, places, neighbours)
-    return QuadLinks(corners, neighbours, starts, places)
+    return QuadLinks(corners, CellEdges.of(corners, nodes).neighbours, *places_of(corners, nodes))
 
 
 @compiled
-def fill_places(cells: IntArray, starts: IntArray, places: IntArray) -> None:
-    """Fill in the corners of cells that each node is, in the order of the cells."""
-    ends = starts[:-1].copy()
+def places_of(cells: IntArray, nodes: int) -> tuple[IntArray, IntArray]:
+    """Where the places of each node begin, shape ``(nodes + 1,)``, and its places: ``4 cell + corner``, in order."""
+    starts = np.zeros(nodes + 1, dtype=np.int64)
+    for cell in range(cells.shape[0]):
+        for corner in range(4):
+            starts[cells[cell, corner] + 1] += 1
+    for node in range(nodes):
+        starts[node + 1] += starts[node]
+    places, ends = np.empty(4 * cells.shape[0], dtype=np.int64), starts[:-1].copy()
     for cell in range(cells.shape[0]):
         for corner in range(4):
             node = cells[cell, corner]
             places[ends[node]] = 4 * cell + corner
             ends[node] += 1
-
-
-@compiled
-def fill_neighbours(cells: IntArray, starts: IntArray, places: IntArray, neighbours: IntArray) -> None:
-    """Fill in the cell beyond each edge: the one that has the same edge the other way round."""
-    for cell in range(cells.shape[0]):
-        for edge in range(4):
-            begin, end = cells[cell, edge], cells[cell, (edge + 1) % 4]
-            for at in range(starts[end], starts[end + 1]):
-                other, corner = places[at] // 4, places[at] % 4
-                if other != cell and cells[other, (corner + 1) % 4] == begin:
-                    neighbours[cell, edge] = other
-                    break
+    return starts, places
 
 
 @compiled

@@ -18,7 +18,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.sequences.beginning import check_settings
 from equimesh.sequences.between import blocks_between
 from equimesh.sequences.integrals import about_integrals
-from equimesh.sequences.moves import cells_moved, displacement, largest_jump, stays_valid
+from equimesh.sequences.moves import cells_moved, displacement, largest_jump, outrun_by, stays_valid
 from equimesh.sequences.pursuit import BlockPursuit, Earlier, Found, gain_of, problem_with
 from equimesh.sequences.sequence import MAX_SILENT_JUMP, SMOOTHED, require_untouched
 from equimesh.sequences.sequence_step import BlockStep
@@ -162,12 +162,7 @@ class BlockSequence:
     def _refuse_outrun(self, moved: float) -> None:
         is_first = self.solution is None and self._earlier is None
         if self.outrun == "refuse" and not is_first and moved > self.max_move:
-            raise InputError(
-                f"the mesh would move by {moved:.2g} cells in this step, more than max_move = {self.max_move:g}: u has"
-                f" outrun its cells. Take {math.ceil(moved / self.max_move)} smaller time steps; the mesh before is"
-                " kept",
-                field="u",
-            )
+            raise outrun_by(moved, self.max_move)
 
     def _failed(self, solution: BlockSolution, given: Mapping[str, MeshValues]) -> BlockStep:
         """A step that keeps the mesh and the fields as they were."""

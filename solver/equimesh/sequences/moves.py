@@ -1,7 +1,10 @@
 """How far the nodes of a mesh move in a step: in cells, and whether all cells stay valid on the way."""
 
+import math
+
 import numpy as np
 
+from equimesh.errors import InputError
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
@@ -94,3 +97,12 @@ def largest_jump(values: Array, cells: IntArray | None = None) -> float:
         return jump / whole if whole > 0.0 else 0.0
     jumps = (np.abs(np.diff(values, axis=axis)).max() for axis in (0, 1))
     return float(max(jumps)) / whole if whole > 0.0 else 0.0
+
+
+def outrun_by(moved: float, max_move: float) -> InputError:
+    """The refusal of a step in which the mesh would move by ``moved`` cells, more than ``max_move``."""
+    return InputError(
+        f"the mesh would move by {moved:.2g} cells in this step, more than max_move = {max_move:g}: u has outrun its"
+        f" cells. Take {math.ceil(moved / max_move)} smaller time steps; the mesh before is kept",
+        field="u",
+    )

@@ -24,7 +24,7 @@ from equimesh.sequences.beginning import check_settings, first_mesh
 from equimesh.sequences.between import mesh_between
 from equimesh.sequences.following import monitor_for
 from equimesh.sequences.integrals import about_integrals
-from equimesh.sequences.moves import cells_moved, displacement, largest_jump, stays_valid
+from equimesh.sequences.moves import cells_moved, displacement, largest_jump, outrun_by, stays_valid
 from equimesh.sequences.pursuit import Earlier, Found, Pursuit, gain_of
 from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.solving.options import SolveArguments
@@ -197,12 +197,7 @@ class Sequence:
 
     def _refuse_outrun(self, moved: float | None) -> None:
         if self.outrun == "refuse" and not self._is_first and moved is not None and moved > self.max_move:
-            raise InputError(
-                f"the mesh would move by {moved:.2g} cells in this step, more than max_move = {self.max_move:g}: u has"
-                f" outrun its cells. Take {math.ceil(moved / self.max_move)} smaller time steps; the mesh before is"
-                " kept",
-                field="u",
-            )
+            raise outrun_by(moved, self.max_move)
 
     def _failed(self, solution: Solution, given: Mapping[str, MeshValues]) -> SequenceStep:
         """A step that keeps the mesh and the fields as they were."""

@@ -85,7 +85,6 @@ def test_the_server_of_the_workers_is_replaced_with_them() -> None:
 # Called by tests only, and by other kernels only.
 ELSEWHERE = {
     "_absolute",
-    "_adjacency",
     "_apply",
     "_stiffness",
     "_triples",
