@@ -34,8 +34,17 @@ class Saboteur:
     killed: Counter[str] = field(default_factory=Counter)
     processes: set[int] = field(default_factory=set)
 
+    def hold(self) -> None:
+        """Stop the processes that solve, so that the meshes that they begin do not end before the first deed."""
+        for pid in until(self._pool_processes, _PATIENCE):
+            os.kill(pid, signal.SIGSTOP)
+
     def rage(self, store: Store, jobs: int, deeds: list[str]) -> None:
-        """Kill in a random order, spread over the work."""
+        """Kill all processes that hold a mesh, then other parts in a random order, spread over the work."""
+        until(lambda: store.queue.count().meshes["running"] > 0, _PATIENCE)
+        self.processes.update(held := self._pool_processes())
+        for pid in held:
+            os.kill(pid, signal.SIGKILL)
         order = random.Random(self.seed)
         order.shuffle(deeds)
         for number, deed in enumerate(deeds):
@@ -94,11 +103,13 @@ def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
             cluster.start_own_worker(f"worker-{number}", slots=1)
         service.start()
         until(lambda: lives(service.url), _PATIENCE)
+        service.ready()
         store = Store(url)
         try:
             work = Work(service.url, jobs)
-            threads = work.start()
             saboteur = Saboteur(service, cluster, seed=jobs)
+            saboteur.hold()
+            threads = work.start()
             saboteur.rage(store, jobs, [deed for deed, times in deeds.items() for _ in range(times)])
             for thread in threads:
                 thread.join()
