@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from equimesh.blocks.checks import check_not_folded
+from equimesh.blocks.checks import check_connected, check_not_folded, check_not_overlapping
 from equimesh.blocks.counts import plan_of
 from equimesh.blocks.curves import BoundaryCurve, Line
 from equimesh.blocks.description import Description
@@ -73,6 +73,8 @@ class Blocks:
         """
         description = Description.of(document, None if folder is None else Path(folder))
         plan = plan_of(description)
+        names, fields = zip(*((block.name, block.field) for block in description.blocks), strict=True)
+        check_connected(plan.layout, names, fields)
         lines = edge_lines(description, plan)
         count, blocks = plan.layout.numbering()
         edge_nodes = plan.layout.edge_nodes(blocks)
@@ -81,14 +83,15 @@ class Blocks:
             cells=np.concatenate([quads_of_block(block) for block in blocks]),
             sides=side_edges(plan.layout, edge_nodes, sides_of(description, plan)),
             blocks=blocks,
-            block_names=tuple(block.name for block in description.blocks),
+            block_names=names,
             ties=plan.layout.ties(blocks),
         )
         check_not_folded(
             mesh,
-            tuple(block.field for block in description.blocks),
+            fields,
             "move its corners, put a vertex on a bent edge and cut the block there, or take another grading",
         )
+        check_not_overlapping(mesh, plan.layout, fields)
         numbers = {name: k for k, name in enumerate(description.vertices)}
         return cls.assembled(
             mesh,

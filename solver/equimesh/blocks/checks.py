@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from equimesh.blocks.curves import BoundaryCurve
+from equimesh.blocks.layout import Layout
+from equimesh.blocks.overlaps import find_overlap
 from equimesh.errors import InputError
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
@@ -57,6 +63,50 @@ def check_not_folded(mesh: QuadMesh, fields: tuple[str, ...], remedy: str) -> No
             f" {jacobians.shape[0]} x {jacobians.shape[1]}: {remedy}",
             field=fields[k],
         )
+
+
+def check_connected(layout: Layout, names: Sequence[str], fields: Sequence[str]) -> None:
+    """Refuse blocks that no common or joined edges lead to; the message names one, and where it comes near."""
+    across = layout.neighbours[..., 0]
+    block, side = np.nonzero(across >= 0)
+    graph = coo_array((np.ones(len(block)), (block, across[block, side])), shape=2 * (layout.block_count,))
+    number, piece = connected_components(graph, directed=False)
+    if number > 1:
+        apart = int((piece != piece[0]).argmax())
+        edges = " or ".join(layout.edge_name(int(edge)) for edge in layout.block_edges[apart])
+        raise InputError(
+            f"{names[apart]} is not connected with {names[0]}: no edge leads to it, so give {edges} to another block,"
+            " with the same two vertices, or send the parts one by one",
+            field=fields[apart],
+        )
+
+
+def check_not_overlapping(mesh: QuadMesh, layout: Layout, fields: Sequence[str]) -> None:
+    """Refuse an initial mesh that covers a place twice; the message names blocks, edges of the boundary, and place."""
+    found = find_overlap(mesh)
+    if found is None:
+        return
+    ends = np.cumsum([block.size for block in mesh.block_cells])
+    one, other = (int(np.searchsorted(ends, cell, side="right")) for cell in found.cells)
+    edge_nodes = layout.edge_nodes(mesh.blocks)
+    edge_at = np.full(len(mesh.points), -1)
+    for edge in np.flatnonzero(layout.edge_uses == 1):
+        edge_at[edge_nodes[edge]] = edge
+    edges = [
+        layout.edge_name(int(edge_at[mesh.cells[cell]].max())) for cell in found.cells[: 1 if found.is_inside else 2]
+    ]
+    names = mesh.block_names[one], mesh.block_names[other]
+    who = f"{names[0]} overlaps itself" if one == other else f"{names[0]} and {names[1]} overlap"
+    x, y = found.place
+    if found.is_inside:
+        how = f"the closed line of the boundary with the edge {edges[0]} lies inside of {names[1]}"
+    else:
+        how = f"at the boundary {' and '.join(sorted(set(edges)))}"
+    raise InputError(
+        f"{who} near ({x:.5g}, {y:.5g}): {how}; move their vertices or curves apart, or name the same two vertices in"
+        " both blocks where they have an edge in common; where bent lines come near each other, take more cells",
+        field=fields[max(one, other)],
+    )
 
 
 def _turn(a: Array, b: Array, c: Array) -> Array:

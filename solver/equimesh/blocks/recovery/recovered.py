@@ -9,6 +9,7 @@ import numpy as np
 
 from equimesh.blocks.curves import BoundaryCurve
 from equimesh.blocks.layout import Layout
+from equimesh.blocks.overlaps import find_overlap
 from equimesh.blocks.recovery.boundary import Boundary, Corner
 from equimesh.blocks.recovery.half_edges import HalfEdges, counter_clockwise
 from equimesh.blocks.recovery.separatrices import blocks_of
@@ -68,6 +69,10 @@ def recover(
     layout, nodes = layout_of(blocks)
     mesh = QuadMesh(points=places, cells=quads, sides=_renamed(boundary.sides, names or {}), blocks=tuple(blocks))
     vars(mesh)["block_cells"] = tuple(block_cells)
+    if (overlap := find_overlap(mesh)) is not None:
+        (one, other), (x, y) = overlap.cells, overlap.place
+        message = f"the cells {one} and {other} overlap near ({x:.6g}, {y:.6g}): repair the mesh there"
+        raise InputError(message, field="cells")
     size = float(np.ptp(places, axis=0).max())
     found = [curve_through(places, line, size) for line in boundary.lines]
     parameters = [t for _, t in found]
