@@ -90,7 +90,7 @@ class AsyncClient:
     async def adapt(
         self,
         solve: Solve,
-        n: int | tuple[int, int],
+        n: int | tuple[int, int] | None = None,
         *,
         domain: Domain | Mapping[str, Any] | None = None,
         rounds: int = 5,
@@ -104,6 +104,8 @@ class AsyncClient:
         solution or an awaitable of it.
         """
         loop: AdaptLoop[AsyncMesh] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm)
+        settings = self._session.settings
+        loop.domain = await self._session.run(flows.stored_domain(domain, settings, Deadline.after(deadline)))
         mesh = await self._generate(loop.first(), deadline, False)
         while True:
             try:

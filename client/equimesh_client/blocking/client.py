@@ -106,7 +106,7 @@ class Client:
     def adapt(
         self,
         solve: Solve,
-        n: int | tuple[int, int],
+        n: int | tuple[int, int] | None = None,
         *,
         domain: Domain | Mapping[str, Any] | None = None,
         rounds: int = 5,
@@ -116,17 +116,23 @@ class Client:
     ) -> Adaptation[Mesh]:
         """The mesh of ``n`` points a side, or ``(n_xi, n_eta)``, that is adapted to the solution of a solver.
 
+        On a domain of blocks, ``Blocks`` or ``MeshFile``, ``n`` is left out: the mesh has the cells of the blocks. An
+        ``ErrorIndicator`` is refused there.
+
         ``solve(mesh)`` solves on a :class:`Mesh`, which has the methods ``to_skfem()``, ``to_dolfinx(comm)`` and so
         on, and returns one of these: values at the nodes, a field of a library with an adaptor, ``CellAverages``, or
-        an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, then at most ``rounds`` times.
-        ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``; the best mesh has the smallest
-        estimate in L2. ``observe`` is called with every round. ``deadline`` is that of each mesh, in seconds.
+        an ``ErrorIndicator`` of the cells. It is called first on the uniform mesh, on blocks the initial one, then at
+        most ``rounds`` times. ``norm`` is that of the error that meshes minimise, ``"l2"`` or ``"h1"``; the best mesh
+        has the smallest estimate in L2. ``observe`` is called with every round. ``deadline`` is that of each mesh, in
+        seconds.
 
         Raises ``BadValues`` where the values of the first solve cannot be used, and what the first solve raises. Later
         the loop ends with the best mesh so far: ``reason`` says why, ``failure`` is the exception. Raises
         :class:`BadArgument` for arguments that cannot be used.
         """
         loop: AdaptLoop[Mesh] = AdaptLoop(solve=solve, n=n, domain=domain, rounds=rounds, norm=norm)
+        settings = self._session.settings
+        loop.domain = self._session.run(flows.stored_domain(domain, settings, Deadline.after(deadline)))
         mesh = self._generate(loop.first(), deadline, False)
         while True:
             try:

@@ -38,7 +38,7 @@ class Sequence(SequenceState):
     ) -> SequenceStep:
         """The next step, which becomes ``current``: a mesh for u, with u and the fields at its nodes.
 
-        ``u`` is an array of values at the current nodes, shape ``(n_xi, n_eta)``; a callable ``u(x, y)``, evaluated
+        ``u`` is an array of values at the current nodes, of the shape of :attr:`x`; a callable ``u(x, y)``, evaluated
         there; or an expression, with ``parameters`` and the time ``t``. ``fields`` are arrays like u, or
         :class:`Field`, by names. Both also take one value for each node in one row, fields of the libraries of the
         ``to_…()`` methods, and ``CellAverages``. With a ``monitor`` the settings change from this step on; its
@@ -81,7 +81,7 @@ class Sequences:
     ) -> Sequence:
         """A sequence with its first mesh, adapted to ``u``; the arguments are those of :meth:`Client.generate`.
 
-        The service keeps the last ``keep`` meshes.
+        The service keeps the last ``keep`` meshes. A domain of blocks has numbers of cells of its own: leave ``n`` out.
         """
         arguments = GenerateArguments(u=u, n=n, options=complete_options(options, self.start))
         flow = steps.begin(arguments, keep, self._session.settings, Deadline.after(deadline))

@@ -21,9 +21,10 @@ class Field:
     """Values on the mesh of a step, and the way they are carried to the next mesh.
 
     ``values`` has the shape ``(n_xi, n_eta)`` at nodes, ``(n_xi - 1, n_eta - 1)`` for averages of cells, and one more
-    axis for the components of vectors. ``transfer`` is ``"spline"``, smooth and of fourth order, or
-    ``"conservative"``, which keeps the integral and the ``bounds``, by default the range of the values; None stands for
-    the spline at nodes, and the conservative one in cells. ``location`` is ``"nodes"`` or ``"cells"``.
+    axis for the components of vectors; on blocks these are ``(n,)``, ``(m,)`` and one more axis. ``transfer`` is
+    ``"spline"``, smooth and of fourth order, or ``"conservative"``, which keeps the integral and the ``bounds``, by
+    default the range of the values; None stands for the spline at nodes, and the conservative one in cells.
+    ``location`` is ``"nodes"`` or ``"cells"``.
     """
 
     values: npt.ArrayLike

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from equimesh_client.errors import BadArgument
-from equimesh_client.spec.blocks import MeshFile
-from equimesh_client.spec.domains import UNIT_BOX, Box, read_domain
+from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, read_domain
 from equimesh_client.spec.mesh import MeshOptions, mesh_spec
 from equimesh_client.spec.monitors import ArcLength, Auto, Json, Read, monitor_json
 from equimesh_client.spec.sources import Upload, needs_box, source_of, upload_of
@@ -63,13 +62,7 @@ class GenerateArguments:
             return UNIT_BOX
         return (read_domain(domain) if isinstance(domain, Mapping) else domain).box
 
-    @property
-    def mesh_file(self) -> MeshFile | None:
-        """The domain where it is a file on this machine, which the service needs first; else None."""
-        domain = self.options["domain"]
-        return domain if isinstance(domain, MeshFile) and domain.is_local else None
-
-    def on(self, domain: MeshFile) -> GenerateArguments:
+    def on(self, domain: Domain | Mapping[str, Any] | None) -> GenerateArguments:
         """The same arguments with another domain."""
         return replace(self, options={**self.options, "domain": domain})
 

@@ -70,8 +70,9 @@ def source_of(
     ``u`` is an expression in x and y (a string); a 2-D array or list of values on the uniform grid of the ``box``,
     first index along x; ``(x, y, values)`` or a mapping with these keys: a rectilinear grid when ``values`` is 2-D,
     scattered points when all three are 1-D, the nodes of a mesh when all three are 2-D; scattered ``(points, values)``
-    or such a mapping; a callable ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path of a
-    file; or :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
+    or such a mapping; a mapping with ``nodes`` of shape ``(n, 2)`` and ``values``, those of a mesh of blocks; a
+    callable ``u(x, y)``, called once with arrays of shape ``(n_samples, n_samples)``; a path of a file; or
+    :class:`StoredSamples`. ``parameters`` and ``t`` belong to an expression only.
 
     Raises :class:`BadArgument` when ``u`` is none of these, or has a value that is not finite.
     """
@@ -162,7 +163,11 @@ def _pieces(u: object, box: Box) -> dict[str, Array]:
             return _three(u["x"], u["y"], u["values"])
         if keys == {"points", "values"}:
             return _check_finite({"points": _array("points", u["points"]), "values": _array("values", u["values"])})
-        raise BadArgument(f"samples have the keys x, y, values or points, values; not {', '.join(map(str, u))}")
+        if keys == {"nodes", "values"}:
+            return _at_nodes(_array("nodes", u["nodes"]), _array("values", u["values"]))
+        raise BadArgument(
+            f"samples have the keys x, y, values, or points, values, or nodes, values; not {', '.join(map(str, u))}"
+        )
     if isinstance(u, tuple):
         if len(u) == 3:
             return _three(*u)
@@ -205,6 +210,20 @@ def _three(x: object, y: object, values: object) -> dict[str, Array]:
     return _check_finite(pieces)
 
 
+def _at_nodes(nodes: Array, values: Array) -> dict[str, Array]:
+    """Values at the nodes of a mesh of blocks."""
+    if nodes.shape != (values.size, 2) or values.ndim != 1:
+        raise BadArgument(f"nodes of shape (n, 2) have values of shape (n,), not {nodes.shape} and {values.shape}")
+    return _check_finite({"nodes": nodes, "values": values})
+
+
+def _kind_of(pieces: Mapping[str, Array]) -> str:
+    """The key of samples in a spec."""
+    if "nodes" in pieces:
+        return "block_nodes"
+    return "scattered" if "points" in pieces else "nodal" if pieces["x"].ndim == 2 else "grid"
+
+
 def _array(name: str, value: object) -> Array:
     if np.ma.is_masked(value):
         raise BadArgument(f"{name} has masked values; give the rest as scattered points")
@@ -229,8 +248,7 @@ def _check_finite(pieces: dict[str, Array]) -> dict[str, Array]:
 
 def _samples(pieces: dict[str, Array]) -> Source:
     if sum(array.size for array in pieces.values()) <= MAX_INLINE_VALUES:
-        kind = "scattered" if "points" in pieces else "nodal" if pieces["x"].ndim == 2 else "grid"
-        return Source(json={kind: {name: values.tolist() for name, values in pieces.items()}})
+        return Source(json={_kind_of(pieces): {name: values.tolist() for name, values in pieces.items()}})
     return Source(json={"samples": "upload"}, upload=_npz(pieces))
 
 

@@ -11,14 +11,15 @@ import numpy as np
 from equimesh_client.errors import BadArgument
 from equimesh_client.records.certificate import Certificate
 from equimesh_client.records.tables import Array
-from equimesh_client.spec.domains import Domain
-from equimesh_client.spec.mesh import DEFAULTS, MeshOptions
+from equimesh_client.spec.domains import Domain, has_own_points
+from equimesh_client.spec.mesh import DEFAULT_POINTS, DEFAULTS, MeshOptions
 from equimesh_client.spec.monitors import LeastError, NodalSolution, Norm, Weight
 from equimesh_client.spec.request import GenerateArguments
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
 from equimesh_coupling.cells import ErrorIndicator, cell_values
 from equimesh_coupling.density import wanted_density
+from equimesh_coupling.errors import BadValues
 from equimesh_coupling.values import node_values
 
 M = TypeVar("M")
@@ -30,6 +31,11 @@ Observe: TypeAlias = Callable[[AdaptRound[Any]], None]
 MAX_ROUNDS = 100
 """The most rounds that can be requested."""
 NORMS = ("l2", "h1")
+NO_INDICATOR = (
+    "an error indicator says where cells are wanted, and equal shares of it need the lines of one grid, which blocks do"
+    " not have: return values at the nodes, or CellAverages, from which the directions follow, too"
+)
+"""Why an error indicator is refused on blocks."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +57,8 @@ class AdaptLoop(Generic[M]):
     """
 
     solve: Solve
-    n: int | tuple[int, int]
+    n: int | tuple[int, int] | None
+    """Points a side; None on blocks, which have their own."""
     domain: Domain | Mapping[str, Any] | None
     rounds: int
     norm: Norm
@@ -66,6 +73,10 @@ class AdaptLoop(Generic[M]):
             raise BadArgument("solve is no function: give one that takes a mesh and returns the solution on it")
         if not isinstance(self.rounds, int) or isinstance(self.rounds, bool) or not 1 <= self.rounds <= MAX_ROUNDS:
             raise BadArgument(f"rounds = {self.rounds!r}: a whole number between 1 and {MAX_ROUNDS}")
+        if self.n is None and not has_own_points(self.domain):
+            raise BadArgument("n is missing: give the number of points a side, which only domains of blocks have")
+        if self.n is not None and has_own_points(self.domain):
+            raise BadArgument("the blocks of a domain have numbers of cells of their own: leave n out, and refine them")
         if self.norm not in NORMS:
             raise BadArgument(f"norm = {self.norm!r}: choose 'l2' or 'h1'")
 
@@ -83,10 +94,13 @@ class AdaptLoop(Generic[M]):
 
         Raises :class:`~equimesh_coupling.errors.BadValues` where it cannot be used.
         """
+        on_blocks = arrays.x.ndim == 1
+        if on_blocks and isinstance(returned, ErrorIndicator):
+            raise BadValues(NO_INDICATOR)
         if not isinstance(returned, ErrorIndicator):
             values = node_values(returned, arrays)
             require_same_kind(self.done, is_indicator=False)
-            u = (arrays.x, arrays.y, values)
+            u: object = {"nodes": arrays.points, "values": values} if on_blocks else (arrays.x, arrays.y, values)
             return Answered(
                 arrays=arrays, values=values, is_indicator=False, monitor=NodalSolution(norm=self.norm), u=u
             )
@@ -126,7 +140,7 @@ class AdaptLoop(Generic[M]):
 
     def _request(self, u: object, monitor: LeastError | NodalSolution | Weight) -> GenerateArguments:
         options: MeshOptions = {**DEFAULTS, "monitor": monitor, "domain": self.domain}
-        return GenerateArguments(u=u, n=self.n, options=options)
+        return GenerateArguments(u=u, n=DEFAULT_POINTS if self.n is None else self.n, options=options)
 
 
 def _chosen(certificate: Certificate) -> str:

@@ -21,6 +21,7 @@ from equimesh_client.errors import (
     ServiceUnreachable,
 )
 from equimesh_client.records.state import FINISHED
+from equimesh_client.spec.blocks import MeshFile
 from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
 from equimesh_client.spec.request import GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of
@@ -81,6 +82,8 @@ class Disconnected:
 Step: TypeAlias = Send | Pause | Report
 Outcome: TypeAlias = Reply | Disconnected | None
 Flow: TypeAlias = Generator[Step, Outcome, T]
+GivenDomain: TypeAlias = Domain | Mapping[str, Any] | None
+"""A domain, its JSON, or None for the unit square."""
 
 
 def persist(call: Call, settings: Settings, deadline: Deadline, sink: Download | None = None) -> Flow[Reply]:
@@ -146,11 +149,9 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
     One file of samples is sent with the request. Several are stored at the service first, equal ones once, and so is a
     mesh file that is the domain.
     """
-    mesh_file = arguments.mesh_file
-    if mesh_file is not None:
-        reply = yield from request(protocol.upload_mesh(read_mesh_file(mesh_file.file)), settings, deadline)
-        arguments = arguments.on(replace(mesh_file, file=str(protocol.json_of(reply)["id"])))
-    box, domain = arguments.box(), arguments.options["domain"]
+    domain = yield from stored_domain(arguments.options["domain"], settings, deadline)
+    arguments = arguments.on(domain)
+    box = arguments.box()
     if box is None and domain is not None:
         box = yield from box_of(domain, settings, deadline)
     mesh_request = arguments.request(box or UNIT_BOX)
@@ -161,6 +162,14 @@ def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline
         reply = yield from request(protocol.upload_samples(upload), settings, deadline)
         ids.append(str(protocol.json_of(reply)["id"]))
     return mesh_request.with_stored_samples(ids)
+
+
+def stored_domain(domain: GivenDomain, settings: Settings, deadline: Deadline) -> Flow[GivenDomain]:
+    """The domain; a mesh file of this machine is stored at the service, and named by its id."""
+    if not isinstance(domain, MeshFile) or not domain.is_local:
+        return domain
+    reply = yield from request(protocol.upload_mesh(read_mesh_file(domain.file)), settings, deadline)
+    return replace(domain, file=str(protocol.json_of(reply)["id"]))
 
 
 def box_of(domain: Domain | Mapping[str, Any], settings: Settings, deadline: Deadline) -> Flow[Box]:

@@ -74,22 +74,25 @@ class SequenceStep:
 
     @property
     def velocity(self) -> Array | None:
-        """How far the nodes have moved since the step before, shape ``(n_xi, n_eta, 2)``; None for the first mesh."""
+        """How far the nodes have moved since the step before, shape ``(n_xi, n_eta, 2)``, on blocks ``(n, 2)``.
+
+        None for the first mesh.
+        """
         return self.arrays.velocity
 
     @property
     def x(self) -> Array:
-        """The x coordinates, shape ``(n_xi, n_eta)``."""
+        """The x coordinates, shape ``(n_xi, n_eta)``, on blocks ``(n,)``."""
         return self.arrays.x
 
     @property
     def y(self) -> Array:
-        """The y coordinates, shape ``(n_xi, n_eta)``."""
+        """The y coordinates, of the same shape."""
         return self.arrays.y
 
     @property
     def u(self) -> Array:
-        """u at the nodes, shape ``(n_xi, n_eta)``; raises :class:`BadArgument` where the monitor has none."""
+        """u at the nodes, of the same shape; raises :class:`BadArgument` where the monitor has none."""
         if self.arrays.u is None:
             raise BadArgument("the monitor of this step has no u: its functions and fields are in step.fields")
         return self.arrays.u
@@ -109,12 +112,12 @@ class SequenceState:
 
     @property
     def x(self) -> Array:
-        """The x coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
+        """The x coordinates of the current nodes, shape ``(n_xi, n_eta)``, on blocks ``(n,)``."""
         return self.current.x
 
     @property
     def y(self) -> Array:
-        """The y coordinates of the current nodes, shape ``(n_xi, n_eta)``."""
+        """The y coordinates of the current nodes, of the same shape."""
         return self.current.y
 
 
@@ -191,7 +194,7 @@ def step_call(sequence_id: str, current: SequenceStep, given: StepArguments) -> 
         raise BadArgument("parameters and t belong to an expression; u is not a string here")
     if u is None and monitor is None:
         raise BadArgument("a step needs u, or a monitor")
-    if isinstance(u, str):
+    if isinstance(u, str) and current.x.ndim == 2:  # values on blocks are sent as arrays
         shown = {name: {"values": carried[name], **more} for name, more in settings.items()}
         sent: dict[str, Any] = {"step": current.number, "u": source, "fields": {**carried, **shown}, **motion}
         sent |= {} if written is None else {"monitor": _with_values(written, values)}

@@ -10,6 +10,7 @@ import numpy as np
 from equimesh.errors import InputError, SamplesError
 from equimesh.io.npz import NPZ_ARRAYS
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.upload.samples import read_npz
 from equimesh_service.admission.admit import Admission
 from equimesh_service.assembly.long_spec import MAX_SHORT_BYTES
@@ -76,7 +77,7 @@ class Move:
     pointers: Mapping[str, str] = field(default_factory=dict)
     motion: Mapping[str, Any] = field(default_factory=dict)
 
-    def check(self, mesh: Mesh) -> CheckedMove:
+    def check(self, mesh: Mesh | QuadMesh) -> CheckedMove:
         """The same with the values at the nodes and in the cells of ``mesh``; raises a 422 problem."""
         if self.u is None and self.monitor is None:
             raise problem_at("/u", "this key is required, unless the step has a monitor")
@@ -110,7 +111,7 @@ class Move:
                 return nodal(source["nodes"], pointer.rpartition("/")[2], f"{pointer}/nodes")
             if "field" not in source:
                 return source
-            return read(lambda: self._scalar(source["field"], fields), f"{pointer}/field")
+            return read(lambda: self._scalar(source["field"], fields, len(mesh.node_shape)), f"{pointer}/field")
 
         u = self.u
         if isinstance(u, FieldSource):
@@ -120,20 +121,20 @@ class Move:
         elif u is not None:
             u = nodal(u, "u", "/u/nodes")
         monitor = None if self.monitor is None else with_functions(self.monitor, function)
-        _count(fields, complaints)
+        _count(fields, len(mesh.node_shape), complaints)
         if complaints:
             raise input_problem(complaints)
         return CheckedMove(u=u, fields=fields, monitor=monitor)
 
-    def _scalar(self, name: Any, fields: Mapping[str, StepField]) -> Array:
-        """The values of a field that a monitor can follow."""
+    def _scalar(self, name: Any, fields: Mapping[str, StepField], ndim: int) -> Array:
+        """The values of a field that a monitor can follow: ``ndim`` dimensions, one number at each node."""
         found = fields.get(name) if isinstance(name, str) else None
         if found is None:
             shown = ", ".join(self.fields) or "none"
             raise SamplesError(f"the step has no usable field {str(name)[:40]!r}; its fields are: {shown}")
         if found.location == "cells":
             raise SamplesError(f"{name} has averages of cells: a monitor needs a field with a value at each node")
-        if found.values.ndim == 3:
+        if found.values.ndim > ndim:
             raise SamplesError(f"{name} has vectors: a monitor needs a field with one number at each node")
         values: Array = found.values
         return values
@@ -261,9 +262,9 @@ def _is_name(name: str) -> bool:
     return name.isascii() and name.isidentifier() and name[0] != "_" and len(name) <= MAX_NAME and name not in RESERVED
 
 
-def _count(fields: Mapping[str, StepField], complaints: list[Complaint]) -> None:
+def _count(fields: Mapping[str, StepField], ndim: int, complaints: list[Complaint]) -> None:
     """Complain of more components than a step carries."""
-    number = sum(found.values.shape[2] if found.values.ndim == 3 else 1 for found in fields.values())
+    number = sum(found.values.shape[-1] if found.values.ndim > ndim else 1 for found in fields.values())
     if number > MAX_COMPONENTS:
         message = f"the fields have {number} components in all; a step carries at most {MAX_COMPONENTS}"
         complaints.append(Complaint(pointer="/fields", message=message))

@@ -11,6 +11,7 @@ import numpy as np
 
 from equimesh.io.npz import load_npz
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh_service.admission.admit import Admission, Admitted
 from equimesh_service.admission.callers import Caller
 from equimesh_service.admission.moves import CheckedMove, Move
@@ -28,12 +29,9 @@ _U = "/monitor/u"
 
 
 def check_first_spec(admitted: Admitted) -> Admitted:
-    """The spec of a sequence's first mesh; raises a 422 problem for one without a grid."""
+    """The spec of a sequence's first mesh; raises a 422 problem for a target, and for a mesh in parts."""
     if admitted.spec["target"] is not None:
         raise problem_at("/target", "the meshes of a sequence have one grid: give it in place of the target")
-    if admitted.nodes is not None:
-        message = "the meshes of a sequence have a grid, which blocks have not: take a domain with four sides"
-        raise problem_at("/domain", message)
     if admitted.is_in_parts:
         message = "the meshes of a sequence are computed on one machine: request fewer points, and leave parts out"
         raise problem_at("/parts", message)
@@ -96,7 +94,7 @@ class Stepping:
         return {"u": u, "samples": samples, "gains": gains}
 
     def _admitted(
-        self, spec: Mapping[str, Any], mesh: Mesh, move: Move, checked: CheckedMove, caller: Caller
+        self, spec: Mapping[str, Any], mesh: Mesh | QuadMesh, move: Move, checked: CheckedMove, caller: Caller
     ) -> Admitted:
         """The checked spec of the next mesh, whose functions at nodes are stored as samples."""
         rows: dict[str, SamplesRow] = {}
@@ -117,9 +115,12 @@ class Stepping:
         monitor = with_functions(monitor, store)
         document = {**spec, "monitor": monitor}
         sources = [source for _, source in functions_of(monitor)]
-        if checked.monitor is None and all(source.get("samples") in rows for source in sources):
-            # The settings have been checked, and splines of finite values fit every domain.
-            return Admitted(read_spec(document).canonical, {row.id: row.sha256 for row in rows.values()}, "")
+        has_file = "file" in (spec.get("domain") or {})
+        if checked.monitor is None and not has_file and all(source.get("samples") in rows for source in sources):
+            # The settings have been checked, and functions of finite values fit every domain.
+            nodes = None if isinstance(mesh, Mesh) else len(mesh.points)
+            hashes = {row.id: row.sha256 for row in rows.values()}
+            return Admitted(read_spec(document).canonical, hashes, "", nodes=nodes)
         try:
             return self.admission.admit(document, None, caller)
         except Problem as problem:
@@ -127,22 +128,25 @@ class Stepping:
                 raise
             raise repointed(problem, lambda pointer: sent_pointer(move.sent, _pointer_of(pointer, from_u))) from None
 
-    def _mesh(self, mesh_id: str) -> Mesh:
+    def _mesh(self, mesh_id: str) -> Mesh | QuadMesh:
         artifact = self.store.meshes.artifact(mesh_id, "mesh")
         if artifact is None:
             raise _gone()
         try:
             with self.files.local(artifact.sha256) as path:
-                return load_npz(path).grid_mesh
+                return load_npz(path).mesh
         except FileNotFoundError:
             raise _gone() from None
 
-    def _keep(self, mesh: Mesh, u: Array, caller: Caller) -> SamplesRow:
+    def _keep(self, mesh: Mesh | QuadMesh, u: Array, caller: Caller) -> SamplesRow:
         """Store u as samples, which a monitor can name."""
         with self.files.unfinished(".npz") as path:
-            np.savez(path, x=mesh.x, y=mesh.y, values=u)
+            is_grid = isinstance(mesh, Mesh)
+            nodes: dict[str, Any] = {"x": mesh.x, "y": mesh.y} if is_grid else {"nodes": mesh.points}
+            np.savez(path, values=u, **nodes)
             file = self.files.seal(path)
-            summary = {"kind": "nodal", "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
+            kind = "nodal" if is_grid else "block_nodes"
+            summary = {"kind": kind, "shape": list(u.shape), "min": float(u.min()), "max": float(u.max())}
             row = SamplesRow(f"{NODAL}{file.sha256[:32]}", file.sha256, file.size, summary, self.store.clock())
             self.store.samples.add(row, partial(self.files.publish, path, file), key_id=caller.key_id)
         return row

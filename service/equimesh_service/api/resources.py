@@ -253,8 +253,8 @@ class SamplesResource(BaseModel):
     """Stored samples of a monitor function."""
 
     id: str
-    kind: Literal["grid", "scattered", "nodal", "mesh"] = Field(
-        description="nodal: at the nodes of a mesh; mesh: no samples, but a mesh that is a domain."
+    kind: Literal["grid", "scattered", "nodal", "block_nodes", "mesh"] = Field(
+        description="nodal, block_nodes: at the nodes of a mesh; mesh: no samples, but a mesh that is a domain."
     )
     shape: list[int] = Field(description="The numbers of samples; of a mesh those of its nodes and cells.")
     min: float | None = Field(None, description="The least value; null for a mesh.")

@@ -17,7 +17,7 @@ from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.spec.bounds import MAX_PLAIN_VALUES
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import CheckedSpec, read_spec
-from equimesh_service.spec.sources import AnySource, GridSource, NodalSource, ScatteredSource
+from equimesh_service.spec.sources import AnySource, BlockNodesSource, GridSource, NodalSource, ScatteredSource
 
 # Texts of a spec up to this size are read in the process of the service: within 20 ms whatever they contain.
 MAX_SHORT_BYTES = 256 * 1024
@@ -46,6 +46,8 @@ class SpecLimits:
                 self.check_number(sum(map(len, source.nodal.values)), f"{pointer}/nodal/values")
             elif isinstance(source, ScatteredSource):
                 self.check_number(len(source.scattered.points), f"{pointer}/scattered/points")
+            elif isinstance(source, BlockNodesSource):
+                self.check_number(len(source.block_nodes.nodes), f"{pointer}/block_nodes/nodes")
 
     def check_number(self, number: int, pointer: str) -> None:
         """Raise a 422 problem at ``pointer`` for more samples than the service takes."""
@@ -91,7 +93,7 @@ def _shorten(spec: CheckedSpec, folder: Path, limits: SpecLimits) -> ShortSpec:
         check(spec.canonical, {})
     document, summaries = {**spec.canonical}, {}
     for pointer, source in spec.sources.items():
-        if isinstance(source, GridSource | NodalSource | ScatteredSource):
+        if isinstance(source, GridSource | NodalSource | ScatteredSource | BlockNodesSource):
             name = f"inline-{secrets.token_hex(8)}"  # no other spec can name it
             summaries[name] = _write(source, pointer, _file(folder, name))
             document = _replaced(document, pointer.split("/")[1:], {"samples": name})
@@ -102,7 +104,9 @@ def _file(folder: Path, name: str) -> Path:
     return folder / f"{name}.npz"
 
 
-def _write(source: GridSource | NodalSource | ScatteredSource, pointer: str, path: Path) -> dict[str, Any]:
+def _write(
+    source: GridSource | NodalSource | ScatteredSource | BlockNodesSource, pointer: str, path: Path
+) -> dict[str, Any]:
     """Write samples to a file; returns their summary."""
     ((kind, values),) = source
     with translate_errors(f"{pointer}/{kind}"), path.open("wb") as file:

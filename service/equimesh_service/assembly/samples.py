@@ -27,7 +27,7 @@ from equimesh.errors import SamplesError
 from equimesh.fields.samples import MIN_CUBIC
 from equimesh.inputs import count_noun, real_array
 from equimesh.upload.limits import Limits
-from equimesh.upload.nodal import is_nodal, nodal_samples
+from equimesh.upload.nodal import block_nodes, is_nodal, nodal_samples
 from equimesh.upload.samples import read_arrays, samples_of
 from equimesh_service.files.port import StoredFile
 from equimesh_service.spec.bounds import check_bounds
@@ -64,7 +64,7 @@ def read(data: bytes, filename: str, limits: Limits, *, alone: bool) -> Arrays:
     arrays = canonical_arrays(arrays)
     if alone and is_nodal(arrays):
         nodal_samples(**arrays)
-    elif alone and "points" not in arrays:
+    elif alone and "points" not in arrays and "nodes" not in arrays:
         samples_of(arrays, box=(_ends(arrays["x"]), _ends(arrays["y"])) if "x" in arrays else None)
     return arrays
 
@@ -87,11 +87,17 @@ def write(arrays: Arrays, file: IO[bytes]) -> dict[str, Any]:
     np.savez(file, **arrays)
     values = arrays["values"]
     return {
-        "kind": "scattered" if "points" in arrays else "nodal" if is_nodal(arrays) else "grid",
+        "kind": _kind_of(arrays),
         "shape": list(values.shape),
         "min": float(values.min()),
         "max": float(values.max()),
     }
+
+
+def _kind_of(arrays: Arrays) -> str:
+    if "nodes" in arrays:
+        return "block_nodes"
+    return "scattered" if "points" in arrays else "nodal" if is_nodal(arrays) else "grid"
 
 
 def convert(source: Path, filename: str, target: Path, limits: Limits, *, alone: bool) -> dict[str, Any]:
@@ -112,6 +118,9 @@ def _load(path: Path) -> Arrays:
 
 def canonical_arrays(arrays: dict[str, Any]) -> dict[str, Any]:
     """The arrays as floats of the right dimensions."""
+    if "nodes" in arrays:
+        found = block_nodes(**arrays)
+        return {"nodes": found.nodes, "values": found.values}
     if "points" not in arrays:
         ndim = 2 if is_nodal(arrays) else 1
         axes: dict[str, Any] = {

@@ -14,6 +14,7 @@ from equimesh.formulas.vocabulary import LIMITS
 from equimesh.inputs import real_array
 from equimesh.io.npz import STEP
 from equimesh.meshes.mesh import Mesh
+from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.transfers.mesh_values import MAX_COMPONENTS, MeshValues
 from equimesh_service.spec.step import FieldSettings, Location, Transfer
 
@@ -29,8 +30,8 @@ class StepField:
     """Values at the nodes or cells of the mesh of a step, and how they are carried to the next mesh.
 
     Once they are checked, they are an array of shape ``(n_xi, n_eta)`` at nodes, ``(n_xi - 1, n_eta - 1)`` in cells; a
-    vector has a third axis, that of its components. The conservative transfer keeps ``bounds``; None for the range of
-    the values.
+    vector has a third axis, that of its components. On a mesh of blocks these are ``(n,)``, ``(m,)`` and a second axis.
+    The conservative transfer keeps ``bounds``; None for the range of the values.
     """
 
     values: Any
@@ -44,7 +45,7 @@ class StepField:
         bounds = None if settings.bounds is None else (settings.bounds[0], settings.bounds[1])
         return cls(values=values, transfer=settings.used_transfer, location=settings.location, bounds=bounds)
 
-    def checked(self, mesh: Mesh, name: str) -> "StepField":
+    def checked(self, mesh: Mesh | QuadMesh, name: str) -> "StepField":
         """The same field with checked values; raises :class:`~equimesh.errors.InputError`."""
         values = checked_values(self.values, mesh, name, location=self.location)
         if self.location == "cells" and self.transfer == "spline":
@@ -65,12 +66,16 @@ class StepField:
         return self.transfer, self.location, self.bounds
 
 
-def checked_values(values: Any, mesh: Mesh, name: str, *, location: Location = "nodes", vectors: bool = True) -> Array:
+def checked_values(
+    values: Any, mesh: Mesh | QuadMesh, name: str, *, location: Location = "nodes", vectors: bool = True
+) -> Array:
     """Finite numbers at all nodes, or in all cells; raises :class:`~equimesh.errors.SamplesError`.
 
-    With ``vectors`` there may be a third axis.
+    With ``vectors`` there may be one more axis. The nodes of a mesh of blocks are rows of one value in JSON.
     """
     _refuse_not_finite(values, name)
+    if isinstance(mesh, QuadMesh):
+        return _in_one_row(values, mesh, name, location, vectors=vectors)
     array = real_array(values, name, ndim=dimensions(values) if vectors else 2)
     n_xi, n_eta = mesh.x.shape
     shapes: dict[Location, tuple[int, int]] = {"nodes": (n_xi, n_eta), "cells": (n_xi - 1, n_eta - 1)}
@@ -82,6 +87,29 @@ def checked_values(values: Any, mesh: Mesh, name: str, *, location: Location = "
     if array.ndim == 3 and not 1 <= array.shape[2] <= MAX_COMPONENTS:
         message = f"{name} has vectors of {array.shape[2]} components: 1 to {MAX_COMPONENTS} are allowed"
         raise SamplesError(message, field=name)
+    return _bounded(array, name)
+
+
+def _in_one_row(values: Any, mesh: QuadMesh, name: str, location: Location, *, vectors: bool) -> Array:
+    """The values of :func:`checked_values` on a mesh of blocks, of shape ``(n,)`` or ``(n, components)``."""
+    ndim = values.ndim if isinstance(values, np.ndarray) and values.ndim in (1, 3) else dimensions(values)
+    array = real_array(values, name, ndim=ndim)
+    if array.ndim > 1 and array.shape[1] == 1:
+        array = array.reshape(len(array), *array.shape[2:])
+    counts: dict[Location, int] = {"nodes": len(mesh.points), "cells": len(mesh.cells)}
+    if len(array) != counts[location]:
+        found = next((place for place, count in counts.items() if len(array) == count), None)
+        hint = "" if found is None else f"; these are as many as the {found}"
+        message = f"{name} has {len(array)} values, and the mesh has {counts[location]} {location}{hint}"
+        raise SamplesError(message, field=name)
+    if array.ndim > 1 + vectors or (array.ndim == 2 and not 1 <= array.shape[1] <= MAX_COMPONENTS):
+        most = f"1 to {MAX_COMPONENTS} components" if vectors else "one number"
+        raise SamplesError(f"{name} has the shape {array.shape}: {most} of each of the {location}", field=name)
+    return _bounded(array, name)
+
+
+def _bounded(array: Array, name: str) -> Array:
+    """The values, none of them too large to compute with; raises :class:`~equimesh.errors.SamplesError`."""
     large = np.abs(array) > LIMITS.magnitude
     if large.any():
         place = tuple(np.argwhere(large)[0])
@@ -116,10 +144,13 @@ def read_fields(path: Path) -> dict[str, StepField]:
 
 
 def read_velocity(path: Path) -> list[list[list[float]]] | None:
-    """The displacement of the nodes in the npz file of a step; None for another mesh."""
+    """The displacement of the nodes in the npz file of a step; None for another mesh. Blocks have rows of one node."""
     with np.load(path, allow_pickle=False) as file:
         name = json.loads(file[STEP].tobytes())["velocity"] if STEP in file.files else None
-        found: list[list[list[float]]] | None = None if name is None else file[name].tolist()
+        if name is None:
+            return None
+        moves = file[name]
+    found: list[list[list[float]]] = (moves if moves.ndim == 3 else moves[:, None]).tolist()
     return found
 
 

@@ -62,6 +62,19 @@ class ScatteredSource(Strict):
     scattered: ScatteredValues
 
 
+class BlockNodes(Strict):
+    """u at the nodes of a mesh of the domain, which has blocks; in the order of the nodes of its meshes."""
+
+    nodes: Annotated[list[Pair], FailFast()] = Field(description="[[x, y], …] of every node.")
+    values: Numbers = Field(description="u at each node.")
+
+
+class BlockNodesSource(Strict):
+    """A function as values at the nodes of a mesh of blocks."""
+
+    block_nodes: BlockNodes
+
+
 class StoredSource(Strict):
     """A function as samples that were uploaded."""
 
@@ -71,7 +84,7 @@ class StoredSource(Strict):
     )
 
 
-AnySource: TypeAlias = ExpressionSource | GridSource | NodalSource | ScatteredSource | StoredSource
+AnySource: TypeAlias = ExpressionSource | GridSource | NodalSource | ScatteredSource | BlockNodesSource | StoredSource
 
 
 class OrText:
@@ -97,7 +110,8 @@ Source = Annotated[
     | Annotated[GridSource, Tag(TAG + "grid")]
     | Annotated[NodalSource, Tag(TAG + "nodal")]
     | Annotated[ScatteredSource, Tag(TAG + "scattered")]
+    | Annotated[BlockNodesSource, Tag(TAG + "block_nodes")]
     | Annotated[StoredSource, Tag(TAG + "samples")],
-    by_key("expression", "grid", "nodal", "scattered", "samples"),
+    by_key("expression", "grid", "nodal", "scattered", "block_nodes", "samples"),
     OrText(),
 ]

@@ -35,7 +35,7 @@ from equimesh_service.worker.names import CONVERGENCE, MESH, file_name
 from equimesh_service.worker.output import Output
 from equimesh_service.worker.reporter import Reporter
 from equimesh_service.worker.solution_summary import AnySolution, problem_of, summary_of
-from equimesh_service.worker.step import StepStart, certificate_of, moves_of
+from equimesh_service.worker.step import AnySequenceStep, StepStart, certificate_of, moves_of
 
 _log = logging.getLogger(__name__)
 # The least number of points for which files are written in threads.
@@ -254,7 +254,7 @@ class _Presence:
         return self.store.queue.progress(self.claim, progress) if self.known else True
 
 
-def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[AnySolution, equimesh.SequenceStep | None]:
+def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[AnySolution, AnySequenceStep | None]:
     """The solution, and the step that it is; None for a mesh that is no step, and for one that failed."""
     spec = work.spec
     with translate_errors():
@@ -266,7 +266,7 @@ def _compute(work: _Work, threads: int, reporter: Reporter) -> tuple[AnySolution
 
 def _write(
     work: _Work,
-    computed: tuple[AnySolution, equimesh.SequenceStep | None],
+    computed: tuple[AnySolution, AnySequenceStep | None],
     output: Output,
     watching: tuple[Reporter, Stopwatch],
 ) -> dict[str, Any]:

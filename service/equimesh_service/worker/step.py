@@ -4,11 +4,14 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import equimesh
+from equimesh.equations.block_problem import BlockProblem
 from equimesh.errors import InputError
 from equimesh.io.npz import load_npz
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.sequences.sequence_step import BlockStep
 from equimesh.solving.options import SolveArguments
 from equimesh.specs import build_field
 from equimesh.specs.spec import BuiltSpec
@@ -22,13 +25,15 @@ from equimesh_service.store.rows import SUCCEEDED, MeshInput
 VELOCITIES = ("velocity", "mesh_velocity")
 # The settings of a step that a sequence takes.
 MOTION = ("smoothing", "max_move", "outrun")
+AnySequenceStep: TypeAlias = equimesh.SequenceStep | BlockStep
+"""A step on a grid, or on blocks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepStart:
     """The mesh of the step before, the fields on it, what else is known of it, and how the mesh is to move."""
 
-    mesh: equimesh.Mesh
+    mesh: equimesh.Mesh | QuadMesh
     fields: Mapping[str, StepField]
     earlier: equimesh.Earlier | None
     motion: Mapping[str, Any]
@@ -40,7 +45,7 @@ class StepStart:
             return None
         try:
             with files.local(mesh_input.start) as path:
-                mesh = load_npz(path).grid_mesh
+                mesh = load_npz(path).mesh
         except FileNotFoundError:
             raise Problem("conflict", "The mesh that this step starts from was deleted.") from None
         fields: Mapping[str, StepField] = {}
@@ -51,20 +56,30 @@ class StepStart:
         motion = {name: settings[name] for name in MOTION if name in settings}
         return cls(mesh=mesh, fields=fields, earlier=_earlier(settings.get("before"), spec, files), motion=motion)
 
-    def take(self, spec: BuiltSpec, options: SolveArguments) -> equimesh.SequenceStep:
+    def take(self, spec: BuiltSpec, options: SolveArguments) -> AnySequenceStep:
         """The step to the problem of ``spec``; raises :class:`~equimesh.errors.InputError` where it is refused."""
+        fields = {name: field.mesh_values() for name, field in self.fields.items()}
+        if isinstance(spec.problem, BlockProblem):
+            if isinstance(self.mesh, equimesh.Mesh):
+                raise TypeError("a step on blocks follows a mesh of blocks")
+            on_blocks = equimesh.BlockSequence(
+                spec.problem, mesh=self.mesh, solution=self.earlier, **self.motion, **options
+            )
+            return on_blocks.step(spec.problem.monitor, fields)
+        if isinstance(self.mesh, QuadMesh):
+            raise TypeError("a step on a grid follows a mesh of a grid")
         settings: SolveArguments = {**options, "mode": spec.mode, "allow_relaxed": spec.allow_relaxed}
         sequence = equimesh.Sequence(
-            spec.grid_problem,
+            spec.problem,
             spec.schwarz,
             mesh=self.mesh,
             solution=self.earlier,
             **self.motion,
             **settings,
         )
-        return sequence.step(spec.problem.monitor, {name: field.mesh_values() for name, field in self.fields.items()})
+        return sequence.step(spec.problem.monitor, fields)
 
-    def arrived(self, data: equimesh.MeshData, step: equimesh.SequenceStep) -> equimesh.MeshData:
+    def arrived(self, data: equimesh.MeshData, step: AnySequenceStep) -> equimesh.MeshData:
         """The data of the new mesh with its displacement, the fields carried to it, and the JSON of the step."""
         name = next((name for name in VELOCITIES if name not in self.fields), None)
         at_nodes = {key: values for key, values in step.fields.items() if self.fields[key].location == "nodes"}
@@ -77,7 +92,7 @@ class StepStart:
             step=json.dumps(self._answer(step, name if moved else None), allow_nan=False),
         )
 
-    def _answer(self, step: equimesh.SequenceStep, velocity: str | None) -> dict[str, Any]:
+    def _answer(self, step: AnySequenceStep, velocity: str | None) -> dict[str, Any]:
         """What the step says of itself, with the name of its displacement, and how its fields came."""
         certificate = certificate_of(step)
         fields = {
@@ -88,12 +103,12 @@ class StepStart:
         return {**said, **moves_of(step), "velocity": velocity, "fields": fields}
 
 
-def certificate_of(step: equimesh.SequenceStep) -> dict[str, Any]:
+def certificate_of(step: AnySequenceStep) -> dict[str, Any]:
     """The certificate of the mesh of a step, whose warnings include those of the step."""
     return {**step.certificate.summary(), "warnings": list(step.warnings)}
 
 
-def moves_of(step: equimesh.SequenceStep) -> dict[str, Any]:
+def moves_of(step: AnySequenceStep) -> dict[str, Any]:
     """The number of substeps, and how far the nodes moved, in cells."""
     return {"substeps": step.substeps, "moved": step.moved}
 

@@ -16,7 +16,7 @@ from equimesh.fields.samples import GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.io.sample_arrays import HDF5_SUFFIXES
 from equimesh.specs.document import ByKey, Record, as_given, mapping, text, within
-from equimesh.upload.nodal import nodal_samples
+from equimesh.upload.nodal import NEEDS_BLOCKS, BlockNodes, block_nodes, nodal_samples
 from equimesh.upload.samples import MAX_BYTES, read_samples
 
 FindSamples: TypeAlias = Callable[[str, Box], Field]
@@ -48,21 +48,35 @@ def build_field(document: object, domain: Domain | Blocks, find_samples: FindSam
     def samples(given: object, at: str) -> Field:
         name = text(given, at)
         with within(at):
-            return find_samples(name, domain.box)
+            return _on(find_samples(name, domain.box), domain)
+
+    def on_blocks(*, nodes: object, values: object) -> Field:
+        return _on(block_nodes(nodes=nodes, values=values), domain)
 
     on_grid = Record(partial(GridSamples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
     scattered = Record(partial(ScatteredSamples, box=domain.box), dict.fromkeys(("points", "values"), as_given))
     at_nodes = Record(partial(nodal_samples, box=domain.box), dict.fromkeys(("x", "y", "values"), as_given))
+    in_blocks = Record(on_blocks, dict.fromkeys(("nodes", "values"), as_given))
     source: ByKey[Field] = ByKey(
         {
             "expression": _expression(domain),
             "grid": Record(lambda grid: grid, {"grid": on_grid}),
             "nodal": Record(lambda nodal: nodal, {"nodal": at_nodes}),
             "scattered": Record(lambda scattered: scattered, {"scattered": scattered}),
+            "block_nodes": Record(lambda block_nodes: block_nodes, {"block_nodes": in_blocks}),
             "samples": Record(lambda samples: samples, {"samples": samples}),
         }
     )
     return source(document, path)
+
+
+def _on(field: Field, domain: Domain | Blocks) -> Field:
+    """The function; values at the nodes of blocks need the cells of the domain."""
+    if not isinstance(field, BlockNodes):
+        return field
+    if not isinstance(domain, Blocks):
+        raise SamplesError(NEEDS_BLOCKS)
+    return field.on(domain)
 
 
 def no_samples(name: str, box: Box) -> Field:  # noqa: ARG001 - a FindSamples

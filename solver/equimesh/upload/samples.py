@@ -19,16 +19,17 @@ from equimesh.fields.samples import UNIT_BOX, GridSamples
 from equimesh.fields.scattered_samples import ScatteredSamples
 from equimesh.numerics.types import Array
 from equimesh.upload.limits import MAX_COLUMNS, Limits
-from equimesh.upload.nodal import is_nodal, nodal_samples
+from equimesh.upload.nodal import BlockNodes, block_nodes, is_nodal, nodal_samples
 from equimesh.upload.vtk import read_legacy_vtk, read_vtu
 from equimesh.upload.xdmf import read_xdmf
 from equimesh.upload.zip_members import open_zip
 
-Samples: TypeAlias = GridSamples | ScatteredSamples | NodalField
+Samples: TypeAlias = GridSamples | ScatteredSamples | NodalField | BlockNodes
 
 MAX_BYTES: Final = 256 * 2**20
 GRID_KEYS = ("x", "y", "values")
 SCATTERED_KEYS = ("points", "values")
+BLOCK_KEYS = ("nodes", "values")
 NPY_TYPES: Final = {
     f"{order}{code}" for code in ("f2", "f4", "f8", "i2", "i4", "i8", "u2", "u4", "u8") for order in "<>="
 }
@@ -39,7 +40,7 @@ NPY_HEADER: Final = {
     "fortran_order": r"""['"]fortran_order['"]\s*:\s*(True|False)""",
     "shape": r"""['"]shape['"]\s*:\s*\(([\d\s,]{0,99})\)""",
 }
-NEEDED = "give x, y and values (a grid), or points and values (scattered samples)"
+NEEDED = "give x, y and values (a grid), points and values (scattered samples), or nodes and values (a mesh of blocks)"
 
 
 def read_samples(
@@ -50,10 +51,11 @@ def read_samples(
     The samples must cover ``box = ((x0, x1), (y0, y1))``, that of the domain: the unit square unless given.
 
     ========= ==========================================================================================
-    npz       arrays ``x``, ``y``, ``values`` (grid; nodes of a mesh where all are 2-D) or ``points``, ``values``
+    npz       arrays ``x``, ``y``, ``values`` (grid; nodes of a mesh where all are 2-D) or ``points``, ``values``;
+              ``nodes``, ``values`` at the nodes of a mesh of blocks, in its order
     npy       ``values`` alone, 2-D: u on the uniform grid of the box, first index along x
     csv       rows ``x, y, u``; a header naming them may change their order, ``#`` starts a comment
-    json      ``{"grid": {...}}``, ``{"nodal": ...}`` or ``{"scattered": ...}`` with the keys of the npz, or these alone
+    json      ``{"grid": {...}}``, ``nodal``, ``scattered`` or ``block_nodes`` with the keys of the npz, or these alone
     vtu, vtk  the first two coordinates of the points, and the point data ``u``, or the only one there is
     xdmf, zip the same: a zip of ``.xdmf`` and ``.h5``, or ``.xdmf`` alone with its numbers as text
     ========= ==========================================================================================
@@ -71,8 +73,9 @@ def read_arrays(
 ) -> dict[str, Any]:
     """The arrays of a file, for :func:`samples_of`; the domain is not needed yet.
 
-    Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), or ``values`` (2-D) alone. Raises the
-    errors of :func:`read_samples` where the file cannot be read; the arrays themselves are not checked.
+    Their keys are ``x, y, values`` (a grid), ``points, values`` (scattered), ``nodes, values`` (blocks), or ``values``
+    (2-D) alone. Raises the errors of :func:`read_samples` where the file cannot be read; the arrays themselves are not
+    checked.
     """
     suffix = PurePath(filename).suffix.lower().removeprefix(".")
     if suffix not in READERS:
@@ -91,6 +94,8 @@ def samples_of(arrays: Mapping[str, Any], *, box: Box | None = None) -> Samples:
     """u from arrays with the keys of :func:`read_arrays`."""
     if "points" in arrays:
         return ScatteredSamples(points=arrays["points"], values=arrays["values"], box=box)
+    if "nodes" in arrays:
+        return block_nodes(**arrays)
     if is_nodal(arrays):
         return nodal_samples(**arrays, box=box)
     values = arrays["values"]
@@ -165,7 +170,7 @@ def _read_json(data: bytes, limits: Limits) -> dict[str, Any]:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise SamplesError(f"the json file cannot be read: {str(error)[:200]}") from error
-    for kind in ("u", "grid", "nodal", "scattered"):
+    for kind in ("u", "grid", "nodal", "scattered", "block_nodes"):
         if isinstance(found, dict) and kind in found:
             found = found[kind]
     if not isinstance(found, dict):
@@ -278,7 +283,7 @@ def _from_points(points: Array, values: Array) -> dict[str, Any]:
 
 def _choose(found: list[str]) -> tuple[str, ...]:
     """The keys to read."""
-    for keys in (GRID_KEYS, SCATTERED_KEYS):
+    for keys in (GRID_KEYS, SCATTERED_KEYS, BLOCK_KEYS):
         if set(keys) <= set(found):
             return keys
     raise SamplesError(f"the file holds {', '.join(map(repr, sorted(found)[:10])) or 'nothing'}: {NEEDED}")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import equimesh as em
 from equimesh_client import (
     BadArgument,
     Client,
@@ -16,11 +17,13 @@ from equimesh_client import (
     Field,
     Intersection,
     InvalidInput,
+    NodalSolution,
     NotFound,
     Weight,
 )
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.transport import SyncTransport
+from equimesh_coupling import BadValues, ErrorIndicator
 from equimesh_service import Settings, running
 
 
@@ -142,3 +145,91 @@ def test_a_step_whose_answer_got_lost_is_taken_once(url: str, monkeypatch: pytes
                 sequence.step(u)
         assert sequence.current.number == 0
         assert sequence.step(u).number == 1
+
+
+CORNER: dict[str, Any] = {
+    "kind": "blocks",
+    "vertices": {
+        "a": [0, 0],
+        "b": [1, 0],
+        "c": [1, 1],
+        "d": [0, 1],
+        "e": [2, 0],
+        "f": [2, 1],
+        "g": [1, 2],
+        "h": [0, 2],
+    },
+    "blocks": [
+        {"corners": ["a", "b", "c", "d"], "cells": [6, 6]},
+        {"corners": ["b", "e", "f", "c"], "cells": [6, 6]},
+        {"corners": ["d", "c", "g", "h"], "cells": [6, 6]},
+    ],
+}
+
+
+def wave(x: Any, y: Any, moved: float = 0.0) -> Any:
+    return np.tanh(6.0 * (x + y / 2 - 0.8 - moved))
+
+
+def test_a_sequence_on_blocks_carries_fields_and_goes_on(url: str) -> None:
+    with Client(url) as client:
+        sequence = client.sequences.start("tanh(6*(x + y/2 - 0.8))", domain=CORNER)
+        count = len(sequence.x)
+        assert sequence.x.shape == (count,)
+        fields = {
+            "p": 1.0 + sequence.x,
+            "v": np.stack([sequence.x, sequence.y], axis=1),
+            "mass": Field(np.ones(108), "conservative", "cells"),
+        }
+        one = sequence.step(lambda x, y: wave(x, y, 0.05), fields)
+        assert (one.number, one.u.shape, one.substeps) == (1, (count,), 1)
+        assert one.moved is not None
+        assert one.moved > 0.0
+        np.testing.assert_allclose(one.fields["p"], 1.0 + one.x, atol=1e-12)
+        np.testing.assert_allclose(one.fields["v"], np.stack([one.x, one.y], axis=1), atol=1e-12)
+        np.testing.assert_allclose(one.fields["mass"], 1.0, atol=1e-12)
+        assert one.velocity is not None
+        np.testing.assert_allclose(one.velocity, one.fields["v"] - fields["v"], atol=1e-12)
+        two = sequence.step("tanh(6*(x + y/2 - 0.8 - t))", {"p": one.fields["p"]}, t=0.1)
+        np.testing.assert_allclose(two.u, wave(two.x, two.y, 0.1), atol=1e-12)
+        np.testing.assert_allclose(two.fields["p"], 1.0 + two.x, atol=1e-12)
+        with pytest.raises(InvalidInput, match=f"{count} nodes"):
+            sequence.step(np.ones(count + 1))
+        assert sequence.mesh().quality.min_jacobian > 0.0
+        sequence.delete()
+
+
+def test_a_loop_on_blocks_is_that_of_the_solver(url: str) -> None:
+    estimates: list[float] = []
+    with Client(url) as client:
+        found = client.adapt(
+            lambda mesh: wave(mesh.arrays().x, mesh.arrays().y),
+            domain=CORNER,
+            rounds=1,
+            observe=lambda one: estimates.append(one.estimate),
+        )
+        mesh = found.mesh.arrays()
+        assert len(mesh.blocks) == 3
+        assert estimates[1] < 0.8 * estimates[0]
+        in_process = em.adapt(lambda one: wave(one.x, one.y), domain=em.Blocks.of(CORNER), rounds=1)
+        np.testing.assert_allclose(mesh.points, in_process.mesh.points, atol=1e-13)
+        with pytest.raises(BadValues, match="indicator"):
+            client.adapt(lambda _: ErrorIndicator(np.ones(108)), domain=CORNER)
+        with pytest.raises(BadArgument, match="leave n out"):
+            client.adapt(wave, 17, domain=CORNER)
+        with pytest.raises(BadArgument, match="n is missing"):
+            client.adapt(wave)
+
+
+def test_values_at_the_nodes_of_other_blocks_are_refused(url: str) -> None:
+    mesh = em.Blocks.of(CORNER).mesh
+    u = {"nodes": mesh.points, "values": wave(mesh.x, mesh.y)}
+    with Client(url) as client:
+        for more, found in (
+            ({"domain": {**CORNER, "refine": 2}}, "nodes"),
+            ({}, "mesh of blocks"),
+            ({"domain": CORNER, "u": {**u, "nodes": mesh.points * 0.5}}, "another domain"),
+        ):
+            given = {"u": u, "monitor": NodalSolution(), **more}
+            with pytest.raises(InvalidInput, match=found):
+                client.generate(**given)  # type: ignore[arg-type]

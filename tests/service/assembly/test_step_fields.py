@@ -11,6 +11,7 @@ import pytest
 import equimesh as em
 from equimesh.errors import InputError, SamplesError
 from equimesh_service.assembly.step_fields import StepField, checked_values, read_fields, write_fields
+from service.requests import STEP
 
 MESH = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=4))
 NODES, CELLS = np.arange(20.0).reshape(5, 4), np.arange(12.0).reshape(4, 3)
@@ -78,3 +79,18 @@ def test_usual_fields_are_written_as_in_the_release_before(tmp_path: Path) -> No
     write_fields(tmp_path / "fields.npz", {"p": StepField(values=NODES)})
     np.savez(tmp_path / "before.npz", p=NODES)
     assert (tmp_path / "fields.npz").read_bytes() == (tmp_path / "before.npz").read_bytes()
+
+
+def test_values_on_blocks_are_rows_of_one_number_or_plain_arrays() -> None:
+    mesh = em.Blocks.of(STEP).mesh
+    u, vectors = mesh.x, mesh.points
+    for given in (u, u[:, None], u[:, None].tolist()):
+        np.testing.assert_array_equal(checked_values(given, mesh, "u", vectors=False), u)
+    for given in (vectors, vectors[:, None], vectors[:, None].tolist()):
+        np.testing.assert_array_equal(checked_values(given, mesh, "v"), vectors)
+    with pytest.raises(em.SamplesError, match="one number"):
+        checked_values(vectors, mesh, "u", vectors=False)
+    with pytest.raises(em.SamplesError, match="as many as the cells"):
+        checked_values(np.ones(len(mesh.cells)), mesh, "u")
+    with pytest.raises(em.SamplesError, match="rescale"):
+        checked_values(np.full(len(u), 1e300), mesh, "u")

@@ -59,7 +59,12 @@ MONITORS: dict[str, Refusal] = {
     "weight without rho": (monitor("weight", u=X), "/monitor/rho", "required", None),
     "bad rho": (monitor("weight", rho={"expression": "x+*y"}), "/monitor/rho/expression", "", 3),
     "negative rho": (monitor("weight", rho={"expression": "x - 0.5"}), "/monitor/rho", "must be positive", None),
-    "number for rho": (monitor("weight", rho=3), "/monitor/rho", "expression, grid, nodal, scattered, samples", None),
+    "number for rho": (
+        monitor("weight", rho=3),
+        "/monitor/rho",
+        "expression, grid, nodal, scattered, block_nodes, samples",
+        None,
+    ),
     "tensor without m12": (monitor("tensor", m11=ONE, m22=ONE), "/monitor/m12", "required", None),
     "indefinite tensor": (
         monitor("tensor", m11=ONE, m12={"expression": "2*x"}, m22=ONE),
