@@ -18,6 +18,8 @@ QUARTER_TURN: Pair = (0.0, 90.0)
 """The angles of a sector that gives none."""
 ONE_TURN: Pair = (0.0, 360.0)
 """The angles of a closed ring that gives none."""
+FOUR_SIDES = ("bottom", "right", "top", "left")
+"""The curves of a quadrilateral."""
 WORDS = {"periodic": (None, "x", "y", "both"), "closed": (False, True)}
 """Fields of a domain that are no pairs of numbers, with their values."""
 
@@ -84,18 +86,20 @@ class Quadrilateral:
 
     A curve is a pair of formulas in t, which runs from 0 to 1, such as ``("cos(pi*t/2)", "sin(pi*t/2)")``, with the
     values of further names as a third item if it has any, ``("r*t", "0", {"r": 2.0})``; or points of shape ``(n, 2)``
-    for a cubic spline through them: two points are a straight line.
+    for a cubic spline through them: two points are a straight line. ``closed`` makes an O-grid: two opposite sides are
+    then one curve, the seam, across which grid lines go on.
     """
 
     bottom: object
     right: object
     top: object
     left: object
+    closed: bool = False
 
     def json(self) -> Json:
         """The JSON of the domain. Raises :class:`BadArgument` for a side that is no curve."""
-        sides = {name: _curve(name, getattr(self, name)) for name in ("bottom", "right", "top", "left")}
-        return {"kind": "quadrilateral", **sides}
+        sides = {name: _curve(name, getattr(self, name)) for name in FOUR_SIDES}
+        return {"kind": "quadrilateral", **sides, "closed": self.closed}
 
     @property
     def box(self) -> Box | None:
@@ -152,10 +156,11 @@ def read_domain(document: object) -> Domain:
     if domain_class is not Quadrilateral:
         found: Domain = domain_class(**{name: _value(name, value) for name, value in fields.items()})
         return found
-    missing = [name for name in known if name not in fields]
+    missing = [name for name in FOUR_SIDES if name not in fields]
     if missing:
         raise BadArgument(f"a quadrilateral needs its four curves; missing: {', '.join(missing)}")
-    return Quadrilateral(**{name: _read_curve(name, value) for name, value in fields.items()})
+    closed = _value("closed", fields.pop("closed", False))
+    return Quadrilateral(**{name: _read_curve(name, value) for name, value in fields.items()}, closed=closed)
 
 
 def _value(name: str, value: object) -> Any:

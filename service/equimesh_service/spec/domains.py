@@ -71,13 +71,20 @@ Curve = Annotated[
 
 
 class QuadrilateralSpec(Strict):
-    """The domain between four curves that meet at the corners, filled by linear blending (a Coons patch)."""
+    """The domain between four curves that meet at the corners, filled by linear blending (a Coons patch).
+
+    A closed one is an O-grid, whose lines go on across its seam.
+    """
 
     kind: Literal["quadrilateral"]
     bottom: Curve = Field(description="From left to right.")
     right: Curve = Field(description="From bottom to top.")
     top: Curve = Field(description="From left to right.")
     left: Curve = Field(description="From bottom to top.")
+    closed: bool = Field(
+        default=False,
+        description="Whether two opposite sides are one curve, the seam: lines go on across it, along the other two.",
+    )
 
 
 AnyDomain: TypeAlias = RectangleSpec | AnnulusSectorSpec | QuadrilateralSpec | BlocksSpec | MeshFileSpec

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -146,14 +146,19 @@ class FormulaPath:
 
 @dataclass(frozen=True, kw_only=True)
 class SplinePath:
-    """The cubic spline through ``points``, reached at the values ``knots`` of t; a :class:`Path`."""
+    """The cubic spline through ``points``, reached at the values ``knots`` of t; a :class:`Path`.
+
+    A ``closed`` one goes on smoothly from its last point, which is the first one again.
+    """
 
     points: tuple[tuple[float, float], ...]
     knots: tuple[float, ...]
+    closed: bool = False
     _splines: tuple[Any, Any] = field(init=False, repr=False, compare=False)  # the point and its velocity
 
     def __post_init__(self) -> None:
-        spline = CubicSpline(np.array(self.knots), np.array(self.points))
+        ends: Literal["periodic", "not-a-knot"] = "periodic" if self.closed else "not-a-knot"
+        spline = CubicSpline(np.array(self.knots), np.array(self.points), bc_type=ends)
         object.__setattr__(self, "_splines", (spline, spline.derivative()))
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:

@@ -9,9 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.domains.closing import OPEN
 from equimesh.domains.curve import Curve
 from equimesh.domains.domain import Interval, check_extent
+from equimesh.domains.seam import PAIRS, closed_curve, seam_of
 from equimesh.errors import InputError
+from equimesh.meshes.closed import Closed
 from equimesh.numerics.types import Array
 
 CORNERS = {  # (s, t) of the corner, and the two sides that meet there, each with its value of t
@@ -34,14 +37,22 @@ class Quadrilateral:
 
     Implements :class:`~equimesh.domains.domain.Domain`: s runs along bottom and top, t along left and right. A point is
     the sum of two linear blends, of bottom with top and of left with right, minus the bilinear blend of the corners.
+
+    ``closed`` makes an O-grid: left and right are one curve, the seam, and bottom and top are closed curves; or bottom
+    and top are the seam, and left and right are closed. Lines go on across the seam, which is free to bend, and splines
+    through the points of closed curves are smooth there.
+
     Raises :class:`~equimesh.errors.InputError` where sides do not meet at a corner (field ``"domain.<side>"``), cross
-    each other, or where the map folds (field ``"domain"``); the message names the place.
+    each other, or where the map folds (field ``"domain"``); the message names the place. It also raises it for a closed
+    one that has no seam (field ``"domain.closed"``), or a corner there.
     """
 
     bottom: Curve
     right: Curve
     top: Curve
     left: Curve
+    closed: bool = False
+    closed_lines: Closed = field(init=False, repr=False, compare=False)
     box: tuple[Interval, Interval] = field(init=False, repr=False, compare=False)
     area: float = field(init=False, repr=False, compare=False)
     _corners: Array = field(init=False, repr=False, compare=False)  # [s, t, coordinate]
@@ -51,25 +62,42 @@ class Quadrilateral:
             if not isinstance(getattr(self, name), Curve):
                 message = f"{name} must be a Curve: Curve.of_expressions(x, y) or Curve.through(points)"
                 raise InputError(message, field=f"domain.{name}")
+        if not isinstance(self.closed, bool):
+            raise InputError(f"closed = {str(self.closed)[:20]}: give True or False", field="domain.closed")
         boxes = np.array([curve.box for curve in (self.bottom, self.right, self.top, self.left)])
         low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
         for k, name in enumerate("xy"):
             check_extent((float(low[k]), float(high[k])), name, "domain")
         object.__setattr__(self, "box", tuple((float(a), float(b)) for a, b in zip(low, high, strict=True)))
         object.__setattr__(self, "_corners", self._meet(float((high - low).max())))
+        object.__setattr__(self, "closed_lines", self._close(float((high - low).max())))
         self._check_folds()
         self._check_crossings()
         object.__setattr__(self, "area", self._enclosed())
 
     def map(self, s: Array, t: Array) -> tuple[Array, Array]:
         """The physical points, as :meth:`equimesh.domains.domain.Domain.map`."""
-        x, y, *_ = self._patch(s, t)
+        x, y, *_ = self._patch(*self._inside(s, t))
         return x, y
 
     def jacobian(self, s: Array, t: Array) -> tuple[Array, Array, Array, Array]:
         """``x_s, x_t, y_s, y_t``, from the exact slopes of the curves."""
-        _, _, x_s, x_t, y_s, y_t = self._patch(s, t)
+        _, _, x_s, x_t, y_s, y_t = self._patch(*self._inside(s, t))
         return x_s, x_t, y_s, y_t
+
+    def _inside(self, s: npt.ArrayLike, t: npt.ArrayLike) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+        """The same points, less whole turns of closed lines."""
+        along_s, along_t = self.closed_lines
+        return _less_turns(s) if along_s else s, _less_turns(t) if along_t else t
+
+    def _close(self, size: float) -> Closed:
+        """The closed lines; the curves along them become smooth at the seam."""
+        if not self.closed:
+            return OPEN
+        axis = seam_of({name: getattr(self, name) for pair in PAIRS for name in pair}, size)
+        for name in PAIRS[1 - axis]:
+            object.__setattr__(self, name, closed_curve(getattr(self, name), name))
+        return axis == 0, axis == 1
 
     def _patch(self, s: npt.ArrayLike, t: npt.ArrayLike) -> tuple[Array, Array, Array, Array, Array, Array]:
         """``x, y, x_s, x_t, y_s, y_t`` at points of any shape."""
@@ -158,6 +186,13 @@ class Quadrilateral:
             (x0, y0) = self._corners[0, 0]  # near by, so that little is lost to cancellation
             total += way * float(np.sum(half[:, None] * GAUSS[1] * ((x - x0) * y_t - (y - y0) * x_t)))
         return 0.5 * total
+
+
+def _less_turns(s: npt.ArrayLike) -> Array:
+    """A coordinate of the reference square without whole turns; values from 0 to 1 to the last bit."""
+    s = np.asarray(s, dtype=np.float64)
+    inside = (s >= 0.0) & (s <= 1.0)
+    return s if inside.all() else np.where(inside, s, s - np.floor(s))
 
 
 def _turn(a: Array, b: Array, c: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from equimesh.domains.closing import closed_of
-from equimesh.domains.domain import AnnulusSector, Domain, Interval, Rectangle
+from equimesh.domains.domain import Domain, Interval, Rectangle
 from equimesh.errors import InputError
 from equimesh.fields.field import Field
 from equimesh.fields.hermite_field import HermiteField
@@ -106,9 +106,9 @@ def repeated_field(field: Field, domain: Domain, name: str) -> Field:
         else:
             _require_repeated(field, domain, name)
         return Periodic(field=_tiled(field, (domain.x, domain.y), domain.closed_lines), domain=domain)
-    if isinstance(domain, AnnulusSector) and isinstance(field, OnDomain):
+    if isinstance(field, OnDomain):
         unit = (0.0, 1.0)
-        reference = _tiled(field.reference, (unit, unit), domain.closed_lines)
+        reference = _tiled(field.reference, (unit, unit), closed_of(domain))
         return field if reference is field.reference else replace(field, reference=reference)
     return field
 

@@ -46,7 +46,9 @@ CURVE = ByKey(
 FOUR_SIDED: Mapping[str, Record[Domain]] = {
     "rectangle": Record(Rectangle, dict.fromkeys(("x", "y", "periodic"), as_given)),
     "annulus_sector": Record(AnnulusSector, dict.fromkeys(("center", "radii", "angles", "closed"), as_given)),
-    "quadrilateral": Record(Quadrilateral, dict.fromkeys(("bottom", "right", "top", "left"), CURVE)),
+    "quadrilateral": Record(
+        Quadrilateral, {**dict.fromkeys(("bottom", "right", "top", "left"), CURVE), "closed": as_given}
+    ),
 }
 
 

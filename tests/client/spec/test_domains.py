@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ def test_domains_as_json() -> None:
         "right": {"x": "2*cos(a*t)", "y": "2*sin(a*t)", "parameters": {"a": 1.5}},
         "top": {"points": [[0, 1], [0, 2]]},
         "left": {"points": [[1, 0], [0.7, 0.7], [0, 1]]},
+        "closed": False,
     }
     assert domain_json({"kind": "rectangle"}) == {"kind": "rectangle"}
 
@@ -81,6 +83,7 @@ def test_boxes_agree_with_the_solver() -> None:
         (lambda: read_domain({"kind": "annulus_sector", "closed": 1}), "closed of a domain is one of False, True"),
         (lambda: read_domain({"kind": "quadrilateral", "left": {"points": []}}), "missing: bottom, right, top"),
         (lambda: read_domain({**domain_json(ROUND), "left": [[0, 0]]}), "left must be"),
+        (lambda: read_domain({**domain_json(ROUND), "closed": 1}), "closed of a domain is one of False, True"),
     ],
 )
 def test_what_is_refused(make: Any, words: str) -> None:
@@ -96,4 +99,7 @@ def test_closed_lines_as_json_and_back() -> None:
         document = domain_json(domain)
         assert closed.items() <= document.items()
         assert read_domain(document) == domain
+    around = domain_json(replace(ROUND, closed=True))
+    assert around["closed"] is True
+    assert domain_json(read_domain(around)) == around
     assert read_domain({"kind": "annulus_sector", "closed": True}) == AnnulusSector(closed=True)

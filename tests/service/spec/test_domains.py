@@ -24,6 +24,7 @@ DOMAINS: dict[str, Refusal] = {
     "radii in disorder": (on(kind="annulus_sector", radii=[2, 1]), "/domain/radii", "less than", None),
     "open ring": (on(kind="annulus_sector", closed=True, angles=[0, 180]), "/domain/closed", "span 180 degrees", None),
     "no direction": (on(periodic="z"), "/domain/periodic", "'x', 'y' or 'both'", None),
+    "no seam": (between(closed=True), "/domain/closed", "no two opposite sides are one curve", None),
     "no flag": (on(kind="annulus_sector", closed=1), "/domain/closed", "true or false", None),
     "u that does not repeat itself": (on(periodic="x"), "/domain/periodic", "take a u that repeats itself", None),
     "whole disk": (on(kind="annulus_sector", radii=[0, 1]), "/domain/radii", "positive", None),

@@ -12,6 +12,14 @@ from equimesh import AnnulusSector, Blocks, Curve, Domain, InputError, Quadrilat
 from equimesh.specs import build, build_domain, count_points, load
 from equimesh.specs.spec import NOT_WITH_BLOCKS
 
+SEAM = {"x": "0", "y": "1 + t"}
+O_GRID: dict[str, Any] = {
+    "bottom": {"x": "sin(2*pi*t)", "y": "cos(2*pi*t)"},
+    "right": SEAM,
+    "top": {"x": "2*sin(2*pi*t)", "y": "2*cos(2*pi*t)"},
+    "left": SEAM,
+    "closed": True,
+}
 SIDES: dict[str, Any] = {
     "bottom": {"x": "t", "y": "h*sin(pi*t)", "parameters": {"h": 0.2}},
     "right": {"points": [[1, 0], [1, 1]]},
@@ -39,6 +47,16 @@ SIDES: dict[str, Any] = {
                 left=Curve.of_expressions("0", "t"),
             ),
         ),
+        (
+            {"kind": "quadrilateral", **O_GRID},
+            Quadrilateral(
+                bottom=Curve.of_expressions("sin(2*pi*t)", "cos(2*pi*t)"),
+                right=Curve.of_expressions("0", "1 + t"),
+                top=Curve.of_expressions("2*sin(2*pi*t)", "2*cos(2*pi*t)"),
+                left=Curve.of_expressions("0", "1 + t"),
+                closed=True,
+            ),
+        ),
     ],
 )
 def test_every_domain_is_built(document: dict[str, Any], domain: Domain) -> None:
@@ -58,6 +76,7 @@ def test_every_domain_is_built(document: dict[str, Any], domain: Domain) -> None
         ({"kind": "quadrilateral", **SIDES, "left": {"x": "0", "y": "t+*1"}}, "domain.left.y"),
         ({"kind": "quadrilateral", **SIDES, "left": {"x": "0", "y": 3}}, "domain.left.y"),
         ({"kind": "quadrilateral", **SIDES, "left": {"points": [[0, 0], [0, 0.9]]}}, "domain.left"),
+        ({"kind": "quadrilateral", **SIDES, "closed": True}, "domain.closed"),
     ],
 )
 def test_a_fault_has_the_path_of_the_document(document: dict[str, Any], field: str) -> None:

@@ -58,6 +58,7 @@ export function create(section, app) {
       element("details", { class: "more" }, element("summary", {}, "Centre"), pairFields(app, ["centre x", "centre y"], ["domain", "center"], [0, 0]))),
     quadrilateral: element("div", {},
       element("p", { class: "hint" }, "Bottom and top run from left to right, left and right from bottom to top. They meet at the corners. Points can be dragged, or moved with arrow keys."),
+      flagField(app, "Closed: mesh lines run around", ["domain", "closed"], { help: "For an O-grid. Left and right are then one curve, or bottom and top, and mesh lines go on across it." }),
       SIDES.map((side) => curveForm(app, side, put))),
     blocks: blocksForm(app, put),
     mesh: meshForm(app, put),
