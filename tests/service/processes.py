@@ -17,7 +17,7 @@ from pathlib import Path
 import httpx
 
 _START_SECONDS = 300.0
-_STOP_SECONDS = 30.0
+_STOP_SECONDS = 120.0
 _SHIFTED = """\
 import time
 
