@@ -74,8 +74,16 @@ def blocks_of(mesh: Path | Arrays, settings: Mapping[str, Any]) -> Blocks:
         cells=arrays["cells"],
         sides={name: arrays[f"{_SIDE}{number}"] for number, name in enumerate(names)},
         places=dict(zip(arrays["place_names"].tolist(), arrays["places"].tolist(), strict=True)),
+        blocks=_stored_blocks(arrays),
     )
     return Blocks.of_plain(plain, **settings)
+
+
+def _stored_blocks(arrays: Arrays) -> tuple[tuple[str, int], ...]:
+    """The blocks of the file; none for a mesh that was stored without them."""
+    if "block_names" not in arrays:
+        return ()
+    return tuple(zip(arrays["block_names"].tolist(), arrays["block_sizes"].tolist(), strict=True))
 
 
 def _write(mesh: PlainMesh, file: IO[bytes]) -> None:
@@ -86,6 +94,8 @@ def _write(mesh: PlainMesh, file: IO[bytes]) -> None:
         "names": np.array(list(mesh.sides), dtype=np.str_),
         "place_names": np.array(list(mesh.places), dtype=np.str_),
         "places": np.array(list(mesh.places.values()), dtype=np.int64),
+        "block_names": np.array([name for name, _ in mesh.blocks], dtype=np.str_),
+        "block_sizes": np.array([size for _, size in mesh.blocks], dtype=np.int64),
     }
     arrays |= {f"{_SIDE}{number}": edges for number, edges in enumerate(mesh.sides.values())}
     np.savez(file, **arrays)

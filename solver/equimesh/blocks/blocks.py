@@ -20,7 +20,7 @@ from equimesh.blocks.description import Description
 from equimesh.blocks.initial import block_points, edge_lines
 from equimesh.blocks.layout import RISES_WITH_BLOCK_ON_LEFT, Layout
 from equimesh.blocks.recovery.boundary import Corner, with_places
-from equimesh.blocks.recovery.recovered import recover
+from equimesh.blocks.recovery.recovered import Recovered, recover
 from equimesh.blocks.resampled import resampled
 from equimesh.blocks.sides import side_edges, sides_of
 from equimesh.blocks.sliding import FIXED, BoundaryEdge, slide, with_lines
@@ -133,10 +133,7 @@ class Blocks:
         place, cells that share a part of an edge, several pieces, and sides inside the mesh; the message names the
         place and the remedy.
         """
-        found = recover(points, cells, sides, corners=corners, corner_angle=corner_angle, names=names)
-        return cls.assembled(
-            found.mesh, found.layout, curves=found.curves, on_curves=found.on_curves, corners=found.corners.tolist()
-        )
+        return cls._of(recover(points, cells, sides, corners=corners, corner_angle=corner_angle, names=names))
 
     @classmethod
     def of_plain(
@@ -147,14 +144,17 @@ class Blocks:
         corner_angle: float | None = None,
         names: Mapping[str, str] | None = None,
     ) -> Blocks:
-        """The same as :meth:`of_mesh` for a mesh as a file holds it; ``corners`` may also be names of its points."""
-        return cls.of_mesh(
-            mesh.points,
-            mesh.cells,
-            mesh.sides,
-            corners=with_places(corners, mesh.places),
-            corner_angle=corner_angle,
-            names=names,
+        """The same as :meth:`of_mesh` for the mesh of a file, whose names of points and blocks it uses."""
+        return cls._of(
+            recover(
+                mesh.points,
+                mesh.cells,
+                mesh.sides,
+                corners=with_places(corners, mesh.places),
+                corner_angle=corner_angle,
+                names=names,
+                blocks_of_file=mesh.blocks,
+            )
         )
 
     @classmethod
@@ -169,10 +169,9 @@ class Blocks:
     ) -> Blocks:
         """The domain of a file: a description (``.json``, ``blockMeshDict``), or a mesh, as :meth:`of_plain` takes it.
 
-        Meshes are ``.msh``, ``.vtu``, ``.su2``, Plot3D (``.p3d``, ``.xyz``), and the folder of an OpenFOAM case or of
-        its ``polyMesh``. The suffix tells the format, unless ``format`` names it: ``"json"``, ``"blockMeshDict"``,
-        ``"msh"``, ``"vtu"``, ``"su2"``, ``"p3d"`` or ``"zip"``, a zip of a ``polyMesh``. ``corners``, ``corner_angle``
-        and ``names`` are for meshes.
+        Meshes are ``.msh``, ``.vtu``, ``.vtm``, ``.su2``, ``.cgns``, Plot3D (``.p3d``, ``.xyz``), and the folder of an
+        OpenFOAM case or of its ``polyMesh``. The suffix tells the format, unless ``format`` names it: a suffix without
+        dot, or ``"blockMeshDict"``. The other arguments are for meshes.
 
         Raises :class:`~equimesh.errors.InputError` for a file that cannot be read, with the line where there is one.
         """
@@ -184,6 +183,10 @@ class Blocks:
             message = "corners, corner_angle and names are for meshes: a description has its own corners and sides"
             raise InputError(message, field="corners")
         return cls.of(read_description(path, kind), Path(path).parent)
+
+    @classmethod
+    def _of(cls, of: Recovered) -> Blocks:
+        return cls.assembled(of.mesh, of.layout, curves=of.curves, on_curves=of.on_curves, corners=of.corners.tolist())
 
     @classmethod
     def assembled(

@@ -69,7 +69,7 @@ export function blocksForm(app, put) {
 export function meshForm(app, put) {
   const said = element("p", { class: "hint", role: "status" });
   const fault = element("p", { class: "fault", role: "alert" });
-  const file = element("input", { type: "file", accept: ".msh,.vtu,.su2,.p3d,.xyz,.zip" });
+  const file = element("input", { type: "file", accept: ".msh,.vtu,.su2,.cgns,.p3d,.xyz,.zip" });
   file.addEventListener("change", async () => {
     if (!file.files.length) return;
     fault.textContent = "";

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,10 +45,12 @@ def recover(
     corners: Iterable[Corner] = (),
     corner_angle: float | None = None,
     names: Mapping[str, str] | None = None,
+    blocks_of_file: Sequence[tuple[str, int]] = (),
 ) -> Recovered:
     """The blocks of any mesh of quadrilaterals, by lines from its irregular nodes and corners.
 
-    The arguments are those of :meth:`equimesh.blocks.blocks.Blocks.of_mesh`, which has the errors, too.
+    The arguments are those of :meth:`equimesh.blocks.blocks.Blocks.of_mesh`, which has the errors, too. The names of
+    blocks are those of ``blocks_of_file``, names and numbers of cells, from which their cells are.
     """
     places = real_array(points, "points", ndim=2)
     if places.shape[1] != 2:
@@ -67,7 +69,13 @@ def recover(
     vertices[boundary.corners] = True
     blocks, block_cells = blocks_of(edges, vertices)
     layout, nodes = layout_of(blocks)
-    mesh = QuadMesh(points=places, cells=quads, sides=_renamed(boundary.sides, names or {}), blocks=tuple(blocks))
+    mesh = QuadMesh(
+        points=places,
+        cells=quads,
+        sides=_renamed(boundary.sides, names or {}),
+        blocks=tuple(blocks),
+        block_names=_names_of(block_cells, blocks_of_file, len(quads)),
+    )
     vars(mesh)["block_cells"] = tuple(block_cells)
     if (overlap := find_overlap(mesh)) is not None:
         (one, other), (x, y) = overlap.cells, overlap.place
@@ -83,6 +91,20 @@ def recover(
         on_curves=_on_curves(layout, mesh, boundary, parameters),
         corners=np.flatnonzero(np.isin(nodes, boundary.corners)),
     )
+
+
+def _names_of(block_cells: Sequence[IntArray], blocks: Sequence[tuple[str, int]], count: int) -> tuple[str, ...]:
+    """A name for each block: those of the file that its cells are of, and a number where a name comes again."""
+    sizes = [size for _, size in blocks]
+    if sum(sizes) != count:
+        return ()
+    owner = np.repeat(np.arange(len(blocks)), sizes)
+    found: dict[str, None] = {}
+    for cells in block_cells:
+        name = "+".join(blocks[k][0] for k in np.unique(owner[cells]))
+        again = (f"{name}_{k}" for k in range(2, len(block_cells) + 2))
+        found[next(free for free in (name, *again) if free not in found)] = None
+    return tuple(found)
 
 
 def _on_curves(

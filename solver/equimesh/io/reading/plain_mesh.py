@@ -29,12 +29,15 @@ class PlainMesh:
     - ``cells``: nodes of each cell, shape ``(m, 4)``, in the order and direction of the file.
     - ``sides``: the edges of each named side, shape ``(k, 2)``, in the order and direction of the file.
     - ``places``: the nodes of points that have a name.
+    - ``blocks``: the name of each block of the file, and the number of its cells, which are block by block; empty where
+      the file has no blocks.
     """
 
     points: Array
     cells: IntArray
     sides: Mapping[str, IntArray] = field(default_factory=dict)
     places: Mapping[str, int] = field(default_factory=dict)
+    blocks: tuple[tuple[str, int], ...] = ()
 
     @classmethod
     def of(

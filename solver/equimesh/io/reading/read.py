@@ -14,28 +14,36 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.io.reading import poly_mesh
+from equimesh.io.reading.cgns import read_cgns
 from equimesh.io.reading.msh import read_msh
 from equimesh.io.reading.plain_mesh import PlainMesh
 from equimesh.io.reading.plot3d import read_plot3d
 from equimesh.io.reading.poly_mesh import read_poly_mesh
 from equimesh.io.reading.su2 import read_su2
+from equimesh.io.reading.vtm import read_vtm
 from equimesh.io.reading.vtu import read_vtu
 
-# The reader of each format of meshes; ``zip`` is a zip of the files of a polyMesh, or of Plot3D with its map.
+# The reader of each format of meshes; ``zip`` is a zip of the files of a polyMesh, of Plot3D with its map, or
+# of a vtm with its grids.
 READERS: Final[dict[str, Callable[[bytes], PlainMesh]]] = {
     "msh": read_msh,
     "vtu": read_vtu,
     "su2": read_su2,
     "p3d": read_plot3d,
+    "cgns": read_cgns,
     "zip": lambda data: _packed(data),
 }
 # The format of a file by the suffix of its name.
 FORMAT_OF: Final = {
-    ".msh": "msh", ".vtu": "vtu", ".su2": "su2", ".p3d": "p3d", ".xyz": "p3d", ".x": "p3d", ".zip": "zip",
+    ".msh": "msh", ".vtu": "vtu", ".su2": "su2", ".p3d": "p3d", ".xyz": "p3d", ".x": "p3d", ".cgns": "cgns",
+    ".zip": "zip",
 }  # fmt: skip
 # The suffixes of Plot3D inside a zip, and of the map next to it.
 PLOT3D: Final = (".p3d", ".xyz", ".x")
 MAP: Final = ".nmf"
+# The suffixes of the head and of the grids of VTK's files of several blocks.
+VTM: Final = ".vtm"
+VTS: Final = ".vts"
 # The most bytes of the files inside a zip, in all.
 MAX_EXPANDED: Final = 1 << 31
 # Where an OpenFOAM case has its mesh.
@@ -46,7 +54,8 @@ def read_mesh(path: str | os.PathLike[str], format: str | None = None) -> PlainM
     """The mesh of a file, or of a folder with a ``polyMesh``: itself, ``constant``, or the case.
 
     ``format`` is a name of ``READERS``; by default the suffix tells it. A Plot3D file takes the names of its sides from
-    a neutral map next to it, of the same name with the suffix ``.nmf``. Raises :class:`~equimesh.errors.InputError` for
+    a neutral map next to it, of the same name with the suffix ``.nmf``. A ``.vtm`` file is read with the grids that it
+    names. Raises :class:`~equimesh.errors.InputError` for
     an unknown format, for a file that cannot be read, and for a mesh that is not one of quadrilaterals in a plane.
     """
     source = Path(path)
@@ -58,17 +67,17 @@ def read_mesh(path: str | os.PathLike[str], format: str | None = None) -> PlainM
             raise InputError(f"the folder {source.name} has no constant/polyMesh with a file 'faces'", field="path")
         files = {name: (folder / name).read_bytes() for name in poly_mesh.FILES if (folder / name).is_file()}
         return _read(lambda: read_poly_mesh(files), "polyMesh")
-    found = format or FORMAT_OF.get(source.suffix.lower())
+    found = format or (VTM[1:] if source.suffix.lower() == VTM else FORMAT_OF.get(source.suffix.lower()))
     if found is None:
+        known = ", ".join([*READERS, VTM[1:]])
         message = (
-            f"the suffix of {source.name} is of no known format: give one of {', '.join(READERS)} as the format, or a"
+            f"the suffix of {source.name} is of no known format: give one of {known} as the format, or a"
             " folder with constant/polyMesh, a blockMeshDict, or a description as .json"
         )
         raise InputError(message, field="format")
-    try:
-        data = source.read_bytes()
-    except OSError as error:
-        raise InputError(f"{source.name} cannot be read: {error.strerror}", field="path") from error
+    data = _bytes_of(source)
+    if found == VTM[1:]:
+        return _read(lambda: read_vtm(data, lambda name: _bytes_of(source.parent / name)), found)
     beside = source.with_suffix(MAP)
     if found == "p3d" and beside.is_file():
         return _read(lambda: read_plot3d(data, beside.read_bytes()), found)
@@ -80,6 +89,14 @@ def read_bytes(data: bytes, format: str) -> PlainMesh:
     if format not in READERS:
         raise InputError(f"format = {format!r}: choose one of {', '.join(READERS)}", field="format")
     return _read(lambda: READERS[format](data), format)
+
+
+def _bytes_of(source: Path) -> bytes:
+    """The content of a file."""
+    try:
+        return source.read_bytes()
+    except OSError as error:
+        raise InputError(f"{source.name} cannot be read: {error.strerror}", field="path") from error
 
 
 def _read(reader: Callable[[], PlainMesh], name: str) -> PlainMesh:
@@ -94,22 +111,35 @@ def _read(reader: Callable[[], PlainMesh], name: str) -> PlainMesh:
 
 
 def _packed(data: bytes) -> PlainMesh:
-    """The mesh of a zip: the files of a polyMesh in any folder, or a Plot3D file with its map."""
+    """The mesh of a zip: the files of a polyMesh in any folder, a Plot3D file with its map, or a vtm with its grids."""
     files: dict[str, bytes] = {}
+    grids: dict[str, bytes] = {}
     left = MAX_EXPANDED
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             for entry in archive.infolist():
                 name = Path(entry.filename)
-                if name.name in poly_mesh.FILES or name.suffix.lower() in (*PLOT3D, MAP):
-                    kind, left = name.suffix.lower() or name.name, left - entry.file_size
-                    if left < 0:
-                        message = f"the files of the mesh in the zip have more than {MAX_EXPANDED} bytes"
-                        raise InputError(message, field="file")
-                    if kind in files:
-                        raise InputError(f"the zip has two files {kind!r}: pack one mesh", field="file")
-                    files[kind] = archive.read(entry)
+                is_grid = name.suffix.lower() == VTS
+                if not (is_grid or name.name in poly_mesh.FILES or name.suffix.lower() in (*PLOT3D, MAP, VTM)):
+                    continue
+                kind, left = name.suffix.lower() or name.name, left - entry.file_size
+                if left < 0:
+                    message = f"the files of the mesh in the zip have more than {MAX_EXPANDED} bytes"
+                    raise InputError(message, field="file")
+                if kind in files and not is_grid:
+                    raise InputError(f"the zip has two files {kind!r}: pack one mesh", field="file")
+                (grids if is_grid else files)[name.name if is_grid else kind] = archive.read(entry)
     except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
         raise InputError(f"the zip cannot be read: {str(error)[:200]}", field="file") from error
+    if VTM in files:
+        return read_vtm(files[VTM], lambda name: _grid_of(grids, name))
     grid = next((files[suffix] for suffix in PLOT3D if suffix in files), None)
     return read_poly_mesh(files) if grid is None else read_plot3d(grid, files.get(MAP))
+
+
+def _grid_of(grids: dict[str, bytes], file: str) -> bytes:
+    """The grid in a zip that has this name, in whatever folder."""
+    if Path(file).name not in grids:
+        message = f"the zip has no file {file[:80]!r}, which its vtm file names: pack it, too"
+        raise InputError(message, field="file")
+    return grids[Path(file).name]

@@ -17,6 +17,7 @@ from equimesh.io.vtu import write_vtu
 from equimesh.io.write import write_mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.testing import GEOMETRIES
+from solver.io.reading.cgns_files import cgns
 from solver.io.reading.plain import same, small
 from solver.io.reading.test_plot3d import text, two_blocks
 from solver.io.reading.test_poly_mesh import zipped
@@ -31,7 +32,7 @@ def test_the_format_is_that_of_the_suffix_or_the_named_one(tmp_path: Path) -> No
     assert same(read_mesh(tmp_path / "mesh.txt", "su2"), mesh)
     with pytest.raises(InputError, match=r"the suffix of mesh.txt is of no known format: give one of msh, vtu"):
         read_mesh(tmp_path / "mesh.txt")
-    with pytest.raises(InputError, match="choose one of msh, vtu, su2, p3d, zip"):
+    with pytest.raises(InputError, match="choose one of msh, vtu, su2, p3d, cgns, zip"):
         read_bytes(b"", "stl")
     with pytest.raises(InputError, match=r"none.su2 cannot be read"):
         read_mesh(tmp_path / "none.su2")
@@ -67,6 +68,7 @@ def whole(tmp_path: Path) -> dict[str, bytes]:
         "vtu": (tmp_path / "mesh.vtu").read_bytes(),
         "su2": su2_text(mesh.points, mesh.cells, mesh.sides).encode(),
         "p3d": text(two_blocks()),
+        "cgns": cgns({"zone": (mesh.points.reshape(4, 3, 2), [("left", [[1, 1], [1, 3]], "", "")])}),
         "zip": zipped(foam_files(mesh.points, mesh.cells, mesh.sides)),
     }
 
