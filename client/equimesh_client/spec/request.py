@@ -21,15 +21,16 @@ UPLOAD = "upload"
 class MeshRequest:
     """One logical request for a mesh.
 
-    ``uploads`` are its files. The spec refers to a single one as ``{"samples": "upload"}``, and to several as
-    ``"upload:0"``, ``"upload:1"`` and so on. ``key`` is the same in all retries, which therefore give one mesh. Without
-    ``reuse`` the mesh is computed even if the service has an equal one.
+    ``uploads`` are its files of samples. The spec refers to a single one as ``{"samples": "upload"}``, and to several
+    as ``"upload:0"``, ``"upload:1"`` and so on. ``mesh`` is the file of its domain. ``key`` is the same in all retries,
+    which therefore give one mesh. Without ``reuse`` the mesh is computed even if the service has an equal one.
     """
 
     spec: dict[str, Any]
     uploads: tuple[Upload, ...]
     key: str
     reuse: bool = True
+    mesh: Upload | None = None
 
     def with_stored_samples(self, ids: Sequence[str]) -> MeshRequest:
         """The same request, with stored samples of these ``ids`` in place of its uploads."""

@@ -23,7 +23,7 @@ from equimesh_client.errors import (
 from equimesh_client.records.state import FINISHED
 from equimesh_client.spec.blocks import MeshFile
 from equimesh_client.spec.domains import UNIT_BOX, Box, Domain, domain_json, read_domain
-from equimesh_client.spec.request import GenerateArguments, MeshRequest
+from equimesh_client.spec.request import UPLOAD, GenerateArguments, MeshRequest
 from equimesh_client.spec.sources import needs_box, read_mesh_file, upload_of
 from equimesh_client.wire import protocol
 from equimesh_client.wire.deadline import Deadline, Settings
@@ -146,15 +146,19 @@ def fetch(call: Call, settings: Settings, deadline: Deadline | None = None) -> F
 def prepare(arguments: GenerateArguments, settings: Settings, deadline: Deadline) -> Flow[MeshRequest]:
     """The request for the mesh of `generate`.
 
-    One file of samples is sent with the request. Several are stored at the service first, equal ones once, and so is a
-    mesh file that is the domain.
+    One file of samples is sent with the request, and so is a mesh file that is the domain. Several files of samples are
+    stored at the service first, equal ones once; the mesh file is, where its box is needed.
     """
-    domain = yield from stored_domain(arguments.options["domain"], settings, deadline)
-    arguments = arguments.on(domain)
-    box = arguments.box()
-    if box is None and domain is not None:
-        box = yield from box_of(domain, settings, deadline)
-    mesh_request = arguments.request(box or UNIT_BOX)
+    given, box, mesh = arguments.options["domain"], arguments.box(), None
+    if isinstance(given, MeshFile) and given.is_local and box is not None:
+        mesh = read_mesh_file(given.file)
+        arguments = arguments.on(replace(given, file=UPLOAD))
+    else:
+        domain = yield from stored_domain(given, settings, deadline)
+        arguments = arguments.on(domain)
+        if box is None and domain is not None:
+            box = yield from box_of(domain, settings, deadline)
+    mesh_request = replace(arguments.request(box or UNIT_BOX), mesh=mesh)
     if len(mesh_request.uploads) < 2:
         return mesh_request
     ids = []

@@ -63,9 +63,11 @@ def create_mesh(mesh_request: MeshRequest, *, wait: int) -> Call:
     if wait:
         headers["Prefer"] = f"wait={wait}"
     body = json_bytes(mesh_request.spec)
-    if mesh_request.uploads:
+    files = {"samples": mesh_request.uploads[0]} if mesh_request.uploads else {}
+    files |= {} if mesh_request.mesh is None else {"mesh": mesh_request.mesh}
+    if files:
         part = Upload(filename="", data=body, media_type="application/json")
-        headers["Content-Type"], body = multipart({"spec": part, "samples": mesh_request.uploads[0]})
+        headers["Content-Type"], body = multipart({"spec": part, **files})
     else:
         headers["Content-Type"] = "application/json"
     return Call(

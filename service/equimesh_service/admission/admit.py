@@ -95,39 +95,43 @@ class Admission:
     ]  # entered during the wait for a side worker; takes the API key
     known: OrderedDict[str, None] = field(default_factory=OrderedDict)  # monitors that fit their domains
 
-    def receive(self, body: bytes, upload: Upload | None, caller: Caller) -> Admitted:
+    def receive(self, body: bytes, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
         """Read a spec, and :meth:`admit` it; raises a 400 problem where it is not JSON.
 
         A side worker reads a long one, and takes its samples out of it: the service then has a short spec.
         """
         if len(body) <= MAX_SHORT_BYTES:
-            return self.admit(parse(body), upload, caller)
+            return self.admit(parse(body), upload, caller, mesh)
         with self.files.unfinished(".json") as text, TemporaryDirectory(dir=text.parent) as folder:
             text.write_bytes(body)
             short = self.work("", shorten, text, Path(folder), self._limits)
-            return self._admit(short, upload, caller)
+            return self._admit(short, upload, caller, mesh)
 
-    def admit(self, document: Any, upload: Upload | None, caller: Caller) -> Admitted:
-        """Check a parsed spec, and store its upload; raises a 422 problem with pointers."""
+    def admit(self, document: Any, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
+        """Check a parsed spec, and store its samples and its ``mesh``; raises a 422 problem with pointers."""
         try:
             spec = read_spec(document).with_limit(self.settings.max_points)
-            return self._admit(ShortSpec(spec), upload, caller)
+            return self._admit(ShortSpec(spec), upload, caller, mesh)
         except Problem as problem:
             if not problem.errors:
                 raise
             raise repointed(problem, partial(sent_pointer, document)) from None
 
-    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller) -> Admitted:
+    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
         spec, files = in_parts.assign(short.spec, self.settings), short.files
-        short = replace(short, spec=spec)
         self._check_limits(spec)
+        mesh_row = self._mesh_row(spec, mesh, caller)
+        if mesh_row is not None:
+            spec = spec.with_mesh(mesh_row.id)
+        short = replace(short, spec=spec)
         place = _find_upload_place(spec, upload)
         check_schwarz(spec.canonical)
         rows = {
             name: self.find_stored(name, at, caller)
             for at, name in spec.stored.items()
-            if (name != UPLOAD or at == MESH_PLACE) and name not in files
+            if name != UPLOAD and name not in files and (mesh_row is None or name != mesh_row.id)
         }
+        rows |= {} if mesh_row is None else {mesh_row.id: mesh_row}
         nodes = self._count_nodes(spec, rows) if spec.has_blocks else None
         built, new = None, None
         if upload is not None:
@@ -144,6 +148,18 @@ class Admission:
             self._remember(spec.monitor_digest)
         hashes = {row.id: row.sha256 for row in rows.values()}
         return Admitted(spec.canonical, hashes, spec.points_digest, built, new, nodes)
+
+    def _mesh_row(self, spec: CheckedSpec, mesh: Upload | None, caller: Caller) -> SamplesRow | None:
+        """The row of the mesh that came with a spec, which is stored now; raises a 422 problem for one without it."""
+        is_named = spec.stored.get(MESH_PLACE) == UPLOAD
+        if mesh is not None and is_named:
+            return self.keep_mesh(mesh, caller, MESH_PLACE)[0]
+        if is_named:
+            message = 'send the request as multipart, with parts "spec" and "mesh", or give the id of a stored mesh'
+            raise problem_at(MESH_PLACE, message)
+        if mesh is not None:
+            raise problem_at("/domain", 'there is a part "mesh": refer to it with {"kind": "mesh", "file": "upload"}')
+        return None
 
     @property
     def _limits(self) -> SpecLimits:
@@ -169,12 +185,15 @@ class Admission:
         with self._convert(upload, "", alone=True) as (path, summary):
             return self._keep(path, summary, caller, durable=True)
 
-    def keep_mesh(self, upload: Upload, caller: Caller) -> tuple[SamplesRow, bool]:
-        """Read an uploaded mesh that is to be a domain, and store it as samples are."""
+    def keep_mesh(self, upload: Upload, caller: Caller, pointer: str = "") -> tuple[SamplesRow, bool]:
+        """Read an uploaded mesh that is to be a domain, and store it as samples are.
+
+        ``pointer`` is the place that names a mesh which came with a spec; it becomes durable with that.
+        """
         with self.files.unfinished(".npz") as path, self.files.unfinished(".upload") as source:
             source.write_bytes(upload.data)
-            summary = self.work("", convert_mesh, source, upload.filename, path, self.settings.max_points)
-            return self._keep(path, summary, caller, durable=True)
+            summary = self.work(pointer, convert_mesh, source, upload.filename, path, self.settings.max_points)
+            return self._keep(path, summary, caller, durable=not pointer)
 
     def keep_upload(self, admitted: Admitted, caller: Caller) -> None:
         """Store the samples of an admitted spec, unless they are stored; the mesh that comes with them is durable."""

@@ -44,8 +44,8 @@ class PreviewAdmission(Admission):
     def _way_to_more(self) -> str:
         return "; request the mesh itself (POST /v1/meshes), which may have more"
 
-    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller) -> Admitted:
-        return super()._admit(replace(short, spec=short.spec.whole()), upload, caller)
+    def _admit(self, short: ShortSpec, upload: Upload | None, caller: Caller, mesh: Upload | None = None) -> Admitted:
+        return super()._admit(replace(short, spec=short.spec.whole()), upload, caller, mesh)
 
     def _check(self, spec: CheckedSpec, rows: Any, sent: Any) -> BuiltSpec | None:
         return super()._check(spec, rows, sent) if spec.is_quick else None

@@ -48,6 +48,7 @@ class Previews:
         upload: Upload | None,
         caller: Caller,
         *,
+        mesh: Upload | None = None,
         frames: bool,
         has_left: Callable[[], Awaitable[bool]],
     ) -> bytes | None:
@@ -56,7 +57,7 @@ class Previews:
         Raises the problems of a spec that is refused, and 409, 429 and 503 problems.
         """
         admission = replace(self.admission, sent={})
-        admitted = await self.check_threads.run(admission.receive, document, upload, caller)
+        admitted = await self.check_threads.run(admission.receive, document, upload, caller, mesh)
         stopwatch.lap("check")
         preview = self._task(admitted, admission.sent, frames=frames)
         task = await self._begin(preview, caller, has_left)

@@ -131,6 +131,12 @@ MESH_BODY = {
                         "contentMediaType": "application/octet-stream",
                         "description": "For {'samples': 'upload'}: npz, npy, csv, json, vtu, vtk or xdmf.",
                     },
+                    "mesh": {
+                        "type": "string",
+                        "contentMediaType": "application/octet-stream",
+                        "description": "For the domain {'kind': 'mesh', 'file': 'upload'}: a file of quadrilaterals, "
+                        "as POST /v1/samples?kind=mesh takes it. Its name tells the format.",
+                    },
                 },
             },
             "encoding": {"spec": {"contentType": "application/json"}},
@@ -147,36 +153,36 @@ MESH_BODY = {
 }
 
 
-async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None]:
-    """The bytes of the spec, and the samples that came with it."""
+async def read_request(request: Request, service: Service) -> tuple[bytes, Upload | None, Upload | None]:
+    """The bytes of the spec, and the samples and the mesh of its domain, where they came with it."""
     kind = bodies.media_type(request)
     if kind not in (bodies.JSON, bodies.MULTIPART, NPZ):
         shown = repr(kind[:80]) if kind else "no Content-Type"
         raise Problem("unsupported-media-type", f"Send {bodies.JSON}, {bodies.MULTIPART} or {NPZ}, not {shown}.")
     data = await bodies.read_body(request, service.settings.max_body)
     if kind == NPZ:
-        return unpack(data) if is_light(data, "request.npz") else await service.check(unpack, data)
-    upload = None
-    if kind == bodies.MULTIPART:
-        parts = await bodies.read_parts(request, data, ("spec", "samples"))
-        if "spec" not in parts:
-            raise Problem("malformed-body", 'The multipart body needs a part "spec".')
-        data = parts["spec"].data
-        if "samples" in parts:
-            upload = bodies.upload_of(parts["samples"])
-    return data, upload
+        unpacked = unpack(data) if is_light(data, "request.npz") else await service.check(unpack, data)
+        return *unpacked, None
+    if kind == bodies.JSON:
+        return data, None, None
+    parts = await bodies.read_parts(request, data, ("spec", "samples", "mesh"))
+    if "spec" not in parts:
+        raise Problem("malformed-body", 'The multipart body needs a part "spec".')
+    upload, mesh = (bodies.upload_of(parts[name]) if name in parts else None for name in ("samples", "mesh"))
+    return parts["spec"].data, upload, mesh
 
 
 async def receive_mesh(request: Request, service: Service, caller: Caller) -> Admitted:
     """Read and admit a request for a mesh, with the samples that came with it."""
-    document, upload = await read_request(request, service)
+    document, upload, mesh = await read_request(request, service)
     stopwatch.lap("receive")
-    # Before the samples are stored.
-    await service.quotas.check_bytes(caller, len(document) + (0 if upload is None else len(upload.data)))
-    admitted = await service.check(service.admission.receive, document, upload, caller)
+    sent = [one for one in (upload, mesh) if one is not None]
+    # Before the files are stored.
+    await service.quotas.check_bytes(caller, len(document) + sum(len(one.data) for one in sent))
+    admitted = await service.check(service.admission.receive, document, upload, caller, mesh)
     if admitted.is_in_parts:
         await service.quotas.check_bytes(caller, admitted.expected_bytes)
-    if upload is not None:
+    for _ in sent:
         service.metrics.count_upload()
     stopwatch.lap("check")
     return admitted

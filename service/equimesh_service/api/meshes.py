@@ -61,7 +61,7 @@ async def create(
         bool, Query(description="Answer with a finished mesh of the same spec and samples, where there is one.")
     ] = True,
 ) -> Response:
-    """Request a mesh by its spec, as JSON or as multipart with the parts `spec` and `samples`.
+    """Request a mesh by its spec, as JSON or as multipart with the parts `spec`, `samples` and `mesh`.
 
     With `Prefer: wait=N` the answer comes when the mesh is finished, in one round trip. A mesh that fails in this
     time also answers 201, with status `failed` and the reason in `error`. Where its file was requested, the answer is

@@ -43,11 +43,13 @@ async def create(
     503 with Retry-After.
     """
     with service.quotas.count_wait(caller, _COUNTED_SECONDS):
-        document, upload = await read_request(request, service)
+        document, upload, mesh = await read_request(request, service)
         stopwatch.lap("receive")
-        if upload is not None:
+        if upload is not None or mesh is not None:
             service.metrics.count_upload()
-        drawing = await service.previews.draw(document, upload, caller, frames=frames, has_left=request.is_disconnected)
+        drawing = await service.previews.draw(
+            document, upload, caller, mesh=mesh, frames=frames, has_left=request.is_disconnected
+        )
     if drawing is None:
         return Response(status_code=204)  # there is no one to read it
     return Response(drawing, media_type=NPZ, headers={"Cache-Control": "no-store"})

@@ -97,7 +97,10 @@ class MeshFileSpec(Strict):
     """A mesh of quadrilaterals that was uploaded, whose blocks are found."""
 
     kind: Literal["mesh"]
-    file: str = Field(description="The id from POST /v1/samples?kind=mesh.", max_length=100)
+    file: str = Field(
+        description='The id from POST /v1/samples?kind=mesh, or "upload": the part `mesh` of this request.',
+        max_length=100,
+    )
     corners: list[str | int | Pair] = Field(
         default_factory=list, description="Nodes that stay where they are: names, numbers, or places."
     )

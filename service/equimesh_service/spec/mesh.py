@@ -184,6 +184,12 @@ class CheckedSpec:
         monitor = with_samples(self.canonical["monitor"], name, samples_id)
         return replace(self, canonical={**self.canonical, "monitor": monitor})
 
+    def with_mesh(self, mesh_id: str) -> CheckedSpec:
+        """The spec whose domain is the stored mesh of this id."""
+        domain = self.spec.domain.model_copy(update={"file": mesh_id})
+        spec = self.spec.model_copy(update={"domain": domain})
+        return replace(self, spec=spec, canonical={**self.canonical, "domain": domain.model_dump(mode="json")})
+
 
 class ExpressionCheck(Strict):
     """An expression to be checked."""

@@ -86,19 +86,29 @@ def test_a_spec_on_blocks_has_no_grid() -> None:
     }
 
 
-def test_a_mesh_file_is_stored_first(connect: Any, service: Any, tmp_path: Path) -> None:
+def test_a_mesh_file_comes_with_the_request(connect: Any, service: Any, tmp_path: Path) -> None:
     file = tmp_path / "cylinder.msh"
     file.write_bytes(b"$MeshFormat")
     client = connect(service.url)
     client.generate("x", monitor=LeastError(), domain=MeshFile(file=file, corner_angle=30.0))
+    assert not service.seen("POST", "samples")
+    parts = parts_of(service.seen("POST", "meshes")[-1])
+    assert parts["mesh"] == ("cylinder.msh", b"$MeshFormat")
+    sent = json.loads(parts["spec"][1])
+    assert sent["domain"] == {"kind": "mesh", "file": "upload", "corners": [], "corner_angle": 30.0}
+    assert "grid" not in sent
+    client.generate("x", domain=MeshFile(file=client.samples.upload_mesh(file).id))
     (upload,) = service.seen("POST", "samples")
     assert upload.query["kind"] == "mesh"
     assert parts_of(upload)["samples"] == ("cylinder.msh", b"$MeshFormat")
-    (stored,) = service.samples
-    sent = json.loads(service.seen("POST", "meshes")[-1].body)
-    assert sent["domain"] == {"kind": "mesh", "file": stored, "corners": [], "corner_angle": 30.0}
-    assert "grid" not in sent
-    client.generate("x", domain=MeshFile(file=client.samples.upload_mesh(file).id))
-    assert len(service.seen("POST", "samples")) == 2
     with pytest.raises(BadArgument, match="No such file"):
         client.generate("x", domain=MeshFile(file=tmp_path / "none.msh"))
+
+
+def test_a_mesh_file_whose_box_is_needed_is_stored_first(connect: Any, service: Any, tmp_path: Path) -> None:
+    (tmp_path / "cylinder.msh").write_bytes(b"$MeshFormat")
+    connect(service.url).generate(lambda x, y: x + y, domain=MeshFile(file=tmp_path / "cylinder.msh"))
+    (stored,) = service.samples
+    sent = service.seen("POST", "meshes")[-1]
+    text = parts_of(sent)["spec"][1] if sent.headers["content-type"].startswith("multipart") else sent.body
+    assert json.loads(text)["domain"]["file"] == stored

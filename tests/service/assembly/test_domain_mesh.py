@@ -96,8 +96,33 @@ def test_a_mesh_that_was_uploaded_is_a_domain(http: httpx.Client, mesh: dict[str
     samples = http.post("/v1/samples?filename=u.csv", content="x,y,u\n0,0,0\n0,1,1\n1,0,1\n1,1,2\n").json()["id"]
     answer = post(http, {"monitor": LEAST, "domain": {"kind": "mesh", "file": samples}})
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "/domain/file")
-    begun = http.post("/v1/sequences", json={"monitor": LEAST, "domain": domain})
-    assert (begun.status_code, begun.json()["errors"][0]["pointer"]) == (422, "/domain")
+    begun = http.post("/v1/sequences", json={"monitor": LEAST, "domain": domain}, headers=WAIT).json()
+    rows = [[x] for x in arrays(http, {"links": begun["links"]})["x"].tolist()]
+    step = http.post(begun["links"]["steps"], json={"step": 0, "u": {"nodes": rows}}, headers=WAIT).json()
+    assert (step["step"], np.shape(step["velocity"])) == (1, (mesh["points"], 1, 2))
+
+
+def test_the_file_of_a_mesh_comes_with_the_spec(http: httpx.Client, mesh: dict[str, Any]) -> None:
+    file = http.get(mesh["links"]["file"], params={"format": "msh"}).content
+    named = {"monitor": LEAST, "domain": {"kind": "mesh", "file": "upload"}}
+    form = {"data": {"spec": json.dumps(named)}, "files": {"mesh": ("step.msh", file)}}
+    stored = http.post("/v1/samples", params={"kind": "mesh", "filename": "step.msh"}, content=file).json()["id"]
+    made = http.post("/v1/meshes", headers=WAIT, **form).json()
+    spec = http.get(made["links"]["self"] + "/spec").json()
+    assert (made["status"], made["points"], spec["domain"]["file"]) == ("succeeded", mesh["points"], stored)
+    sampled = {**named, "monitor": {"kind": "least_error", "u": {"samples": "upload"}}}
+    u = b"x,y,u\n-1,0,0\n-1,1,1\n2,0,1\n2,1,2\n"
+    both = {"data": {"spec": json.dumps(sampled)}, "files": {**form["files"], "samples": ("u.csv", u)}}
+    assert solved(http, {}, json=None, **both)["points"] == mesh["points"]
+    drawing = http.post("/v1/previews", **form)
+    assert drawing.status_code == 200, drawing.text
+    for spec, files, message in (
+        (named, {"samples": ("step.msh", file)}, 'parts "spec" and "mesh"'),
+        ({"monitor": LEAST}, form["files"], 'refer to it with {"kind": "mesh", "file": "upload"}'),
+        (named, {"mesh": ("t.stl", b"solid")}, "there are .msh"),
+    ):
+        answer = http.post("/v1/meshes", data={"spec": json.dumps(spec)}, files=files)
+        assert (answer.status_code, message in answer.text.replace('\\"', '"')) == (422, True), answer.text
 
 
 def test_bad_meshes_are_refused(http: httpx.Client) -> None:

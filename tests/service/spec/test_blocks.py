@@ -40,7 +40,7 @@ REFUSED: dict[str, Refusal] = {
     "no vertices": (spec(domain={"kind": "blocks", "blocks": []}), "/domain/vertices", "required", None),
     "no file": (spec(domain={"kind": "mesh"}), "/domain/file", "required", None),
     "unknown file": (spec(domain={"kind": "mesh", "file": "s-1"}), "/domain/file", "no samples", None),
-    "upload": (spec(domain={"kind": "mesh", "file": "upload"}), "/domain/file", "no samples", None),
+    "upload": (spec(domain={"kind": "mesh", "file": "upload"}), "/domain/file", 'parts "spec" and "mesh"', None),
 }
 
 
