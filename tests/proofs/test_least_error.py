@@ -9,7 +9,7 @@ import pytest
 from random_functions import random_functions
 
 import equimesh as em
-from solver.least_error.bent import CURVED, SECTOR
+from solver.bent import CURVED, SECTOR
 
 SEED = 20_261_122
 """Constants of the method were not tuned to the functions of this seed."""

@@ -13,6 +13,7 @@ from equimesh.least_error.block_levels import BlockLevel
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.lifting import Lifting
+from equimesh.least_error.mending import SMALLEST_SHARE, mended
 from equimesh.least_error.quad_cells import cells_of_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
@@ -87,13 +88,16 @@ class Place:
     def lifted(self, fine: BlockMesh, smallest_share: Callable[[Array], float]) -> Place:
         """The same on a finer mesh: displacements by cubic, else linear interpolation, else positions.
 
-        The initial mesh there where all of them fold, by the ``smallest_share`` of a corner.
+        Folds of displacements are mended. The initial mesh where all of them fold even so, by the ``smallest_share`` of
+        a corner.
         """
         lifting, first, there = Lifting(self.mesh.level, fine.level), self.mesh.first, fine.first
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
             moves = lifting.lifted(self.points - share * first.points, cubic=cubic)
             along = lifting.lifted_along_sides(self.parameters - first.parameters, cubic=cubic)
             unknowns = fine.chart.unknowns(share * there.points + moves, there.parameters + along)
+            if share > 0.0 and smallest_share(unknowns) <= SMALLEST_SHARE:
+                unknowns = mended(fine.chart, fine.cells, there.unknowns, unknowns)
             if smallest_share(unknowns) > 0.0:
                 return Place(mesh=fine, unknowns=unknowns)
         return there

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from equimesh.blocks.curves import Line
 from equimesh.domains.domain import Domain, Rectangle
-from equimesh.numerics.types import Array, IntArray, Pair
+from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 
 FREE = -1
 """The number of the curve of a node that is on none. That of a fixed node is less."""
+KNOWN_MESHES = 3
+"""Meshes whose physical nodes are kept: each is asked for several times in a step, and that of the start in all."""
 
 
 class Chart(Protocol):
@@ -113,6 +118,30 @@ class Slope(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Lines:
+    """Straight lines, one for each of some nodes: where it begins, and its unit vector, all of shape ``(nodes,)``."""
+
+    x: Array
+    y: Array
+    along_x: Array
+    along_y: Array
+
+    @classmethod
+    def of(cls, lines: Sequence[tuple[Line, IntArray]]) -> Lines:
+        """Those of the nodes of each line, one line after the other."""
+        rows = np.array([(*line.start, *line.direction) for line, _ in lines])
+        return cls(*np.repeat(rows, [nodes.size for _, nodes in lines], axis=0).T.copy())
+
+    def on(self, kept: BoolArray) -> Lines:
+        """Those of some of the nodes."""
+        return Lines(self.x[kept], self.y[kept], self.along_x[kept], self.along_y[kept])
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """``x, y, x_t, y_t`` at the distance t of every node from the begin of its line."""
+        return self.x + self.along_x * t, self.y + self.along_y * t, self.along_x, self.along_y
+
+
 class CurveChart:
     """Coordinates of free nodes, and parameters of nodes on curves: these slide along their curve exactly.
 
@@ -126,12 +155,18 @@ class CurveChart:
         ``on_curve`` is -1 for a free node, -2 for a fixed one. ``area`` is that of the domain.
         """
         self.area, self.length = area, math.sqrt(area)
-        self._curves = []
+        self._curves, lines = [], []
         for number, curve in enumerate(curves):
             nodes = np.flatnonzero(on_curve == number)
-            if nodes.size:
+            if nodes.size and isinstance(curve, Line):
+                lines.append((curve, nodes))
+            elif nodes.size:
                 _, _, x_t, y_t = curve.evaluate(parameters[nodes])
                 self._curves.append((curve, nodes, float(np.hypot(x_t, y_t).mean())))
+        if lines:
+            together = Lines.of(lines)
+            self._curves.append((together, np.concatenate([nodes for _, nodes in lines]), 1.0))
+        self._known: deque[tuple[Array, Pair]] = deque(maxlen=KNOWN_MESHES)
         self.free = np.ones((2, on_curve.size))
         self.free[1, on_curve >= 0] = 0.0
         self.free[:, on_curve < FREE] = 0.0
@@ -142,11 +177,13 @@ class CurveChart:
         place[nodes] = np.arange(nodes.size)
         chart = copy(self)
         chart.free = self.free[:, nodes]
-        chart._curves = [
-            (curve, kept, speed)
-            for curve, on_curve, speed in self._curves
-            if (kept := place[on_curve][place[on_curve] >= 0]).size
-        ]
+        chart._curves = []
+        for curve, on_curve, speed in self._curves:
+            there = place[on_curve]
+            if (there >= 0).any():
+                part = curve.on(there >= 0) if isinstance(curve, Lines) else curve
+                chart._curves.append((part, there[there >= 0], speed))
+        chart._known = deque(maxlen=KNOWN_MESHES)
         return chart
 
     def unknowns(self, points: Array, parameters: Array) -> Array:
@@ -164,11 +201,29 @@ class CurveChart:
         return parameters
 
     def nodes(self, mesh: Array) -> Pair:
-        """x and y of the nodes."""
+        """x and y of the nodes. Those of the last meshes are kept: neither they nor the meshes may be changed."""
+        for k, (known, found) in enumerate(self._known):
+            if known is mesh:
+                del self._known[k]  # to be the first again
+                self._known.appendleft((mesh, found))
+                return found
         x, y = mesh[0].copy(), mesh[1].copy()
         for curve, nodes, speed in self._curves:
             x[nodes], y[nodes], _, _ = curve.evaluate(mesh[0, nodes] / speed)
-        return x, y
+        at = x, y
+        self._known.appendleft((mesh, at))
+        return at
+
+    def pulled(self, mesh: Array, moves: Array) -> Array:
+        """The moves of the unknowns at ``mesh`` for small ``moves`` of the nodes, both of shape ``(2, nodes)``.
+
+        On a curve those along it; 0 where a node is fixed.
+        """
+        out = moves * self.free
+        for curve, nodes, speed in self._curves:
+            _, _, x_t, y_t = curve.evaluate(mesh[0, nodes] / speed)
+            out[0, nodes] = speed * (moves[0, nodes] * x_t + moves[1, nodes] * y_t) / (x_t * x_t + y_t * y_t)
+        return out
 
     def moves(self, mesh: Array, start: Array) -> Array:
         """The displacements over the square root of the area."""

@@ -112,6 +112,7 @@ def errors_of(
     numbers: IntArray | None = None,
     *,
     nodal: Array | None = None,
+    threads: int = 1,
 ) -> InterpolationErrors:
     """The errors on two meshes of one size by ``rule``, from all cells or from the :func:`sample` with ``numbers``.
 
@@ -119,8 +120,9 @@ def errors_of(
     with other cells.
     """
     require_same_cells(cells, uniform)
-    here = norms(cells, u, rule, numbers, nodal=nodal)
-    return compared(cells, here, UNKNOWN if uniform is None else norms(uniform, u, rule, numbers))
+    here = norms(cells, u, rule, numbers, nodal=nodal, threads=threads)
+    there = UNKNOWN if uniform is None else norms(uniform, u, rule, numbers, threads=threads)
+    return compared(cells, here, there)
 
 
 def require_same_cells(cells: Cells, uniform: Cells | None) -> None:

@@ -192,6 +192,16 @@ def measure_all(
         return _quality(cells, monitor, rule, survey, errors)
 
 
+def measure_quality(
+    mesh: AnyMesh, monitor: Monitor, errors: InterpolationErrors | None, *, threads: int = 1
+) -> Quality:
+    """As :func:`measure`, where the ``errors`` of interpolation are known."""
+    with np.errstate(all="ignore"):
+        cells = cells_of(mesh)
+        rule = CellPoints.gauss(gauss_points(cells))
+        return _quality(cells, monitor, rule, Survey.of(cells, monitor, rule, threads=threads), errors)
+
+
 def window_image(window: MeshWindow, domain: Domain) -> MeshWindow:
     """The rows of the uniform mesh of ``domain`` that belong to the rows of a mesh that a process holds."""
     uniform = MeshWindow.uniform(window.rows, window.x.shape[0])
@@ -316,10 +326,11 @@ def measure_interpolation(
     uniform: Mesh | QuadMesh | None = None,
     gauss: int | None = None,
     kind: Literal["quad", "triangle"] = "quad",
+    threads: int = 1,
 ) -> InterpolationErrors | None:
     """How well u is interpolated, ``None`` where there is no u; the arguments are those of :func:`measure`.
 
-    With ``kind = "triangle"`` it is interpolated linearly on triangles.
+    With ``kind = "triangle"`` it is interpolated linearly on triangles. ``threads`` share the work if cells are many.
     """
     if u is None:
         return None
@@ -329,4 +340,4 @@ def measure_interpolation(
     numbers = sample(cells.rows) if gauss is None else None
     with np.errstate(all="ignore"):
         plain = _uniform_cells(cells, uniform, UNIT_SQUARE, numbers)
-        return errors_of(cells, plain, u, error_rule(cells, gauss), numbers)
+        return errors_of(cells, plain, u, error_rule(cells, gauss), numbers, threads=threads)

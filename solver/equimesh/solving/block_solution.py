@@ -18,7 +18,7 @@ from equimesh.quality.angles import Angles, measure_angles
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
-from equimesh.quality.measures import Quality, measure_all
+from equimesh.quality.measures import Quality, measure_interpolation, measure_quality
 from equimesh.solving.certificate import Candidate, Certificate, Estimate, Relaxed
 from equimesh.solving.measured_mesh import interpolated_cells
 from equimesh.solving.mesh_warnings import block_warnings
@@ -79,19 +79,18 @@ class BlockSolution:
     @cached_property
     def quality(self) -> Quality:
         """All quality measures of the mesh."""
-        return measure_all(
-            self.mesh,
-            self.problem.monitor,
-            uniform=self.initial,
-            kind=interpolated_cells(self.problem.monitor),
-            nodal=self.u,
-            threads=self.threads,
-        )
+        return measure_quality(self.mesh, self.problem.monitor, self.interpolation, threads=self.threads)
 
     @cached_property
     def interpolation(self) -> InterpolationErrors | None:
         """How well the mesh interpolates u, compared with the initial mesh; ``None`` where there is no u."""
-        return self.quality.interpolation_error
+        return measure_interpolation(
+            self.mesh,
+            self.problem.monitor.u,
+            uniform=self.initial,
+            kind=interpolated_cells(self.problem.monitor),
+            threads=self.threads,
+        )
 
     @cached_property
     def against_initial(self) -> UniformComparison:

@@ -8,8 +8,8 @@ import pytest
 import equimesh as em
 from equimesh.fields.on_domain import Inverse, OnDomain
 from equimesh.testing import check_field
+from solver.bent import CURVED
 from solver.fields.bent_meshes import ANYWHERE, largest
-from solver.least_error.bent import CURVED
 
 SECTOR = em.AnnulusSector(radii=(1.0, 3.0), angles=(10.0, 100.0))
 DOMAINS = [em.Rectangle(x=(-1.0, 3.0), y=(2.0, 2.5)), SECTOR, CURVED]

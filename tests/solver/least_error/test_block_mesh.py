@@ -7,6 +7,9 @@ import pytest
 
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh, Place
+from equimesh.least_error.kernels import Nodes, smallest_share
+from equimesh.least_error.lifting import Lifting
+from equimesh.numerics.types import Array
 from equimesh.testing.geometries import disc, ring
 
 
@@ -58,3 +61,23 @@ def test_meshes_of_levels_have_their_cells_and_the_finest_its_sides() -> None:
     assert np.array_equal(coarse.cells, levels[0].cells)
     assert not coarse.is_folded
     assert fine.sides.keys() == domain.mesh.sides.keys()
+
+
+def test_displacements_that_fold_are_mended() -> None:
+    """The rest of the mesh is that of the cubic interpolation, and not the initial one."""
+    domain = disc(1500)
+    coarse, fine = (BlockMesh.of(domain, level) for level in block_levels(domain.mesh)[-2:])
+    place = moved(coarse, 0.03)
+
+    def share(unknowns: Array) -> float:
+        first, corners = fine.first.unknowns, fine.cells.corners.reshape(-1)
+        return float(smallest_share(*(Nodes(*fine.chart.nodes(one), corners) for one in (unknowns, first))))
+
+    moves = Lifting(coarse.level, fine.level).lifted(place.points - coarse.first.points, cubic=True)
+    cubic = fine.first.points + moves
+    inside = domain.node_curve == -1
+    assert share(np.where(inside, cubic, fine.first.unknowns)) < 0.0
+    lifted = place.lifted(fine, share)
+    assert share(lifted.unknowns) > 0.0
+    kept = inside & (np.abs(lifted.points - cubic).max(axis=0) < 1e-13)
+    assert 0.5 < kept.sum() / inside.sum() < 1.0

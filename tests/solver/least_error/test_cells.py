@@ -9,7 +9,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
-from solver.least_error.bent import uniform
+from solver.bent import uniform
 
 GRIDS = [em.Grid(n_xi=4, n_eta=4), em.Grid(n_xi=7, n_eta=5), em.Grid(n_xi=5, n_eta=12)]
 

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.blocks.curves import Line
 from equimesh.least_error.block_levels import block_levels
 from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.cells import cells_of_grid
-from equimesh.least_error.charts import DomainChart
+from equimesh.least_error.charts import KNOWN_MESHES, DomainChart
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.objective import Objective
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import cylinder, disc, naca0012_o
-from solver.least_error.bent import WEIGHTS, remainders, uniform
+from solver.bent import WEIGHTS, remainders, uniform
 
 GRID = em.Grid(n_xi=6, n_eta=17)
 RING = em.AnnulusSector(angles=(0.0, 360.0))
@@ -129,3 +130,47 @@ def test_a_chart_of_some_nodes_is_the_same_there() -> None:
     x, y = mesh.chart.nodes(first)
     assert np.array_equal(np.stack(part.nodes(first[:, nodes])), np.stack([x[nodes], y[nodes]]))
     assert part.length == mesh.chart.length
+
+
+@pytest.mark.parametrize("make", [disc, cylinder])
+def test_moves_of_nodes_become_moves_along_curves(make) -> None:  # type: ignore[no-untyped-def]
+    domain = make(400)
+    chart = BlockMesh.of(domain, block_levels(domain.mesh)[-1]).chart
+    first, h = chart.unknowns(domain.mesh.points.T.copy(), domain.node_parameter), 1e-6
+    moves = np.random.default_rng(7).uniform(-h, h, first.shape)
+    there = np.stack(chart.nodes(first + chart.pulled(first, moves))) - np.stack(chart.nodes(first))
+    free, slides = chart.free[1] > 0.0, (chart.free == np.array([[1.0], [0.0]])).all(axis=0)
+    assert there[:, free] == pytest.approx(moves[:, free], abs=1e-14)
+    # What is left of a move is across the curve.
+    left = ((moves - there) * there)[:, slides].sum(axis=0)
+    assert np.abs(left).max() < 1e-4 * h * h
+    assert (np.hypot(*there)[slides] > 0.01 * h).any()
+    assert (there[:, ~free & ~slides] == 0.0).all()
+
+
+def test_nodes_of_lines_are_those_of_each_line() -> None:
+    domain = cylinder(400)
+    chart = BlockMesh.of(domain, block_levels(domain.mesh)[-1]).chart
+    shift = 0.01
+    x, y = chart.nodes(chart.unknowns(domain.mesh.points.T.copy(), domain.node_parameter + shift))
+    lines = 0
+    for number, curve in enumerate(domain.curves):
+        nodes = np.flatnonzero(domain.node_curve == number)
+        at_x, at_y, _, _ = curve.evaluate(domain.node_parameter[nodes] + shift)
+        assert x[nodes] == pytest.approx(at_x, abs=1e-13)
+        assert y[nodes] == pytest.approx(at_y, abs=1e-13)
+        lines += isinstance(curve, Line)
+    assert lines == 4
+
+
+def test_the_nodes_of_the_last_meshes_are_kept() -> None:
+    domain = disc(400)
+    chart = BlockMesh.of(domain, block_levels(domain.mesh)[-1]).chart
+    first = chart.unknowns(domain.mesh.points.T.copy(), domain.node_parameter)
+    found = chart.nodes(first)
+    for k in range(KNOWN_MESHES - 1):
+        assert chart.nodes(first + k) is not found
+    assert chart.nodes(first) is found
+    for k in range(KNOWN_MESHES):
+        chart.nodes(first + k)
+    assert chart.nodes(first) is not found

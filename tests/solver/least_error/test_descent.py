@@ -10,7 +10,7 @@ from equimesh.least_error import descent
 from equimesh.least_error.descent import History, descend, search
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.objective import Weights
-from solver.least_error.bent import DOMAINS, bent, objective_on, uniform
+from solver.bent import DOMAINS, bent, objective_on, uniform
 
 GRID = em.Grid(n_xi=13, n_eta=11)
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")

@@ -9,7 +9,7 @@ import equimesh as em
 from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.elements import Rule, quadrilateral, triangle
 from equimesh.least_error.kernels import Nodes
-from solver.least_error.bent import bent, objective_on, uniform
+from solver.bent import bent, objective_on, uniform
 
 ELEMENTS = {**{f"quad {n}": quadrilateral(n) for n in (2, 3, 4, 5)}, "triangle": triangle()}
 CORNERS = {4: np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]), 3: np.array([[0, 0], [1, 0], [0, 1.0]])}

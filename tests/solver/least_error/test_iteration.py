@@ -16,7 +16,7 @@ from equimesh.least_error.starts import product, rectilinear
 from equimesh.least_error.steps import Descent
 from equimesh.least_error.ways import mesh_of
 from equimesh.quality.interpolation import interpolation_errors
-from solver.least_error.bent import DOMAINS
+from solver.bent import DOMAINS
 
 FRONT = em.Expression("tanh(40*(x + y/2 - 0.75))")
 LAYERS = em.Expression("exp(-x/0.01) + exp((y - 1)/0.01)")

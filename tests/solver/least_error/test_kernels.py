@@ -11,7 +11,7 @@ from equimesh.least_error.cells import cells_of_grid
 from equimesh.least_error.elements import Rule
 from equimesh.least_error.kernels import SHARES, NodalValues, Nodes, Values
 from equimesh.numerics.types import Array
-from solver.least_error.bent import RING, bent, remainders, uniform
+from solver.bent import RING, bent, remainders, uniform
 
 GRID = em.Grid(n_xi=6, n_eta=5)
 CELLS = cells_of_grid(GRID.shape)

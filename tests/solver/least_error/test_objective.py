@@ -17,7 +17,7 @@ from equimesh.least_error.ways import mesh_of
 from equimesh.quality.cells import BilinearCells
 from equimesh.quality.interpolation import ErrorRule, errors_of
 from equimesh.quality.triangles import triangle_errors
-from solver.least_error.bent import CURVED, DOMAINS, RING, SECTOR, WEIGHTS, bent, objective_on, remainders, uniform
+from solver.bent import CURVED, DOMAINS, RING, SECTOR, WEIGHTS, bent, objective_on, remainders, uniform
 
 GRID = em.Grid(n_xi=7, n_eta=6)
 RULES = {"quad l2": Rule(), "quad h1": Rule(norm="h1"), "tri l2": Rule(cells="triangle")}

@@ -20,7 +20,7 @@ from equimesh.least_error.regions import Region, regions_of
 from equimesh.least_error.restricted import Merged, RestrictedDescent, holders
 from equimesh.numerics.channel import Channel, ThreadChannels
 from equimesh.numerics.types import Array
-from solver.least_error.bent import RING, bent, objective_on, uniform
+from solver.bent import RING, bent, objective_on, uniform
 
 GRID = em.Grid(n_xi=25, n_eta=21)
 WAVE = em.Expression("tanh(10*(y - 0.5 - 0.2*sin(2*pi*x)))")

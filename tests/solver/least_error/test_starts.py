@@ -8,7 +8,7 @@ import pytest
 import equimesh as em
 from equimesh.least_error import starts
 from equimesh.least_error.starts import product, rectilinear, resampled
-from solver.least_error.bent import SECTOR
+from solver.bent import SECTOR
 
 SQUARE = em.Rectangle()
 

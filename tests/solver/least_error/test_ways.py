@@ -7,7 +7,7 @@ import pytest
 
 import equimesh as em
 from equimesh.least_error.ways import Way, coordinates_of, mesh_of
-from solver.least_error.bent import WEIGHTS, bent, uniform
+from solver.bent import WEIGHTS, bent, uniform
 
 COARSE = em.Grid(n_xi=9, n_eta=7)
 FINE = [em.Grid(n_xi=17, n_eta=13), em.Grid(n_xi=16, n_eta=7), em.Grid(n_xi=9, n_eta=12), em.Grid(n_xi=14, n_eta=13)]

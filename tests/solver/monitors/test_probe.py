@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh.monitors import probe as probe_module
 from equimesh.monitors.probe import Probe, bound_copy, is_bound_to
+from equimesh.testing.geometries import disc
 from solver.monitors.metrics import SECTOR, STEEP, UNIT
 
 
@@ -17,6 +19,20 @@ def test_shares_are_those_of_the_area() -> None:
     assert probe.shares.sum() == pytest.approx(1.0)
     assert (probe.shares * probe.x).sum() == pytest.approx(7 / 3 / (3 * np.pi / 4), rel=1e-4)
     assert probe.diameter == 2.0
+
+
+def test_cells_of_blocks_are_probed_evenly_where_they_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    domain = disc(800)
+    every = Probe.of(domain)
+    monkeypatch.setattr(probe_module, "MAX_CELLS", 144)
+    some = Probe.of(domain)
+    assert every.x.size == len(domain.mesh.cells)
+    assert len(domain.mesh.cells) / 144 > 5
+    assert 100 < some.x.size <= 144
+    for probe in (every, some):
+        assert probe.shares.sum() == pytest.approx(1.0)
+        # The mean of the squared distance from the centre of the unit disc is 1/2.
+        assert (probe.shares * (probe.x**2 + probe.y**2)).sum() == pytest.approx(0.5, abs=0.03)
 
 
 def test_the_closure_holds_the_corners() -> None:
