@@ -112,7 +112,7 @@ class BlockSolve:
             return reached.record.error
         mesh = self._mesh(self.levels[number])
         objective = self._objective(mesh, FINER_POINTS)
-        return objective.error(reached.place.lifted(mesh, objective.smallest_share).unknowns)
+        return objective.error(reached.place.lifted(mesh, objective.smallest_share, objective.error).unknowns)
 
     def initial_error(self, reached: BlocksReached) -> float:
         """The error of the initial mesh where :meth:`lifted_error` is measured."""
@@ -132,7 +132,7 @@ class BlockSolve:
             if objective.smallest_share(sampled.unknowns) > 0.0:
                 first, name = sampled, "given"
         if before is not None:
-            lifted = before.place.lifted(mesh, objective.smallest_share)
+            lifted = before.place.lifted(mesh, objective.smallest_share, objective.error)
             # On fine meshes a coarser one has met what there is to meet.
             is_fine = level.points > MAX_GAIN_POINTS and start is None
             if is_fine or not objective.error(lifted.unknowns) > MAX_LIFTED_ERROR * objective.error(first.unknowns):

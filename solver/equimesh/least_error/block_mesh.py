@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from equimesh.least_error.mending import SMALLEST_SHARE, mended
 from equimesh.least_error.quad_cells import cells_of_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+
+Measure: TypeAlias = Callable[[Array], float]
+"""A number of a mesh, by its unknowns."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,22 +89,31 @@ class Place:
         """The parameters of nodes on curves, shape ``(nodes,)``."""
         return self.mesh.chart.parameters(self.unknowns)
 
-    def lifted(self, fine: BlockMesh, smallest_share: Callable[[Array], float]) -> Place:
-        """The same on a finer mesh: displacements by cubic, else linear interpolation, else positions.
+    def lifted(self, fine: BlockMesh, smallest_share: Measure, error: Measure) -> Place:
+        """The same on a finer mesh: displacements by cubic interpolation.
 
-        Folds of displacements are mended. The initial mesh where all of them fold even so, by the ``smallest_share`` of
-        a corner.
+        Where these fold, by the ``smallest_share`` of a corner, they are mended. Linear interpolation of displacements,
+        mended, too, and that of positions are tried then, and the mesh with the smallest ``error`` is taken. It is the
+        initial mesh where all of them fold even so.
         """
-        lifting, first, there = Lifting(self.mesh.level, fine.level), self.mesh.first, fine.first
+        there, tried = fine.first, []
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
-            moves = lifting.lifted(self.points - share * first.points, cubic=cubic)
-            along = lifting.lifted_along_sides(self.parameters - first.parameters, cubic=cubic)
-            unknowns = fine.chart.unknowns(share * there.points + moves, there.parameters + along)
-            if share > 0.0 and smallest_share(unknowns) <= SMALLEST_SHARE:
+            unknowns = self._interpolated(fine, share, cubic=cubic)
+            smallest = smallest_share(unknowns)
+            if share > 0.0 and smallest <= SMALLEST_SHARE:
                 unknowns = mended(fine.chart, fine.cells, there.unknowns, unknowns)
-            if smallest_share(unknowns) > 0.0:
+            elif cubic:
                 return Place(mesh=fine, unknowns=unknowns)
-        return there
+            if smallest_share(unknowns) > 0.0:
+                tried.append(unknowns)
+        return Place(mesh=fine, unknowns=min(tried, key=error)) if tried else there
+
+    def _interpolated(self, fine: BlockMesh, share: float, *, cubic: bool) -> Array:
+        """The unknowns of a finer mesh, from the positions less ``share`` times those of the initial mesh."""
+        lifting, first, there = Lifting(self.mesh.level, fine.level), self.mesh.first, fine.first
+        moves = lifting.lifted(self.points - share * first.points, cubic=cubic)
+        along = lifting.lifted_along_sides(self.parameters - first.parameters, cubic=cubic)
+        return fine.chart.unknowns(share * there.points + moves, there.parameters + along)
 
     def quad_mesh(self, finest: QuadMesh) -> QuadMesh:
         """As a mesh; that of the finest level has the cells, sides and blocks of ``finest``."""

@@ -17,7 +17,11 @@ from equimesh.numerics.types import Array, BoolArray, IntArray
 SMALLEST_SHARE = 1e-2
 """Cells with a corner whose Jacobian is a smaller share of that of the first mesh are mended."""
 MAX_ROUNDS = 60
-"""Rounds of averaging, at most. Folds that are left then are deep ones."""
+"""Rounds of averaging, at most."""
+ROUNDS_OF_MEANS = 10
+"""Rounds after which the displacements are shortened, too: beside a bent curve equal ones can fold."""
+SHORTENING = 0.8
+"""The factor by which they are shortened in a round."""
 
 
 def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
@@ -27,14 +31,15 @@ def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
     """
     start = np.stack(chart.nodes(first))
     marks = np.zeros(mesh.shape[1], dtype=np.bool_)
-    for _ in range(MAX_ROUNDS):
+    for done in range(MAX_ROUNDS):
         at = np.stack(chart.nodes(mesh))
-        if not mark_folds(Nodes(*at, cells.corners.reshape(-1)), start, SMALLEST_SHARE, marks):
+        if not mark_folds(Nodes(at[0], at[1], cells.corners.reshape(-1)), start, SMALLEST_SHARE, marks):
             break
         copies, originals = cells.ties.T
         np.logical_or.at(marks, originals, marks[copies])
         changes = np.zeros_like(at)
-        average(at - start, cells.corners, (cells.starts, cells.places), marks, changes)
+        share = 1.0 if done < ROUNDS_OF_MEANS else SHORTENING
+        average(at - start, cells.corners, (cells.starts, cells.places), marks, share, changes)
         step = chart.pulled(mesh, changes)
         cells.tie(step)
         mesh = mesh + step
@@ -66,11 +71,14 @@ def mark_folds(nodes: Nodes, start: Array, least: float, marks: BoolArray) -> bo
 
 
 @compiled
-def average(moves: Array, corners: IntArray, around: tuple[IntArray, IntArray], marks: BoolArray, out: Array) -> None:
+def average(
+    moves: Array, corners: IntArray, around: tuple[IntArray, IntArray], marks: BoolArray, share: float, out: Array
+) -> None:
     """The changes that make the ``moves`` of marked nodes the means of their own and those of their neighbours.
 
-    ``around`` are the places of the nodes in the ``corners`` of cells: where the entries of each node begin, and these.
-    A neighbour counts once for every cell that it shares an edge with the node in.
+    They are made ``share`` times these means. ``around`` are the places of the nodes in the ``corners`` of cells: where
+    the entries of each node begin, and these. A neighbour counts once for every cell that it shares an edge with the
+    node in.
     """
     starts, places = around
     for node in range(marks.size):
@@ -83,4 +91,4 @@ def average(moves: Array, corners: IntArray, around: tuple[IntArray, IntArray], 
                 a += moves[0, other]
                 b += moves[1, other]
                 count += 1
-        out[0, node], out[1, node] = a / count - moves[0, node], b / count - moves[1, node]
+        out[0, node], out[1, node] = share * a / count - moves[0, node], share * b / count - moves[1, node]

@@ -12,7 +12,7 @@ from equimesh.least_error.block_mesh import BlockMesh
 from equimesh.least_error.kernels import Nodes
 from equimesh.least_error.mending import SMALLEST_SHARE, mended
 from equimesh.numerics.types import Array
-from equimesh.testing.geometries import disc
+from equimesh.testing.geometries import disc, naca0012_c
 
 SQUARE = {
     "vertices": {"a": [0, 0], "b": [1, 0], "c": [1, 1], "d": [0, 1]},
@@ -74,3 +74,17 @@ def test_a_mesh_without_folds_is_the_same() -> None:
     mesh = finest(disc(400))
     first = mesh.first.unknowns
     assert mended(mesh.chart, mesh.cells, first, first) is first
+
+
+def test_beside_a_bent_curve_displacements_are_shortened() -> None:
+    """Means alone do not mend what has slid around the nose of an airfoil."""
+    domain = naca0012_c(2000)
+    mesh = finest(domain)
+    x, y = domain.mesh.points.T
+    moves = np.zeros_like(mesh.first.unknowns)
+    near = np.hypot(x, y) < 0.05
+    moves[:, near] = np.array([[0.05], [0.03]])
+    before = mesh.first.unknowns + moves * mesh.chart.free
+    assert smallest(mesh, before) < 0.0
+    after = mended(mesh.chart, mesh.cells, mesh.first.unknowns, before)
+    assert smallest(mesh, after) > SMALLEST_SHARE
