@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+import equimesh
 from equimesh import (
     Acceleration,
     ArcLength,
@@ -350,3 +351,8 @@ def test_the_tree_of_exceptions_is_that_of_the_client() -> None:
     tree = next(code for kind, code in blocks(page("client")) if kind == "text")
     drawn = [line.strip() for line in (errors.__doc__ or "").splitlines() if line.startswith("    ")]
     assert [line.strip() for line in tree.splitlines()] == drawn
+
+
+def test_the_page_of_python_has_every_public_name() -> None:
+    missing = [name for name in equimesh.__all__ if not re.search(rf"\b{name}\b", page("python"))]
+    assert not missing

@@ -33,6 +33,8 @@ MAX_CELLS_WITH_EDGES = 80
 """Cells in a direction up to which the picture of a measure shows their edges."""
 MAX_LABELS = 12
 """A legend of subdomains has at most this many entries; of more, the title gives the number."""
+SQUARE_INCHES = 5.0
+"""The side of a square mesh in a figure of the usual size."""
 SUBDOMAIN_COLOURS = ("#d62728", "#1f4fd8", "#009e73", "#e69f00", "#56b4e9", "#7f5539")
 """Red and blue as in the paper, then colours that stay apart for colour-blind eyes."""
 OVERLAP_COLOUR = "#8e24aa"
@@ -60,7 +62,7 @@ def draw_mesh(
     else:
         pieces, remark, across = _lines_of_grid(data.mesh, of_cell, decomposition if show_subdomains else None)
     owners = sorted(pieces, key=lambda owner: (owner == SHARED_OWNER, owner))
-    with figure_file(path, 6.0, 6.4) as figure:
+    with figure_file(path, *_inches(data.mesh, 6.0, 6.4, least=(4.0, 1.8))) as figure:
         from matplotlib.collections import LineCollection
 
         axes = figure.add_subplot()
@@ -156,7 +158,7 @@ def draw_quality(data: MeshData, path: str | Path) -> None:
     mesh, q = data.mesh, np.ma.masked_invalid(np.where(data.q_eq > 0, data.q_eq, np.nan))
     unknown = q.size - int(q.count())
     spread = 1.02 if unknown == q.size else max(1.02, float(np.exp(np.abs(np.log(q.compressed())).max())))
-    with figure_file(path, 6.6, 5.8) as figure:
+    with figure_file(path, *_inches(mesh, 6.6, 5.8, least=(5.4, 3.4))) as figure:
         from matplotlib import colormaps
         from matplotlib.collections import LineCollection
         from matplotlib.colors import LogNorm
@@ -231,11 +233,29 @@ def _size(mesh: Mesh | QuadMesh) -> str:
     return f"{' × '.join(map(str, mesh.node_shape))} points"
 
 
+def _inches(mesh: Mesh | QuadMesh, width: float, height: float, *, least: tuple[float, float]) -> tuple[float, float]:
+    """The size of a figure around a mesh that is not square, where one of a square mesh has ``width`` and ``height``.
+
+    It has the ``least`` size, with room for titles and legends.
+    """
+    (left, right), (low, high) = _ends(mesh.x), _ends(mesh.y)
+    shorter, longer = sorted((right - left, high - low))
+    saved = SQUARE_INCHES * (1.0 - shorter / longer) if longer > 0.0 else 0.0
+    if right - left < high - low:
+        return max(width - saved, least[0]), height
+    return width, max(height - saved, least[1])
+
+
+def _ends(values: Array) -> tuple[float, float]:
+    """The smallest and the largest of the values that are finite."""
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+
+
 def _physical_plane(axes: Axes, mesh: Mesh | QuadMesh) -> None:
     """Equal scales, and limits that leave the mesh a narrow margin."""
     for set_limits, values in ((axes.set_xlim, mesh.x), (axes.set_ylim, mesh.y)):
-        finite = values[np.isfinite(values)]
-        low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+        low, high = _ends(values)
         set_limits(low - 0.02 * (high - low), high + 0.02 * (high - low))
     axes.set_aspect("equal")
     axes.set(xlabel="$x$", ylabel="$y$")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from equimesh.meshes.grid import Grid
+from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.mesh_data import MeshData
 from equimesh.plot.mesh_lines import MeshLines
 from equimesh.plot.meshes import (
@@ -113,3 +115,16 @@ def test_quality_of_a_folded_or_perfect_mesh(tmp_path: Path) -> None:
     for everywhere in (1.0, math.inf):
         same = np.full_like(q, everywhere)
         draw_quality(MeshData(mesh=data.mesh, u=data.u, q_eq=same, subdomain=data.subdomain), path)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "inches"), [(1, 1, (6, 6.4)), (4, 1, (6, 2.65)), (60, 1, (6, 1.8)), (1, 2, (4, 6.4))]
+)
+def test_pictures_are_as_wide_and_as_high_as_their_meshes(
+    tmp_path: Path, x: int, y: int, inches: tuple[float, float]
+) -> None:
+    data = result(strips())
+    stretched = replace(data, mesh=Mesh(x * data.mesh.x, y * data.mesh.y))
+    draw_mesh(stretched, tmp_path / "mesh.png", decomposition=strips())
+    height, width = matplotlib.image.imread(tmp_path / "mesh.png").shape[:2]
+    assert (width / 150, height / 150) == pytest.approx(inches, abs=0.02)

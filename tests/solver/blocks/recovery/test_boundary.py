@@ -70,6 +70,19 @@ def test_a_small_turn_is_a_corner_where_it_stands_alone(height: float, corner: b
     assert 12 in of((points, cells), corner_angle=180.0, corners=[(0.51, -0.2)]).corners
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "corner"),
+    [(1.19, 1.19, True), (1.21, 0.0, False), (0.0, 1.21, False), (-1.21, 0.0, False), (0.0, 0.0, True)],
+)
+def test_a_small_turn_is_a_corner_by_its_ratio_to_those_beside_it(before: float, after: float, corner: bool) -> None:
+    points, cells = grid(8, 2)
+    ways = np.radians(np.cumsum([0, 0, 0, before, 6.0, after, 0, 0]))  # of the edges of the lower side; 5 times 1.2
+    low = np.concatenate([[[0.0, 0.0]], np.cumsum(np.column_stack([np.cos(ways), np.sin(ways)]), axis=0)]) / 8
+    bent = np.concatenate([low[:, None] + np.array([[0.0, 0.0], [0.0, 0.5], [0.0, 1.0]])]).reshape(-1, 2)
+    assert points.shape == bent.shape
+    assert (12 in of((bent, cells)).corners) == corner
+
+
 def test_a_coarse_circle_has_no_corners() -> None:
     assert len(of(ring(13, 1)).corners) == 0
     assert len(of(ring(13, 1), corner_angle=10.0).corners) == 26
