@@ -59,7 +59,7 @@ from equimesh_client.spec.monitors import (
     Weight,
 )
 from equimesh_client.spec.motion import Motion
-from equimesh_client.spec.schwarz import Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
+from equimesh_client.spec.schwarz import BlockSchwarz, Classical, LinearRobin, NonlinearRobin, Optimized, Schwarz
 from equimesh_client.spec.sources import StoredSamples, Upload
 from equimesh_client.wire.arrays import MeshArrays
 from equimesh_client.wire.part_downloads import PartArrays
@@ -86,6 +86,7 @@ __all__ = [
     "Auto",
     "BadArgument",
     "BadValues",
+    "BlockSchwarz",
     "Blocks",
     "Candidate",
     "CellAverages",

@@ -178,6 +178,20 @@ def test_defaults_and_keys_of_the_service(name: str) -> None:
         assert canonical["schwarz"]["transmission"].keys() - {"kind"} == known(document, "schwarz", "transmission")
 
 
+def test_the_iteration_between_blocks_on_all_sides() -> None:
+    document = {"monitor": MONITORS["least_error"], "domain": BLOCKS["blocks"], "schwarz": {}}
+    canonical = read_spec(document).canonical["schwarz"]
+    sent = client_schwarz.BlockSchwarz().json()
+    names = {one.name: one.default for one in fields(em.BlockSchwarz)}
+    assert canonical == sent == names
+    assert known(document, "schwarz") == names.keys()
+    for settings in (canonical, sent, {}):
+        assert build({**document, "schwarz": settings}).schwarz == em.BlockSchwarz()
+    page = (DOCS / "reference" / "http.md").read_text().split("### Blocks")[1].split("## POST")[0]
+    rows = re.findall(r"^\| `(\w+)` \| `([^`]+)`", page, re.MULTILINE)
+    assert {name: json.loads(default) for name, default in rows} == names
+
+
 @pytest.mark.parametrize("name", BLOCKS)
 def test_keys_of_blocks_on_all_sides(name: str) -> None:
     def find(_: str, settings: Any) -> em.Blocks:

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypedDict
 from equimesh_client.errors import BadArgument
 from equimesh_client.spec.domains import Domain, domain_json, has_own_points
 from equimesh_client.spec.monitors import Json, Monitor
-from equimesh_client.spec.schwarz import Schwarz
+from equimesh_client.spec.schwarz import BlockSchwarz, Schwarz
 
 DEFAULT_POINTS = 64
 """Points a side of `generate`."""
@@ -51,8 +51,10 @@ class MeshOptions(TypedDict, total=False):
     """
     target: Target | Mapping[str, Any] | None
     """An interpolation error in place of ``n``. Default: None, which takes the grid of ``n``."""
-    schwarz: Schwarz | Mapping[str, Any] | None
-    """How the domain is divided into subdomains. Default: None, which solves on a single domain."""
+    schwarz: Schwarz | BlockSchwarz | Mapping[str, Any] | None
+    """How the domain is divided into subdomains; a :class:`BlockSchwarz` on blocks. Default: None, which solves on a
+    single domain.
+    """
     boundary: str
     """How points move along the sides: ``"trace"`` (default), ``"equidistributed_1d"`` or ``"orthogonal"``."""
     mode: str
@@ -125,12 +127,13 @@ def points_per_side(n: int | tuple[int, int]) -> tuple[int, int]:
 
 def _schwarz_json(schwarz: object) -> Json | None:
     """The JSON of the settings of a Schwarz iteration; raises :class:`BadArgument` for another object."""
-    if schwarz is None or isinstance(schwarz, Schwarz):
+    if schwarz is None or isinstance(schwarz, Schwarz | BlockSchwarz):
         return None if schwarz is None else schwarz.json()
     if isinstance(schwarz, Mapping):
         return dict(schwarz)
     raise BadArgument(
-        f"schwarz is a Schwarz, such as Schwarz(subdomains=(2, 1)), or None for a single domain; not {schwarz!r:.80}"
+        "schwarz is a Schwarz, such as Schwarz(subdomains=(2, 1)), on blocks a BlockSchwarz(), or None for a single"
+        f" domain; not {schwarz!r:.80}"
     )
 
 

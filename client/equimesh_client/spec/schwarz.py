@@ -1,5 +1,6 @@
 """Settings of the Schwarz iteration, as dataclasses and as the JSON of the HTTP interface."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
@@ -112,6 +113,30 @@ class Schwarz:
             "tolerance": self.tolerance,
             "max_iterations": self.max_iterations,
             "compare_single_domain": self.compare_single_domain,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockSchwarz:
+    """A Schwarz iteration between the blocks of a domain, for the mesh of least error.
+
+    Every subdomain, a block or one of the ``groups`` of names or numbers of blocks, takes ``local_steps`` of descent
+    with the others held; then they exchange their moves. It also has ``overlap`` layers of cells of its neighbours.
+    ``max_exchanges`` is None for as many as take the steps of a solve of the whole mesh.
+    """
+
+    overlap: int = 4
+    local_steps: int = 8
+    max_exchanges: int | None = None
+    groups: Sequence[Sequence[str | int]] | None = None
+
+    def json(self) -> Json:
+        """The JSON of the settings."""
+        return {
+            "overlap": self.overlap,
+            "local_steps": self.local_steps,
+            "max_exchanges": self.max_exchanges,
+            "groups": None if self.groups is None else [list(group) for group in self.groups],
         }
 
 

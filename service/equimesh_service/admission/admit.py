@@ -31,7 +31,7 @@ from equimesh_service.problems.problem import Problem, problem_at, repointed
 from equimesh_service.settings import Settings
 from equimesh_service.spec.document import parse, sent_pointer
 from equimesh_service.spec.mesh import MESH_PLACE, CheckedSpec, GridSpec, read_spec
-from equimesh_service.spec.schwarz import SchwarzSpec
+from equimesh_service.spec.schwarz import BlockSchwarzSpec, SchwarzSpec
 from equimesh_service.spec.sources import UPLOAD
 from equimesh_service.store.rows import NewSamples, SamplesRow
 from equimesh_service.store.store import Store
@@ -296,8 +296,10 @@ class Admission:
         elif spec.grid is not None:
             self._check_grid(spec.grid, whole=checked.canonical["parts"] is None)
         self._limits.check(checked.sources)
-        if spec.schwarz is not None and spec.grid is not None:
+        if isinstance(spec.schwarz, SchwarzSpec) and spec.grid is not None:
             self._check_schwarz(spec.schwarz, spec.grid)
+        if isinstance(spec.schwarz, BlockSchwarzSpec) and (spec.schwarz.max_exchanges or 0) > self._most_iterations:
+            raise problem_at("/schwarz/max_exchanges", f"too many: this service runs at most {self._most_iterations}")
 
     def _check_target(self, checked: CheckedSpec) -> None:
         most, asked = self.settings.max_points, checked.canonical["target"]["max_points"]
@@ -330,6 +332,10 @@ class Admission:
     def _way_to_more(self) -> str:
         return "" if self.settings.has_cluster else "; a service with a cluster (EQUIMESH_ENGINE=dask) takes more"
 
+    @property
+    def _most_iterations(self) -> int:
+        return self.settings.max_iterations
+
     def _check_schwarz(self, schwarz: SchwarzSpec, grid: GridSpec) -> None:
         most = self.settings
         along_xi, along_eta = schwarz.counts
@@ -339,8 +345,8 @@ class Admission:
         if schwarz.overlap > max(grid.n_xi, grid.n_eta):
             message = "the overlap is larger than the grid: 2 to 8 points are usual"
             raise problem_at("/schwarz/overlap", message)
-        if schwarz.max_iterations > most.max_iterations:
-            message = f"too many: this service runs at most {most.max_iterations} iterations"
+        if schwarz.max_iterations > self._most_iterations:
+            message = f"too many: this service runs at most {self._most_iterations} iterations"
             raise problem_at("/schwarz/max_iterations", message)
 
 

@@ -32,6 +32,8 @@ def check_first_spec(admitted: Admitted) -> Admitted:
     """The spec of a sequence's first mesh; raises a 422 problem for a target, and for a mesh in parts."""
     if admitted.spec["target"] is not None:
         raise problem_at("/target", "the meshes of a sequence have one grid: give it in place of the target")
+    if admitted.nodes is not None and admitted.spec["schwarz"] is not None:
+        raise problem_at("/schwarz", "the steps of a sequence on blocks are solved whole: leave schwarz out")
     if admitted.is_in_parts:
         message = "the meshes of a sequence are computed on one machine: request fewer points, and leave parts out"
         raise problem_at("/parts", message)

@@ -9,7 +9,7 @@ from functools import cached_property
 from hashlib import sha256
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, ValidationInfo, field_validator
 
 from equimesh_service.problems.problem import problem_at
 from equimesh_service.problems.sentences import WITHOUT_NUL
@@ -24,7 +24,7 @@ from equimesh_service.spec.monitors import (
     sources_of,
     with_samples,
 )
-from equimesh_service.spec.schwarz import SchwarzSpec
+from equimesh_service.spec.schwarz import AnySchwarz, OnBlocks
 from equimesh_service.spec.sources import AnySource, ExpressionSource, GridSource, NodalSource, StoredSource
 from equimesh_service.spec.strict import Parameters, Strict, either, validate
 
@@ -72,7 +72,9 @@ class MeshSpec(Strict):
     initial: Literal["nested", "uniform"] = Field(
         "nested", description="The initial mesh: from coarser grids, or uniform as in the paper."
     )
-    schwarz: SchwarzSpec | None = Field(None, description="Absent or null: solved as a single domain.")
+    schwarz: AnySchwarz | None = Field(
+        None, description="Absent or null: solved as a single domain. With blocks an iteration between these."
+    )
     mode: Literal["discretization", "tight"] = Field(
         "discretization", description="How exactly the discrete equations are solved; see /v1/capabilities."
     )
@@ -93,6 +95,13 @@ class MeshSpec(Strict):
         description="How many parts of a cluster the mesh is computed in; auto: as many as fit its workers. null: one "
         "machine computes it, or where it is too large for that, a cluster in parts.",
     )
+
+    @field_validator("schwarz", mode="before")
+    @classmethod
+    def _between_blocks(cls, value: Any, info: ValidationInfo) -> Any:
+        """The settings, marked where the domain has blocks."""
+        has_blocks = isinstance(info.data.get("domain"), BlocksSpec | MeshFileSpec)
+        return OnBlocks(value) if has_blocks and isinstance(value, Mapping) else value
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """The Schwarz iteration in a spec: subdomains, what they exchange, what speeds it up, and when to use which."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, FiniteFloat, Tag
+from pydantic import Discriminator, Field, FiniteFloat, GetJsonSchemaHandler, Tag
 
 from equimesh_service.spec.strict import TAG, Strict, by_kind, either
 
@@ -131,3 +131,41 @@ class SchwarzSpec(Strict):
         """How many subdomains there are along xi and along eta."""
         xi, eta = (len(part) + 1 if isinstance(part, list) else part for part in self.subdomains)
         return xi, eta
+
+
+class BlockSchwarzSpec(Strict):
+    """The Schwarz iteration between the blocks of a domain, for the mesh of least error."""
+
+    overlap: int = Field(4, description="Layers of cells of its neighbours that a subdomain also has, 1 to 64.")
+    local_steps: int = Field(8, description="Steps of descent of a subdomain in one exchange, 1 to 1000.")
+    max_exchanges: int | None = Field(
+        None, description="Exchanges at most; null: as many as take the steps of a solve of the whole mesh."
+    )
+    groups: Annotated[
+        list[Annotated[list[str | int], Field(min_length=1)]] | None,
+        either("a list of lists of names or numbers of blocks, or null"),
+    ] = Field(None, description="The blocks of each subdomain, each block once; null: every block is one.")
+
+
+class OnBlocks(dict[str, Any]):
+    """The settings of an iteration as they were sent, with a domain that has blocks."""
+
+
+class _AnyOf:
+    """The schema of a union, of which a document may fit several members, as one without keys does."""
+
+    def __get_pydantic_json_schema__(self, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = handler(core_schema)
+        return {"anyOf" if key == "oneOf" else key: part for key, part in schema.items()}
+
+
+def _kind_of(value: Any) -> str:
+    return TAG + ("blocks" if isinstance(value, OnBlocks | BlockSchwarzSpec) else "grid")
+
+
+AnySchwarz = Annotated[
+    Annotated[SchwarzSpec, Tag(TAG + "grid")] | Annotated[BlockSchwarzSpec, Tag(TAG + "blocks")],
+    Discriminator(_kind_of),
+    _AnyOf(),
+]
+"""The settings of an iteration; the domain of the spec says of which one."""

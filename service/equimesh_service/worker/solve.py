@@ -168,7 +168,7 @@ def _solve(job: Job) -> Ending | Repeated | None:
     if work.spec.parts is not None:
         return solve_in_parts(job, work.spec, store, work.mesh_input.format)
     presence = _Presence(store, job.claim, work.mesh_input.draft is None)
-    reporter = Reporter(work.spec.schwarz, presence.report)
+    reporter = Reporter(work.spec.grid_schwarz, presence.report)
     with tracing.span("solve"):
         solution, step = _compute(work, job.threads, reporter)
     solved = time.perf_counter()

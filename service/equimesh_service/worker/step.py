@@ -71,7 +71,7 @@ class StepStart:
         settings: SolveArguments = {**options, "mode": spec.mode, "allow_relaxed": spec.allow_relaxed}
         sequence = equimesh.Sequence(
             spec.problem,
-            spec.schwarz,
+            spec.grid_schwarz,
             mesh=self.mesh,
             solution=self.earlier,
             **self.motion,

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from equimesh.errors import InputError
+from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.schwarz.conditions import Classical, LinearRobin, NonlinearRobin, Optimized, TransmissionCondition
 from equimesh.schwarz.settings import Schwarz
 from equimesh.solving.solve import NO_SUBDOMAINS
@@ -57,6 +58,12 @@ _SETTINGS = Record(
     },
 )
 SCHWARZ = optional(_SETTINGS)
+BLOCK_SCHWARZ = optional(
+    Record(BlockSchwarz, dict.fromkeys(("overlap", "local_steps", "max_exchanges", "groups"), as_given))
+)
+"""The settings of the iteration between the blocks of a domain, where those of a grid stand."""
+ON_BLOCKS = ("blocks", "mesh")
+"""The kinds of domains that have blocks."""
 TARGET = Record(Target, {"norm": as_given, "error": number, "max_points": _limit})
 NO_TARGET = (
     "the subdomains of a Schwarz iteration are parts of a grid that is known: give a grid in place of the target"
@@ -64,16 +71,21 @@ NO_TARGET = (
 
 
 def build_schwarz(document: object) -> Schwarz | None:
-    """The Schwarz settings of a whole ``document``, which fit its grid; None for a single domain.
+    """The Schwarz settings of a whole ``document``, which fit its grid; None for a single domain, and on blocks.
 
-    Of the monitor it reads the kind alone. Raises :class:`~equimesh.errors.InputError`, whose field begins with
-    ``grid`` or ``schwarz``, also for a monitor that subdomains cannot solve.
+    Those of blocks are read, and need the domain to be compared with. Of the monitor it reads the kind alone.
+
+    Raises :class:`~equimesh.errors.InputError`, whose field begins with ``grid`` or ``schwarz``, also for a monitor
+    that subdomains cannot solve.
     """
     given = mapping(document, "")
-    schwarz: Schwarz | None = SCHWARZ(given.get("schwarz"), "schwarz")
     domain = given.get("domain")
-    if schwarz is None or (isinstance(domain, Mapping) and domain.get("kind") in ("blocks", "mesh")):
-        return schwarz  # with blocks it is refused where these are built, with the way that serves
+    if isinstance(domain, Mapping) and domain.get("kind") in ON_BLOCKS:
+        BLOCK_SCHWARZ(given.get("schwarz"), "schwarz")
+        return None
+    schwarz: Schwarz | None = SCHWARZ(given.get("schwarz"), "schwarz")
+    if schwarz is None:
+        return None
     monitor = given.get("monitor")
     if isinstance(monitor, Mapping) and monitor.get("kind") == "least_error":
         raise InputError(NO_SUBDOMAINS, field="schwarz")

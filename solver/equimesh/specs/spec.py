@@ -18,6 +18,7 @@ from equimesh.equations.problem import Problem
 from equimesh.errors import InputError
 from equimesh.inputs import choice
 from equimesh.io.write import CELLS, Cells
+from equimesh.least_error.block_schwarz import BlockSchwarz
 from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.monitors.monitor import require_lines
@@ -25,6 +26,7 @@ from equimesh.monitors.nodal_solution import NO_OTHER_GRID, NodalSolution
 from equimesh.schwarz.settings import Schwarz
 from equimesh.single_domain.steps import Mode
 from equimesh.solving.block_solution import BlockSolution
+from equimesh.solving.blocks import count_subdomains
 from equimesh.solving.options import Initial, SolveArguments
 from equimesh.solving.solution import Solution
 from equimesh.solving.solve import NO_SUBDOMAINS, solve
@@ -32,7 +34,7 @@ from equimesh.solving.target import NO_U, Target, solve_to
 from equimesh.specs.document import Reader, Record, as_given, either, flag, optional, text, whole
 from equimesh.specs.domains import GRID, FindMesh, domain_reader, meshes_in, no_meshes
 from equimesh.specs.monitors import build_monitor
-from equimesh.specs.schwarz import SCHWARZ, TARGET, build_schwarz
+from equimesh.specs.schwarz import BLOCK_SCHWARZ, TARGET, build_schwarz
 from equimesh.specs.sources import FindSamples, no_samples, samples_in
 
 AUTOMATIC_PARTS: Final = "auto"
@@ -40,8 +42,6 @@ NOT_WITH_BLOCKS: Final[Mapping[str, str]] = {
     "grid": "the blocks of the domain have numbers of cells of their own: leave the grid out, and refine the blocks",
     "target": "the grid of a target is found on domains with four sides: leave it out, and refine the blocks",
     "boundary": "the nodes on the curves of blocks slide for the least error: leave the boundary out",
-    "schwarz": "the subdomains of a Schwarz iteration are parts of one grid, which blocks have not: leave schwarz out, "
-    "or solve in Python with equimesh.solve(BlockProblem(...), BlockSchwarz())",
     "parts": "a mesh of blocks is computed on one machine: leave parts out, or solve in Python with "
     "equimesh.cluster.solve_blocks",
 }
@@ -54,13 +54,14 @@ NumberOfParts: TypeAlias = int | Literal["auto"] | None
 class BuiltSpec:
     """The contents of a document: the arguments of :func:`equimesh.solve`, and the ``cells`` of the file.
 
-    ``schwarz`` is None for a single domain. ``target`` is None where the document has a grid; otherwise it goes to
-    :func:`equimesh.solve_to`, and ``problem`` has the first grid. ``label`` is free text of the sender. ``parts`` is
-    the number of parts on a cluster, ``"auto"`` or None; the points do not depend on it.
+    ``schwarz`` is None for a single domain, and that between blocks for these. ``target`` is None where the document
+    has a grid; otherwise it goes to :func:`equimesh.solve_to`, and ``problem`` has the first grid. ``label`` is free
+    text of the sender. ``parts`` is the number of parts on a cluster, ``"auto"`` or None; the points do not depend on
+    it.
     """
 
     problem: Problem | BlockProblem
-    schwarz: Schwarz | None
+    schwarz: Schwarz | BlockSchwarz | None
     target: Target | None
     initial: Initial
     mode: Mode
@@ -78,6 +79,11 @@ class BuiltSpec:
         if isinstance(self.problem, BlockProblem):
             raise InputError("this needs a domain with four sides, whose meshes have a grid", field="domain")
         return self.problem
+
+    @property
+    def grid_schwarz(self) -> Schwarz | None:
+        """The Schwarz iteration on a grid; None for a single domain, and on blocks."""
+        return self.schwarz if isinstance(self.schwarz, Schwarz) else None
 
     def solve(
         self,
@@ -97,10 +103,11 @@ class BuiltSpec:
             settings["initial"] = start
         if isinstance(self.problem, BlockProblem):
             on_blocks: SolveArguments = {"initial": self.initial}
-            return solve(self.problem, **on_blocks | options)
+            between = self.schwarz if isinstance(self.schwarz, BlockSchwarz) else None
+            return solve(self.problem, between, **on_blocks | options)
         problem = self.problem
         if self.target is None:
-            return solve(problem, self.schwarz, **settings)
+            return solve(problem, self.grid_schwarz, **settings)
         return solve_to(
             self.target,
             monitor=problem.monitor,
@@ -160,16 +167,19 @@ def _on_blocks(parts: _Parts, blocks: Blocks, find_samples: FindSamples) -> Buil
         "grid": parts.grid is not None,
         "target": parts.target is not None,
         "boundary": parts.boundary is not Boundary.TRACE,
-        "schwarz": parts.schwarz is not None,
         "parts": parts.parts is not None,
     }
     for name, is_given in given.items():
         if is_given:
             raise InputError(NOT_WITH_BLOCKS[name], field=name)
     monitor: Any = build_monitor(parts.monitor, blocks, find_samples, cells=parts.cells)
+    problem = BlockProblem(monitor=monitor, domain=blocks)
+    schwarz = BLOCK_SCHWARZ(parts.schwarz, "schwarz")
+    if schwarz is not None:
+        count_subdomains(problem, schwarz)
     return BuiltSpec(
-        problem=BlockProblem(monitor=monitor, domain=blocks),
-        schwarz=None,
+        problem=problem,
+        schwarz=schwarz,
         target=None,
         initial=parts.initial,
         mode=parts.mode,
@@ -204,7 +214,7 @@ def load(path: str | os.PathLike[str]) -> BuiltSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class _Parts:
-    """The parts of a document. The monitor is not built yet, since it needs the domain."""
+    """The parts of a document. The monitor and the Schwarz settings need the domain, and are not built yet."""
 
     monitor: object
     domain: Domain | Blocks = UNIT_SQUARE
@@ -212,7 +222,7 @@ class _Parts:
     target: Target | None = None
     boundary: Boundary = Boundary.TRACE
     initial: Initial = Initial.NESTED
-    schwarz: Schwarz | None = None
+    schwarz: object = None
     mode: Mode = Mode.DISCRETIZATION
     allow_relaxed: bool = True
     cells: Cells = "quad"
@@ -244,7 +254,7 @@ _KEYS: dict[str, Reader] = {
     "target": optional(TARGET),
     "boundary": _word_of(Boundary),
     "initial": _word_of(Initial),
-    "schwarz": SCHWARZ,
+    "schwarz": as_given,
     "mode": _word_of(Mode),
     "allow_relaxed": flag,
     "cells": _cells,

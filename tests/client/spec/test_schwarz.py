@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from equimesh_client import BadArgument, Classical, LinearRobin, Optimized, Schwarz
+from equimesh_client import BadArgument, BlockSchwarz, Classical, LinearRobin, Optimized, Schwarz
 from equimesh_client.spec.mesh import mesh_spec
 from equimesh_client.spec.schwarz import transmission
 
@@ -26,6 +26,14 @@ def test_schwarz_as_json() -> None:
     }
     assert mesh_spec({}, 8, {"schwarz": {"overlap": 3}})["schwarz"] == {"overlap": 3}
     assert Schwarz(subdomains=((24, 40), 1)).json()["subdomains"] == [[24, 40], 1]
+
+
+def test_the_iteration_between_blocks_as_json() -> None:
+    schwarz = mesh_spec({}, options={"schwarz": BlockSchwarz(groups=(("in", 2), ("top",)))}, n=8)["schwarz"]
+    assert schwarz == {"overlap": 4, "local_steps": 8, "max_exchanges": None, "groups": [["in", 2], ["top"]]}
+    assert BlockSchwarz().json()["groups"] is None
+    with pytest.raises(BadArgument, match="on blocks a BlockSchwarz"):
+        mesh_spec({}, 8, {"schwarz": 3})  # type: ignore[typeddict-item]
 
 
 def test_transmission_by_name() -> None:

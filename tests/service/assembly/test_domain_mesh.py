@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
+from equimesh import specs
 from equimesh.errors import InputError
 from equimesh_service.assembly.domain_mesh import MESH, blocks_of, convert_mesh
 from service.requests import STEP, WAIT, arrays, post, solved
@@ -123,6 +124,25 @@ def test_the_file_of_a_mesh_comes_with_the_spec(http: httpx.Client, mesh: dict[s
     ):
         answer = http.post("/v1/meshes", data={"spec": json.dumps(spec)}, files=files)
         assert (answer.status_code, message in answer.text.replace('\\"', '"')) == (422, True), answer.text
+
+
+def test_the_iteration_between_blocks_is_that_of_the_solver(http: httpx.Client) -> None:
+    schwarz = {"groups": [["block0", "upper"], [2]], "overlap": 3}
+    spec = {"monitor": LEAST, "domain": STEP, "schwarz": schwarz}
+    made = solved(http, spec)
+    canonical = http.get(made["links"]["self"] + "/spec").json()["schwarz"]
+    assert canonical == {"overlap": 3, "local_steps": 8, "max_exchanges": None, "groups": schwarz["groups"]}
+    problem = specs.build(spec).problem
+    in_process = em.solve(problem, em.BlockSchwarz(groups=[["block0", "upper"], [2]], overlap=3))  # type: ignore[call-overload]
+    found = arrays(http, made)
+    np.testing.assert_array_equal(found["x"], in_process.mesh.x)
+    descent = http.get(made["links"]["self"] + "/convergence").json()["descent"]
+    assert len(descent) == len(in_process.descent)
+    drawing = np.load(io.BytesIO(http.get(made["links"]["self"] + "/drawing").content))
+    assert json.loads(drawing["document"].tobytes())["ordering"] is None
+    assert http.post("/v1/previews", json=spec).status_code == 200
+    begun = http.post("/v1/sequences", json=spec)
+    assert (begun.status_code, begun.json()["errors"][0]["pointer"]) == (422, "/schwarz")
 
 
 def test_bad_meshes_are_refused(http: httpx.Client) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from equimesh import AnnulusSector, Blocks, Curve, Domain, InputError, Quadrilateral, Rectangle
+from equimesh import AnnulusSector, Blocks, BlockSchwarz, Curve, Domain, InputError, Quadrilateral, Rectangle
 from equimesh.specs import build, build_domain, count_points, load
 from equimesh.specs.spec import NOT_WITH_BLOCKS
 
@@ -125,7 +125,6 @@ def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
         "grid": {"n_xi": 8},
         "target": {"error": 1e-3},
         "boundary": "orthogonal",
-        "schwarz": {},
         "parts": 2,
     }.items():
         with pytest.raises(InputError) as caught:
@@ -134,6 +133,23 @@ def test_what_goes_with_a_grid_is_refused_on_blocks() -> None:
         assert caught.value.message == NOT_WITH_BLOCKS[name]
     with pytest.raises(InputError, match="LeastError"):
         build({**document, "monitor": {"kind": "curvature", "u": "x*y"}})
+
+
+def test_schwarz_between_blocks() -> None:
+    blocks = {**BLOCKS, "blocks": [{**BLOCKS["blocks"][0], "name": "one"}]}
+    document: dict[str, Any] = {"monitor": {"kind": "least_error", "u": "x*y"}, "domain": {"kind": "blocks", **blocks}}
+    assert build({**document, "schwarz": {}}).schwarz == BlockSchwarz()
+    built = build({**document, "schwarz": {"overlap": 2, "groups": [["one"]]}})
+    assert (built.schwarz, built.grid_schwarz) == (BlockSchwarz(overlap=2, groups=[["one"]]), None)
+    for settings, field in (
+        ({"overlap": 0}, "schwarz.overlap"),
+        ({"subdomains": [2, 1]}, "schwarz.subdomains"),
+        ({"groups": [["two"]]}, "schwarz.groups[0]"),
+        (3, "schwarz"),
+    ):
+        with pytest.raises(InputError) as caught:
+            build({**document, "schwarz": settings})
+        assert caught.value.field == field
 
 
 def test_closed_lines() -> None:
