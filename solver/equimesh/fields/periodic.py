@@ -64,10 +64,12 @@ def within(domain: Domain, x: Array, y: Array) -> Pair:
 
 def _wrapped(q: Array, ends: Interval) -> Array:
     period = ends[1] - ends[0]
-    inside = (q >= ends[0]) & (q <= ends[1])
-    if inside.all():
+    outside = (q < ends[0]) | (q > ends[1])
+    if not outside.any():
         return q
-    return np.where(inside, q, q - period * np.floor((q - ends[0]) / period))
+    moved, far = np.array(q), q[outside]  # few nodes are beyond a seam
+    moved[outside] = far - period * np.floor((far - ends[0]) / period)
+    return moved
 
 
 def repeated(monitor: T, domain: Domain) -> T:

@@ -166,7 +166,7 @@ class LeastErrorSolve:
         fine grids the coarser one has met it.
         """
         way = reached.way
-        lifted = way.lifted(reached.mesh, reached.level.grid, level.grid)
+        lifted = way.lifted(reached.mesh, reached.level.grid, level.grid, self.domain)
         if way.is_uniform or level.grid.points > MAX_GAIN_POINTS:
             return lifted
         start = way.start(level.grid)
@@ -221,12 +221,21 @@ class LeastErrorSolve:
             sampled = coordinates_of(interpolated_closed(start, level.grid, self.closed))
         else:
             sampled = np.stack([interpolated_values(q, level.grid.shape).reshape(-1) for q in (start.x, start.y)])
-        if mesh_of(sampled, level.grid).is_folded:
+        if self._is_folded(sampled, level.grid) if any(self.closed) else mesh_of(sampled, level.grid).is_folded:
             return []
         return [(yield from self._descend(way, level, sampled))]
 
+    def _is_folded(self, mesh: Array, grid: Grid) -> bool:
+        return map_mesh(mesh_of(mesh, grid), self.domain).is_folded
+
     def _climb(self, way: Way, levels: list[Level], before: Reached | None = None) -> Generator[Descent, None, Reached]:
-        """Descent on each of the levels, from the mesh of the level before it."""
+        """Descent on each of the levels, from the mesh of the level before it.
+
+        Few lines around a ring can lie so far apart that their cells fold: closed ways begin on a finer grid then.
+        """
+        if before is None and any(self.closed):
+            valid = [level for level in levels if not self._is_folded(way.start(level.grid), level.grid)]
+            levels = valid or levels[-1:]
         for level in levels:
             start = way.start(level.grid) if before is None else self._lifted(before, level)
             before = yield from self._descend(way, level, start)

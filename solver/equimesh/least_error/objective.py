@@ -167,14 +167,15 @@ class Objective:
         return float(kernels.smallest_share(self.nodes(mesh), self._first))
 
     def error(self, mesh: Array) -> float:
-        """The norm of the interpolation error; infinite where u is not finite."""
-        return math.sqrt(self._squared_error(self.nodes(mesh)))
+        """The norm of the interpolation error; infinite where u is not finite, or the cells overlap."""
+        square = self._squared_error(self.nodes(mesh))
+        return math.inf if square < 0.0 else math.sqrt(square)
 
     def evaluate(self, mesh: Array) -> Evaluation | None:
         """The objective with its derivatives; ``None`` where a cell is folded, u not finite, or the error rounding."""
         nodes, count = self.nodes(mesh), self.cells.count
         square = self._squared_error(nodes) + self.beyond
-        if not self.rounding < math.sqrt(square) < math.inf:
+        if square < 0.0 or not self.rounding < math.sqrt(square) < math.inf:  # folded cells count negative
             return None
         # All shares are scaled by twice the squared error here, and divided by it once they are collected.
         scale = 2.0 * square * self._weights.distortion / (4 * count)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from equimesh.domains.domain import UNIT_SQUARE, Domain, map_mesh
 from equimesh.least_error.objective import Weights
 from equimesh.least_error.starts import product, resampled
 from equimesh.meshes.closed import Closed, closed_mesh, interpolated_across, interpolated_closed
@@ -55,14 +56,14 @@ class Way:
             self._starts[grid] = product(s, resampled(self.t, grid.n_eta, closed=self.closed[1]))
         return self._starts[grid]
 
-    def lifted(self, mesh: Array, coarse: Grid, fine: Grid) -> Array:
+    def lifted(self, mesh: Array, coarse: Grid, fine: Grid, domain: Domain = UNIT_SQUARE) -> Array:
         """A ``mesh`` on a finer grid: its displacements by cubic, else linear interpolation, else its positions.
 
         Linear interpolation of positions does not fold where every coarse line is a fine one. The first mesh of the
-        grid where all of them fold.
+        grid where all of them fold: in the ``domain`` where lines are closed, else in the reference square.
         """
         if any(self.closed):
-            return self._lifted_across(mesh, coarse, fine)
+            return self._lifted_across(mesh, coarse, fine, domain)
         start, first = self.start(fine), self.start(coarse)
         nothing = np.zeros(1)
         for origin, cubic, added in ((first, True, start), (first, False, start), (nothing, False, nothing)):
@@ -76,17 +77,17 @@ class Way:
                 return flat
         return start
 
-    def _lifted_across(self, mesh: Array, coarse: Grid, fine: Grid) -> Array:
+    def _lifted_across(self, mesh: Array, coarse: Grid, fine: Grid, domain: Domain) -> Array:
         """As :meth:`lifted`, for a mesh with closed lines: displacements and positions go on across its seams."""
         start, first = self.start(fine), self.start(coarse)
         parts = (mesh - first).reshape(2, *coarse.shape)
         for cubic in (True, False):
             moved = [interpolated_across(part, fine.shape, self.closed, cubic=cubic).reshape(-1) for part in parts]
             lifted = closed_mesh(mesh_of(np.stack(moved) + start, fine), self.closed)
-            if not lifted.is_folded:
+            if not map_mesh(lifted, domain).is_folded:
                 return coordinates_of(lifted)
         lifted = interpolated_closed(mesh_of(mesh, coarse), fine, self.closed, cubic=False)
-        return start if lifted.is_folded else coordinates_of(lifted)
+        return start if map_mesh(lifted, domain).is_folded else coordinates_of(lifted)
 
 
 def mesh_of(mesh: Array, grid: Grid) -> Mesh:

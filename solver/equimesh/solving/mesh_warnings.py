@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from equimesh.domains.closing import is_closed
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_residual
 from equimesh.fields.chunked_samples import ChunkedSamples
@@ -40,6 +41,8 @@ MAX_SAMPLE_STEP_SHARE = 0.4
 MIN_SILENT_JACOBIAN = 1e-6
 # Faces with a larger angle, in degrees, deserve a warning: corrections of fluxes diverge there.
 MAX_SILENT_ANGLE = 60.0
+# Cells around a ring that cover less of it, as a share, deserve a warning: the error is measured on the cells alone.
+MIN_SILENT_COVER = 0.85
 # A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
 MAX_UNIFORM_MOVE = 0.01
 # Every so many nodes are compared with it first.
@@ -69,7 +72,22 @@ def warnings(
     if status.succeeded:
         yield from _about_thin_cells(meshes[0].min_jacobian / problem.domain.area)
         yield from _about_structure(problem, meshes, errors)
+        yield from _about_cover(problem, meshes[0])
     yield from _about_gains(errors)
+
+
+def _about_cover(problem: Problem, mesh: MeshWindow) -> Iterator[str]:
+    """About long cells around a closed domain, which cut off its curved sides."""
+    if not is_closed(problem.domain):
+        return
+    p = np.stack([mesh.x, mesh.y])
+    one, other = p[:, 1:, 1:] - p[:, :-1, :-1], p[:, :-1, 1:] - p[:, 1:, :-1]
+    share = 0.5 * float(np.sum(one[0] * other[1] - one[1] * other[0])) / problem.domain.area
+    if share < MIN_SILENT_COVER:
+        yield (
+            f"The cells cover {100 * share:.0f} % of the domain, since long ones cut off its curved sides, and the"
+            " error is measured on the cells alone: add grid points along the closed lines, or raise distortion."
+        )
 
 
 def block_warnings(mesh: QuadMesh, u: Field | None, errors: InterpolationErrors | None, faces: Faces) -> Iterator[str]:

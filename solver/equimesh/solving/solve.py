@@ -177,7 +177,7 @@ def _solve_once(
     if isinstance(problem.monitor, LeastError):
         return replace(solve_least_error(problem, initial, options, coarse), threads=options.threads)
     starts = map_of(problem.monitor) == "lines"  # a gradient map has no use for a mesh to start from
-    is_far = isinstance(initial, Mesh) and starts and not _is_near(problem, initial)
+    is_far = isinstance(initial, Mesh) and starts and (initial.is_folded or not _is_near(problem, initial))
     initial = Initial.NESTED if is_far else initial
     if is_lost_in_rounding(problem):
         solution = solution_lost_in_rounding(problem, schwarz, options.mode)
@@ -254,7 +254,9 @@ def _sides(problem: Problem, start: Mesh) -> Iterator[Array]:
 def _check_mesh(problem: Problem, start: Mesh) -> None:
     if start.x.shape != problem.grid.shape:
         raise InputError(f"the mesh to start from has {start.grid} points, the grid {problem.grid}", field="initial")
-    if start.is_folded or any(np.any(np.abs(side) > smallest_tolerance(problem)) for side in _sides(problem, start)):
+    # Where lines are curved, a valid mesh of the domain can have a reference with folded cells.
+    is_folded = start.is_folded and map_mesh(start, problem.domain).is_folded
+    if is_folded or any(np.any(np.abs(side) > smallest_tolerance(problem)) for side in _sides(problem, start)):
         raise InputError(
             "the mesh to start from must be a valid one of the reference square: give the reference of a solution",
             field="initial",

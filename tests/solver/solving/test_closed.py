@@ -235,3 +235,31 @@ def test_a_front_is_followed_across_the_seam() -> None:
     errors = step.solution.interpolation
     assert errors is not None
     assert errors.l2_uniform / errors.l2 > 3.0
+
+
+def test_few_lines_around_a_ring_do_not_end_a_descent() -> None:
+    """The straight start crowds its lines at the peak: those of a coarse grid lie half a turn apart elsewhere."""
+    peak = "exp(-19.297*((x-1.2934)**2+(y-0.4535)**2))"
+    solution = least(em.AnnulusSector(closed=True), peak)
+    errors = solution.interpolation
+    assert errors is not None
+    assert errors.l2_uniform / errors.l2 > 20.0
+    assert any(
+        "of the domain, since long ones cut off its curved sides" in text for text in solution.certificate.warnings
+    )
+
+
+def test_a_valid_mesh_with_a_folded_reference_is_followed() -> None:
+    """The map of a ring bends: long cells can be valid there, and folded in the reference square."""
+    functions = ["sin(4.8193*(0.9499*x+0.3125*y))*cos(3*(x+{})*y)", "tanh(20.223*((0.8093*x-0.5874*y)-1.44+{}))"]
+    ring, folded = em.AnnulusSector(closed=True), 0
+    for u in functions:
+        problem = em.Problem(monitor=em.LeastError(u=em.Expression(u.format(0.017))), grid=GRID, domain=ring)
+        first = em.solve(problem)
+        folded += first.reference.is_folded
+        step = em.Sequence(problem, solution=first).step(em.Expression(u.format(-0.003)))
+        assert not step.mesh.is_folded
+        errors = step.solution.interpolation
+        assert errors is not None
+        assert errors.l2 < errors.l2_uniform
+    assert folded
