@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.io.integer_rows import integer_rows
 from equimesh.io.side_names import words
 from equimesh.meshes.joins import Join
 from equimesh.numerics.types import Array
@@ -59,7 +60,8 @@ def foam_files(
     plane = np.concatenate([cells[:, ::-1], cells + count])
     owner = np.concatenate([faces.owner, np.tile(np.arange(len(cells)), 2)])
     height = float(np.sqrt(_area(points, cells) / len(cells)))
-    places = [f"({x!r} {y!r} {z!r})" for z in (0.0, height) for x, y in points.tolist()]
+    in_plane = [f"({x!r} {y!r} " for x, y in points.tolist()]
+    places = [f"{place}{z!r})" for z in (0.0, height) for place in in_plane]
     return {
         "points": _file("vectorField", "points", places),
         "faces": _file("faceList", "faces", [*_rows(walls), *_rows(plane)]),
@@ -105,7 +107,7 @@ def _area(points: Array, cells: IntArray) -> float:
 
 def _rows(faces: IntArray) -> list[str]:
     corners = faces.shape[1]
-    return [f"{corners}({' '.join(map(str, face))})" for face in faces.tolist()]
+    return integer_rows(f"{corners}({' '.join(['%d'] * corners)})", faces)
 
 
 def _boundary(sides: Mapping[str, IntArray], inner: int, plane: int, joins: Sequence[Join]) -> str:

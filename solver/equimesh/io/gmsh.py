@@ -6,6 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from equimesh.io.integer_rows import integer_rows
 from equimesh.io.side_names import quoted
 from equimesh.meshes.joins import Join
 from equimesh.numerics.types import Array
@@ -44,13 +45,15 @@ def gmsh_text(
     named, numbers = quoted(sides), {side: number for number, side in enumerate(sides, start=1)}
     names = [f'1 {number} "{named[side]}"' for side, number in numbers.items()]
     names.append(f'2 {domain} "{"cells" if DOMAIN in named.values() else DOMAIN}"')
-    elements = [f"{LINE} 2 {g} {g} {a} {b}" for g, (a, b) in zip(groups.tolist(), (edges + 1).tolist(), strict=True)]
-    for entity, nodes in zip((subdomain + 1).tolist(), (cells + 1).tolist(), strict=True):
-        elements.append(f"{shape} 2 {domain} {entity} " + " ".join(map(str, nodes)))
+    number = np.arange(1, len(edges) + len(cells) + 1)
+    table = np.column_stack([number[: len(edges)], groups, groups, edges + 1])
+    elements = integer_rows(f"%d {LINE} 2 %d %d %d %d", table)
+    table = np.column_stack([number[len(edges) :], subdomain + 1, cells + 1])
+    elements += integer_rows(f"%d {shape} 2 {domain} %d {' '.join(['%d'] * corners)}", table)
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
     lines += ["$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
     lines += ["$Nodes", str(len(points)), *_numbered(f"{x!r} {y!r} 0.0" for x, y in points.tolist()), "$EndNodes"]
-    lines += ["$Elements", str(len(elements)), *_numbered(elements), "$EndElements"]
+    lines += ["$Elements", str(len(elements)), *elements, "$EndElements"]
     lines += _periodic(sides, joins, numbers)
     for name, values in point_data.items():
         lines += _data("NodeData", name, _texts(values), values)
