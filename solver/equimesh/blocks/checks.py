@@ -90,7 +90,7 @@ def check_not_overlapping(mesh: QuadMesh, layout: Layout, fields: Sequence[str])
     one, other = (int(np.searchsorted(ends, cell, side="right")) for cell in found.cells)
     edge_nodes = layout.edge_nodes(mesh.blocks)
     edge_at = np.full(len(mesh.points), -1)
-    for edge in np.flatnonzero(layout.edge_uses == 1):
+    for edge in np.flatnonzero(layout.edge_uses == 1).tolist():
         edge_at[edge_nodes[edge]] = edge
     edges = [
         layout.edge_name(int(edge_at[mesh.cells[cell]].max())) for cell in found.cells[: 1 if found.is_inside else 2]

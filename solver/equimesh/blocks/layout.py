@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,13 +143,11 @@ class Layout:
             blocks.append(block)
         return start, _by_first_block(blocks, start)
 
-    def edge_nodes(self, blocks: tuple[IntArray, ...]) -> tuple[IntArray, ...]:
+    def edge_nodes(self, blocks: tuple[IntArray, ...]) -> EdgeNodes:
         """The nodes of every edge from its begin to its end, for blocks with any numbering."""
         last = np.empty(len(self.edges), dtype=np.int64)
         last[self.block_edges.ravel()] = np.arange(self.block_edges.size)
-        ways = self.forward.ravel()[last].tolist()
-        places = zip((last // 4).tolist(), (last % 4).tolist(), ways, strict=True)
-        return tuple(blocks[b][LINES[side]][:: 1 if forward else -1] for b, side, forward in places)
+        return EdgeNodes(blocks, last, self.forward.ravel()[last])
 
     @cached_property
     def edge_uses(self) -> IntArray:
@@ -214,6 +213,29 @@ class Layout:
         """Pairs of edges that are opposite in a block, or joined."""
         opposite = np.concatenate([self.block_edges[:, [LEFT, RIGHT]], self.block_edges[:, [BOTTOM, TOP]]])
         return np.concatenate([opposite, self.joins[:, :2]])
+
+
+class EdgeNodes(Sequence[IntArray]):
+    """The nodes of edges, each shape ``(n,)``, which are taken from the blocks when they are asked for.
+
+    ``places`` are four times the number of a block with the edge, plus the side; ``forward`` is that of the layout.
+    """
+
+    def __init__(self, blocks: tuple[IntArray, ...], places: IntArray, forward: BoolArray) -> None:
+        self._blocks, self._places, self._forward = blocks, places, forward
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, edge: int) -> IntArray: ...
+    @overload
+    def __getitem__(self, edge: slice) -> list[IntArray]: ...
+    def __getitem__(self, edge: int | slice) -> IntArray | list[IntArray]:
+        if isinstance(edge, slice):
+            return [self[k] for k in range(*edge.indices(len(self)))]
+        block, side = divmod(int(self._places[edge]), 4)
+        return self._blocks[block][LINES[side]][:: 1 if self._forward[edge] else -1]
 
 
 def line_of(values: NDArray[Value], side: int) -> NDArray[Value]:

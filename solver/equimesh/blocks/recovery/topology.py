@@ -26,7 +26,8 @@ def layout_of(blocks: Sequence[IntArray]) -> tuple[Layout, IntArray]:
     # An edge is known by its first step from the lower of its ends; a closed one by the lower of both steps.
     forward = (rows[:, 0] < rows[:, 3]) | ((rows[:, 0] == rows[:, 3]) & (rows[:, 1] <= rows[:, 2]))
     ahead = np.where(forward[:, None], rows, rows[:, ::-1])
-    _, first, edge = np.unique(ahead[:, :2], axis=0, return_index=True, return_inverse=True)
+    step = ahead[:, 0] * (int(flat.max()) + 1) + ahead[:, 1]
+    _, first, edge = np.unique(step, return_index=True, return_inverse=True)
     nodes, vertex = np.unique(ahead[first][:, [0, 3]], return_inverse=True)
     layout = Layout(
         edges=vertex.reshape(-1, 2).astype(np.int64),
