@@ -19,13 +19,20 @@ class Join:
 
     ``edges`` are those of the copy, shape ``(k, 2)``, each in the place of its original among the edges of that side,
     and in its direction: ``edges[k, 0]`` is the copy of the node ``sides[original][k, 0]``. So they have the domain on
-    their right.
+    their right. ``original_edges`` are those of the original.
     """
 
     original: str
     copy: str
     edges: IntArray
+    original_edges: IntArray
     translation: Array
+
+    @property
+    def nodes(self) -> IntArray:
+        """The pairs of nodes (copy, original) along the two sides, shape ``(n, 2)``, each once."""
+        pairs: IntArray = np.unique(np.column_stack([self.edges.ravel(), self.original_edges.ravel()]), axis=0)
+        return pairs
 
 
 def joins_of(points: Array, sides: Mapping[str, IntArray], ties: IntArray) -> tuple[Join, ...]:
@@ -48,7 +55,15 @@ def joins_of(points: Array, sides: Mapping[str, IntArray], ties: IntArray) -> tu
             places = np.argsort(keys[copy])[np.searchsorted(np.sort(keys[copy]), keys[original])]
             edges = sides[copy][places, ::-1]
             translation = points[edges[0, 0]] - points[sides[original][0, 0]]
-            found.append(Join(original=original, copy=copy, edges=edges, translation=translation))
+            found.append(
+                Join(
+                    original=original,
+                    copy=copy,
+                    edges=edges,
+                    original_edges=sides[original],
+                    translation=translation,
+                )
+            )
     for name, found_keys in keys.items():
         if len(np.unique(found_keys)) < len(found_keys):
             raise _in_part(name)

@@ -10,6 +10,7 @@ import numpy as np
 
 from equimesh.errors import InputError
 from equimesh.meshes.folding import largest_difference, smallest_of_cells
+from equimesh.meshes.joins import Join, joins_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.threads import run_on_threads
 from equimesh.numerics.types import Array, IntArray
@@ -74,6 +75,14 @@ class QuadMesh(Coupled):
                 message = f"{len(self.block_names)} names for {len(self.blocks)} blocks: one name for each block"
                 raise InputError(message, field="block_names")
             object.__setattr__(self, "block_names", names)
+
+    @property
+    def periodic(self) -> tuple[Join, ...]:
+        """The pairs of sides that are joined by a translation, with their ``nodes``; none where nothing is joined.
+
+        Raises :class:`~equimesh.errors.InputError` where a side is joined in part, to several sides, or to itself.
+        """
+        return joins_of(self.points, self.sides, self.ties)
 
     @property
     def x(self) -> Array:

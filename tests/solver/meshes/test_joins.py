@@ -21,6 +21,7 @@ def test_the_copy_has_the_edges_of_its_original() -> None:
     assert (join.original, join.copy) == ("left", "right")
     assert np.array_equal(join.edges - 16, SQUARE.sides["left"])
     assert join.translation.tolist() == [1.0, 0.0]
+    assert sorted(map(tuple, join.nodes)) == sorted(map(tuple, ACROSS))
     (other,) = joins_of(SQUARE.points, SQUARE.sides, ACROSS[:, ::-1])
     assert (other.original, other.copy) == ("right", "left")
     assert other.translation.tolist() == [-1.0, 0.0]
