@@ -1,4 +1,4 @@
-"""Draws the small pictures of the gallery: writes the nodes of twelve coarse meshes, and u there, for the page to draw.
+"""Draws the small pictures of the gallery: writes the nodes of coarse meshes, and u there, for the page to draw.
 
     .venv/bin/python deploy/gallery_pictures.py
 
@@ -27,26 +27,40 @@ def problems() -> list[dict[str, Any]]:
     return found
 
 
-def solve(problem: dict[str, Any]) -> em.Solution:
-    """The mesh of a problem on a coarse grid."""
-    grid = {name: number // COARSER + 1 for name, number in problem["spec"]["grid"].items()}
-    return specs.build({**problem["spec"], "grid": grid}).solve()
+def solve(problem: dict[str, Any]) -> em.Solution | em.BlockSolution:
+    """The mesh of a problem with fewer points."""
+    spec = problem["spec"]
+    if "grid" in spec:
+        coarse = {"grid": {name: number // COARSER + 1 for name, number in spec["grid"].items()}}
+    else:
+        coarse = {"domain": {**spec["domain"], "refine": 1 / COARSER}}
+    return specs.build({**spec, **coarse}).solve()
 
 
-def picture(solution: em.Solution) -> dict[str, Any]:
-    """A picture: its ``shape`` and ``size``, coordinates of ``nodes`` from the top, and ``u`` there as digits."""
+def picture(solution: em.Solution | em.BlockSolution) -> dict[str, Any]:
+    """A picture: its ``size``, and the ``shape``, coordinates of ``nodes`` from the top, and ``u`` there as digits.
+
+    A mesh of blocks has these three for each of its ``blocks``.
+    """
     mesh = solution.mesh
     u = solution.data().u
     assert u is not None
     low = np.array([mesh.x.min(), mesh.y.min()])
     high = np.array([mesh.x.max(), mesh.y.max()])
     scale = SIZE / (high - low).max()
-    x, y = (mesh.x - low[0]) * scale, (high[1] - mesh.y) * scale
+    nodes = np.rint(np.stack([(mesh.x - low[0]) * scale, (high[1] - mesh.y) * scale], axis=-1)).astype(int)
     shades = np.rint((u - u.min()) / np.ptp(u) * SHADES).astype(int)
+    size = np.ceil((high - low) * scale).astype(int).tolist()
+    if isinstance(mesh, em.Mesh):
+        return {"size": size, **part(nodes, shades)}
+    return {"size": size, "blocks": [part(nodes[block], shades[block]) for block in mesh.blocks]}
+
+
+def part(nodes: Any, shades: Any) -> dict[str, Any]:
+    """The grid of a mesh, or one of its blocks."""
     return {
-        "shape": list(mesh.x.shape),
-        "size": np.ceil((high - low) * scale).astype(int).tolist(),
-        "nodes": np.rint(np.stack([x, y], axis=-1)).astype(int).ravel().tolist(),
+        "shape": list(shades.shape),
+        "nodes": nodes.ravel().tolist(),
         "u": "".join(map(str, shades.ravel())),
     }
 

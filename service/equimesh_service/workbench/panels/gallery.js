@@ -21,7 +21,7 @@ const SHADES = 9;
  */
 export function create(section, app) {
   const list = element("div", { class: "gallery", role: "group", "aria-label": "Problems" });
-  const sentence = element("p", { class: "hint" }, "Twelve problems that people know. Choose one, then change it.");
+  const sentence = element("p", { class: "hint" }, "Fourteen problems that people know. Choose one, then change it.");
   section.append(list, sentence);
   let problems = [];
 
@@ -81,16 +81,20 @@ function isShown(problem, spec) {
   return u?.expression === problem.spec.monitor.u.expression && JSON.stringify(spec.domain) === JSON.stringify(problem.spec.domain);
 }
 
-// Cells in the colours of u, and the lines of the mesh.
-function drawOn(canvas, { shape: [n, m], size: [width, height], nodes, u }) {
+// Cells in the colours of u, and the lines of the mesh, of its grid or block by block.
+function drawOn(canvas, { size: [width, height], blocks, ...grid }) {
   const context = canvas.getContext("2d");
+  const scale = Math.min(canvas.width / width, canvas.height / height);
+  const origin = [(canvas.width - scale * width) / 2, (canvas.height - scale * height) / 2];
+  context.clearRect(0, 0, canvas.width, canvas.height);
+  for (const part of blocks ?? [grid]) drawPart(context, part, scale, origin);
+}
+
+function drawPart(context, { shape: [n, m], nodes, u }, scale, [left, top]) {
   const isDark = matchMedia("(prefers-color-scheme: dark)").matches;
   const table = tableOf("u", isDark);
-  const scale = Math.min(canvas.width / width, canvas.height / height);
-  const [left, top] = [(canvas.width - scale * width) / 2, (canvas.height - scale * height) / 2];
   const at = (node) => [left + scale * nodes[2 * node], top + scale * nodes[2 * node + 1]];
   const shade = (node) => Number(u[node]);
-  context.clearRect(0, 0, canvas.width, canvas.height);
   for (let i = 0; i < n - 1; i += 1) {
     for (let j = 0; j < m - 1; j += 1) {
       const node = i * m + j;
