@@ -140,8 +140,7 @@ def test_blocks_are_pasted_drawn_and_told(page: Page) -> None:
     text = description.input_value()
     description.fill(text[:-2])
     expect(box.get_by_text("This is no JSON")).to_be_visible()
-    answer = answered(page, lambda: description.fill(text.replace('"cells":[16,16]', '"cells":[12,8]', 1)))
-    assert answer.status == 422
+    description.fill(text.replace('"cells":[16,16]', '"cells":[12,8]', 1))  # its quick look is refused, and enough
     expect(box.get_by_text("give both the same number")).to_be_visible()
     answer = answered(page, lambda: description.fill(text.replace('"cells":[16,16]', '"cells":[6,4],"name":"part"', 4)))
     assert answer.status == 200, answer.text()

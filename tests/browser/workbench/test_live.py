@@ -88,6 +88,28 @@ def test_a_slow_mesh_is_shown_after_a_quick_look(visit: Callable[..., Page]) -> 
     assert [*dict.fromkeys(spec["monitor"].get("kind") for spec in specs)] == ["arc_length", "least_error"]
 
 
+def test_a_quick_look_at_blocks_is_one_descent_on_fewer_cells(page: Page) -> None:
+    def spec(kind: str | None, domain: dict[str, Any]) -> dict[str, Any]:
+        return {"monitor": {"u": "x", **({"kind": kind} if kind else {})}, "domain": domain}
+
+    few, many, file = (
+        {"kind": "blocks", "blocks": [{"cells": [20, 30]}]},
+        {"kind": "blocks", "blocks": [{"cells": [40, None]}, {"cells": [60, 56]}], "refine": 2},
+        {"kind": "mesh", "file": "s-1"},
+    )
+    specs = [spec(None, few), spec("least_error", few), spec("auto", many), spec("auto", file), spec("weight", few)]
+    code = "async (specs) => { const { quickSpec } = await import('/workbench/live.js'); return specs.map(quickSpec); }"
+    least = {"kind": "least_error", "u": "x", "norm": "l2"}
+    fewer = {**many, "refine": 0.5}  # 4 * (640 + 3360) cells are 16 times too many
+    assert page.evaluate(code, specs) == [
+        {"monitor": least, "domain": few},
+        None,
+        {"monitor": least, "domain": fewer},
+        {"monitor": least, "domain": file},
+        None,
+    ]
+
+
 def test_an_old_answer_never_replaces_a_newer_one(page: Page) -> None:
     page.wait_for_selector(QUICK)
     held = []
