@@ -1,7 +1,8 @@
 """Least error on ten geometries of blocks against its goals: gains, cost, folds, angles, a singular corner, a million.
 
 python benchmarks/geometry.py                # quick: few functions, small meshes
-python benchmarks/geometry.py --full         # 40 functions on each geometry, at 33,000 and 140,000 nodes
+python benchmarks/geometry.py --full         # 40 functions on each geometry, at 33,000 and 140,000 nodes: hours
+python benchmarks/geometry.py --parts gains --nodes 33000 --count 8    # one part of it, with fewer functions
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ GAUSS_POINTS = 4
 BOUND = 60.0
 """Degrees of non-orthogonality: corners then lie between 30 and 150 degrees."""
 MILLION = 1_000_000
+PARTS = ("gains", "angles", "corner", "million")
+"""Parts of the report: gains and costs, angles within bounds, a singular corner, a million nodes."""
 
 
 class Solved(NamedTuple):
@@ -144,22 +147,28 @@ def million(nodes: int) -> Iterator[Row]:
 
 
 def report(options: argparse.Namespace) -> Iterator[Row]:
-    """All rows."""
-    count, sizes = (40, tuple(COSTS)) if options.full else (options.count, (options.nodes,))
+    """All rows of the parts that are asked for."""
+    sizes = tuple(COSTS) if options.full else options.nodes
+    count = options.count or (40 if options.full else 2)
     solve(geometries.l_shape(1000), em.Expression("tanh(9*x)"))  # loads the kernels
-    for nodes in sizes:
-        yield from gains(nodes, count, options.seed)
-    yield from bounded(8000 if options.full else options.nodes, max(1, count // 4), options.seed)
-    yield from corner(12_000)
-    yield from million(MILLION if options.full else 20 * options.nodes)
+    if "gains" in options.parts:
+        for nodes in sizes:
+            yield from gains(nodes, count, options.seed)
+    if "angles" in options.parts:
+        yield from bounded(min(8000, min(sizes)), max(1, count // 4), options.seed)
+    if "corner" in options.parts:
+        yield from corner(12_000)
+    if "million" in options.parts:
+        yield from million(MILLION if max(sizes) >= min(COSTS) else 20 * max(sizes))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="40 functions, 33,000, 140,000 and a million nodes")
-    parser.add_argument("--nodes", type=int, default=4000, help="nodes of a quick run")
-    parser.add_argument("--count", type=int, default=2, help="functions on each geometry of a quick run")
+    parser.add_argument("--nodes", type=int, nargs="+", default=[4000], help="nodes of the meshes")
+    parser.add_argument("--count", type=int, help="functions on each geometry; a quarter of them to bound angles")
     parser.add_argument("--seed", type=int, default=17, help="of the random functions")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, help="what to measure")
     for line in lines(report(parser.parse_args())):
         print(line, flush=True)
 

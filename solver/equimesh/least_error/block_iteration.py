@@ -13,7 +13,7 @@ from equimesh.least_error.block_mesh import BlockMesh, Place
 from equimesh.least_error.block_subdomains import LEADER, BlockSubdomains
 from equimesh.least_error.descent import descend
 from equimesh.least_error.elements import Rule
-from equimesh.least_error.iteration import MAX_EFFORT, MIN_DECREASE, MORE_SLOPE_POINTS
+from equimesh.least_error.iteration import MAX_EFFORT, MORE_SLOPE_POINTS
 from equimesh.least_error.objective import Evaluation, Objective, Weights
 from equimesh.least_error.paved import descend_paved, is_paved, paved_steps
 from equimesh.least_error.restricted import Merged
@@ -34,6 +34,8 @@ MAX_COMPARED_POINTS = 2500
 """Points of a coarse mesh, at most, on which weights are compared."""
 MAX_GAIN_POINTS = 129 * 129
 """Points of the finest mesh on which the error of the initial mesh is measured for the records of its steps."""
+MIN_DECREASE = 2e-3
+"""Mean decrease of the objective in a step at which a descent ends."""
 MAX_MORE_STEPS = 3.0
 """How many times the usual steps are taken on a mesh, at most, where the smoothness is low."""
 FINER_POINTS = 4

@@ -15,7 +15,7 @@ COARSEST_CELLS = 4
 """Cells along each edge of a block on the coarsest mesh, or up to a half more; fewer where the block has fewer."""
 COARSEST_POINTS = 300
 """Points of the coarsest mesh, at least."""
-STEPS = ((1200, 60), (4000, 50), (16_000, 20), (70_000, 5), (300_000, 3))
+STEPS = ((1200, 60), (4000, 60), (16_000, 30), (70_000, 5), (300_000, 3))
 """Steps of descent, at most, on meshes of at most this many points."""
 STEPS_BEYOND = 1
 """Steps on finer meshes, at most: the coarser ones have done the work."""

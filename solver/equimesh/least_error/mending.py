@@ -11,6 +11,7 @@ import numpy as np
 from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.kernels import Nodes
+from equimesh.least_error.regions import originals
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, BoolArray, IntArray
 
@@ -29,33 +30,51 @@ def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
 
     Nodes of curves move along these. ``first`` is a valid mesh.
     """
-    start = np.stack(chart.nodes(first))
-    marks = np.zeros(mesh.shape[1], dtype=np.bool_)
+    start, at, corners = np.stack(chart.nodes(first)), np.stack(chart.nodes(mesh)), cells.corners.reshape(-1)
+    marks, step, out = np.zeros(mesh.shape[1], dtype=np.bool_), np.zeros_like(mesh), mesh
+    looked_at = np.arange(cells.count)
     for done in range(MAX_ROUNDS):
-        at = np.stack(chart.nodes(mesh))
-        if not mark_folds(Nodes(at[0], at[1], cells.corners.reshape(-1)), start, SMALLEST_SHARE, marks):
+        mark_folds(Nodes(at[0], at[1], corners), start, looked_at, SMALLEST_SHARE, marks)
+        nodes = _with_ties(np.flatnonzero(marks), cells)
+        if not nodes.size:
             break
-        copies, originals = cells.ties.T
-        np.logical_or.at(marks, originals, marks[copies])
-        changes = np.zeros_like(at)
         share = 1.0 if done < ROUNDS_OF_MEANS else SHORTENING
-        average(at - start, cells.corners, (cells.starts, cells.places), marks, share, changes)
-        step = chart.pulled(mesh, changes)
+        moves = average(at, start, cells.corners, (cells.starts, cells.places), nodes)
+        here, now = chart.on(nodes), out[:, nodes]
+        step[:, nodes] = here.pulled(now, share * moves - (at[:, nodes] - start[:, nodes]))
         cells.tie(step)
-        mesh = mesh + step
-    return mesh
+        out = mesh.copy() if out is mesh else out
+        now += step[:, nodes]
+        out[:, nodes] = now
+        at[:, nodes] = here.nodes(now)
+        # Other cells are as they were.
+        looked_at, marks[:] = _cells_of(nodes, cells), False
+    return out
+
+
+def _with_ties(nodes: IntArray, cells: Cells) -> IntArray:
+    """The nodes, and those that move with them."""
+    if not cells.ties.size or not nodes.size:
+        return nodes
+    own = originals(cells)
+    return np.flatnonzero(np.isin(own, own[nodes]))
+
+
+def _cells_of(nodes: IntArray, cells: Cells) -> IntArray:
+    """The numbers of the cells that have one of the nodes."""
+    first, count = cells.starts[nodes], cells.starts[nodes + 1] - cells.starts[nodes]
+    places = np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
+    return np.unique(cells.places[places] // 4)
 
 
 @compiled
-def mark_folds(nodes: Nodes, start: Array, least: float, marks: BoolArray) -> bool:
-    """Mark the nodes of cells with a corner whose Jacobian is at most ``least`` times that at ``start``, and no others.
+def mark_folds(nodes: Nodes, start: Array, numbers: IntArray, least: float, marks: BoolArray) -> None:
+    """Mark the nodes of those of the cells with these ``numbers`` that have a small corner.
 
-    Returns whether there are any. ``start`` are x and y of the nodes, shape ``(2, nodes)``.
+    Its Jacobian is at most ``least`` times that at ``start``, which are x and y of the nodes, shape ``(2, nodes)``.
     """
     x, y, corners = nodes
-    found = False
-    marks[:] = False
-    for cell in range(corners.size // 4):
+    for cell in numbers:
         is_bad = False
         for k in range(4):
             p, n, m = corners[4 * cell + k], corners[4 * cell + (k + 1) % 4], corners[4 * cell + (k + 3) % 4]
@@ -64,31 +83,27 @@ def mark_folds(nodes: Nodes, start: Array, least: float, marks: BoolArray) -> bo
             now = (x[n] - x[p]) * (y[m] - y[p]) - (y[n] - y[p]) * (x[m] - x[p])
             is_bad = is_bad or not now > least * before
         if is_bad:
-            found = True
             for k in range(4):
                 marks[corners[4 * cell + k]] = True
-    return found
 
 
 @compiled
-def average(
-    moves: Array, corners: IntArray, around: tuple[IntArray, IntArray], marks: BoolArray, share: float, out: Array
-) -> None:
-    """The changes that make the ``moves`` of marked nodes the means of their own and those of their neighbours.
+def average(at: Array, start: Array, corners: IntArray, around: tuple[IntArray, IntArray], nodes: IntArray) -> Array:
+    """The means of the displacements of each of these ``nodes`` and of its neighbours, shape ``(2, nodes)``.
 
-    They are made ``share`` times these means. ``around`` are the places of the nodes in the ``corners`` of cells: where
-    the entries of each node begin, and these. A neighbour counts once for every cell that it shares an edge with the
-    node in.
+    Displacements are those from ``start`` to ``at``, both of shape ``(2, all nodes)``. ``around`` are the places of the
+    nodes in the ``corners`` of cells: where the entries of each node begin, and these. A neighbour counts once for
+    every cell that it shares an edge with the node in.
     """
     starts, places = around
-    for node in range(marks.size):
-        if not marks[node]:
-            continue
-        a, b, count = moves[0, node], moves[1, node], 1
+    out = np.empty((2, nodes.size))
+    for number, node in enumerate(nodes):
+        a, b, count = at[0, node] - start[0, node], at[1, node] - start[1, node], 1
         for place in places[starts[node] : starts[node + 1]]:
             cell, k = divmod(place, 4)
             for other in (corners[cell, (k + 1) % 4], corners[cell, (k + 3) % 4]):
-                a += moves[0, other]
-                b += moves[1, other]
+                a += at[0, other] - start[0, other]
+                b += at[1, other] - start[1, other]
                 count += 1
-        out[0, node], out[1, node] = share * a / count - moves[0, node], share * b / count - moves[1, node]
+        out[0, number], out[1, number] = a / count, b / count
+    return out
