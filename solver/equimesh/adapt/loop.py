@@ -18,7 +18,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.curvature import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh_coupling.adaptation import Adaptation, AdaptRound, ended, require_same_kind, verdict_on
-from equimesh_coupling.cells import ErrorIndicator, cell_values
+from equimesh_coupling.cells import CellAverages, ErrorIndicator, cell_values
 from equimesh_coupling.values import node_values
 
 MAX_ROUNDS = 100
@@ -123,6 +123,8 @@ def _looked_at(returned: Any, mesh: M, by: Rounds[M]) -> Looked[M]:
     """The record of what a solver returned, and the way to the next mesh."""
     if isinstance(returned, ErrorIndicator):
         return by.indicated(mesh, cell_values(returned, mesh))
+    if isinstance(returned, CellAverages):
+        return by.averaged(mesh, node_values(returned, mesh))
     return by.known(mesh, node_values(returned, mesh))
 
 

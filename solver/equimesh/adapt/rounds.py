@@ -8,6 +8,7 @@ from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
+from equimesh.adapt.averaged import averaged_mesh
 from equimesh.adapt.indicated import indicated_mesh
 from equimesh.blocks.blocks import Blocks
 from equimesh.domains.domain import Domain, map_mesh
@@ -18,7 +19,9 @@ from equimesh.meshes.grid import Grid
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
+from equimesh.rounds.block_recovery import moved_lengths
 from equimesh.rounds.block_round import BlockKnowledge
+from equimesh.rounds.next_mesh import KEPT
 from equimesh.rounds.recovery import moved_cells
 from equimesh.rounds.round import Knowledge
 from equimesh_coupling.adaptation import AdaptRound
@@ -29,6 +32,9 @@ Following: TypeAlias = Callable[[], tuple[M, float, str]]
 """The next mesh, how far it moves, and the name of its start."""
 Looked: TypeAlias = tuple[AdaptRound[M], Following[M]]
 """The record of what a solver returned, and the way to the next mesh."""
+
+EVEN = "even cells"
+"""The name of the descent for averages over the cells of blocks."""
 
 
 class Rounds(Protocol[M]):
@@ -44,6 +50,10 @@ class Rounds(Protocol[M]):
 
     def known(self, mesh: M, values: Array) -> Looked[M]:
         """The record of nodal values, and the way to the next mesh."""
+        ...
+
+    def averaged(self, mesh: M, values: Array) -> Looked[M]:
+        """As :meth:`known`, of nodal values that were recovered from averages over the cells."""
         ...
 
     def indicated(self, mesh: M, values: Array) -> Looked[M]:
@@ -78,6 +88,8 @@ class GridRounds:
 
         return record_of(known, mesh, values), following
 
+    averaged = known
+
     def indicated(self, mesh: Mesh, values: Array) -> Looked[Mesh]:
         """The record of an error indicator, and the way to the next mesh."""
 
@@ -111,6 +123,16 @@ class BlockRounds:
         def following() -> tuple[QuadMesh, float, str]:
             found = known.next_mesh(self.norm, self.threads)
             return found.reference, found.moved_cells, found.chosen
+
+        return record_of(known, mesh, values), following
+
+    def averaged(self, mesh: QuadMesh, values: Array) -> Looked[QuadMesh]:
+        """The record of recovered values, and the way to a next mesh of even cells."""
+        known = BlockKnowledge.of(mesh, values, self.domain, self.threads)
+
+        def following() -> tuple[QuadMesh, float, str]:
+            found = mesh if known.is_exact else averaged_mesh(known.recovery.u, self.domain, self.norm, self.threads)
+            return found, moved_lengths(mesh, found), KEPT if mesh.distance(found) == 0.0 else EVEN
 
         return record_of(known, mesh, values), following
 
