@@ -18,7 +18,17 @@ from service.clusters import ClusterProcesses, cluster_processes
 from service.conftest import until
 from service.databases import Postgres
 from service.processes import ServiceProcess, children, runs, service_process
-from service.sent_work import Work, age_files, check_downloads, check_files, check_meshes, lives, unfinished
+from service.sent_work import (
+    Work,
+    age_files,
+    check_downloads,
+    check_files,
+    check_meshes,
+    hold,
+    kill_held,
+    lives,
+    unfinished,
+)
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kills are Linux's")
 _PATIENCE = 300.0  # seconds; every worker that is started warms up
@@ -34,17 +44,8 @@ class Saboteur:
     killed: Counter[str] = field(default_factory=Counter)
     processes: set[int] = field(default_factory=set)
 
-    def hold(self) -> None:
-        """Stop the processes that solve, so that the meshes that they begin do not end before the first deed."""
-        for pid in until(self._pool_processes, _PATIENCE):
-            os.kill(pid, signal.SIGSTOP)
-
     def rage(self, store: Store, jobs: int, deeds: list[str]) -> None:
-        """Kill all processes that hold a mesh, then other parts in a random order, spread over the work."""
-        until(lambda: store.queue.count().meshes["running"] > 0, _PATIENCE)
-        self.processes.update(held := self._pool_processes())
-        for pid in held:
-            os.kill(pid, signal.SIGKILL)
+        """Kill in a random order, spread over the work."""
         order = random.Random(self.seed)
         order.shuffle(deeds)
         for number, deed in enumerate(deeds):
@@ -55,9 +56,9 @@ class Saboteur:
             self.killed[deed] += 1
 
     def _kill(self, deed: str, order: random.Random) -> None:
-        self.processes.update(self._pool_processes())
+        self.processes.update(self.pool_processes())
         if deed == "process":
-            os.kill(order.choice(until(self._pool_processes, _PATIENCE)), signal.SIGKILL)
+            os.kill(order.choice(until(self.pool_processes, _PATIENCE)), signal.SIGKILL)
         elif deed == "worker":
             name = order.choice([*self.cluster.workers])
             self.cluster.kill_worker(name, below=False)  # the processes of its pool end by themselves
@@ -70,7 +71,8 @@ class Saboteur:
             self.service.kill()
             self.service.start()
 
-    def _pool_processes(self) -> list[int]:
+    def pool_processes(self) -> list[int]:
+        """The processes that solve."""
         below = [pid for worker in self.cluster.workers.values() for pid in children(worker.pid, deep=False)]
         return [pid for server in below for pid in children(server, deep=False)]
 
@@ -108,8 +110,9 @@ def test_nothing_is_lost_while_parts_of_a_cluster_are_killed(
         try:
             work = Work(service.url, jobs)
             saboteur = Saboteur(service, cluster, seed=jobs)
-            saboteur.hold()
+            hold(held := until(saboteur.pool_processes, _PATIENCE))
             threads = work.start()
+            kill_held(service.url, held)
             saboteur.rage(store, jobs, [deed for deed, times in deeds.items() for _ in range(times)])
             for thread in threads:
                 thread.join()

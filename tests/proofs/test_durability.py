@@ -23,6 +23,8 @@ from service.sent_work import (
     check_downloads,
     check_files,
     check_meshes,
+    hold,
+    kill_held,
     lives,
     unfinished,
 )
@@ -65,7 +67,7 @@ class Saboteur:
 @pytest.mark.parametrize(
     ("database_url", "jobs", "deeds"),
     [
-        ("sqlite", 60, {"worker": 3, "service": 1, "both": 1}),
+        ("sqlite", 40, {"worker": 2, "both": 1}),
         pytest.param("sqlite", 200, {"worker": 10, "service": 2, "both": 1}, marks=pytest.mark.everything),
         pytest.param("postgresql", 60, {"worker": 5, "both": 1}, marks=pytest.mark.everything),
     ],
@@ -79,7 +81,10 @@ def test_nothing_is_lost_while_workers_and_services_are_killed(
         work = Work(service.url, jobs)
         saboteur = Saboteur(service, seed=jobs)
         until(lambda: lives(service.url), PATIENCE)
+        service.ready()
+        hold(held := service.worker_pids())
         threads = work.start()
+        kill_held(service.url, held)
         saboteur.rage(work, [deed for deed, times in deeds.items() for _ in range(times)])
         for thread in threads:
             thread.join()

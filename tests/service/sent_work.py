@@ -7,6 +7,7 @@ import io
 import json
 import os
 import queue
+import signal
 import threading
 import time
 from dataclasses import dataclass, field
@@ -113,6 +114,19 @@ def lives(url: str) -> bool:
         return httpx.get(f"{url}/livez").status_code == 200
     except httpx.TransportError:
         return False
+
+
+def hold(pids: list[int]) -> None:
+    """Stop the processes of workers, so that the meshes that they begin do not end."""
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+
+
+def kill_held(url: str, pids: list[int]) -> None:
+    """Kill processes that are held, when one of them at least has begun a mesh."""
+    until(lambda: httpx.get(f"{url}/v1/meshes?status=running").json()["items"], PATIENCE)
+    for pid in pids:
+        os.kill(pid, signal.SIGKILL)
 
 
 def unfinished(store: Store) -> int:
