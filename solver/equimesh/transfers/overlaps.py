@@ -12,10 +12,9 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
-from equimesh.transfers.clipping import MAX_CORNERS, clip_cell, moments
 from equimesh.transfers.integrals import Cells, cells_of
 from equimesh.transfers.quad_cells import QuadCells
-from equimesh.transfers.quad_overlaps import USUAL_OVERLAPS, centroids_of, find_quad_overlaps, longer
+from equimesh.transfers.quad_overlaps import Parts, centroids_of, common_parts, starts_on_quads
 
 # A cell whose covered share differs from 1 by more than rounding reaches beyond the old mesh, at a curved side.
 MAX_ROUNDING = 1e-9
@@ -48,20 +47,29 @@ class Overlaps:
         if isinstance(old, QuadMesh) or isinstance(new, QuadMesh):
             raise AssertionError("the caller refuses meshes of two kinds")
         of_old, of_new = cells_of(old), cells_of(new)
-        pairs = tuple((np.ascontiguousarray(m.x), np.ascontiguousarray(m.y)) for m in (old, new))
-        first, cell, area, of_x, of_y = find_overlaps(pairs[0], pairs[1], (of_old.x, of_old.y))
-        covered = np.add.reduceat(area, first[:-1])
-        return cls(old=of_old, new=of_new, first=first, cell=cell, area=area, of_x=of_x, of_y=of_y, covered=covered)
+        x, y, new_x, new_y = (np.ascontiguousarray(q, dtype=float) for q in (old.x, old.y, new.x, new.y))
+        nodes, centroids = (new_x.reshape(-1), new_y.reshape(-1)), (of_old.x, of_old.y)
+        starts = starts_on_grid((x, y), nodes, new.cells)
+        links = old.cells, neighbours_on(of_old.shape)
+        parts = common_parts((x.reshape(-1), y.reshape(-1)), links, centroids, starts, nodes, new.cells)
+        return cls._of_parts(of_old, of_new, parts)
 
     @classmethod
     def _of_quads(cls, old: QuadMesh, new: QuadMesh) -> Overlaps:
         """Those of two meshes of quadrilaterals; old cells beyond a periodic join count as themselves."""
         unrolled, of_old, of_new = Unrolled.of(old), QuadCells.of(old), QuadCells.of(new)
+        search, cells = unrolled.search, np.ascontiguousarray(new.cells)
         nodes = np.array(new.x, dtype=float), np.array(new.y, dtype=float)
-        found = find_quad_overlaps(unrolled.search, centroids_of(unrolled), nodes, np.ascontiguousarray(new.cells))
-        first, cell, area, of_x, of_y = found
-        covered, cell = np.add.reduceat(area, first[:-1]), cell % unrolled.cells
-        return cls(old=of_old, new=of_new, first=first, cell=cell, area=area, of_x=of_x, of_y=of_y, covered=covered)
+        starts = starts_on_quads(search.nodes, (search.links, search.boxes, search.edges), nodes, cells)
+        links = search.links.cells, search.links.neighbours
+        parts = common_parts(search.nodes, links, centroids_of(unrolled), starts, nodes, cells)
+        return cls._of_parts(of_old, of_new, (parts[0], parts[1] % unrolled.cells, *parts[2:]))
+
+    @classmethod
+    def _of_parts(cls, old: Cells | QuadCells, new: Cells | QuadCells, parts: Parts) -> Overlaps:
+        first, cell, area, of_x, of_y = parts
+        covered = np.add.reduceat(area, first[:-1])
+        return cls(old=old, new=new, first=first, cell=cell, area=area, of_x=of_x, of_y=of_y, covered=covered)
 
     @property
     def beyond(self) -> Array:
@@ -89,83 +97,22 @@ class Overlaps:
         return np.minimum.reduceat(lowest[self.cell], starts), np.maximum.reduceat(highest[self.cell], starts)
 
 
+def neighbours_on(shape: tuple[int, int]) -> IntArray:
+    """The cells after and before each cell of a grid, along xi and then along eta; -1 beyond a side."""
+    numbers = np.pad(np.arange(shape[0] * shape[1]).reshape(shape), 1, constant_values=-1)
+    after_before = numbers[2:, 1:-1], numbers[:-2, 1:-1], numbers[1:-1, 2:], numbers[1:-1, :-2]
+    return np.stack(after_before, axis=-1).reshape(-1, 4)
+
+
 @compiled
-def find_overlaps(old: Pair, new: Pair, centroids: Pair) -> tuple[IntArray, IntArray, Array, Array, Array]:
-    """The arrays of :class:`Overlaps`: by steps from cell to neighbouring cell, from the one that holds the centre."""
-    (x, y), (fine_x, fine_y) = old, new
-    rows, columns = x.shape[0] - 1, x.shape[1] - 1
-    new_rows, new_columns = fine_x.shape[0] - 1, fine_x.shape[1] - 1
-    size, found = USUAL_OVERLAPS * new_rows * new_columns, 0
-    first = np.zeros(new_rows * new_columns + 1, dtype=np.int64)
-    cell, area = np.empty(size, dtype=np.int64), np.empty(size)
-    of_x, of_y = np.empty(size), np.empty(size)
-    seen = np.full(rows * columns, -1, dtype=np.int64)
-    stack = np.empty(rows * columns, dtype=np.int64)
-    quad, sides = np.empty((4, 2)), np.empty((4, 2))
-    polygon, spare = np.empty((MAX_CORNERS + 8, 2)), np.empty((MAX_CORNERS + 8, 2))
+def starts_on_grid(old: Pair, nodes: Pair, cells: IntArray) -> IntArray:
+    """The cell of an old grid that holds the centre of each new cell, or one near it."""
+    (x, y), (new_x, new_y) = old, nodes
+    starts = np.empty(cells.shape[0], dtype=np.int64)
     i = j = 0
-    for n in range(new_rows * new_columns):
-        row, column = n // new_columns, n % new_columns
-        corners_of(fine_x, fine_y, row, column, 0.0, 0.0, quad)
-        x0, y0 = quad[0, 0], quad[0, 1]  # areas of small cells are exact in coordinates from their own corner
-        px = 0.25 * (quad[0, 0] + quad[1, 0] + quad[2, 0] + quad[3, 0])
-        py = 0.25 * (quad[0, 1] + quad[1, 1] + quad[2, 1] + quad[3, 1])
+    for n in range(cells.shape[0]):
+        a, b, c, d = cells[n, 0], cells[n, 1], cells[n, 2], cells[n, 3]
+        px, py = 0.25 * (new_x[a] + new_x[b] + new_x[c] + new_x[d]), 0.25 * (new_y[a] + new_y[b] + new_y[c] + new_y[d])
         i, j = walk(px, py, x, y, i, j)
-        corners_of(fine_x, fine_y, row, column, x0, y0, quad)
-        left, right = (
-            min(quad[0, 0], quad[1, 0], quad[2, 0], quad[3, 0]),
-            max(quad[0, 0], quad[1, 0], quad[2, 0], quad[3, 0]),
-        )
-        low, high = (
-            min(quad[0, 1], quad[1, 1], quad[2, 1], quad[3, 1]),
-            max(quad[0, 1], quad[1, 1], quad[2, 1], quad[3, 1]),
-        )
-        stack[0], waiting, begin = i * columns + j, 1, found
-        seen[stack[0]] = n
-        while waiting > 0:
-            waiting -= 1
-            k = stack[waiting]
-            r, c = k // columns, k % columns
-            corners_of(x, y, r, c, x0, y0, sides)
-            apart = (
-                max(sides[0, 0], sides[1, 0], sides[2, 0], sides[3, 0]) < left
-                or min(sides[0, 0], sides[1, 0], sides[2, 0], sides[3, 0]) > right
-                or max(sides[0, 1], sides[1, 1], sides[2, 1], sides[3, 1]) < low
-                or min(sides[0, 1], sides[1, 1], sides[2, 1], sides[3, 1]) > high
-            )
-            count = 0 if apart else clip_cell(quad, sides, polygon, spare)
-            if count > 0:
-                part, part_x, part_y = moments(polygon, count, centroids[0][k] - x0, centroids[1][k] - y0)
-                if part > 0.0:
-                    if found == size:
-                        size *= 2
-                        cell, area = longer(cell, size), longer(area, size)
-                        of_x, of_y = longer(of_x, size), longer(of_y, size)
-                    cell[found], area[found], of_x[found], of_y[found] = k, part, part_x, part_y
-                    found += 1
-            if count == 0 and k != i * columns + j:
-                continue
-            for step in range(4):
-                to_r, to_c = r + (step == 0) - (step == 1), c + (step == 2) - (step == 3)
-                if 0 <= to_r < rows and 0 <= to_c < columns and seen[to_r * columns + to_c] != n:
-                    seen[to_r * columns + to_c] = n
-                    stack[waiting] = to_r * columns + to_c
-                    waiting += 1
-        if found == begin:  # beyond the old mesh: the nearest cell stands for it
-            if found == size:
-                size *= 2
-                cell, area = longer(cell, size), longer(area, size)
-                of_x, of_y = longer(of_x, size), longer(of_y, size)
-            cell[found], area[found], of_x[found], of_y[found] = i * columns + j, 0.0, 0.0, 0.0
-            found += 1
-        first[n + 1] = found
-    return first, cell[:found], area[:found], of_x[:found], of_y[:found]
-
-
-@compiled
-def corners_of(x: Array, y: Array, i: int, j: int, x0: float, y0: float, quad: Array) -> None:
-    """The corners of the cell (i, j), counter-clockwise, in coordinates from (x0, y0)."""
-    quad[0, 0], quad[0, 1] = x[i, j] - x0, y[i, j] - y0
-    quad[1, 0], quad[1, 1] = x[i + 1, j] - x0, y[i + 1, j] - y0
-    quad[2, 0], quad[2, 1] = x[i + 1, j + 1] - x0, y[i + 1, j + 1] - y0
-    quad[3, 0], quad[3, 1] = x[i, j + 1] - x0, y[i, j + 1] - y0
+        starts[n] = i * (x.shape[1] - 1) + j
+    return starts

@@ -1,13 +1,13 @@
-"""Which cells of two meshes of quadrilaterals meet, in what area, and with what first moments."""
+"""Which cells of two meshes, of grids or of blocks, meet, in what area, and with what first moments."""
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from equimesh.meshes.quad_links import QuadLinks
-from equimesh.meshes.quad_search import Boxes, QuadSearch, find_cell
+from equimesh.meshes.quad_search import Boxes, find_cell
 from equimesh.meshes.unrolled import Unrolled
 from equimesh.numerics.compiled import compiled
 from equimesh.numerics.types import Array, IntArray, Pair
@@ -15,6 +15,8 @@ from equimesh.transfers.clipping import MAX_CORNERS, clip_cell, moments
 from equimesh.transfers.measures import measures_of
 
 Numbers = TypeVar("Numbers", Array, IntArray)
+Parts: TypeAlias = tuple[IntArray, IntArray, Array, Array, Array]
+"""``first``, ``cell``, ``area``, ``of_x`` and ``of_y`` of :class:`~equimesh.transfers.overlaps.Overlaps`."""
 
 # Old cells that meet one new cell, for the first size of the arrays.
 USUAL_OVERLAPS = 12
@@ -27,38 +29,46 @@ def centroids_of(unrolled: Unrolled) -> Pair:
     return found.x, found.y
 
 
-def find_quad_overlaps(
-    old: QuadSearch, centroids: Pair, nodes: Pair, cells: IntArray
-) -> tuple[IntArray, IntArray, Array, Array, Array]:
-    """The arrays of :class:`~equimesh.transfers.overlaps.Overlaps` for new ``cells`` over ``nodes``."""
-    return overlaps_of_quads(old.nodes, (old.links, old.boxes, old.edges), centroids, nodes, cells)
+@compiled
+def starts_on_quads(old: Pair, search: tuple[QuadLinks, Boxes, IntArray], nodes: Pair, cells: IntArray) -> IntArray:
+    """The old cell that holds the centre of each of the new ``cells`` over ``nodes``, or the nearest one."""
+    links, boxes, edges = search
+    starts, quad, start = np.empty(cells.shape[0], dtype=np.int64), np.empty((4, 2)), 0
+    for n in range(cells.shape[0]):
+        x0, y0 = nodes[0][cells[n, 0]], nodes[1][cells[n, 0]]
+        corners_from(nodes, cells[n], x0, y0, quad)
+        px, py = x0 + 0.25 * quad[:, 0].sum(), y0 + 0.25 * quad[:, 1].sum()
+        start = starts[n] = find_cell(px, py, old, links, boxes, edges, start)
+    return starts
 
 
 @compiled
-def overlaps_of_quads(
-    old: Pair, search: tuple[QuadLinks, Boxes, IntArray], centroids: Pair, nodes: Pair, cells: IntArray
-) -> tuple[IntArray, IntArray, Array, Array, Array]:
-    """By steps from cell to neighbouring cell, from the one that holds the centre of the new cell."""
-    links, boxes, edges = search
-    count = links.cells.shape[0]
+def common_parts(
+    old: Pair, links: tuple[IntArray, IntArray], centroids: Pair, starts: IntArray, nodes: Pair, cells: IntArray
+) -> Parts:
+    """By steps from cell to neighbouring cell, from the old cell that ``starts`` has for each of the new ``cells``.
+
+    ``links`` are the corners of the old cells and their neighbours, both of shape ``(m, 4)``. A new
+    cell that meets none has the old one of its start, with the area 0.
+    """
+    old_cells, neighbours = links
+    count = old_cells.shape[0]
     size, found = USUAL_OVERLAPS * cells.shape[0], 0
     first, cell, area = np.zeros(cells.shape[0] + 1, dtype=np.int64), np.empty(size, dtype=np.int64), np.empty(size)
     of_x, of_y = np.empty(size), np.empty(size)
     seen, stack = np.full(count, -1, dtype=np.int64), np.empty(count, dtype=np.int64)
     quad, sides = np.empty((4, 2)), np.empty((4, 2))
     polygon, spare = np.empty((MAX_CORNERS + 8, 2)), np.empty((MAX_CORNERS + 8, 2))
-    start = 0
     for n in range(cells.shape[0]):
         x0, y0 = nodes[0][cells[n, 0]], nodes[1][cells[n, 0]]  # areas of small cells are exact from their own corner
         low, high = corners_from(nodes, cells[n], x0, y0, quad)
-        px, py = x0 + 0.25 * quad[:, 0].sum(), y0 + 0.25 * quad[:, 1].sum()
-        start = find_cell(px, py, old, links, boxes, edges, start)
+        start = starts[n]
         stack[0], waiting, begin = start, 1, found
         seen[start] = n
         while waiting > 0:
             waiting -= 1
             k = stack[waiting]
-            least, most = corners_from(old, links.cells[k], x0, y0, sides)
+            least, most = corners_from(old, old_cells[k], x0, y0, sides)
             apart = most[0] < low[0] or least[0] > high[0] or most[1] < low[1] or least[1] > high[1]
             corners = 0 if apart else clip_cell(quad, sides, polygon, spare)
             if corners > 0:
@@ -73,7 +83,7 @@ def overlaps_of_quads(
             if corners == 0 and k != start:
                 continue
             for edge in range(4):
-                to = links.neighbours[k, edge]
+                to = neighbours[k, edge]
                 if to >= 0 and seen[to] != n:
                     seen[to], stack[waiting] = n, to
                     waiting += 1

@@ -105,7 +105,6 @@ ELSEWHERE = {
     "continue_line",
     "corner_at",
     "corners_from",
-    "corners_of",
     "decide",
     "interpolate_line",
     "is_near",

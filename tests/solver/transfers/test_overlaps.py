@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import equimesh as em
-from equimesh.transfers.overlaps import Overlaps, corners_of, find_overlaps, longer
+from equimesh.transfers.overlaps import Overlaps, neighbours_on, starts_on_grid
 from solver.fields.bent_meshes import smooth_mesh
 from solver.transfers.cases import adapted, fronts
 
@@ -44,15 +44,15 @@ def test_cells_beyond_a_curved_side_are_seen() -> None:
 
 
 def test_more_parts_than_expected_find_room() -> None:
-    fine, coarse = smooth_mesh(65), smooth_mesh(4)
-    cells = np.zeros(64 * 67)
-    first, cell, area, *_ = find_overlaps((fine.x, fine.y), (coarse.x, coarse.y), (cells, cells))
-    assert first[-1] == cell.size == area.size > 64 * 67
-    assert area.sum() == pytest.approx(1.0, abs=1e-12)
-    assert np.array_equal(longer(np.array([1.0, 2.0]), 5)[:2], [1.0, 2.0])
+    overlaps = Overlaps.of(smooth_mesh(65), smooth_mesh(4))
+    assert overlaps.cell.size == overlaps.area.size > 12 * 9
+    assert overlaps.area.sum() == pytest.approx(1.0, abs=1e-12)
 
 
-def test_corners_are_counter_clockwise_from_an_origin() -> None:
-    mesh, quad = em.Mesh.uniform(em.Grid(n_xi=5, n_eta=5)), np.empty((4, 2))
-    corners_of(mesh.x, mesh.y, 1, 2, 0.25, 0.5, quad)
-    assert quad.tolist() == [[0.0, 0.0], [0.25, 0.0], [0.25, 0.25], [0.0, 0.25]]
+def test_neighbours_and_starts_on_a_grid() -> None:
+    mesh = em.Mesh.uniform(em.Grid(n_xi=6, n_eta=5))
+    found = neighbours_on((5, 4))
+    assert found.shape == (20, 4)
+    assert found[[0, 5, 19]].tolist() == [[4, -1, 1, -1], [9, 1, 6, 4], [-1, 15, -1, 18]]
+    nodes = mesh.x.reshape(-1), mesh.y.reshape(-1)
+    assert starts_on_grid((mesh.x, mesh.y), nodes, mesh.cells).tolist() == list(range(20))
