@@ -18,9 +18,8 @@ from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.quad_cells import cells_of_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
-from equimesh.quality.cells import CellPoints
 from equimesh.quality.quad_cells import QuadCells
-from equimesh.rounds.recovery import ESTIMATE_POINTS
+from equimesh.rounds.recovery import ESTIMATE_POINTS, gradient_norm
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,14 +56,7 @@ class BlockRecovery:
 
     def gradient_norm(self) -> float:
         """The norm of the gradient of the bilinear interpolant of the values on their mesh, in the units of u."""
-        cells = QuadCells(self.mesh)
-        points, every = CellPoints.gauss(2), np.arange(len(self.mesh.cells))
-        at, corners = cells.at(points, every), cells.corner_values(self.values, every)
-        s, t = points.s[:, None], points.t[:, None]
-        u_s = (1.0 - t) * (corners[1] - corners[0]) + t * (corners[2] - corners[3])
-        u_t = (1.0 - s) * (corners[3] - corners[0]) + s * (corners[2] - corners[1])
-        u_x, u_y = u_s * at.y_t - u_t * at.y_s, u_t * at.x_s - u_s * at.x_t
-        return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
+        return gradient_norm(QuadCells(self.mesh), self.values)
 
 
 def measured_on_blocks(u: Field, mesh: QuadMesh, rule: Rule, threads: int = 1) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -18,7 +17,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.least_error import LeastError
 from equimesh.rounds.block_recovery import BlockRecovery, measured_on_blocks, moved_lengths
 from equimesh.rounds.candidates import MEASURED_POINTS, PARTS, SHARP, SMOOTH
-from equimesh.rounds.next_mesh import KEPT, NextMesh
+from equimesh.rounds.next_mesh import KEPT, AnyKnowledge, NextMesh
 
 T = TypeVar("T")
 
@@ -36,14 +35,8 @@ WHOLE = "whole"
 """The name of the descent from the initial mesh of the domain."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockKnowledge:
+class BlockKnowledge(AnyKnowledge[BlockRecovery]):
     """As :class:`~equimesh.rounds.round.Knowledge`, of values on a mesh in blocks."""
-
-    recovery: BlockRecovery
-    estimate: float
-    estimate_h1: float
-    unresolved: float
 
     @classmethod
     def of(cls, mesh: QuadMesh, values: npt.ArrayLike, domain: Blocks, threads: int = 1) -> BlockKnowledge:
@@ -52,19 +45,7 @@ class BlockKnowledge:
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
         :class:`~equimesh.errors.InputError` for a folded mesh, and one of another domain.
         """
-        known = BlockRecovery.of(mesh, values, domain)
-        slopes, size = known.estimate("h1", threads), known.gradient_norm()
-        return cls(
-            recovery=known,
-            estimate=known.estimate("l2", threads),
-            estimate_h1=slopes,
-            unresolved=slopes / size if size > 0.0 else 0.0,
-        )
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether the estimate is nothing but rounding."""
-        return not self.estimate > self.recovery.rounding
+        return cls.from_recovery(BlockRecovery.of(mesh, values, domain), threads)
 
     def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh[QuadMesh]:
         """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly.

@@ -4,15 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Self, TypeVar
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.rounds.block_recovery import BlockRecovery
+from equimesh.rounds.recovery import Recovery
 
 AnyMesh = TypeVar("AnyMesh", Mesh, QuadMesh)
 """The class of the meshes: those of grids, or of blocks."""
+R = TypeVar("R", Recovery, BlockRecovery)
 KEPT = "kept"
 """The name of the mesh before, where no candidate is valid or the values are those of a linear function."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AnyKnowledge(Generic[R]):
+    """What the values of a solver say of the mesh that they are on."""
+
+    recovery: R
+    """u, recovered from the values."""
+    estimate: float
+    """The estimated L2 error of the values on their own mesh, in the units of u times a length."""
+    estimate_h1: float
+    """The same for the gradient, in the units of u. It must not rank meshes: one without resolution looks good."""
+    unresolved: float
+    """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
+
+    @classmethod
+    def from_recovery(cls, recovery: R, threads: int) -> Self:
+        """With the estimates of a recovered u."""
+        slopes, size = recovery.estimate("h1", threads), recovery.gradient_norm()
+        return cls(
+            recovery=recovery,
+            estimate=recovery.estimate("l2", threads),
+            estimate_h1=slopes,
+            unresolved=slopes / size if size > 0.0 else 0.0,
+        )
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the estimate is nothing but rounding."""
+        return not self.estimate > self.recovery.rounding
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,7 +18,7 @@ from equimesh.least_error.objective import ROUNDING_SHARE, Objective, Weights
 from equimesh.least_error.ways import coordinates_of
 from equimesh.meshes.mesh import Mesh
 from equimesh.numerics.types import Array
-from equimesh.quality.cells import BilinearCells, CellPoints
+from equimesh.quality.cells import BilinearCells, CellPoints, MeshCells
 
 ESTIMATE_POINTS = 3
 """Gauss points a direction and cell for estimates."""
@@ -62,14 +62,18 @@ class Recovery:
 
     def gradient_norm(self) -> float:
         """The norm of the gradient of the bilinear interpolant of the values on their mesh, in the units of u."""
-        physical = BilinearCells(map_mesh(self.mesh, self.domain))
-        points, every = CellPoints.gauss(2), np.arange(physical.count)
-        at, corners = physical.at(points, every), physical.corner_values(self.values, every)
-        s, t = points.s[:, None], points.t[:, None]
-        u_s = (1.0 - t) * (corners[1] - corners[0]) + t * (corners[2] - corners[3])
-        u_t = (1.0 - s) * (corners[3] - corners[0]) + s * (corners[2] - corners[1])
-        u_x, u_y = u_s * at.y_t - u_t * at.y_s, u_t * at.x_s - u_s * at.x_t
-        return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
+        return gradient_norm(BilinearCells(map_mesh(self.mesh, self.domain)), self.values)
+
+
+def gradient_norm(cells: MeshCells, values: Array) -> float:
+    """The norm of the gradient of the bilinear interpolant of nodal values on their ``cells``, in the units of u."""
+    points, every = CellPoints.gauss(2), np.arange(cells.count)
+    at, corners = cells.at(points, every), cells.corner_values(values, every)
+    s, t = points.s[:, None], points.t[:, None]
+    u_s = (1.0 - t) * (corners[1] - corners[0]) + t * (corners[2] - corners[3])
+    u_t = (1.0 - s) * (corners[3] - corners[0]) + s * (corners[2] - corners[1])
+    u_x, u_y = u_s * at.y_t - u_t * at.y_s, u_t * at.x_s - u_s * at.x_t
+    return math.sqrt(float((points.weights[:, None] * (u_x**2 + u_y**2) / at.det).sum()))
 
 
 def measured(u: Field, domain: Domain, mesh: Mesh, rule: Rule, threads: int = 1) -> float:

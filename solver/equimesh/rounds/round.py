@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import overload
 
 import numpy.typing as npt
@@ -18,7 +17,7 @@ from equimesh.monitors.curvature import NORMS
 from equimesh.numerics.threads import thread_count
 from equimesh.rounds.block_round import BlockKnowledge
 from equimesh.rounds.candidates import Search
-from equimesh.rounds.next_mesh import KEPT, AnyMesh, NextMesh, Round
+from equimesh.rounds.next_mesh import KEPT, AnyKnowledge, AnyMesh, NextMesh, Round
 from equimesh.rounds.recovery import Recovery, moved_cells
 
 TWO_KINDS = (
@@ -28,18 +27,8 @@ TWO_KINDS = (
 """Why a mesh and a domain of two kinds are refused."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Knowledge:
-    """What the values of a solver say of the mesh that they are on."""
-
-    recovery: Recovery
-    """u, recovered from the values."""
-    estimate: float
-    """The estimated L2 error of the values on their own mesh, in the units of u times a length."""
-    estimate_h1: float
-    """The same for the gradient, in the units of u. It must not rank meshes: one without resolution looks good."""
-    unresolved: float
-    """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
+class Knowledge(AnyKnowledge[Recovery]):
+    """What the values of a solver say of the mesh of a grid that they are on."""
 
     @classmethod
     def of(cls, mesh: Mesh, values: npt.ArrayLike, domain: Domain, threads: int = 1) -> Knowledge:
@@ -48,19 +37,7 @@ class Knowledge:
         Raises :class:`~equimesh.errors.SamplesError` for values of another shape or not finite, and
         :class:`~equimesh.errors.InputError` for a folded mesh.
         """
-        known = Recovery.of(mesh, values, domain)
-        slopes, size = known.estimate("h1", threads), known.gradient_norm()
-        return cls(
-            recovery=known,
-            estimate=known.estimate("l2", threads),
-            estimate_h1=slopes,
-            unresolved=slopes / size if size > 0.0 else 0.0,
-        )
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether the estimate is nothing but rounding."""
-        return not self.estimate > self.recovery.rounding
+        return cls.from_recovery(Recovery.of(mesh, values, domain), threads)
 
     def next_mesh(self, norm: Norm, threads: int = 1) -> NextMesh[Mesh]:
         """The next mesh: the best candidate in ``norm``, or the same mesh where u is interpolated exactly."""
