@@ -18,9 +18,9 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.sequences.beginning import check_settings
 from equimesh.sequences.between import blocks_between
 from equimesh.sequences.integrals import about_integrals
-from equimesh.sequences.moves import cells_moved, displacement, largest_jump, outrun_by, stays_valid
+from equimesh.sequences.moves import about_moves, cells_moved, displacement, largest_jump, outrun_by
 from equimesh.sequences.pursuit import BlockPursuit, Earlier, Found, gain_of, problem_with
-from equimesh.sequences.sequence import MAX_SILENT_JUMP, SMOOTHED, require_untouched
+from equimesh.sequences.sequence import SMOOTHED, require_untouched
 from equimesh.sequences.sequence_step import BlockStep
 from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.blocks import check_start
@@ -168,31 +168,13 @@ class BlockSequence:
         """A step that keeps the mesh and the fields as they were."""
         if self._check:
             raise SolveError(solution.message, solution)
-        return BlockStep(
-            number=self.number + 1,
-            mesh=self.mesh,
-            solution=solution,
-            fields={name: field.on(self.mesh, name) for name, field in given.items()},
-            velocity=np.zeros(self.mesh.points.shape),
-            moved=0.0,
-            substeps=1,
-            notes=("The solve failed: the mesh before and its fields are kept.",),
-        )
+        return BlockStep.kept(self.number + 1, self.mesh, solution, given)
 
     def _about_moves(self, solution: BlockSolution, moved: float) -> Iterator[str]:
         """Sentences about the move of the nodes."""
         u = solution.problem.monitor.u
         jump = largest_jump(u.values, self.mesh.cells) if isinstance(u, QuadField) and u.mesh is self.mesh else 0.0
-        if moved > self.max_move and jump > MAX_SILENT_JUMP:
-            yield (
-                f"The mesh moved by {moved:.2g} cells in this step, and u changes by {100 * jump:.0f} % of its range"
-                " along one edge of the mesh before: it has outrun its cells there. Take smaller time steps."
-            )
-        if not stays_valid(self.mesh, solution.mesh):
-            yield (
-                "A cell would fold while its nodes move on straight lines from the mesh before to this one: take the"
-                " carried fields, and not the velocity, in this step."
-            )
+        yield from about_moves(self.mesh, solution.mesh, jump, moved, self.max_move)
 
 
 def _is_one(part: Any) -> bool:

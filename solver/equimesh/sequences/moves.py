@@ -1,6 +1,7 @@
 """How far the nodes of a mesh move in a step: in cells, and whether all cells stay valid on the way."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from equimesh.numerics.types import Array, IntArray
 
 # The share of nodes that move by at most the reported number of cells: a front occupies more than the rest of them.
 NODE_SHARE = 0.95
+# A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
+MAX_SILENT_JUMP = 0.5
 
 
 def displacement(old: Mesh | QuadMesh, new: Mesh | QuadMesh) -> Array:
@@ -106,3 +109,19 @@ def outrun_by(moved: float, max_move: float) -> InputError:
         f" cells. Take {math.ceil(moved / max_move)} smaller time steps; the mesh before is kept",
         field="u",
     )
+
+
+def about_moves(
+    old: Mesh | QuadMesh, new: Mesh | QuadMesh, jump: float, moved: float, max_move: float
+) -> Iterator[str]:
+    """Sentences about a step in which the mesh ``moved`` by so many cells; ``jump`` is the largest jump of its u."""
+    if moved > max_move and jump > MAX_SILENT_JUMP:
+        yield (
+            f"The mesh moved by {moved:.2g} cells in this step, and u changes by {100 * jump:.0f} % of its range"
+            " along one edge of the mesh before: it has outrun its cells there. Take smaller time steps."
+        )
+    if not stays_valid(old, new):
+        yield (
+            "A cell would fold while its nodes move on straight lines from the mesh before to this one: take the"
+            " carried fields, and not the velocity, in this step."
+        )

@@ -24,7 +24,7 @@ from equimesh.sequences.beginning import check_settings, first_mesh
 from equimesh.sequences.between import mesh_between
 from equimesh.sequences.following import monitor_for
 from equimesh.sequences.integrals import about_integrals
-from equimesh.sequences.moves import cells_moved, displacement, largest_jump, outrun_by, stays_valid
+from equimesh.sequences.moves import about_moves, cells_moved, displacement, largest_jump, outrun_by
 from equimesh.sequences.pursuit import Earlier, Found, Pursuit, gain_of
 from equimesh.sequences.sequence_step import SequenceStep
 from equimesh.solving.options import SolveArguments
@@ -37,8 +37,6 @@ from equimesh.transfers.transfer import carry_closed, named
 # The begin of the note of such a mesh.
 SMOOTHED = "The mesh keeps a share of the mesh before it"
 ON_BLOCKS = "a Sequence follows u on a grid: take BlockSequence(problem) for a domain in blocks"
-# A change of u along one edge, as a share of its range, that deserves a sentence where the mesh moves far.
-MAX_SILENT_JUMP = 0.5
 
 
 class Sequence:
@@ -203,16 +201,7 @@ class Sequence:
         """A step that keeps the mesh and the fields as they were."""
         if self._check:
             raise SolveError(solution.message, solution)
-        return SequenceStep(
-            number=self.number + 1,
-            mesh=self.mesh,
-            solution=solution,
-            fields={name: field.on(self.mesh, name) for name, field in given.items()},
-            velocity=np.zeros((*self.mesh.x.shape, 2)),
-            moved=0.0,
-            substeps=1,
-            notes=("The solve failed: the mesh before and its fields are kept.",),
-        )
+        return SequenceStep.kept(self.number + 1, self.mesh, solution, given)
 
     def _about_moves(self, solution: Solution, moved: float | None) -> Iterator[str]:
         """Sentences about the move of the nodes."""
@@ -225,16 +214,7 @@ class Sequence:
             )
         u = solution.problem.monitor.u
         jump = largest_jump(u.values) if isinstance(u, NodalField) and _is_same(u.mesh, self.mesh) else 0.0
-        if moved > self.max_move and jump > MAX_SILENT_JUMP:
-            yield (
-                f"The mesh moved by {moved:.2g} cells in this step, and u changes by {100 * jump:.0f} % of its range"
-                " along one edge of the mesh before: it has outrun its cells there. Take smaller time steps."
-            )
-        if not stays_valid(self.mesh, solution.mesh):
-            yield (
-                "A cell would fold while its nodes move on straight lines from the mesh before to this one: take the"
-                " carried fields, and not the velocity, in this step."
-            )
+        yield from about_moves(self.mesh, solution.mesh, jump, moved, self.max_move)
 
 
 def _require_grid(problem: object) -> None:

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Self, TypeVar
+
+import numpy as np
 
 from equimesh.meshes.mesh import Mesh
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -11,6 +13,7 @@ from equimesh.solving.block_solution import BlockSolution
 from equimesh.solving.certificate import Certificate
 from equimesh.solving.solution import Solution
 from equimesh.solving.status import Status
+from equimesh.transfers.mesh_values import MeshValues
 
 M = TypeVar("M", Mesh, QuadMesh)
 S = TypeVar("S", Solution, BlockSolution)
@@ -43,6 +46,20 @@ class AnyStep(Generic[M, S]):
     """The number of meshes that were computed on the way to this one, itself included."""
     notes: tuple[str, ...]
     """Sentences about this step alone: moves, and integrals that bounds did not allow to keep."""
+
+    @classmethod
+    def kept(cls, number: int, mesh: M, solution: S, given: Mapping[str, MeshValues]) -> Self:
+        """The step of a solve that failed: it keeps the mesh and the fields as they were."""
+        return cls(
+            number=number,
+            mesh=mesh,
+            solution=solution,
+            fields={name: field.on(mesh, name) for name, field in given.items()},
+            velocity=np.zeros((*mesh.node_shape, 2)),
+            moved=0.0,
+            substeps=1,
+            notes=("The solve failed: the mesh before and its fields are kept.",),
+        )
 
     @property
     def status(self) -> Status:
