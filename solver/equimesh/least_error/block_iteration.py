@@ -114,7 +114,7 @@ class BlockSolve:
             return reached.record.error
         mesh = self._mesh(self.levels[number])
         objective = self._objective(mesh, FINER_POINTS)
-        return objective.error(reached.place.lifted(mesh, objective.smallest_share, objective.error).unknowns)
+        return objective.error(reached.place.lifted(mesh, objective).unknowns)
 
     def initial_error(self, reached: BlocksReached) -> float:
         """The error of the initial mesh where :meth:`lifted_error` is measured."""
@@ -134,7 +134,7 @@ class BlockSolve:
             if objective.smallest_share(sampled.unknowns) > 0.0:
                 first, name = sampled, "given"
         if before is not None:
-            lifted = before.place.lifted(mesh, objective.smallest_share, objective.error)
+            lifted = before.place.lifted(mesh, objective)
             # On fine meshes a coarser one has met what there is to meet.
             is_fine = level.points > MAX_GAIN_POINTS and start is None
             if is_fine or not objective.error(lifted.unknowns) > MAX_LIFTED_ERROR * objective.error(first.unknowns):
@@ -243,7 +243,9 @@ class BlockSolve:
         points = (gauss_points or level.gauss_points) + (MORE_SLOPE_POINTS if monitor.norm == "h1" else 0)
         rule = Rule(norm=monitor.norm, cells=monitor.cells if level.is_finest else "quad", points=points)
         first = mesh.first.unknowns
-        return Objective(monitor.u, mesh.chart, mesh.cells, first, weights, rule, self.threads)
+        objective = Objective(monitor.u, mesh.chart, mesh.cells, first, weights, rule, self.threads)
+        objective.bound_cut_off(first, len(self.domain.mesh.cells) / mesh.cells.count)
+        return objective
 
 
 def last_compared(levels: Sequence[BlockLevel]) -> int:

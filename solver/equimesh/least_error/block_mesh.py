@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
@@ -15,12 +13,10 @@ from equimesh.least_error.cells import Cells
 from equimesh.least_error.charts import CurveChart
 from equimesh.least_error.lifting import Lifting
 from equimesh.least_error.mending import SMALLEST_SHARE, mended
+from equimesh.least_error.objective import Objective
 from equimesh.least_error.quad_cells import cells_of_mesh
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
-
-Measure: TypeAlias = Callable[[Array], float]
-"""A number of a mesh, by its unknowns."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,24 +85,24 @@ class Place:
         """The parameters of nodes on curves, shape ``(nodes,)``."""
         return self.mesh.chart.parameters(self.unknowns)
 
-    def lifted(self, fine: BlockMesh, smallest_share: Measure, error: Measure) -> Place:
+    def lifted(self, fine: BlockMesh, objective: Objective) -> Place:
         """The same on a finer mesh: displacements by cubic interpolation.
 
-        Where these fold, by the ``smallest_share`` of a corner, they are mended. Linear interpolation of displacements,
-        mended, too, and that of positions are tried then, and the mesh with the smallest ``error`` is taken. It is the
-        initial mesh where all of them fold even so.
+        Where these fold, by the smallest share of a corner, they are mended. Linear interpolation of displacements,
+        mended, too, and that of positions are tried then, and the mesh with the smallest error is taken. It is the
+        initial mesh where all of them fold even so. Meshes that cut too much off the domain are moved back.
         """
         there, tried = fine.first, []
         for share, cubic in ((1.0, True), (1.0, False), (0.0, False)):
-            unknowns = self._interpolated(fine, share, cubic=cubic)
-            smallest = smallest_share(unknowns)
+            unknowns = objective.held(self._interpolated(fine, share, cubic=cubic))
+            smallest = objective.smallest_share(unknowns)
             if share > 0.0 and smallest <= SMALLEST_SHARE:
-                unknowns = mended(fine.chart, fine.cells, there.unknowns, unknowns)
+                unknowns = objective.held(mended(fine.chart, fine.cells, there.unknowns, unknowns))
             elif cubic:
                 return Place(mesh=fine, unknowns=unknowns)
-            if smallest_share(unknowns) > 0.0:
+            if objective.smallest_share(unknowns) > 0.0:
                 tried.append(unknowns)
-        return Place(mesh=fine, unknowns=min(tried, key=error)) if tried else there
+        return Place(mesh=fine, unknowns=min(tried, key=objective.error)) if tried else there
 
     def _interpolated(self, fine: BlockMesh, share: float, *, cubic: bool) -> Array:
         """The unknowns of a finer mesh, from the positions less ``share`` times those of the initial mesh."""

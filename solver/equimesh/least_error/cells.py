@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -51,6 +51,23 @@ class Cells:
     def nodes(self) -> int:
         """Number of nodes."""
         return self.starts.size - 1
+
+    @cached_property
+    def sides(self) -> IntArray:
+        """The edges of one cell alone whose two nodes stay on a side, shape ``(edges, 2)``."""
+        held = self.free == 0.0
+        candidates = held.any(axis=0)
+        edges = np.concatenate(
+            [
+                pair[candidates[pair[:, 0]] & candidates[pair[:, 1]]]
+                for pair in (self.corners[:, [k, (k + 1) % 4]] for k in range(4))
+            ]
+        )
+        edges = edges[(held[:, edges[:, 0]] & held[:, edges[:, 1]]).any(axis=0)]
+        numbers = edges.min(axis=1) * self.nodes + edges.max(axis=1)
+        _, places, counts = np.unique(numbers, return_index=True, return_counts=True)
+        found: IntArray = edges[places[counts == 1]]
+        return found
 
     def restrict(self, gradient: Array, blocks: Array) -> None:
         """Restrict derivatives by all coordinates to those that are free, in place.

@@ -11,7 +11,9 @@ from typing import Protocol
 
 import numpy as np
 
-from equimesh.blocks.curves import Line
+from equimesh.blocks.chords import Chords
+from equimesh.blocks.curves import BoundaryCurve, Line
+from equimesh.domains.cut_off import cut_off
 from equimesh.domains.domain import Domain, Rectangle
 from equimesh.numerics.types import Array, BoolArray, IntArray, Pair
 
@@ -40,6 +42,10 @@ class Chart(Protocol):
 
     def nodes(self, mesh: Array) -> Pair:
         """x and y of the nodes, contiguous."""
+        ...
+
+    def cut_off(self, mesh: Array, sides: IntArray) -> float:
+        """The area between the curved sides of the domain and the edges ``sides`` of cells, shape ``(edges, 2)``."""
         ...
 
     def moves(self, mesh: Array, start: Array) -> Array:
@@ -82,6 +88,12 @@ class DomainChart:
             return mesh[0], mesh[1]
         x, y = self.domain.map(mesh[0], mesh[1])
         return np.ascontiguousarray(x), np.ascontiguousarray(y)
+
+    def cut_off(self, mesh: Array, sides: IntArray) -> float:
+        """The area between the sides of the domain and edges of cells; 0 for a rectangle."""
+        if isinstance(self.domain, Rectangle):
+            return 0.0
+        return cut_off(self.domain, mesh[:, sides[:, 0]], mesh[:, sides[:, 1]])
 
     def moves(self, mesh: Array, start: Array) -> Array:
         """The displacements on the reference square."""
@@ -149,13 +161,16 @@ class CurveChart:
     speed of the curve, a length; the second is 0. Those of a fixed node are x and y, which do not change.
     """
 
-    def __init__(self, curves: Sequence[Slope], on_curve: IntArray, parameters: Array, area: float) -> None:
+    def __init__(self, curves: Sequence[BoundaryCurve], on_curve: IntArray, parameters: Array, area: float) -> None:
         """``on_curve`` are the numbers of the nodes' ``curves``, ``parameters`` their first parameters there.
 
         ``on_curve`` is -1 for a free node, -2 for a fixed one. ``area`` is that of the domain.
         """
         self.area, self.length = area, math.sqrt(area)
-        self._curves, lines = [], []
+        self._bounds, self._on_curve = tuple(curves), on_curve
+        self._chords: list[Chords] | None = None
+        self._curves: list[tuple[Slope, IntArray, float]] = []
+        lines = []
         for number, curve in enumerate(curves):
             nodes = np.flatnonzero(on_curve == number)
             if nodes.size and isinstance(curve, Line):
@@ -177,6 +192,7 @@ class CurveChart:
         place[nodes] = np.arange(nodes.size)
         chart = copy(self)
         chart.free = self.free[:, nodes]
+        chart._on_curve, chart._chords = self._on_curve[nodes], None
         chart._curves = []
         for curve, on_curve, speed in self._curves:
             there = place[on_curve]
@@ -213,6 +229,17 @@ class CurveChart:
         at = x, y
         self._known.appendleft((mesh, at))
         return at
+
+    def cut_off(self, mesh: Array, sides: IntArray) -> float:
+        """The area between the curves and edges of cells, always the same edges; 0 where all curves are lines."""
+        if self._chords is not None and not self._chords:
+            return 0.0
+        parameters = self.parameters(mesh)
+        if self._chords is None:
+            slides = ((curve, self._on_curve == number) for number, curve in enumerate(self._bounds))
+            found = [Chords.of(curve, sides, on, mesh, parameters) for curve, on in slides]
+            self._chords = [chords for chords in found if chords is not None]
+        return math.fsum(chords.cut_off(parameters) for chords in self._chords)
 
     def pulled(self, mesh: Array, moves: Array) -> Array:
         """The moves of the unknowns at ``mesh`` for small ``moves`` of the nodes, both of shape ``(2, nodes)``.

@@ -246,6 +246,7 @@ class LeastErrorSolve:
     def _descend(self, way: Way, level: Level, start: Array) -> Generator[Descent, None, Reached]:
         """Descent on one grid."""
         objective = self._objective(level, way, self._norm(level))
+        start = objective.held(start)
         objective.cut(start)
         # Records are in the requested norm, also where another one leads the way.
         is_other = self._norm(level) != self.monitor.norm
@@ -302,7 +303,7 @@ class LeastErrorSolve:
         # Cells that move far are cut the other way, which a descent on triangles does not see.
         cells = self.monitor.cells if level.is_finest else "quad"
         rule = Rule(norm=norm, cells=cells, points=points)
-        return Objective(
+        objective = Objective(
             self.monitor.u,
             DomainChart(self.domain),
             cells_of_grid(level.grid.shape, self.closed),
@@ -311,6 +312,8 @@ class LeastErrorSolve:
             rule,
             self.threads,
         )
+        objective.bound_cut_off(coordinates_of(Mesh.uniform(level.grid)), self.grid.cells / level.grid.cells)
+        return objective
 
 
 def last_compared(levels: list[Level]) -> int:

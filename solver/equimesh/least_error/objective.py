@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from equimesh.domains.cut_off import most_cut_off
 from equimesh.fields.field import Field
 from equimesh.least_error import kernels
 from equimesh.least_error.cells import Cells
@@ -23,6 +24,8 @@ MAX_BLOCK_POINTS = 16_384
 """Points at which u is evaluated at once: their arrays stay in the cache."""
 NEARBY_SHARE = 1e-3
 """The way from a node to the centre of a cell at which slopes are taken that are infinite at the node."""
+BACK_SHARES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
+"""Shares of the way back to the initial mesh that are tried for a mesh that cuts too much off the domain."""
 ROUNDING_SHARE = 1e-13
 """The share of the largest value of u below which its error is rounding; of the gradient, times ten over a spacing."""
 
@@ -104,6 +107,7 @@ class Objective:
         self.beyond = 0.0
         """The squared error of further cells that do not change."""
         self.rounding = self._rounding()
+        self._initial, self._most_cut_off = start, math.inf
 
     @property
     def weights(self) -> Weights:
@@ -117,7 +121,7 @@ class Objective:
         the distortion and the bends outside alone, which are constant, too.
         """
         share = region.cells.count / self.cells.count
-        return Objective(
+        local = Objective(
             self._u,
             self._chart.on(region.nodes),
             region.cells,
@@ -129,6 +133,18 @@ class Objective:
             ),
             self._rule,
         )
+        if self._most_cut_off < math.inf:
+            local.bound_cut_off(np.ascontiguousarray(self._initial[:, region.nodes]), share)
+        return local
+
+    def bound_cut_off(self, initial: Array, scale: float) -> None:
+        """Refuse from now on meshes that cut much more off the curved sides of the domain than ``initial`` does.
+
+        ``scale`` is how many times as many cells the finest mesh has, for whose bound this stands: on fewer cells the
+        same map cuts off as many times as much. For a part of the mesh it is its share of the cells.
+        """
+        self._initial = initial
+        self._most_cut_off = most_cut_off(self._chart.cut_off(initial, self.cells.sides), scale * self._chart.area)
 
     @property
     def length(self) -> float:
@@ -163,8 +179,26 @@ class Objective:
         self.cells.tie(direction)
 
     def smallest_share(self, mesh: Array) -> float:
-        """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh."""
+        """The smallest Jacobian of a corner over that of the start; not positive for a folded mesh.
+
+        It is 0 for a mesh that cuts too much off the curved sides of the domain, which is refused as a folded one is.
+        """
+        if self._cuts_off_much(mesh):
+            return 0.0
         return float(kernels.smallest_share(self.nodes(mesh), self._first))
+
+    def _cuts_off_much(self, mesh: Array) -> bool:
+        return self._most_cut_off < math.inf and self._chart.cut_off(mesh, self.cells.sides) > self._most_cut_off
+
+    def held(self, mesh: Array) -> Array:
+        """The mesh itself, or moved towards the initial one until it cuts little enough off the domain."""
+        if not self._cuts_off_much(mesh):
+            return mesh
+        for share in BACK_SHARES:
+            back = mesh - share * (mesh - self._initial)
+            if not self._cuts_off_much(back):
+                return back
+        return self._initial
 
     def error(self, mesh: Array) -> float:
         """The norm of the interpolation error; infinite where u is not finite, or the cells overlap."""
@@ -202,7 +236,7 @@ class Objective:
     def sums(self, mesh: Array, cells: int, triples: int) -> Sums:
         """What the first ``cells`` and ``triples`` add to the sums of the objective; infinite where one is folded."""
         nodes = self.nodes(mesh)
-        smallest = float(kernels.smallest_share(nodes, self._first))
+        smallest = self.smallest_share(mesh)
         if not smallest > 0.0:
             sums = dict.fromkeys(("square", "every_square", "distortion", "obliqueness", "bends"), math.inf)
             return Sums(**sums, smallest_share=smallest)

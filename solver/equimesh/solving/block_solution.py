@@ -16,12 +16,13 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array
 from equimesh.quality.angles import Angles, measure_angles
 from equimesh.quality.comparison import UniformComparison, compare_with_uniform
+from equimesh.quality.cut_off import CutOff, measure_block_cut_off
 from equimesh.quality.faces import Faces, measure_faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality, measure_interpolation, measure_quality
 from equimesh.solving.certificate import Candidate, Certificate, Estimate, Relaxed
 from equimesh.solving.measured_mesh import interpolated_cells
-from equimesh.solving.mesh_warnings import block_warnings
+from equimesh.solving.mesh_warnings import about_cut_off, block_warnings
 from equimesh.solving.status import Status
 
 
@@ -115,9 +116,15 @@ class BlockSolution:
         return measure_angles(self.mesh)
 
     @cached_property
+    def cut_off(self) -> CutOff:
+        """The areas between the curved sides of the domain and the cells, as shares of its area."""
+        return measure_block_cut_off(self.problem.domain, self.mesh)
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Sentences to read before using the mesh."""
-        return (*self.detours, *block_warnings(self.mesh, self.problem.monitor.u, self.interpolation, self.faces))
+        found = block_warnings(self.mesh, self.problem.monitor.u, self.interpolation, self.faces)
+        return (*self.detours, *found, *about_cut_off(self.cut_off))
 
     @cached_property
     def certificate(self) -> Certificate:

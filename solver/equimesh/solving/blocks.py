@@ -130,9 +130,12 @@ def count_subdomains(problem: BlockProblem, schwarz: BlockSchwarz) -> int:
 
 
 def is_no_worse(solution: BlockSolution) -> bool:
-    """Whether the mesh interpolates u at least as well as the initial mesh, in L2 and in the norm of the monitor."""
+    """Whether the mesh interpolates u at least as well as the initial mesh, in L2 and in the norm of the monitor.
+
+    A mesh that cuts much off the curved sides of the domain is worse: its error is not that of the domain.
+    """
     errors = solution.interpolation
-    if errors is None or solution.mesh.is_folded_on(solution.threads):
+    if errors is None or solution.mesh.is_folded_on(solution.threads) or solution.cut_off.is_much:
         return False
     return all(errors.estimated_gain(one) >= 1.0 for one in {"l2", _norm(solution.problem)})
 
@@ -243,7 +246,7 @@ def _or_given(found: BlockSolution, start: QuadMesh) -> BlockSolution:
     if errors is None or others is None:
         return found
     is_kept = others.l2 < errors.l2 if _norm(found.problem) == "l2" else others.h1 < errors.h1
-    return given if is_kept else found
+    return given if is_kept and not given.cut_off.is_much else found
 
 
 def _end_of(steps: Generator[Descent, None, BlocksReached], options: SolveOptions) -> BlocksReached:

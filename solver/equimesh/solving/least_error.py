@@ -82,13 +82,16 @@ def _or_given(found: Solution, start: Mesh, norm: str) -> Solution:
     if errors is None or others is None:
         return found
     is_kept = others.l2 < errors.l2 if norm == "l2" else others.h1 < errors.h1
-    return given if is_kept else found
+    return given if is_kept and not given.cut_off.is_much else found
 
 
 def is_no_worse(solution: Solution, norm: str) -> bool:
-    """Whether the mesh interpolates u at least as well as the uniform mesh, in L2 and in ``norm``."""
+    """Whether the mesh interpolates u at least as well as the uniform mesh, in L2 and in ``norm``.
+
+    A mesh that cuts much off the curved sides of the domain is worse: its error is not that of the domain.
+    """
     errors = solution.interpolation
-    if errors is None or solution.mesh.is_folded:
+    if errors is None or solution.mesh.is_folded or solution.cut_off.is_much:
         return False
     return all(errors.estimated_gain(one) >= 1.0 for one in {"l2", norm})
 

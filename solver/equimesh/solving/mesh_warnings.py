@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from equimesh.domains.closing import is_closed
 from equimesh.equations.problem import Problem
 from equimesh.equations.rounding import smallest_residual
 from equimesh.fields.chunked_samples import ChunkedSamples
@@ -17,6 +16,7 @@ from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.monitors.arc_length import ArcLength
 from equimesh.numerics.gather import joined
 from equimesh.numerics.types import Pair
+from equimesh.quality.cut_off import CutOff, measure_cut_off
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.probes import probe_errors
@@ -41,8 +41,8 @@ MAX_SAMPLE_STEP_SHARE = 0.4
 MIN_SILENT_JACOBIAN = 1e-6
 # Faces with a larger angle, in degrees, deserve a warning: corrections of fluxes diverge there.
 MAX_SILENT_ANGLE = 60.0
-# Cells around a ring that cover less of it, as a share, deserve a warning: the error is measured on the cells alone.
-MIN_SILENT_COVER = 0.85
+# Cells that cut off more of a domain at its curved sides, as a share, deserve a warning.
+MAX_SILENT_CUT_OFF = 0.05
 # A mesh is uniform when no coordinate of a node is further from the uniform mesh, as a share of the spacing.
 MAX_UNIFORM_MOVE = 0.01
 # Every so many nodes are compared with it first.
@@ -72,21 +72,18 @@ def warnings(
     if status.succeeded:
         yield from _about_thin_cells(meshes[0].min_jacobian / problem.domain.area)
         yield from _about_structure(problem, meshes, errors)
-        yield from _about_cover(problem, meshes[0])
+        yield from about_cut_off(measure_cut_off(problem.domain, meshes[1]))
     yield from _about_gains(errors)
 
 
-def _about_cover(problem: Problem, mesh: MeshWindow) -> Iterator[str]:
-    """About long cells around a closed domain, which cut off its curved sides."""
-    if not is_closed(problem.domain):
-        return
-    p = np.stack([mesh.x, mesh.y])
-    one, other = p[:, 1:, 1:] - p[:, :-1, :-1], p[:, :-1, 1:] - p[:, 1:, :-1]
-    share = 0.5 * float(np.sum(one[0] * other[1] - one[1] * other[0])) / problem.domain.area
-    if share < MIN_SILENT_COVER:
+def about_cut_off(cut: CutOff) -> Iterator[str]:
+    """A warning about long cells, which cut off the curved sides of a domain."""
+    if cut.is_much or cut.share > MAX_SILENT_CUT_OFF:
         yield (
-            f"The cells cover {100 * share:.0f} % of the domain, since long ones cut off its curved sides, and the"
-            " error is measured on the cells alone: add grid points along the closed lines, or raise distortion."
+            f"Between the curved sides of the domain and the cells lie {_percent(cut.share)} of its area,"
+            f" {_percent(cut.initial)} with the mesh before adapting, since long cells cut the sides off. The error is"
+            " measured on the cells alone, and the gain can be flattered: add grid points along the curved sides, or"
+            " raise distortion."
         )
 
 

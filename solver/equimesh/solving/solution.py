@@ -18,6 +18,7 @@ from equimesh.meshes.mesh_window import MeshWindow
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.numerics.types import Array, IntArray
 from equimesh.quality.comparison import UniformComparison
+from equimesh.quality.cut_off import CutOff, measure_cut_off
 from equimesh.quality.faces import Faces
 from equimesh.quality.interpolation import InterpolationErrors
 from equimesh.quality.measures import Quality
@@ -131,6 +132,11 @@ class Solution:
     def faces(self) -> Faces:
         """Non-orthogonality and skewness of the faces, as OpenFOAM defines them."""
         return self._measured.faces()
+
+    @cached_property
+    def cut_off(self) -> CutOff:
+        """The areas between the curved sides of the domain and the cells, as shares of its area."""
+        return measure_cut_off(self.problem.domain, MeshWindow.of(self.reference))
 
     @property
     def _measured(self) -> MeasuredMesh:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,17 @@ from equimesh.least_error.kernels import Nodes, smallest_share
 from equimesh.least_error.lifting import Lifting
 from equimesh.numerics.types import Array
 from equimesh.testing.geometries import disc, ring
+
+
+@dataclass
+class Judged:
+    """In place of an objective: how valid meshes are, and their errors."""
+
+    smallest_share: Callable[[Array], float]
+    error: Callable[[Array], float] = lambda _: 0.0
+
+    def held(self, mesh: Array) -> Array:
+        return mesh
 
 
 def moved(mesh: BlockMesh, share: float, seed: int = 1) -> Place:
@@ -30,7 +44,7 @@ def test_nodes_slide_on_their_curve_and_are_lifted_on_it() -> None:
     domain = disc(1500)
     coarse, fine = (BlockMesh.of(domain, level) for level in block_levels(domain.mesh)[-2:])
     place = moved(coarse, 0.01)
-    lifted = place.lifted(fine, lambda _: 1.0, lambda _: 0.0)
+    lifted = place.lifted(fine, Judged(lambda _: 1.0))
     for here in (place, lifted):
         on_circle = domain.node_curve[here.mesh.level.nodes] >= 0
         assert np.hypot(*here.points[:, on_circle]) == pytest.approx(1.0, abs=1e-13)
@@ -42,7 +56,7 @@ def test_nodes_slide_on_their_curve_and_are_lifted_on_it() -> None:
 def test_a_mesh_whose_positions_fold_is_replaced_by_the_initial_one() -> None:
     domain = disc(1500)
     coarse, fine = (BlockMesh.of(domain, level) for level in block_levels(domain.mesh)[-2:])
-    assert moved(coarse, 0.01).lifted(fine, lambda _: -1.0, lambda _: 0.0) is fine.first
+    assert moved(coarse, 0.01).lifted(fine, Judged(lambda _: -1.0)) is fine.first
 
 
 def test_points_are_taken_over_with_their_nearest_places_on_closed_curves() -> None:
@@ -83,7 +97,7 @@ def test_displacements_that_fold_are_mended() -> None:
         errors.append(unknowns)
         return float(len(errors))
 
-    lifted = place.lifted(fine, share, error)
+    lifted = place.lifted(fine, Judged(share, error))
     assert share(lifted.unknowns) > 0.0
     kept = inside & (np.abs(lifted.points - cubic).max(axis=0) < 1e-13)
     assert 0.5 < kept.sum() / inside.sum() < 1.0
@@ -91,4 +105,6 @@ def test_displacements_that_fold_are_mended() -> None:
     assert len(errors) > 1
     assert all(share(one) > 0.0 for one in errors)
     last = errors[-1]
-    assert np.array_equal(place.lifted(fine, share, lambda one: float(not np.array_equal(one, last))).unknowns, last)
+    assert np.array_equal(
+        place.lifted(fine, Judged(share, lambda one: float(not np.array_equal(one, last)))).unknowns, last
+    )

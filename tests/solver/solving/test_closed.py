@@ -243,10 +243,9 @@ def test_few_lines_around_a_ring_do_not_end_a_descent() -> None:
     solution = least(em.AnnulusSector(closed=True), peak)
     errors = solution.interpolation
     assert errors is not None
-    assert errors.l2_uniform / errors.l2 > 20.0
-    assert any(
-        "of the domain, since long ones cut off its curved sides" in text for text in solution.certificate.warnings
-    )
+    assert errors.l2_uniform / errors.l2 > 2.0
+    assert solution.cut_off.share <= solution.cut_off.most * (1.0 + 1e-6)
+    assert any("since long cells cut the sides off" in text for text in solution.certificate.warnings)
 
 
 def test_a_valid_mesh_with_a_folded_reference_is_followed() -> None:

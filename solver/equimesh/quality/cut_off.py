@@ -1,0 +1,84 @@
+"""How much of a domain the cells of a mesh cut off at its curved sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equimesh.blocks.blocks import Blocks
+from equimesh.blocks.chords import Chords
+from equimesh.domains.closing import closed_of
+from equimesh.domains.cut_off import cut_off, most_cut_off
+from equimesh.domains.domain import Domain, Rectangle
+from equimesh.meshes.mesh_window import MeshWindow
+from equimesh.meshes.quad_mesh import QuadMesh
+from equimesh.numerics.gather import summed
+from equimesh.numerics.types import Array
+
+ROUNDING = 1e-6
+"""What a share may lie above the bound, as a share of it: parameters of a finished mesh are found to rounding."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CutOff:
+    """Areas between the curved sides of a domain and the cells, as shares of the area of the domain.
+
+    What cells leave out, and what they cover beyond the domain, both count.
+    """
+
+    share: float
+    """That of the mesh."""
+    initial: float
+    """That of the uniform or the initial mesh."""
+
+    @property
+    def most(self) -> float:
+        """What a mesh of least error may have: one hundredth more than the initial mesh, or twice as much."""
+        return most_cut_off(self.initial, 1.0)
+
+    @property
+    def is_much(self) -> bool:
+        """Whether the gain is flattered: the mesh has more than :attr:`most`."""
+        return self.share > self.most * (1.0 + ROUNDING)
+
+
+def measure_cut_off(domain: Domain, reference: MeshWindow) -> CutOff:
+    """That of a mesh by its nodes on the reference square; all processes that hold rows have to ask."""
+    if isinstance(domain, Rectangle):
+        return CutOff(share=0.0, initial=0.0)
+    rows = reference.rows
+    uniform = MeshWindow.uniform(rows, len(reference.x))
+    here = [_of_window(domain, one) if rows.first < rows.last else 0.0 for one in (reference, uniform)]
+    share, initial = summed(rows.channel, np.array(here)) / domain.area
+    return CutOff(share=float(share), initial=float(initial))
+
+
+def _of_window(domain: Domain, reference: MeshWindow) -> float:
+    """The area that the own rows of a process cut off; a seam is no side."""
+    rows, (closed_xi, closed_eta) = reference.rows, closed_of(domain)
+    nodes, lines = np.stack(reference.nodes(rows.first, rows.last)), list[Array]()
+    if not closed_eta:
+        lines += [nodes[:, :, 0], nodes[:, :, -1]]
+    if not closed_xi:
+        lines += [nodes[:, 0]] * (rows.first == 0) + [nodes[:, -1]] * (rows.last == rows.cells[0])
+    return sum(cut_off(domain, line[:, :-1], line[:, 1:]) for line in lines)
+
+
+def measure_block_cut_off(domain: Blocks, mesh: QuadMesh) -> CutOff:
+    """That of a mesh of a domain in blocks; its nodes are at the nearest points of their curves."""
+    edges = np.concatenate([side for side in domain.mesh.sides.values() if len(side)])
+    total = np.zeros(2)
+    for number, curve in enumerate(domain.curves):
+        slides, first = domain.node_curve == number, domain.node_parameter
+        chords = Chords.of(curve, edges, slides, domain.mesh.points.T, first)
+        if chords is None:
+            continue
+        here = first.copy()
+        here[slides] = curve.nearest(*mesh.points[slides].T)
+        if curve.closed:
+            span = curve.ends[1] - curve.ends[0]
+            here[slides] -= span * np.round((here - first)[slides] / span)
+        total += chords.cut_off(here), chords.cut_off(first)
+    share, initial = total / domain.area
+    return CutOff(share=float(share), initial=float(initial))
