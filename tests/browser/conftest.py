@@ -16,7 +16,9 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 
 @pytest.fixture(scope="session")
 def page_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
-    return Settings(data_dir=tmp_path_factory.mktemp("data"), port=0, workers=1, log_level="warning", reuse=False)
+    folder = tmp_path_factory.mktemp("data")
+    patience = 60.0  # seconds of a preview; a busy machine takes longer than the default
+    return Settings(data_dir=folder, port=0, workers=1, log_level="warning", reuse=False, preview_seconds=patience)
 
 
 @pytest.fixture(scope="session")
