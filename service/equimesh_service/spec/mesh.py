@@ -151,9 +151,12 @@ class CheckedSpec:
     def monitor_digest(self) -> str:
         """Equal for specs of the same monitor on the same domain; ids of samples are hashes of their content.
 
-        A target is checked with its monitor, on the boundary and the cells of the spec.
+        A target is checked with its monitor, on the boundary and the cells of the spec. So is on blocks what they
+        refuse, or take with settings of their own.
         """
         parts = [self.canonical["monitor"], self.canonical["domain"]]
+        if self.has_blocks:
+            parts += [self.canonical[name] for name in ("grid", "boundary", "parts", "schwarz")]
         if self.spec.target is not None:
             parts += [self.canonical[name] for name in ("target", "boundary", "cells")]
         return _digest(parts)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from equimesh.blocks.blocks import Blocks
 from equimesh.errors import InputError
+from equimesh.inputs import describe_value
 from equimesh.monitors.auto import Auto
 from equimesh.monitors.least_error import LeastError
 from equimesh.monitors.nodal_solution import NodalSolution
@@ -49,7 +50,7 @@ class BlockProblem:
     def __post_init__(self) -> None:
         if not isinstance(self.domain, Blocks):
             raise InputError(
-                f"domain = {str(self.domain)[:40]!r} is no domain in blocks: give Blocks.of(...), or the Problem of a"
+                f"domain is {describe_value(self.domain)}, and not in blocks: give Blocks.of(...), or the Problem of a"
                 " grid",
                 field="domain",
             )

@@ -51,3 +51,10 @@ REFUSED: dict[str, Refusal] = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_bad_blocks_are_refused_precisely(http: httpx.Client, name: str) -> None:
     expect_refusal(http, REFUSED[name])
+
+
+@pytest.mark.parametrize("name", ["grid", "boundary", "schwarz.groups"])
+def test_bad_settings_are_refused_after_a_check_of_the_same_monitor(http: httpx.Client, name: str) -> None:
+    """A check that runs in a worker is not repeated, so what is remembered has to have the settings, too."""
+    assert http.post("/v1/meshes", json=spec()).status_code in {200, 202}
+    expect_refusal(http, REFUSED[name])

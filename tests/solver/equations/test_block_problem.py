@@ -44,7 +44,7 @@ def test_a_round_does_not_bound_angles() -> None:
 
 
 def test_domains_of_the_other_problem_are_named() -> None:
-    with pytest.raises(em.InputError, match=r"Blocks\.of") as caught:
+    with pytest.raises(em.InputError, match=r"domain is of type Rectangle, .* Blocks\.of") as caught:
         em.BlockProblem(monitor=em.Auto(u=U), domain=em.Rectangle())  # type: ignore[arg-type]
     assert caught.value.field == "domain"
     with pytest.raises(em.InputError, match="BlockProblem"):
