@@ -25,7 +25,21 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 BENCHMARKS = (ROOT / "docs" / "background" / "benchmarks.md").read_text()
 GALLERY = ROOT / "service" / "equimesh_service" / "workbench" / "gallery.json"
-WORDS = ("two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve", "thirteen")
+WORDS = (
+    "two",
+    "three",
+    "four",
+    "five",
+    "six",
+    "seven",
+    "eight",
+    "nine",
+    "ten",
+    "eleven",
+    "twelve",
+    "thirteen",
+    "fourteen",
+)
 """Numbers in words, from two on."""
 LARGE_WORDS = ("twenty", "thirty", "fifty", "hundred", "thousand", "half")
 NUMBER = re.compile(rf"(?<![\w.])\d+(?:[.,]\d+)*(?!\w)|\b(?:{'|'.join(WORDS + LARGE_WORDS)})\b", re.IGNORECASE)

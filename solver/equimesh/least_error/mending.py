@@ -1,7 +1,12 @@
-"""Folds of a mesh that comes from a coarser one, mended: the displacements of the nodes around them are averaged.
+"""Folds of a mesh that comes from a coarser one, mended: nodes of folded corners move as little as unfolds them.
 
-A cell whose nodes are all displaced by the same vector has the shape that it has in the first mesh. So where the
-displacements of neighbours become more alike, folds vanish. The rest of the mesh stays as it is.
+The Jacobian of a corner is linear in each of its nodes. These move along its derivatives, until it has a small positive
+value, one corner after the other: the projections of S. Kaczmarz (1937). Thin cells beside a wall need small moves
+only, and their neighbours mostly stay valid. The rest of the mesh stays as it is.
+
+Where folds remain even so, displacements of the nodes around them are averaged instead. A cell whose nodes are all
+displaced by the same vector has the shape that it has in the first mesh. So where the displacements of neighbours
+become more alike, folds vanish. In thin cells more of them can arise.
 """
 
 from __future__ import annotations
@@ -17,8 +22,10 @@ from equimesh.numerics.types import Array, BoolArray, IntArray
 
 SMALLEST_SHARE = 1e-2
 """Cells with a corner whose Jacobian is a smaller share of that of the first mesh are mended."""
+MENDED_SHARE = 1.5e-2
+"""The share of a corner whose nodes have moved along its derivatives."""
 MAX_ROUNDS = 60
-"""Rounds of averaging, at most."""
+"""Rounds of either way, at most."""
 ROUNDS_OF_MEANS = 10
 """Rounds after which the displacements are shortened, too: beside a bent curve equal ones can fold."""
 SHORTENING = 0.8
@@ -30,18 +37,37 @@ def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
 
     Nodes of curves move along these. ``first`` is a valid mesh.
     """
+    for unfolds in (True, False):
+        out, is_mended = _rounds(chart, cells, first, mesh, unfolds=unfolds)
+        if is_mended:
+            break
+    return out
+
+
+def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, *, unfolds: bool) -> tuple[Array, bool]:
+    """The mesh after rounds of one way, and whether it has no folds."""
     start, at, corners = np.stack(chart.nodes(first)), np.stack(chart.nodes(mesh)), cells.corners.reshape(-1)
     marks, step, out = np.zeros(mesh.shape[1], dtype=np.bool_), np.zeros_like(mesh), mesh
-    looked_at = np.arange(cells.count)
+    looked_at, free = np.arange(cells.count), chart.free[0]
     for done in range(MAX_ROUNDS):
-        mark_folds(Nodes(at[0], at[1], corners), start, looked_at, SMALLEST_SHARE, marks)
+        if unfolds:
+            to = at.copy()
+            unfold(Nodes(to[0], to[1], corners), start, looked_at, free, marks)
+        else:
+            mark_folds(Nodes(at[0], at[1], corners), start, looked_at, SMALLEST_SHARE, marks)
         nodes = _with_ties(np.flatnonzero(marks), cells)
         if not nodes.size:
-            break
-        share = 1.0 if done < ROUNDS_OF_MEANS else SHORTENING
-        moves = average(at, start, cells.corners, (cells.starts, cells.places), nodes)
+            return out, True
+        if unfolds:
+            moves = to - at
+            np.add.at(moves.T, cells.ties[:, 1], moves.T[cells.ties[:, 0]])  # what a copy needs, its original does
+            moves = moves[:, nodes]
+        else:
+            share = 1.0 if done < ROUNDS_OF_MEANS else SHORTENING
+            means = average(at, start, cells.corners, (cells.starts, cells.places), nodes)
+            moves = share * means - (at[:, nodes] - start[:, nodes])
         here, now = chart.on(nodes), out[:, nodes]
-        step[:, nodes] = here.pulled(now, share * moves - (at[:, nodes] - start[:, nodes]))
+        step[:, nodes] = here.pulled(now, moves)
         cells.tie(step)
         out = mesh.copy() if out is mesh else out
         now += step[:, nodes]
@@ -49,7 +75,7 @@ def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
         at[:, nodes] = here.nodes(now)
         # Other cells are as they were.
         looked_at, marks[:] = _cells_of(nodes, cells), False
-    return out
+    return out, False
 
 
 def _with_ties(nodes: IntArray, cells: Cells) -> IntArray:
@@ -65,6 +91,35 @@ def _cells_of(nodes: IntArray, cells: Cells) -> IntArray:
     first, count = cells.starts[nodes], cells.starts[nodes + 1] - cells.starts[nodes]
     places = np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
     return np.unique(cells.places[places] // 4)
+
+
+@compiled
+def unfold(nodes: Nodes, start: Array, numbers: IntArray, free: Array, marks: BoolArray) -> None:
+    """Move the nodes of small corners of the cells with these ``numbers``, in place, and mark these nodes.
+
+    The Jacobian of such a corner is at most ``SMALLEST_SHARE`` of that at ``start``, which are x and y of the nodes,
+    shape ``(2, nodes)``. ``free`` is 0 for nodes that are fixed and 1 for the others.
+    """
+    x, y, corners = nodes
+    for cell in numbers:
+        for k in range(4):
+            p, n, m = corners[4 * cell + k], corners[4 * cell + (k + 1) % 4], corners[4 * cell + (k + 3) % 4]
+            before = (start[0, n] - start[0, p]) * (start[1, m] - start[1, p])
+            before -= (start[1, n] - start[1, p]) * (start[0, m] - start[0, p])
+            ax, ay, bx, by = x[n] - x[p], y[n] - y[p], x[m] - x[p], y[m] - y[p]
+            now = ax * by - ay * bx
+            if now > SMALLEST_SHARE * before:
+                continue
+            # The derivatives of the Jacobian by the three nodes.
+            gp, hp = (ay - by) * free[p], (bx - ax) * free[p]
+            gn, hn, gm, hm = by * free[n], -bx * free[n], -ay * free[m], ax * free[m]
+            size = gp * gp + hp * hp + gn * gn + hn * hn + gm * gm + hm * hm
+            if size > 0.0:
+                length = (MENDED_SHARE * before - now) / size
+                x[p], y[p] = x[p] + length * gp, y[p] + length * hp
+                x[n], y[n] = x[n] + length * gn, y[n] + length * hn
+                x[m], y[m] = x[m] + length * gm, y[m] + length * hm
+                marks[p] = marks[n] = marks[m] = True
 
 
 @compiled

@@ -136,6 +136,7 @@ ELSEWHERE = {
     "solve_blocks",
     "spokes_of",
     "start_after",
+    "unfold",
     "walk",
     "walk_cells",
     "within",

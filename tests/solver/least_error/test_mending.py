@@ -76,8 +76,23 @@ def test_a_mesh_without_folds_is_the_same() -> None:
     assert mended(mesh.chart, mesh.cells, first, first) is first
 
 
-def test_beside_a_bent_curve_displacements_are_shortened() -> None:
-    """Means alone do not mend what has slid around the nose of an airfoil."""
+def test_in_thin_cells_nodes_move_less_than_the_one_that_folds_them() -> None:
+    """The mean of the displacements around it would take it back by most of its way."""
+    domain = Blocks.of(
+        {**SQUARE, "joins": [], "blocks": [{**SQUARE["blocks"][0], "cells": [12, 24], "grading": [1, 2e3]}]}
+    )
+    mesh, (x, y) = finest(domain), domain.mesh.points.T
+    up = 0.05 * np.sin(np.pi * x) * (1.0 - np.exp(-y / 0.03)) * np.exp(-y / 0.3)
+    up[np.hypot(x - 0.5, y - 0.02).argmin()] -= 0.02
+    before = mesh.first.unknowns + np.stack([np.zeros_like(up), up]) * mesh.chart.free
+    assert smallest(mesh, before) < 0.0
+    after = mended(mesh.chart, mesh.cells, mesh.first.unknowns, before)
+    assert smallest(mesh, after) > SMALLEST_SHARE
+    assert np.abs(after - before).max() < 0.01
+
+
+def test_what_has_slid_around_the_nose_of_an_airfoil_is_mended_by_shorter_displacements() -> None:
+    """Corners that are unfolded one after the other fold each other there."""
     domain = naca0012_c(2000)
     mesh = finest(domain)
     x, y = domain.mesh.points.T
