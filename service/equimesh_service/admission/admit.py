@@ -39,6 +39,8 @@ from equimesh_service.telemetry import log_context
 
 # The most time of a side worker for the samples of one request.
 _MAX_WORK_SECONDS = 60.0
+# The remedy where that is not enough.
+_FEWER_SAMPLES = "send fewer samples, or send them on a grid"
 # The most monitors that are remembered as valid on their domains.
 _MAX_REMEMBERED = 1000
 # Bytes of a point in the files of a mesh in parts: x, y, z and u.
@@ -284,8 +286,8 @@ class Admission:
             with translate_errors(pointer), self.while_waiting(key_id):
                 return self.side_workers.submit(key_id, function, *arguments, time_limit=_MAX_WORK_SECONDS).result()
         except (TimeLimitError, MemoryLimitError) as error:
-            message = f"this takes too long to check ({error}): send fewer samples, or send them on a grid"
-            raise problem_at(pointer or "/monitor", message) from None
+            remedy = "send a mesh with fewer cells" if function is convert_mesh else _FEWER_SAMPLES
+            raise problem_at(pointer or "/monitor", f"this takes too long to check ({error}): {remedy}") from None
         except (EngineError, CancelledError) as error:
             raise Problem("unavailable", f"The request was not checked: {error}.") from None
 

@@ -1,8 +1,9 @@
 """Places that a mesh covers twice, where no cell is inverted.
 
 All cells have the same orientation. So a place is covered as often as the boundary winds around it, and where this
-number changes, there is a boundary. It is enough to compare the cells at the boundary with each other. Where none of
+number changes, there is a boundary. It is enough to compare the cells at edges of the boundary that meet. Where none of
 them overlap, the number is the same all along each closed line of the boundary, and one place of each line tells it.
+Boxes of edges are small also where cells are long, thin and slanted, whose own boxes nearly all overlap.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from equimesh.meshes.quad_mesh import QuadMesh
@@ -41,7 +42,7 @@ def find_overlap(mesh: QuadMesh) -> Overlap | None:
     at_boundary = at_boundary[np.argsort(first[at_boundary], kind="stable")]  # along the boundary
     corners = mesh.points[mesh.cells[at_boundary]]
     touching = TOUCHING * float(np.ptp(corners, axis=(0, 1)).max())
-    one, other = _pairs_of_boxes(corners.min(axis=1) + touching, corners.max(axis=1) - touching)
+    one, other = _pairs_of_cells(mesh, edges, at_boundary, touching)
     for start in range(0, len(one), PAIRS_AT_ONCE):
         a, b = (corners[pair[start : start + PAIRS_AT_ONCE]] for pair in (one, other))
         depth = np.minimum(_depth(a, b), _depth(b, a))
@@ -69,6 +70,24 @@ def _inside_others(mesh: QuadMesh, edges: IntArray, at_boundary: IntArray) -> Ov
             other = int(around[around != at_boundary[k]][0])
             return Overlap(cells=(int(at_boundary[k]), other), place=_pair(place), is_inside=True)
     return None
+
+
+def _pairs_of_cells(mesh: QuadMesh, edges: IntArray, cells: IntArray, touching: float) -> tuple[IntArray, IntArray]:
+    """The pairs of places in ``cells`` whose cells are at two edges of the boundary that meet, each once."""
+    ends = mesh.points[edges]
+    one, other = _pairs_of_boxes(ends.min(axis=1) - touching, ends.max(axis=1) + touching)
+    same = np.arange(len(edges))
+    meets = _incidence(np.append(one, same), np.append(other, same), (len(edges), len(edges)))
+    of_edge = _incidence(np.repeat(same, 2), edges.ravel(), (len(edges), len(mesh.points)))
+    of_cell = _incidence(mesh.cells[cells].ravel(), np.repeat(np.arange(len(cells)), 4), (len(mesh.points), len(cells)))
+    at_edge = of_edge @ of_cell
+    pairs = np.sort(np.column_stack((at_edge.T @ meets @ at_edge).nonzero()).astype(np.int64), axis=1)
+    found = np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
+    return found[:, 0], found[:, 1]
+
+
+def _incidence(row: IntArray, column: IntArray, shape: tuple[int, int]) -> csr_array:
+    return coo_array((np.ones(len(row)), (row, column)), shape=shape).tocsr()
 
 
 def _pairs_of_boxes(low: Array, high: Array) -> tuple[IntArray, IntArray]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import equimesh as em
 from equimesh.blocks.blocks import Blocks
-from equimesh.blocks.overlaps import find_overlap
+from equimesh.blocks.overlaps import _pairs_of_cells, find_overlap
 from equimesh.meshes.quad_mesh import QuadMesh
 from equimesh.testing import geometries
 
@@ -111,3 +111,16 @@ def test_a_mesh_that_overlaps_itself_is_refused() -> None:
     ) as caught:
         Blocks.of_mesh(off, mesh.cells, {})
     assert caught.value.field == "cells"
+
+
+def test_few_pairs_of_long_thin_slanted_cells_are_compared() -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 301), np.linspace(0, 1, 3), indexing="ij")
+    numbers = np.arange(x.size).reshape(x.shape)
+    cells = np.stack([numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]], axis=-1).reshape(-1, 4)
+    line = np.concatenate([numbers[:, 0], numbers[-1, 1:], numbers[-2::-1, -1], numbers[0, -2:0:-1]])
+    edges = np.column_stack([line, np.roll(line, -1)])
+    points = np.stack([x - y, x + y], axis=-1).reshape(-1, 2)
+    mesh = QuadMesh(points=points, cells=cells, sides={"all": edges})
+    one, _ = _pairs_of_cells(mesh, edges, np.arange(len(cells)), 1e-8)
+    assert len(cells) - 2 < len(one) < 5 * len(cells)
+    assert find_overlap(mesh) is None

@@ -100,10 +100,13 @@ def _names_of(block_cells: Sequence[IntArray], blocks: Sequence[tuple[str, int]]
         return ()
     owner = np.repeat(np.arange(len(blocks)), sizes)
     found: dict[str, None] = {}
+    uses: dict[str, int] = {}
     for cells in block_cells:
-        name = "+".join(blocks[k][0] for k in np.unique(owner[cells]))
-        again = (f"{name}_{k}" for k in range(2, len(block_cells) + 2))
-        found[next(free for free in (name, *again) if free not in found)] = None
+        first = name = "+".join(blocks[k][0] for k in np.unique(owner[cells]))
+        while name in found:
+            uses[first] = uses.get(first, 1) + 1
+            name = f"{first}_{uses[first]}"
+        found[name] = None
     return tuple(found)
 
 

@@ -47,10 +47,15 @@ def read_cgns(data: bytes) -> PlainMesh:
             if len(bases) != 1 or not 1 <= len(zones) <= MAX_ZONES:
                 message = f"the CGNS file has {len(bases)} bases and {len(zones)} zones: one base with zones is read"
                 raise InputError(message, field="file")
-            blocks = [_nodes(name, zone, len(data)) for name, zone in zones]
+            blocks = _blocks(zones, len(data))
             sides: dict[str, list[tuple[int, IntArray]]] = {}
+            left = sum(2 * sum(block.shape[:2]) for block in blocks)  # edges that may have a side yet
             for number, (name, zone) in enumerate(zones):
                 for side, edges in _sides(name, zone, blocks[number].shape):
+                    left -= len(edges)
+                    if left < 0:
+                        message = f"the zone {name!r}: the sides have more edges than the zones: give each one side"
+                        raise InputError(message, field="file")
                     sides.setdefault(side, []).append((number, edges))
     except InputError:
         raise
@@ -58,6 +63,19 @@ def read_cgns(data: bytes) -> PlainMesh:
         raise InputError(f"the CGNS file cannot be read: {str(error)[:200]}", field="file") from error
     named = tuple((name, (b.shape[0] - 1) * (b.shape[1] - 1)) for (name, _), b in zip(zones, blocks, strict=True))
     return replace(joined(blocks, sides), blocks=named)
+
+
+def _blocks(zones: list[tuple[str, h5py.Group]], size: int) -> list[Array]:
+    """The coordinates of all zones of a file of ``size`` bytes, of which each zone has its own."""
+    blocks: list[Array] = []
+    left = size
+    for name, zone in zones:
+        blocks.append(_nodes(name, zone, size))
+        left -= blocks[-1].size  # a number has one byte at least
+        if left < 0:
+            message = f"the zone {name!r} has more nodes than the file has place for: save each zone with its own array"
+            raise InputError(message, field="file")
+    return blocks
 
 
 def _children(group: h5py.Group, label: str) -> Iterator[tuple[str, h5py.Group]]:

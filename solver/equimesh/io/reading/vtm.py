@@ -35,12 +35,16 @@ def read_vtm(head: bytes, read: Callable[[str], bytes]) -> PlainMesh:
         message = f"the vtm file has {len(entries)} blocks: a vtkMultiBlockDataSet of 1 to {MAX_BLOCKS} is read"
         raise InputError(message, field="file")
     blocks, names, left = [], [], MAX_BYTES
+    files: set[str] = set()
     for number, entry in enumerate(entries):
         file = entry.get("file", "")
         place = PurePosixPath(file)
         if not file or place.is_absolute() or ".." in place.parts:
             message = f"block {number} of the vtm file is in {file[:80]!r}: its file must be beside the vtm file"
             raise InputError(message, field="file")
+        if file in files:
+            raise InputError(f"two blocks of the vtm file are in {file[:80]!r}: name each file once", field="file")
+        files.add(file)
         data = read(file)
         try:
             blocks.append(_grid(data, left))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from equimesh.blocks.blocks import Blocks
+from equimesh.errors import InputError
 from equimesh.io.reading.read import read_bytes
 from equimesh.numerics.types import Array
 from solver.io.reading.cgns_files import Condition, cgns
@@ -108,3 +109,19 @@ def test_coordinates_that_cannot_be_read_are_named(change: str, message: str) ->
             else:
                 grid.create_dataset("CoordinateY/ data", data=["a", "b", "c"])
     assert message in refusal(stream.getvalue(), "cgns")
+
+
+def test_zones_that_share_one_array_are_refused() -> None:
+    stream = io.BytesIO(cgns({"zone": (np.stack(np.mgrid[:60, :60], axis=-1), [])}))
+    with h5py.File(stream, "r+") as file:
+        for number in range(9):
+            file[f"Base/again {number}"] = file["Base/zone"]
+    with pytest.raises(InputError, match=r"has more nodes than the file has place for: save each zone"):
+        read_bytes(stream.getvalue(), "cgns")
+
+
+def test_sides_with_more_edges_than_the_zones_are_refused() -> None:
+    ends = [[1, 1], [4, 1]]
+    conditions = [(f"wall {number}", ends, "", "") for number in range(6)]
+    with pytest.raises(InputError, match="the sides have more edges than the zones"):
+        read_bytes(cgns({"zone": (np.stack(np.mgrid[:4, :3], axis=-1), conditions)}), "cgns")

@@ -44,6 +44,10 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
             text.replace("mesh_1.vts", "../mesh_1.vts"),
             r"block 1 of the vtm file is in '../mesh_1.vts': its file",
         ),
+        (
+            text.replace("mesh_1.vts", "mesh_0.vts"),
+            "two blocks of the vtm file are in 'mesh_0.vts': name each file once",
+        ),
         (text.replace("mesh_1.vts", "none.vts"), "none.vts cannot be read: No such file"),
         (text.replace("MultiBlock", "Other"), "3 blocks: a vtkMultiBlockDataSet of 1 to"),
         (text.replace("<DataSet", "<Other"), "the vtm file has 0 blocks"),
