@@ -112,7 +112,7 @@ def test_coordinates_that_cannot_be_read_are_named(change: str, message: str) ->
 
 
 def test_zones_that_share_one_array_are_refused() -> None:
-    stream = io.BytesIO(cgns({"zone": (np.stack(np.mgrid[:60, :60], axis=-1), [])}))
+    stream = io.BytesIO(cgns({"zone": (np.moveaxis(np.indices((60, 60), dtype=np.float64), 0, 2), [])}))
     with h5py.File(stream, "r+") as file:
         for number in range(9):
             file[f"Base/again {number}"] = file["Base/zone"]
@@ -124,4 +124,4 @@ def test_sides_with_more_edges_than_the_zones_are_refused() -> None:
     ends = [[1, 1], [4, 1]]
     conditions = [(f"wall {number}", ends, "", "") for number in range(6)]
     with pytest.raises(InputError, match="the sides have more edges than the zones"):
-        read_bytes(cgns({"zone": (np.stack(np.mgrid[:4, :3], axis=-1), conditions)}), "cgns")
+        read_bytes(cgns({"zone": (np.moveaxis(np.indices((4, 3), dtype=np.float64), 0, 2), conditions)}), "cgns")
