@@ -210,10 +210,11 @@ class Admission:
     ) -> tuple[BuiltSpec | None, NewSamples | None, SamplesRow]:
         """Check a spec with its upload: a refused spec leaves nothing behind.
 
-        Light samples of a plain spec are not stored yet; others are stored after the check.
+        Light samples of a plain spec are not stored yet; others are stored after the check. So are those of a spec that
+        also names stored files, such as the mesh that is its domain.
         """
         spec, files = short.spec, short.files
-        if upload.is_light and spec.is_plain and spec.spec.target is None and not files:
+        if upload.is_light and spec.is_plain and spec.spec.target is None and not files and not rows:
             arrays = self._read_light(upload, pointer, alone=False)
             if "points" not in arrays:
                 built = check(spec.canonical, {UPLOAD: arrays})

@@ -113,8 +113,12 @@ def test_the_file_of_a_mesh_comes_with_the_spec(http: httpx.Client, mesh: dict[s
     assert (made["status"], made["points"], spec["domain"]["file"]) == ("succeeded", mesh["points"], stored)
     sampled = {**named, "monitor": {"kind": "least_error", "u": {"samples": "upload"}}}
     u = b"x,y,u\n-1,0,0\n-1,1,1\n2,0,1\n2,1,2\n"
-    both = {"data": {"spec": json.dumps(sampled)}, "files": {**form["files"], "samples": ("u.csv", u)}}
-    assert solved(http, {}, json=None, **both)["points"] == mesh["points"]
+    small = io.BytesIO()  # read in the process that answers
+    steps = np.arange(9.0)
+    np.savez(small, x=np.linspace(-1, 2, 9), y=np.linspace(0, 1, 9), values=np.add.outer(steps, steps))
+    for samples in (("u.csv", u), ("u.npz", small.getvalue())):
+        both = {"data": {"spec": json.dumps(sampled)}, "files": {**form["files"], "samples": samples}}
+        assert solved(http, {}, json=None, **both)["points"] == mesh["points"]
     drawing = http.post("/v1/previews", **form)
     assert drawing.status_code == 200, drawing.text
     for spec, files, message in (

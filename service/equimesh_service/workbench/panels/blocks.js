@@ -57,7 +57,7 @@ export function blocksForm(app, put) {
     element("p", { class: "hint" }, "Vertices, curves, blocks and sides by their names. The mesh slides along the curves and through the blocks."),
     numberField(app, "Cells, times", ["domain", "refine"], { fallback: 1, min: 0.1 }),
     box,
-    field("Or open a description", file, { inline: true }));
+    field("Or open a description", file));
 }
 
 /**
@@ -85,7 +85,7 @@ export function meshForm(app, put) {
   });
   return element("div", {},
     element("p", { class: "hint" }, "A mesh of quadrilaterals: .msh of Gmsh, .vtu, .su2, Plot3D, or a zip of an OpenFOAM polyMesh. Its blocks are found."),
-    field("Mesh file", file, { inline: true }),
+    field("Mesh file", file),
     said,
     fault,
     numberField(app, "Corner angle (degrees)", ["domain", "corner_angle"], { optional: true, min: 0, max: 180, placeholder: "usual", help: "Where the boundary turns by more than this, there is a corner." }));
