@@ -212,7 +212,8 @@ def _spread_counts(
     for edge, (first, last) in enumerate(ends):
         if edge not in found:
             raise InputError(
-                f"no block gives the cells along the edge {first}-{last}, nor along those that are opposite to it",
+                f"no block gives the cells along the edge {first}-{last}, nor along those that are opposite to it:"
+                " give a number in place of null in one of these blocks",
                 field="domain.blocks",
             )
     return np.array([found[edge][0] for edge in range(len(ends))], dtype=np.int64)

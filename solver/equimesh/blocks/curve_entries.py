@@ -87,7 +87,9 @@ def read_points(name: str, folder: Path | None, field: str) -> list[Point]:
         if len(data) > MAX_BYTES:
             raise InputError(f"{name} is larger than {MAX_BYTES // 1_000_000} MB", field=field)
         text = data.decode()
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise InputError(f"{name} cannot be read: {error.strerror}", field=field) from error
+    except UnicodeDecodeError as error:
         raise InputError(f"{name} cannot be read: {error}", field=field) from error
     found: list[Point] = []
     for line, row in enumerate(text.splitlines(), start=1):

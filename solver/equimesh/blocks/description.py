@@ -174,5 +174,5 @@ def _sides(value: object, vertices: Mapping[str, Point]) -> dict[str, tuple[Ends
 
 
 def _ends(value: object, field: str, vertices: Mapping[str, Point]) -> Ends:
-    first, last = entries(value, field, count=2)
+    first, last = entries(value, field, count=2, what="a list of two vertices")
     return name_among(first, f"{field}[0]", vertices, "vertex"), name_among(last, f"{field}[1]", vertices, "vertex")

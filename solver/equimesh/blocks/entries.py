@@ -31,10 +31,10 @@ def mapping(value: object, field: str) -> Mapping[str, Any]:
     return value
 
 
-def entries(value: object, field: str, *, count: int | None = None) -> Sequence[Any]:
-    """``value`` as a list, of ``count`` entries where that is given."""
+def entries(value: object, field: str, *, count: int | None = None, what: str = "a list") -> Sequence[Any]:
+    """``value`` as a list, of ``count`` entries where that is given; ``what`` it must be is said where it is none."""
     if isinstance(value, str) or not isinstance(value, Sequence):
-        raise InputError(f"{place(field)} is {describe_value(value)}: it must be a list", field=field)
+        raise InputError(f"{place(field)} is {describe_value(value)}: it must be {what}", field=field)
     if count is not None and len(value) != count:
         raise InputError(f"{place(field)} has {len(value)} entries: it must have {count}", field=field)
     return value

@@ -54,7 +54,7 @@ def test_a_file_needs_a_folder_and_has_to_be_there(tmp_path: Path) -> None:
         em.InputError, match=r"foil.csv is the name of a file: write the points as a list, or in Python give folder="
     ):
         read_points("foil.csv", None, FIELD)
-    with pytest.raises(em.InputError, match=r"foil.csv cannot be read"):
+    with pytest.raises(em.InputError, match=r"^foil.csv cannot be read: No such file or directory$"):
         read_points("foil.csv", tmp_path, FIELD)
 
 

@@ -56,6 +56,11 @@ def test_bad_entries_are_refused_with_their_path(change: dict, field: str) -> No
     assert caught.value.field == field
 
 
+def test_an_edge_of_a_side_is_a_list_of_two_vertices() -> None:
+    with pytest.raises(em.InputError, match=r"\[0\] is the text 'a': it must be a list of two vertices"):
+        Description.of(documents.l_shape(sides={"wall": ["a", "b"]}))
+
+
 def test_deep_entries_are_refused_by_their_path() -> None:
     deep: list = []
     for _ in range(3000):
