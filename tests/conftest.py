@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from programs import PROGRAMS, missing_program, must_be_here
+from scheduler import FileScheduling
 
 LEFT_OUT = pytest.StashKey[Counter[str]]()
 
@@ -20,6 +21,12 @@ def pytest_configure(config: pytest.Config) -> None:
         subprocess.run(
             [sys.executable, "-c", "from equimesh_service.worker.solve import warm_up; warm_up()"], check=True
         )
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FileScheduling:
+    """With `-n`, whole files go to a process, those with long waits first."""
+    return FileScheduling(config, log)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

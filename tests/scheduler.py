@@ -1,0 +1,30 @@
+"""The order in which several processes of tests take their work."""
+
+from __future__ import annotations
+
+from zlib import crc32
+
+from xdist.scheduler import LoadScopeScheduling
+
+# Folders whose tests share a service or a browser of the session, and how many processes at most start one.
+SHARED = {"browser": 2, "client": 1, "fuzz": 1, "service": 2}
+# Files whose tests share nothing: each test is given out by itself.
+LOOSE = ("tests/docs/test_docs.py", "tests/examples/test_examples.py")
+
+
+class FileScheduling(LoadScopeScheduling):
+    """Gives out whole files of tests in the order of the collection, and files that share a service together."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return unit_of(nodeid)
+
+
+def unit_of(nodeid: str) -> str:
+    """What one process takes at a time: a file, a part of a folder whose files share a service, or one test."""
+    file = nodeid.partition("::")[0]
+    if file in LOOSE:
+        return nodeid
+    folder = file.split("/")[1]
+    if folder in SHARED:
+        return f"tests/{folder}, part {crc32(file.encode()) % SHARED[folder]}"
+    return file
