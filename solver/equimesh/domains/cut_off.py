@@ -16,7 +16,7 @@ PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Where a piece of a side is compared with its chord, as shares of the way from node to node in the parameter."""
 WEIGHTS = (0.0, 1.0 / 3.0, 1.0 / 6.0, 1.0 / 3.0, 0.0)
 """Simpson's weights of these places, over two intervals."""
-MAX_MORE_SHARE = 0.01
+MAX_MORE_SHARE = 0.25
 """A mesh may cut off this share of the area more than the initial mesh; or twice as much, where that is more."""
 
 

@@ -34,7 +34,7 @@ class CutOff:
 
     @property
     def most(self) -> float:
-        """What a mesh of least error may have: one hundredth more than the initial mesh, or twice as much."""
+        """What a mesh of least error may have: a quarter of the domain more than the initial mesh, or twice as much."""
         return most_cut_off(self.initial, 1.0)
 
     @property

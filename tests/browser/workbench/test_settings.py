@@ -39,7 +39,7 @@ FULL = {
 def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(scheme: str, visit: Callable[..., Page]) -> None:
     page = visit(f"/#spec={quote(json.dumps(FULL))}", color_scheme=scheme, viewport=PHONE)
     page.complaints.expected = ["status of 409"]  # type: ignore[attr-defined]  # a preview that took too long
-    expect(page.locator(".gallery button")).to_have_count(12)
+    expect(page.locator(".gallery button")).to_have_count(14)
     for name in PANELS:
         panel(page, name)
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
@@ -60,7 +60,7 @@ def test_the_panels_are_used_by_keys_alone(page: Page) -> None:
 def test_a_problem_of_the_gallery_is_chosen_and_marked(page: Page) -> None:
     box = panel(page, "gallery")
     buttons = box.locator(".gallery button")
-    expect(buttons).to_have_count(12)
+    expect(buttons).to_have_count(14)
     page.wait_for_function(
         """() => [...document.querySelectorAll('.gallery canvas')].every((one) =>
           one.getContext('2d').getImageData(0, 0, one.width, one.height).data.some((value) => value > 0))"""

@@ -69,7 +69,7 @@ def test_generate_sends_monitor_domain_and_mode(generate: Any, service: Any, tmp
         "u": {"expression": "x"},
         "map": "lines",
     }
-    assert sent["domain"] == CURVED
+    assert sent["domain"] == {**CURVED, "closed": False}
     words = ("--monitor", "weight", "--rho", "1 + x", "--map", "gradient")
     assert generate(*words)[0] == 0
     sent = json.loads(service.seen("POST", "meshes")[-1].body)
@@ -88,8 +88,9 @@ def test_a_file_is_the_domain(generate: Any, service: Any, tmp_path: Path, capsy
     assert json.loads(service.seen("POST", "meshes")[-1].body)["domain"]["kind"] == "annulus_sector"
     (tmp_path / "c.msh").write_bytes(b"mesh")
     assert generate("x", "--quiet", "--domain-file", str(tmp_path / "c.msh"))[0] == 0
-    (stored,) = service.samples
-    assert json.loads(service.seen("POST", "meshes")[-1].body)["domain"]["file"] == stored
+    parts = parts_of(service.seen("POST", "meshes")[-1])
+    assert json.loads(parts["spec"][1])["domain"]["file"] == "upload"
+    assert parts["mesh"][1] == b"mesh"
     assert "leave out -n" in generate("x", "--domain-file", str(tmp_path / "c.msh"), "-n", "9")[2]
     (tmp_path / "b.json").write_text("{}")
     for words, message in (

@@ -31,5 +31,5 @@ def test_the_sides_of_a_ring_lose_and_cover_by_the_formula() -> None:
 
 
 def test_the_bound_is_a_share_of_the_area_or_twice_the_initial_one() -> None:
-    assert most_cut_off(0.001, 2.0) == pytest.approx(0.021)
-    assert most_cut_off(0.3, 2.0) == pytest.approx(0.6)
+    assert most_cut_off(0.001, 2.0) == pytest.approx(0.501)
+    assert most_cut_off(0.6, 2.0) == pytest.approx(1.2)

@@ -60,7 +60,8 @@ def test_a_mesh_beyond_the_bound_is_no_gain_and_is_not_kept() -> None:
     found = em.solve(problem)
     assert is_no_worse(found, "l2")
     assert found.cut_off.share <= found.cut_off.most * (1.0 + 1e-6)
-    much = bunched(17, -0.95)
+    even = Mesh.uniform(problem.grid)
+    much = Mesh(even.x, 0.1 * even.y + 0.9 * even.y**6)  # the last cells around the ring are long
     beyond = replace(found, reference=much, mesh=em.solve(problem, initial=much).mesh)
     assert beyond.cut_off.is_much
     assert not is_no_worse(beyond, "l2")
