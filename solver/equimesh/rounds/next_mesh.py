@@ -79,11 +79,11 @@ class Round(Generic[AnyMesh]):
     reference: AnyMesh
     """The same mesh on the reference square; of blocks the mesh itself."""
     estimate: float
-    """As :attr:`~equimesh.rounds.round.Knowledge.estimate`, 0 where that is nothing but rounding."""
+    """The estimated L2 error of the values on their own mesh, 0 where that is nothing but rounding."""
     estimate_h1: float
-    """As :attr:`~equimesh.rounds.round.Knowledge.estimate_h1`."""
+    """The same for the gradient, in the units of u. It must not rank meshes: one without resolution looks good."""
     unresolved: float
-    """As :attr:`~equimesh.rounds.round.Knowledge.unresolved`."""
+    """``estimate_h1`` over the norm of the gradient, 0 to about 0.5: the share that the mesh does not resolve."""
     chosen: str
     """As :attr:`NextMesh.chosen`."""
     candidates: Mapping[str, float]
