@@ -20,6 +20,7 @@ from equimesh_client.wire.adapting import AdaptLoop, Observe, Solve
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, DEFAULT_URL, Deadline, Settings
 from equimesh_client.wire.key import headers_with_key
 from equimesh_client.wire.outcome import raise_unless_succeeded
+from equimesh_client.wire.pages import Pages
 from equimesh_client.wire.retry import RetryPolicy, policy_of
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.transport import base_url
@@ -222,7 +223,7 @@ class Meshes:
         deadline: float | None = None,
     ) -> Iterator[Mesh]:
         """The meshes, newest first, at most ``limit``; fetched page by page, each within ``deadline``."""
-        pages = flows.Pages(status=status, label=label, limit=limit)
+        pages = Pages(status=status, label=label, limit=limit)
         while pages.more:
             page = self._session.fetch(pages.next_call(), deadline)
             for record in pages.records(page):

@@ -12,8 +12,9 @@ from equimesh_client.spec.mesh import MeshOptions, complete_options
 from equimesh_client.spec.monitors import Monitor
 from equimesh_client.spec.motion import Motion
 from equimesh_client.spec.request import GenerateArguments
-from equimesh_client.wire import flows, protocol, steps
+from equimesh_client.wire import protocol, steps
 from equimesh_client.wire.deadline import DEADLINE_SECONDS, Deadline
+from equimesh_client.wire.pages import SequencePages
 from equimesh_client.wire.session import Session
 from equimesh_client.wire.steps import SequenceState, SequenceStep
 
@@ -94,7 +95,7 @@ class Sequences:
 
     def list(self, *, limit: int | None = None, deadline: float | None = None) -> Iterator[SequenceRecord]:
         """The sequences, newest first, at most ``limit``; fetched page by page, each within ``deadline``."""
-        pages = flows.SequencePages(limit=limit)
+        pages = SequencePages(limit=limit)
         while pages.more:
             page = self._session.fetch(pages.next_call(), deadline)
             yield from map(SequenceRecord.from_json, pages.records(page))

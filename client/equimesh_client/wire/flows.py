@@ -37,8 +37,6 @@ LONG_POLL_SECONDS = 20
 """How long the service may hold an answer back when no progress bar is shown."""
 MAX_CANCEL_SECONDS = 2.0
 """Time to cancel a mesh whose caller has stopped waiting."""
-PAGE_RECORDS = 100
-"""Meshes in one page of a list."""
 MIN_HELD_SECONDS = 0.5
 """An answer that comes sooner was not held back; the next request is then delayed."""
 MIN_STREAM_SECONDS = 5.0
@@ -308,45 +306,6 @@ def upload(
             box = yield from box_of(domain, settings, deadline)
     call = protocol.upload_samples(upload_of(u, n_samples=n_samples, box=box or UNIT_BOX))
     return (yield from fetch(call, settings, deadline))
-
-
-class Pages:
-    """The list of meshes, page by page: at most ``limit`` records in all; None for no limit.
-
-    Lists of other things replace :meth:`call`.
-    """
-
-    def __init__(self, *, status: str | None, label: str | None, limit: int | None) -> None:
-        self._status, self._label, self._left = status, label, limit
-        self._cursor: str | None = None
-        self.more = limit is None or limit > 0
-
-    def next_call(self) -> Call:
-        """The request for the next page."""
-        return self.call(PAGE_RECORDS if self._left is None else min(self._left, PAGE_RECORDS), self._cursor)
-
-    def call(self, size: int, cursor: str | None) -> Call:
-        """The request for a page of ``size`` records after a ``cursor``."""
-        return protocol.list_meshes(status=self._status, label=self._label, cursor=cursor, limit=size)
-
-    def records(self, page: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """The records of a fetched page, up to the limit of the list."""
-        records = list(page.get("items") or [])[: self._left]
-        self._cursor = page.get("next_cursor")
-        self._left = None if self._left is None else self._left - len(records)
-        self.more = self._cursor is not None and (self._left is None or self._left > 0)
-        return records
-
-
-class SequencePages(Pages):
-    """The list of sequences, page by page."""
-
-    def __init__(self, *, limit: int | None) -> None:
-        super().__init__(status=None, label=None, limit=limit)
-
-    def call(self, size: int, cursor: str | None) -> Call:
-        """The request for a page of ``size`` records after a ``cursor``."""
-        return protocol.list_sequences(limit=size, cursor=cursor)
 
 
 def silence_seconds(settings: Settings, deadline: Deadline) -> float:
