@@ -11,6 +11,9 @@ become more alike, folds vanish. In thin cells more of them can arise.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
 import numpy as np
 
 from equimesh.least_error.cells import Cells
@@ -32,40 +35,43 @@ SHORTENING = 0.8
 """The factor by which they are shortened in a round."""
 
 
+class Round(NamedTuple):
+    """What a way of mending sees: nodes at ``start`` and now, and numbers of the cells that can be folded."""
+
+    cells: Cells
+    start: Array
+    at: Array
+    free: Array
+    """0 for fixed nodes, 1 for others."""
+    looked_at: IntArray
+    done: int
+    """Rounds before this one."""
+
+
+Way: TypeAlias = Callable[[Round], tuple[IntArray, Array]]
+"""The nodes that move in a round, and their moves, shape ``(2, nodes)``."""
+
+
 def mended(chart: CurveChart, cells: Cells, first: Array, mesh: Array) -> Array:
     """The ``mesh`` with fewer folds, mostly with none; both are unknowns of the ``chart``, shape ``(2, nodes)``.
 
     Nodes of curves move along these. ``first`` is a valid mesh.
     """
-    for unfolds in (True, False):
-        out, is_mended = _rounds(chart, cells, first, mesh, unfolds=unfolds)
+    for way in (_projected, _averaged):
+        out, is_mended = _rounds(chart, cells, first, mesh, way)
         if is_mended:
             break
     return out
 
 
-def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, *, unfolds: bool) -> tuple[Array, bool]:
+def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, way: Way) -> tuple[Array, bool]:
     """The mesh after rounds of one way, and whether it has no folds."""
-    start, at, corners = np.stack(chart.nodes(first)), np.stack(chart.nodes(mesh)), cells.corners.reshape(-1)
-    marks, step, out = np.zeros(mesh.shape[1], dtype=np.bool_), np.zeros_like(mesh), mesh
-    looked_at, free = np.arange(cells.count), chart.free[0]
+    start, at = np.stack(chart.nodes(first)), np.stack(chart.nodes(mesh))
+    step, out, looked_at = np.zeros_like(mesh), mesh, np.arange(cells.count)
     for done in range(MAX_ROUNDS):
-        if unfolds:
-            to = at.copy()
-            unfold(Nodes(to[0], to[1], corners), start, looked_at, free, marks)
-        else:
-            mark_folds(Nodes(at[0], at[1], corners), start, looked_at, SMALLEST_SHARE, marks)
-        nodes = _with_ties(np.flatnonzero(marks), cells)
+        nodes, moves = way(Round(cells, start, at, chart.free[0], looked_at, done))
         if not nodes.size:
             return out, True
-        if unfolds:
-            moves = to - at
-            np.add.at(moves.T, cells.ties[:, 1], moves.T[cells.ties[:, 0]])  # what a copy needs, its original does
-            moves = moves[:, nodes]
-        else:
-            share = 1.0 if done < ROUNDS_OF_MEANS else SHORTENING
-            means = average(at, start, cells.corners, (cells.starts, cells.places), nodes)
-            moves = share * means - (at[:, nodes] - start[:, nodes])
         here, now = chart.on(nodes), out[:, nodes]
         step[:, nodes] = here.pulled(now, moves)
         cells.tie(step)
@@ -73,9 +79,27 @@ def _rounds(chart: CurveChart, cells: Cells, first: Array, mesh: Array, *, unfol
         now += step[:, nodes]
         out[:, nodes] = now
         at[:, nodes] = here.nodes(now)
-        # Other cells are as they were.
-        looked_at, marks[:] = _cells_of(nodes, cells), False
+        looked_at = _cells_of(nodes, cells)  # other cells are as they were
     return out, False
+
+
+def _projected(now: Round) -> tuple[IntArray, Array]:
+    """The nodes of small corners, and moves along the derivatives of these; see :func:`unfold`."""
+    marks, to = np.zeros(now.at.shape[1], dtype=np.bool_), now.at.copy()
+    unfold(Nodes(to[0], to[1], now.cells.corners.reshape(-1)), now.start, now.looked_at, now.free, marks)
+    nodes, moves, ties = _with_ties(np.flatnonzero(marks), now.cells), to - now.at, now.cells.ties
+    np.add.at(moves.T, ties[:, 1], moves.T[ties[:, 0]])  # what a copy needs, its original does
+    return nodes, moves[:, nodes]
+
+
+def _averaged(now: Round) -> tuple[IntArray, Array]:
+    """The nodes of cells with small corners, and moves to the means of displacements; see :func:`average`."""
+    cells, marks = now.cells, np.zeros(now.at.shape[1], dtype=np.bool_)
+    mark_folds(Nodes(now.at[0], now.at[1], cells.corners.reshape(-1)), now.start, now.looked_at, SMALLEST_SHARE, marks)
+    nodes = _with_ties(np.flatnonzero(marks), cells)
+    share = 1.0 if now.done < ROUNDS_OF_MEANS else SHORTENING
+    means = average(now.at, now.start, cells.corners, (cells.starts, cells.places), nodes)
+    return nodes, share * means - (now.at[:, nodes] - now.start[:, nodes])
 
 
 def _with_ties(nodes: IntArray, cells: Cells) -> IntArray:

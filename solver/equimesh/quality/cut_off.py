@@ -39,7 +39,7 @@ class CutOff:
 
     @property
     def is_much(self) -> bool:
-        """Whether the gain is flattered: the mesh has more than :attr:`most`."""
+        """Whether the mesh has more than :attr:`most`, and is refused where the error is to be small."""
         return self.share > self.most * (1.0 + ROUNDING)
 
 
