@@ -29,15 +29,17 @@ SECTION = re.compile(
     re.MULTILINE,
 )
 SECTIONS = {match["name"]: match for match in SECTION.finditer(PAGE)}
-MAX_BYTES = 1_500_000
+MAX_BYTES = 2_000_000
 """Of all pictures together."""
 MAX_LINES = 13
 """Of the code of a picture."""
+NEAR = 0.2
+"""Descents amplify rounding: their gains differ by up to a tenth from processor to processor."""
 
 
 @pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    """The folder of the pictures that the code of the page draws, and what the script says of each."""
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, float]]:
+    """The folder of the pictures that the code of the page draws, and the gain of each."""
     example = runpy.run_path(str(ROOT / "examples" / "22_gallery.py"))
     folder = tmp_path_factory.mktemp("gallery")
     with pytest.MonkeyPatch.context() as patch:
@@ -59,17 +61,18 @@ def test_the_page_has_the_problems_of_the_workbench_in_their_order() -> None:
         section = SECTIONS[problem["name"]]
         assert (section["title"], section["sentence"]) == (problem["title"], problem["sentence"])
         assert len(section["code"].splitlines()) <= MAX_LINES
+        assert f'src="images/gallery/{problem["name"]}.png" width="170" alt="{problem["title"]}"' in PAGE
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_code_of_a_picture_draws_it(name: str, drawn: tuple[Path, dict[str, str]]) -> None:
-    folder, told = drawn
+def test_the_code_of_a_picture_draws_it(name: str, drawn: tuple[Path, dict[str, float]]) -> None:
+    folder, gains = drawn
     new, kept = coarse(folder / f"{name}.png"), coarse(KEPT / f"{name}.png")
     assert new.shape == kept.shape
     assert abs(new - kept).max() < 0.12, "make it again with examples/22_gallery.py"
-    gain = re.search(r"error (\S+) times smaller", told[name])
-    assert gain is not None
-    assert SECTIONS[name]["alt"].endswith(f"the error is {gain[1]} times smaller")
+    told = re.search(r"the error is (\S+) times smaller$", SECTIONS[name]["alt"])
+    assert told is not None
+    assert float(told[1]) == pytest.approx(gains[name], rel=NEAR), "write it again with examples/22_gallery.py --page"
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=NAMES)

@@ -47,6 +47,8 @@ SEED = 12
 """The seed of the random functions in the table of the benchmarks."""
 RECOMPUTED = 8
 """Random functions that are measured again."""
+NEAR = 0.05
+"""Descents amplify rounding: gains of one mesh differ by some percent from processor to processor."""
 
 
 def prose(text: str) -> str:
@@ -87,7 +89,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> em.Solution:
 
 
 def check_gain(shown: em.Solution, told: str) -> None:
-    assert f"{shown.against_uniform.gain:.3g}" == told
+    assert shown.against_uniform.gain == pytest.approx(float(told), rel=NEAR)
     assert shown.interpolation is not None
     assert shown.interpolation.gain_l2 == shown.against_uniform.gain
 
@@ -134,7 +136,7 @@ def check_front(_: em.Solution, moments: str, smallest: str, largest: str) -> No
         solution = em.solve(problem)
         assert solution.interpolation is not None
         gains.append(solution.interpolation.gain_l2)
-    assert (f"{min(gains):.1f}", f"{max(gains):.1f}") == (smallest, largest)
+    assert (min(gains), max(gains)) == pytest.approx((float(smallest), float(largest)), rel=NEAR)
 
 
 def check_plate(_: em.Solution, told: str) -> None:
@@ -142,7 +144,7 @@ def check_plate(_: em.Solution, told: str) -> None:
     problem = em.BlockProblem(monitor=em.LeastError(u=em.Expression(example["WAVE"])), domain=example["plate"]())
     solution = em.solve(problem)
     assert solution.interpolation is not None
-    assert f"{solution.interpolation.gain_l2:.1f}" == told
+    assert solution.interpolation.gain_l2 == pytest.approx(float(told), rel=NEAR)
 
 
 def check_python(_: em.Solution, told: str) -> None:
