@@ -16,11 +16,11 @@ from generator.python_pages import python_pages
 
 # Pages of the project outside docs/, in the order of the menu.
 _PROJECT = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
-_KINDS = ("tutorials", "how-to", "reference", "background", "design", "examples")
+_KINDS = ("tutorials", "how-to", "reference", "background", "examples")
 # The entries of the menu below the front page, with their captions.
 _MENU = (
     ("", ("gallery.md", *(f"{kind}/index.md" for kind in _KINDS))),
-    ("Project", ("project/readme.md", "project/changelog.md", "project/contributing.md")),
+    ("Project", ("project/readme.md", "project/changelog.md", "project/contributing.md", "design/index.md")),
 )
 # Titles in the menu, where that of the page says less.
 _TITLES = {"project/readme.md": "README <{}>"}
