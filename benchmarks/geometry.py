@@ -21,12 +21,12 @@ if __name__ == "__main__":
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded
 
 import numpy as np
+from costs.rows import Row, lines
 from random_functions import random_functions
 
 import equimesh as em
 from equimesh.quality.measures import measure_interpolation
 from equimesh.testing import geometries
-from equimesh_cli.benchmark.rows import Row, lines
 
 GEOMETRIES = (
     *("l_shape", "step", "obstacle", "plus", "ring", "disc", "cylinder", "naca0012_o", "naca0012_c", "pitz_daily"),

@@ -20,6 +20,8 @@ if __name__ == "__main__":
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded
 
 import least_error_gains as measured
+from costs import budget, peers
+from costs.rows import Row, lines
 from least_error_goals import (
     COSTS,
     CURVED,
@@ -31,8 +33,6 @@ from least_error_goals import (
 )
 
 import equimesh as em
-from equimesh_cli.benchmark import budget, peers
-from equimesh_cli.benchmark.rows import Row, lines
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "background" / "benchmarks.md"
 HEADING = "## Least error"

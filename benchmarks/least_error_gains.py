@@ -9,12 +9,12 @@ from statistics import median
 from typing import NamedTuple
 
 import numpy as np
+from costs.quadrature import Array, errors
+from costs.rows import Row, cpu_seconds
 from least_error_goals import COSTS, CURVED, LAYERS, POINTS, ROUGH, Goal
 from random_functions import RandomFunction, random_functions
 
 import equimesh as em
-from equimesh_cli.benchmark.quadrature import Array, errors
-from equimesh_cli.benchmark.rows import Row, cpu_seconds
 
 GAUSS_POINTS = 12
 """Gauss points a direction of every cell."""

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from costs import peers
+from costs.quadrature import errors
 
 import equimesh as em
-from equimesh_cli.benchmark import peers
-from equimesh_cli.benchmark.quadrature import errors
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -16,7 +16,7 @@ from equimesh_cli.compiling import THREAD_COUNTS
 
 def main() -> None:
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))  # before the linear algebra is loaded
-    from equimesh_cli.benchmark import newton, rows
+    from costs import newton, rows
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--points", type=int, nargs="+", default=[65, 129, 257], help="points a side")

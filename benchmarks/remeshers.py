@@ -13,10 +13,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from costs import peers
 from made_meshes import BOTTOM, LEFT, RIGHT, TOP, Array, IntArray, Made, Timer, split, uniform, with_vertices
 
 import equimesh as em
-from equimesh_cli.benchmark import peers
 
 FREEFEM = "FreeFem++"
 BAMG_SIDES = {1: BOTTOM, 2: RIGHT, 3: TOP, 4: LEFT}

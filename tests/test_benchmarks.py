@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import adapt
+import bench
 import cluster
 import convection
 import least_error
@@ -19,6 +20,10 @@ import least_error_goals
 import numpy as np
 import parted_files
 import pytest
+from costs import budget, newton, peers, solves
+from costs.budget import Bought, Curve
+from costs.quadrature import errors, l2_error
+from costs.rows import Row, lines
 from distributed import Client, LocalCluster
 from random_functions import KINDS, RandomFunction, random_functions
 
@@ -26,11 +31,6 @@ import equimesh as em
 import geometry
 from equimesh.io import PARTED_FORMATS
 from equimesh.testing import geometries
-from equimesh_cli.benchmark import budget, newton, peers, solves
-from equimesh_cli.benchmark.budget import Bought, Curve
-from equimesh_cli.benchmark.quadrature import errors, l2_error
-from equimesh_cli.benchmark.rows import Row, lines
-from equimesh_cli.commands import bench
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 TINY = bench.Sizes(large=65, small=(17,), newton=33, huge=None, kernels=False)

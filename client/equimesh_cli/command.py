@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from equimesh_cli.commands import (
-    bench,
     check,
     completion,
     config,
@@ -40,7 +39,7 @@ GROUPS = {
     "make a mesh": ("solve", "generate", "check"),
     "run a service": ("demo", "serve", "worker"),
     "look after a service": ("doctor", "config", "keys", "database"),
-    "on this machine": ("bench", "completion"),
+    "on this machine": ("completion",),
 }
 """The commands of the help, by what they are for."""
 _DECLARE = "declare others as parameters"
@@ -66,7 +65,7 @@ def build_parser(command: str = "") -> Parser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
     for part in _WITH_SETTINGS:
         part.add_parser(commands, full=command == "completion" or part.__name__.endswith(f".{command}"))
-    for module in (demo, worker, keys, database, generate, solve, check, bench):
+    for module in (demo, worker, keys, database, generate, solve, check):
         module.add_parser(commands)
     completion.add_parser(commands, lambda: build_parser("completion"))
     return parser

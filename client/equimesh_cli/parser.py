@@ -10,6 +10,8 @@ from equimesh_cli.exits import Exit, table_of_exits
 
 # What is expected of the values of options, by their types.
 _NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
+# Commands of earlier releases, and what does their work now.
+_MOVED = {"bench": "`python benchmarks/bench.py` in the source of equimesh measures what a mesh costs"}
 
 
 class _Form(argparse.HelpFormatter):
@@ -61,6 +63,8 @@ class Parser(argparse.ArgumentParser):
         if action.choices is None or value in action.choices:
             return
         words = [str(word) for word in action.choices]
+        if action.dest == "command" and value in _MOVED:
+            raise argparse.ArgumentError(action, f"{value!r} is no command any more; {_MOVED[value]}")
         nearest = get_close_matches(str(value), words, n=1)
         what = "no command" if action.dest == "command" else "no action" if action.dest == "action" else "not known"
         advice = f"perhaps {nearest[0]} is meant" if nearest else f"choose from {', '.join(words)}"

@@ -82,3 +82,9 @@ def test_a_typical_mistake_is_answered_with_what_to_do(
     told = capsys.readouterr()
     assert (code, told.out) == (2, "")
     assert said in told.err
+
+
+def test_a_command_of_an_earlier_release_says_what_took_its_place(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        build_parser().parse_args(["bench", "--quick"])
+    assert "'bench' is no command any more; `python benchmarks/bench.py`" in capsys.readouterr().err

@@ -188,7 +188,6 @@ def test_every_flag_is_documented_and_exists() -> None:
         "generate",
         "solve",
         "check",
-        "bench",
         "completion",
     )
     known = {"--version"}.union(*(flags(name) for name in commands))

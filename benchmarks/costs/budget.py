@@ -14,9 +14,9 @@ from statistics import median
 from typing import NamedTuple
 
 import equimesh as em
-from equimesh_cli.benchmark import peers
-from equimesh_cli.benchmark.peers import Triangles
-from equimesh_cli.benchmark.quadrature import l2_error
+from costs import peers
+from costs.peers import Triangles
+from costs.quadrature import l2_error
 
 BUDGETS = (0.05, 0.2, 1.0)
 """Seconds of CPU time."""

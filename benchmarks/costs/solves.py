@@ -9,8 +9,8 @@ from statistics import median
 import numpy as np
 
 import equimesh as em
+from costs.rows import Row, cpu_seconds
 from equimesh.meshes.nested import distance, refinement
-from equimesh_cli.benchmark.rows import Row, cpu_seconds
 
 # As steep as tanh at half the cost: about 10 ns per point.
 CHEAP = "20*(x + y/2 - 0.75) / sqrt(1 + (20*(x + y/2 - 0.75))**2)"

@@ -1,25 +1,23 @@
-"""`equimesh bench`: its table, its file, and what it refuses. The measurements are tested in ``test_benchmarks``."""
+"""`benchmarks/bench.py`: its table, its file, and what it refuses. ``test_benchmarks`` tests the measurements."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+import bench
 import pytest
-
-from equimesh_cli import main
-from equimesh_cli.benchmark import newton
-from equimesh_cli.benchmark.rows import Row
-from equimesh_cli.commands import bench
+from costs import newton
+from costs.rows import Row
 
 
-def test_the_command_prints_and_writes(
+def test_the_script_prints_and_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = [Row(what="n = 65, tight", value=300.0, unit="ns/point", goal=400.0, counts={"65": 9})]
     monkeypatch.setattr(bench, "_rows", {bench.QUICK: rows}.__getitem__)
     file = tmp_path / "bench.json"
-    assert main(["bench", "--quick", "--json", str(file)]) == 0
+    bench.main(["--quick", "--json", str(file)])
     printed = capsys.readouterr().out
     assert "300 ns/point       <= 400   met      65: 9" in printed
     assert ("not installed" in printed) != newton.has_pardiso()
@@ -28,5 +26,7 @@ def test_the_command_prints_and_writes(
 
 
 def test_a_missing_folder_is_refused_before_any_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "--json", str(tmp_path / "none" / "bench.json")]) == 2
+    with pytest.raises(SystemExit) as ended:
+        bench.main(["--json", str(tmp_path / "none" / "bench.json")])
+    assert ended.value.code == 2
     assert "there is no such folder" in capsys.readouterr().err

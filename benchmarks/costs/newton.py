@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 import equimesh as em
+from costs.rows import Row, cpu_seconds
+from costs.solves import front
 from equimesh.meshes.nested import distance, nested_grids, prolong
 from equimesh.meshes.parts import Parts
 from equimesh.numerics import dissection, newton
 from equimesh.single_domain.steps import TIGHT_DEVIATION
 from equimesh.sweeps.sweep import Sweep, memory_needed
-from equimesh_cli.benchmark.rows import Row, cpu_seconds
-from equimesh_cli.benchmark.solves import front
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Factorise: TypeAlias = Callable[[Any], newton.Solver]

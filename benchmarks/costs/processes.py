@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from equimesh_cli.benchmark.rows import Row, cpu_seconds
+from costs.rows import Row, cpu_seconds
 
 MEMORY_GOAL, GROWTH_GOAL, COMPILE_GOAL = 100.0, 1.6, 15.0
 HUGE, LARGE_RUNS, HUGE_RUNS = 4097, 5, 3
@@ -45,7 +45,7 @@ def kernels() -> Iterator[Row]:
 def _fresh(function: str, *arguments: int, **variables: str) -> dict[str, Any]:
     """The result of a function of this module in a process of its own."""
     code = f"from {__name__} import {function} as work; import json; print(json.dumps(work{arguments!r}))"
-    environment = {**os.environ, **variables}
+    environment = {**os.environ, **variables, "PYTHONPATH": str(Path(__file__).parents[1])}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:
         raise RuntimeError(f"{function} failed:\n{done.stderr}")
@@ -56,7 +56,7 @@ def _fresh(function: str, *arguments: int, **variables: str) -> dict[str, Any]:
 def solve_large(n: int, smaller: int) -> dict[str, Any]:
     """Peak memory of one solve, then CPU times; for a process of its own."""
     import equimesh as em
-    from equimesh_cli.benchmark.solves import front
+    from costs.solves import front
 
     before, counts = _peak(), {}
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import equimesh as em
-from equimesh_cli.benchmark.rows import Row, cpu_seconds
-from equimesh_cli.benchmark.solves import CHEAP, LARGE, front
+from costs.rows import Row, cpu_seconds
+from costs.solves import CHEAP, LARGE, front
 
 DECOMPOSITIONS = {"16 strips": (16, 1), "4 x 4 blocks": (4, 4)}
 COLD_GOAL = 3.0

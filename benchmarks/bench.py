@@ -1,37 +1,29 @@
-"""`equimesh bench`: the cost of a mesh on this machine."""
+"""The cost of a mesh on this machine: CPU time, memory and steps of solves, compared with their goals.
+
+Goals are for an otherwise idle machine.
+
+    python benchmarks/bench.py --quick            a minute
+    python benchmarks/bench.py                    some minutes, most for Newton's method
+    python benchmarks/bench.py --large --peers    also 4097 x 4097 points; Mmg2d and Gmsh
+    python benchmarks/bench.py --json bench.json
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from equimesh_cli.compiling import load_solver
-from equimesh_cli.exits import Exit, Refused
-from equimesh_cli.parser import add_command
 
 if TYPE_CHECKING:
-    from equimesh_cli.benchmark.rows import Row
+    from costs.rows import Row
 
 T = TypeVar("T")
-
-EXAMPLES = """\
-examples:
-  equimesh bench --quick            a minute
-  equimesh bench                    some minutes, most for Newton's method
-  equimesh bench --large --peers    also 4097 x 4097 points; Mmg2d and Gmsh
-  equimesh bench --json bench.json
-
-goals are for an otherwise idle machine; needs the solver: pip install 'equimesh[solver]'
-
-"""
-EXITS = {
-    Exit.INPUT: "bad usage, or the solver is not installed",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,27 +41,16 @@ class Sizes:
 FULL, QUICK, HUGE, PEERS, QUICK_PEERS = Sizes(), Sizes(large=257, newton=129), 4097, (65, 129), (65,)
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command."""
-    parser = add_command(
-        commands,
-        "bench",
-        help="measure what a mesh costs on this machine",
-        description="Measure CPU time, memory and steps of solves on this machine, compared with their goals.",
-        examples=EXAMPLES,
-        exits=EXITS,
-    )
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, and print every row as soon as it is known."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="at most 257 points a side; goals are for larger meshes")
     parser.add_argument("--large", action="store_true", help=f"also {HUGE} points a side: 2 GB of memory")
     parser.add_argument("--peers", action="store_true", help="also Mmg2d and Gmsh: pip install mmgpy gmsh")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers, too")
-    parser.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
-    """Measure, and print every row as soon as it is known."""
+    options = parser.parse_args(arguments)
     if options.json is not None and not options.json.parent.is_dir():
-        raise Refused(f"{options.json.parent}: there is no such folder")
+        parser.error(f"{options.json.parent}: there is no such folder")
     sizes = replace(
         QUICK if options.quick else FULL,
         huge=HUGE if options.large else None,
@@ -79,13 +60,12 @@ def run(options: argparse.Namespace) -> int:
     if options.json is not None:
         options.json.write_text(json.dumps(numbers, indent=2) + "\n")
         print(f"wrote {options.json}")
-    return Exit.DONE
 
 
 def report(sizes: Sizes) -> dict[str, Any]:
     """Print the tables, and return them as plain data."""
     load_solver()
-    from equimesh_cli.benchmark import newton, peers, rows
+    from costs import newton, peers, rows
 
     print(f"{os.cpu_count()} cores; CPU time on one thread, medians of {rows.RUNS} runs\n", flush=True)
     measured: list[Row] = []
@@ -107,8 +87,9 @@ def report(sizes: Sizes) -> dict[str, Any]:
 
 
 def _rows(sizes: Sizes) -> Iterator[Row]:
+    from costs import newton, processes, schwarz, solves
+
     import equimesh as em
-    from equimesh_cli.benchmark import newton, processes, schwarz, solves
 
     cheap, tanh = em.Expression(solves.CHEAP), em.Expression(solves.TANH)
     yield solves.cost_of(cheap)
@@ -131,3 +112,7 @@ def _collect(items: Iterable[T], into: list[T]) -> Iterator[T]:
     for item in items:
         into.append(item)
         yield item
+
+
+if __name__ == "__main__":
+    main()

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 import equimesh as em
-from equimesh_cli.benchmark.quadrature import l2_error
+from costs.quadrature import l2_error
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]

@@ -1,0 +1,1 @@
+"""What meshes cost, measured: the parts of several benchmarks."""

@@ -1,1 +1,0 @@
-"""The measurements of `equimesh bench`; imported only with the solver."""
