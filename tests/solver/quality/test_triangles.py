@@ -122,7 +122,7 @@ def test_a_folded_mesh_has_infinite_errors() -> None:
 @pytest.mark.parametrize("norm", ["l2", "h1"])
 def test_a_solution_on_triangles_is_measured_on_triangles(norm: str) -> None:
     grid = em.Grid(n_xi=25, n_eta=21)
-    u = em.Expression("tanh(40*(x + y/2 - 0.75))")
+    u = em.Expression("exp(-50*((x - 0.5)**2 + (y - 0.5)**2))")  # its descents end alike on every processor
 
     def solved(kind: str) -> Solution:
         monitor = em.LeastError(u=u, norm=norm, cells=kind)  # type: ignore[arg-type]
@@ -134,4 +134,4 @@ def test_a_solution_on_triangles_is_measured_on_triangles(norm: str) -> None:
     assert errors == triangle_errors(on_triangles.mesh, u)
     assert min(errors.gain_l2, errors.gain_h1) >= 1.0
     assert on_triangles.descent[-1]["gain"] == pytest.approx(errors.estimated_gain(norm), rel=0.25)
-    assert getattr(errors, norm) < 1.25 * getattr(others, norm)
+    assert getattr(errors, norm) < 0.9 * getattr(others, norm)

@@ -105,8 +105,9 @@ def test_the_optimized_condition_takes_over_where_another_stalls(
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-8])
 def test_a_slow_iteration_is_tested_before_it_is_believed(tolerance: float) -> None:
     """Some errors of this one hardly change from iteration to iteration, nor under line corrections."""
-    case = problem("sine", 33, a=1.0, b=0.0)
+    case = problem("sine", 31, a=1.0, b=0.0)  # with 33 points the mesh of one domain is relaxed on some processors
     single = em.solve(case, mode=em.Mode.TIGHT)
+    assert single.status is em.Status.CONVERGED
     solution = em.solve(case, em.Schwarz(subdomains=(2, 2), overlap=2, tolerance=tolerance))
     assert solution.status is em.Status.CONVERGED
     assert_same(solution, single, tolerance)
