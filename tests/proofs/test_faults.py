@@ -11,8 +11,9 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from datetime import datetime
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -411,21 +412,19 @@ def _is_sound(engine: PebbleEngine) -> bool:
 
 def test_a_stop_does_not_wait_for_those_who_wait(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, port=0, workers=1, log_level="error")
-    answers: list[int] = []
-    with running(settings) as url:
+    with running(settings) as url, ExitStack() as stack:
         mesh = httpx.post(f"{url}/v1/meshes", json=SLOW).json()
-
-        def follow(path: str) -> None:
-            answers.append(httpx.get(f"{url}{mesh['links']['self']}{path}", timeout=60.0).status_code)
-
-        threads = [threading.Thread(target=follow, args=(path,)) for path in ("?wait=30", "/events")]
-        for thread in threads:
-            thread.start()
-        time.sleep(0.5)
+        waiting, streaming = (
+            stack.enter_context(closing(HTTPConnection(url.removeprefix("http://"), timeout=60.0))) for _ in range(2)
+        )
+        waiting.request("GET", f"{mesh['links']['self']}?wait=30")
+        streaming.request("GET", f"{mesh['links']['self']}/events")
+        stream = streaming.getresponse()  # the service has read the request before it, too
+        connections = stack.pop_all()
         began = time.monotonic()
-    for thread in threads:
-        thread.join()
-    assert answers == [200, 200]
+    with connections:
+        assert (waiting.getresponse().status, stream.status) == (200, 200)
+        assert stream.read()
     assert time.monotonic() - began < 25.0  # less than the 30 s that one of them waits
 
 

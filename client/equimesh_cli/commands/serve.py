@@ -1,6 +1,9 @@
 """`equimesh serve`: run the service."""
 
 import argparse
+import signal
+import sys
+import threading
 from typing import Any
 
 from equimesh_cli.exits import Exit, NotInstalled, Refused
@@ -42,6 +45,9 @@ def add_parser(commands: Any, *, full: bool) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the service in this process."""
+    if threading.current_thread() is threading.main_thread():
+        # The imports take seconds, and the first process of a container gets no SIGTERM without a handler.
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(Exit.DONE))
     try:
         import equimesh_service
         from equimesh_service.errors import CannotServeError
